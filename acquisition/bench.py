@@ -1,0 +1,191 @@
+"""The bench file: what differs between benches, checked key by key."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from acquisition.errors import BenchConfigError
+
+__all__ = [
+    "BenchConfig",
+    "CameraConfig",
+    "CaptureConfig",
+    "OpticsConfig",
+    "SimulatedConfig",
+    "StageConfig",
+    "load_bench",
+    "parse_overrides",
+    "validation_lines",
+]
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, lt=1)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class CameraConfig(_Section):
+    """``[camera]``: which camera, and how it is set."""
+
+    driver: Literal["aravis", "simulated", "files"]
+    address: str | None = Field(None, description="IP address of a GigE Vision camera")
+    pixel_format: str = Field(description="GenICam PFNC name, such as Mono12")
+    exposure_us: Positive
+    gain_db: NonNegative
+    frame_rate_hz: Positive
+    packet_size_bytes: int | None = Field(None, ge=220, le=16000)
+
+
+class StageConfig(_Section):
+    """``[stage]``: which stage, its travel and how it settles."""
+
+    driver: Literal["grbl", "zaber", "manual", "simulated"]
+    port: str | None = Field(None, description="serial port, best under /dev/serial/by-id")
+    baud_rate: int = Field(115200, gt=0)
+    limits_mm: tuple[float, float]
+    feed_mm_per_min: Positive = 300.0
+    settle_s: NonNegative = 0.5
+    tolerance_mm: Positive = 0.01
+    approach: Literal["from_below", "from_above"] = "from_below"
+    home_offset_mm: float = 0.0
+    park_mm: float | None = None
+
+    @model_validator(mode="after")
+    def _limits_ascend(self) -> "StageConfig":
+        if not self.limits_mm[0] < self.limits_mm[1]:
+            raise ValueError(f"limits_mm must ascend, got {list(self.limits_mm)}")
+        return self
+
+
+class OpticsConfig(_Section):
+    """``[optics]``: lens and sensor."""
+
+    focal_length_mm: Positive
+    pixel_pitch_um: Positive
+    lens: str = ""
+
+
+class CaptureConfig(_Section):
+    """``[capture]``: how a capture is averaged."""
+
+    frames_per_capture: int = Field(10, ge=2, le=1000)
+
+
+class SimulatedConfig(_Section):
+    """``[simulated]``: the truth of the simulated bench, for its two simulated drivers only."""
+
+    seed: int = Field(1, ge=0)
+    width_px: int = Field(780, ge=16, le=16384)
+    height_px: int = Field(580, ge=16, le=16384)
+    optical_sigma_x_px: Annotated[float, Field(ge=0.2, le=10)] = 0.55
+    optical_sigma_y_px: Annotated[float, Field(ge=0.2, le=10)] = 0.55
+    optical_rho: Annotated[float, Field(gt=-0.95, lt=0.95)] = 0.0
+    corner_sigma_gain: NonNegative = Field(
+        0.0, description="relative growth of sigma from the centre to the corner"
+    )
+    pupil_offset_mm: float = Field(
+        0.0, description="distance of the entrance pupil above the height zero"
+    )
+    focus_distance_mm: Positive | None = Field(
+        None, description="distance in focus; absent: refocused at every height"
+    )
+    f_number: Positive = 4.0
+    k1: float = Field(0.0, description="radial distortion at the image corner, relative")
+    vignetting: Fraction = Field(0.0, description="relative fall-off at the image corner")
+    gloss: NonNegative = Field(0.0, description="peak of a highlight, relative to white paper")
+    white_e_per_us: Positive = Field(
+        1.5, description="electrons per pixel and microsecond from white paper"
+    )
+    gain_e_per_dn: Positive = Field(5.0, description="conversion at 0 dB, e-/DN of 12 bit")
+    read_noise_e: NonNegative = 12.0
+    full_well_e: Positive = 20000.0
+    black_level_dn: NonNegative = Field(64.0, description="offset, in DN of 12 bit")
+
+
+class BenchConfig(_Section):
+    """One bench: camera, stage, optics, and the simulated truth where it has one."""
+
+    camera: CameraConfig
+    stage: StageConfig
+    optics: OpticsConfig
+    capture: CaptureConfig = CaptureConfig(frames_per_capture=10)
+    simulated: SimulatedConfig | None = None
+
+
+def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:
+    """Read a bench file, with single keys replaced by ``overrides`` (``"camera.gain_db": 3``).
+
+    Raises
+    ------
+    BenchConfigError
+        If the file cannot be read, or a key is unknown, missing or out of range;
+        the message names the file and the key.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BenchConfigError(f"bench file {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BenchConfigError(f"bench file {path}: not valid TOML: {error}") from error
+    for key, value in (overrides or {}).items():
+        section, _, name = key.partition(".")
+        table.setdefault(section, {})[name] = value
+    try:
+        return BenchConfig.model_validate(table)
+    except ValidationError as error:
+        raise BenchConfigError(f"bench file {path}: {validation_lines(error)}") from error
+
+
+def parse_overrides(settings: list[str]) -> dict[str, Any]:
+    """Split ``section.key=value`` arguments; a value is read as TOML, else taken as text.
+
+    Raises
+    ------
+    BenchConfigError
+        If an argument is not of that form or names a key that no bench has.
+    """
+    overrides: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        section, dot, name = key.strip().partition(".")
+        model = BenchConfig.model_fields.get(section)
+        if not (equals and dot and model):
+            raise BenchConfigError(f"--set {setting}: expected section.key=value of a bench file")
+        known = _section_keys(section)
+        if name not in known:
+            raise BenchConfigError(
+                f"--set {setting}: unknown bench key {key.strip()}; "
+                f"{section} has {', '.join(known)}"
+            )
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text.strip()
+        overrides[f"{section}.{name}"] = value
+    return overrides
+
+
+def validation_lines(error: ValidationError) -> str:
+    """One line that names each key at fault and what is wrong with it."""
+    parts = []
+    for fault in error.errors():
+        key = ".".join(str(place) for place in fault["loc"])
+        what = "unknown key" if fault["type"] == "extra_forbidden" else fault["msg"]
+        parts.append(f"{key}: {what}" if key else what)
+    return "; ".join(parts)
+
+
+def _section_keys(section: str) -> list[str]:
+    models: dict[str, type[_Section]] = {
+        "camera": CameraConfig,
+        "stage": StageConfig,
+        "optics": OpticsConfig,
+        "capture": CaptureConfig,
+        "simulated": SimulatedConfig,
+    }
+    return list(models[section].model_fields)

@@ -1,0 +1,202 @@
+"""What every camera and every height stage does, real or simulated.
+
+Calls block, each with its own time limit; threads stay inside a driver.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "Camera",
+    "CameraSettings",
+    "DeviceInfo",
+    "Frame",
+    "FrameImage",
+    "Stage",
+    "StageState",
+    "StreamStatistics",
+]
+
+FrameImage = NDArray[np.uint8] | NDArray[np.uint16]
+StageState = Literal["idle", "moving", "homing", "hold", "door", "alarm", "unknown"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceInfo:
+    """Who a device says it is, for the snapshot in a session."""
+
+    vendor: str
+    model: str
+    serial_number: str
+    firmware: str
+    driver: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSettings:
+    """The settings a camera runs with, as read back from it.
+
+    ``features`` holds what else was read, under GenICam SFNC names
+    (``Gamma``, ``BinningHorizontal``, ``DeviceTemperature`` ...).
+    """
+
+    width_px: int
+    height_px: int
+    pixel_format: str
+    exposure_us: float
+    gain_db: float
+    frame_rate_hz: float
+    black_level_dn: float
+    features: dict[str, str | int | float | bool] = field(default_factory=dict)
+
+    @property
+    def max_level_dn(self) -> int:
+        """Largest level the pixel format can hold, in DN."""
+        bits = {"Mono8": 8, "Mono12": 12, "Mono12Packed": 12, "Mono16": 16}.get(self.pixel_format)
+        if bits is None:
+            bits = int("".join(c for c in self.pixel_format.removesuffix("Packed") if c.isdigit()))
+        return int(2**bits - 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """One exposure as the camera delivered it.
+
+    An incomplete frame (lost packets) has ``is_complete`` False and an empty image.
+    """
+
+    image_dn: FrameImage
+    frame_id: int
+    timestamp_ns: int
+    is_complete: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamStatistics:
+    """What a stream has delivered since it was opened."""
+
+    complete_frames: int
+    incomplete_frames: int
+    resent_packets: int
+    missing_packets: int
+
+
+@runtime_checkable
+class Camera(Protocol):
+    """One area camera that has been opened and configured."""
+
+    @property
+    def info(self) -> DeviceInfo:
+        """Who the camera says it is."""
+        ...
+
+    @property
+    def settings(self) -> CameraSettings:
+        """The settings it runs with, read back from the camera."""
+        ...
+
+    def set_exposure_us(self, exposure_us: float) -> float:
+        """Set the exposure time and return the one read back, in us."""
+        ...
+
+    def set_gain_db(self, gain_db: float) -> float:
+        """Set the gain and return the one read back, in dB."""
+        ...
+
+    def start(self) -> None:
+        """Begin to stream; frames that waited from before are dropped."""
+        ...
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """Wait for the next frame, complete or not.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If none came within ``timeout_s``.
+        DeviceDisconnectedError
+            If the camera is gone.
+        """
+        ...
+
+    def stop(self) -> None:
+        """End the stream; a stopped camera can be started again."""
+        ...
+
+    def statistics(self) -> StreamStatistics:
+        """Frames and packets since the camera was opened."""
+        ...
+
+    def close(self) -> None:
+        """Give the camera back; closing twice is harmless."""
+        ...
+
+
+@runtime_checkable
+class Stage(Protocol):
+    """One vertical axis; heights are in mm above its home offset."""
+
+    @property
+    def info(self) -> DeviceInfo:
+        """Who the stage says it is."""
+        ...
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """Lowest and highest height that a move may ask for."""
+        ...
+
+    @property
+    def is_homed(self) -> bool:
+        """Whether the position is known."""
+        ...
+
+    @property
+    def state(self) -> StageState:
+        """What the stage is doing now."""
+        ...
+
+    def home(self, timeout_s: float) -> None:
+        """Find the reference switch.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If not found within ``timeout_s``; the stage is stopped first.
+        """
+        ...
+
+    def move_to(self, height_mm: float, timeout_s: float) -> float:
+        """Move, settle and return the height read back, in mm.
+
+        Raises
+        ------
+        StageNotHomedError, StageLimitError
+            Before anything moves.
+        DeviceTimeoutError
+            If not settled within ``timeout_s``; the stage is stopped first.
+        """
+        ...
+
+    def position_mm(self) -> float:
+        """Height read back now, in mm."""
+        ...
+
+    def stop(self) -> None:
+        """Stop under control; the position stays known."""
+        ...
+
+    def emergency_stop(self) -> None:
+        """Stop at once; the position is void until homed again."""
+        ...
+
+    def clear_alarm(self) -> None:
+        """Leave an alarm state; moves nothing."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back; closing twice is harmless."""
+        ...

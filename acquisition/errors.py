@@ -1,0 +1,54 @@
+"""What can go wrong at the bench and on disk, each error with its facts."""
+
+__all__ = [
+    "BenchConfigError",
+    "CaptureError",
+    "DeviceDisconnectedError",
+    "DeviceError",
+    "DeviceTimeoutError",
+    "PlanError",
+    "SessionError",
+    "StageLimitError",
+    "StageNotHomedError",
+]
+
+
+class DeviceError(Exception):
+    """A camera or stage did not do what it was asked."""
+
+
+class DeviceTimeoutError(DeviceError, TimeoutError):
+    """A device did not answer or settle within its time limit."""
+
+
+class DeviceDisconnectedError(DeviceError, ConnectionError):
+    """A device is gone: cable, power or another program."""
+
+
+class CaptureError(DeviceError):
+    """A capture could not be completed; nothing of it is kept."""
+
+    def __init__(self, message: str, *, frames_complete: int, frames_asked: int) -> None:
+        super().__init__(message)
+        self.frames_complete = frames_complete
+        self.frames_asked = frames_asked
+
+
+class StageLimitError(DeviceError, ValueError):
+    """A move was asked for outside the travel; nothing moved."""
+
+
+class StageNotHomedError(DeviceError):
+    """A move was asked for before the stage was homed; nothing moved."""
+
+
+class SessionError(Exception):
+    """A session directory cannot be opened, trusted or written."""
+
+
+class BenchConfigError(SessionError, ValueError):
+    """A bench file or an override names a key or value that is not accepted."""
+
+
+class PlanError(SessionError, ValueError):
+    """A capture plan names a key or value that is not accepted."""

@@ -1,0 +1,1 @@
+"""Metrics, validation, detectability and reports."""

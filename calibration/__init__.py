@@ -1,0 +1,1 @@
+"""Edges to PSF, noise, registration and geometry."""

@@ -1,0 +1,1 @@
+"""The simulated bench that stands in for camera, stage and scene."""

@@ -1,0 +1,1 @@
+"""The capture model: how a scene looks from further away."""

@@ -1,0 +1,50 @@
+"""The point spread function as a Gaussian: the value object the capture model works with."""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["PIXEL_VARIANCE_PX2", "GaussianPsf"]
+
+PIXEL_VARIANCE_PX2 = 1.0 / 12.0
+"""Variance of the unit pixel square along either axis."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaussianPsf:
+    """A Gaussian PSF, in pixels: widths along columns (x) and rows (y), and their correlation.
+
+    Raises
+    ------
+    ValueError
+        If a width is not positive or ``rho`` is not inside (-1, 1).
+    """
+
+    sigma_x_px: float
+    sigma_y_px: float
+    rho: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("sigma_x_px", "sigma_y_px"):
+            value = getattr(self, name)
+            if not (value > 0 and np.isfinite(value)):
+                raise ValueError(f"{name} must be positive, got {value}")
+        if not -1 < self.rho < 1:
+            raise ValueError(f"rho must lie inside (-1, 1), got {self.rho}")
+
+    @classmethod
+    def from_covariance(cls, covariance_px2: NDArray[np.float64]) -> Self:
+        """Make the PSF of a covariance matrix, order (x, y), in px^2."""
+        (xx, xy), (_, yy) = np.asarray(covariance_px2, dtype=np.float64).tolist()
+        if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
+            raise ValueError(f"covariance must be positive definite, got {covariance_px2!r}")
+        return cls(sigma_x_px=sqrt(xx), sigma_y_px=sqrt(yy), rho=xy / sqrt(xx * yy))
+
+    @property
+    def covariance_px2(self) -> NDArray[np.float64]:
+        """Covariance matrix, shape (2, 2), order (x, y), in px^2."""
+        xy = self.rho * self.sigma_x_px * self.sigma_y_px
+        return np.array([[self.sigma_x_px**2, xy], [xy, self.sigma_y_px**2]])
