@@ -1,1 +1,46 @@
-"""Devices and capture sessions."""
+"""Devices and capture sessions.
+
+What reads a session, and every error, is exported here. Whoever drives devices or writes
+sessions imports the module: ``acquisition.devices``, ``acquisition.runner``, ...
+"""
+
+from acquisition.capture_file import CaptureImages, read_capture
+from acquisition.errors import (
+    BenchConfigError,
+    CaptureError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceTimeoutError,
+    PlanError,
+    SessionError,
+    StageLimitError,
+    StageNotHomedError,
+)
+from acquisition.plan import CaptureKind, CapturePlan, PlanEntry, load_plan, plan_entries
+from acquisition.record import CaptureRecord
+from acquisition.session import FileCheck, Session, SessionCapture, VerifyReport, verify
+
+__all__ = [
+    "BenchConfigError",
+    "CaptureError",
+    "CaptureImages",
+    "CaptureKind",
+    "CapturePlan",
+    "CaptureRecord",
+    "DeviceDisconnectedError",
+    "DeviceError",
+    "DeviceTimeoutError",
+    "FileCheck",
+    "PlanEntry",
+    "PlanError",
+    "Session",
+    "SessionCapture",
+    "SessionError",
+    "StageLimitError",
+    "StageNotHomedError",
+    "VerifyReport",
+    "load_plan",
+    "plan_entries",
+    "read_capture",
+    "verify",
+]

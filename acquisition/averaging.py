@@ -1,0 +1,217 @@
+"""Average frames into one capture: exact mean, temporal variance and what went wrong meanwhile."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.devices import Camera, Frame, FrameImage
+from acquisition.errors import CaptureError, DeviceError, DeviceTimeoutError
+
+__all__ = ["AveragedFrames", "average_frames"]
+
+MAX_FRAMES = 10_000
+"""Bound that keeps every sum of 16-bit levels exact: N 2^16 < 2^32 and N^2 2^32 < 2^64."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AveragedFrames:
+    """The mean and temporal variance of N frames at one pose, and how the stream behaved.
+
+    ``mean_dn`` and ``variance_dn2`` are float32 of shape ``(rows, cols)``; the variance is the
+    unbiased one (N - 1) of a *single* frame, so that the mean has ``variance_dn2 / frames_used``.
+    ``saturated_pixels`` counts the pixels that reached the largest level in any frame used:
+    each biases the mean. ``min_dn`` and ``max_dn`` are over all pixels of all frames used, and
+    the time stamps are the camera's own, of the first and last frame used.
+    """
+
+    mean_dn: NDArray[np.float32]
+    variance_dn2: NDArray[np.float32]
+    frames_used: int
+    incomplete_frames: int
+    resent_packets: int
+    saturated_pixels: int
+    min_dn: int
+    max_dn: int
+    first_timestamp_ns: int
+    last_timestamp_ns: int
+
+
+def average_frames(
+    camera: Camera,
+    frames_asked: int,
+    *,
+    keep_frame: Callable[[FrameImage], None] | None = None,
+    clock: Callable[[], float] = time.monotonic,
+) -> AveragedFrames:
+    """Stream until ``frames_asked`` good frames are averaged; never a shorter average.
+
+    The first frame after the start is skipped (its exposure may have begun before). Incomplete
+    frames, repeated frame ids and frames of the wrong shape are replaced, up to three times
+    ``frames_asked`` frames in all and within 1 s + 4 (N + 1) frame periods. The stream is
+    stopped whatever happens.
+
+    Parameters
+    ----------
+    camera
+        Opened and configured; it must not be streaming.
+    frames_asked
+        Number of frames N in the average, 2 to 10 000.
+    keep_frame
+        Is handed every frame that goes into the average, in order. What it was handed is void
+        when the average fails.
+    clock
+        Monotonic time in seconds.
+
+    Raises
+    ------
+    CaptureError
+        If the frames or the time ran out; it says how many frames were good and why not more.
+    DeviceDisconnectedError
+        If the camera is gone.
+    """
+    if not 2 <= frames_asked <= MAX_FRAMES:
+        raise ValueError(f"frames_asked must lie in 2 to {MAX_FRAMES}, got {frames_asked}")
+    settings = camera.settings
+    limit_s = 1.0 + 4.0 * (frames_asked + 1) / settings.frame_rate_hz
+    resent_before = camera.statistics().resent_packets
+    tally = _Tally(frames_asked)
+    sums = _FrameSums((settings.height_px, settings.width_px))
+    deadline_s = clock() + limit_s
+    with _streaming(camera):
+        seen_ids = {_next_frame(camera, deadline_s, limit_s, clock, tally).frame_id}
+        while tally.good < frames_asked:
+            if tally.frames == 3 * frames_asked:
+                raise tally.failure(f"gave up after {tally.frames} frames")
+            frame = _next_frame(camera, deadline_s, limit_s, clock, tally)
+            tally.frames += 1
+            if not frame.is_complete:
+                tally.incomplete += 1
+            elif frame.frame_id in seen_ids:
+                tally.repeated += 1
+            elif frame.image_dn.shape != sums.shape:
+                tally.misshapen += 1
+            else:
+                seen_ids.add(frame.frame_id)
+                sums.add(frame)
+                tally.good += 1
+                if keep_frame is not None:
+                    keep_frame(frame.image_dn)
+    return sums.average(
+        tally,
+        max_level_dn=settings.max_level_dn,
+        resent_packets=camera.statistics().resent_packets - resent_before,
+    )
+
+
+@dataclass(slots=True)
+class _Tally:
+    """What the stream has delivered after the skipped frame."""
+
+    asked: int
+    frames: int = 0
+    good: int = 0
+    incomplete: int = 0
+    repeated: int = 0
+    misshapen: int = 0
+
+    def failure(self, reason: str) -> CaptureError:
+        """Give the error that tells the count and the reason."""
+        faults = ", ".join(
+            f"{count} {what}"
+            for count, what in (
+                (self.incomplete, "incomplete"),
+                (self.repeated, "with a repeated id"),
+                (self.misshapen, "of the wrong shape"),
+            )
+            if count
+        )
+        return CaptureError(
+            f"only {self.good} of {self.asked} frames: {reason}" + (f" ({faults})" * bool(faults)),
+            frames_complete=self.good,
+            frames_asked=self.asked,
+        )
+
+
+class _FrameSums:
+    """Sums over frames, exact in integers, so that the order of the frames cannot matter."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.shape = shape
+        self._sum_dn = np.zeros(shape, np.uint32)
+        self._sum_dn2 = np.zeros(shape, np.uint64)
+        self._square_dn2 = np.empty(shape, np.uint32)
+        self._peak_dn = np.zeros(shape, np.uint16)
+        self._min_dn = 2**16 - 1
+        self._stamps_ns: list[int] = []
+
+    def add(self, frame: Frame) -> None:
+        """Take one frame of the right shape into the sums."""
+        image_dn = frame.image_dn
+        np.add(self._sum_dn, image_dn, out=self._sum_dn)
+        np.multiply(image_dn, image_dn, out=self._square_dn2, dtype=np.uint32)
+        np.add(self._sum_dn2, self._square_dn2, out=self._sum_dn2)
+        np.maximum(self._peak_dn, image_dn, out=self._peak_dn)
+        self._min_dn = min(self._min_dn, int(image_dn.min()))
+        self._stamps_ns.append(frame.timestamp_ns)
+
+    def average(self, tally: _Tally, *, max_level_dn: int, resent_packets: int) -> AveragedFrames:
+        """Mean and variance of the frames taken in."""
+        count = tally.good
+        # N sum(x^2) - (sum x)^2 is a difference of exact integers: no cancellation, never < 0.
+        spread = count * self._sum_dn2
+        spread -= np.multiply(self._sum_dn, self._sum_dn, dtype=np.uint64)
+        # Dividing into float32 rounds once and spares the pages of a float64 image.
+        mean_dn = np.empty(self.shape, np.float32)
+        variance_dn2 = np.empty(self.shape, np.float32)
+        np.divide(self._sum_dn, count, out=mean_dn, dtype=np.float64, casting="same_kind")
+        np.divide(
+            spread, count * (count - 1), out=variance_dn2, dtype=np.float64, casting="same_kind"
+        )
+        return AveragedFrames(
+            mean_dn=mean_dn,
+            variance_dn2=variance_dn2,
+            frames_used=count,
+            incomplete_frames=tally.incomplete,
+            resent_packets=resent_packets,
+            saturated_pixels=int(np.count_nonzero(self._peak_dn >= max_level_dn)),
+            min_dn=self._min_dn,
+            max_dn=int(self._peak_dn.max()),
+            first_timestamp_ns=self._stamps_ns[0],
+            last_timestamp_ns=self._stamps_ns[-1],
+        )
+
+
+def _next_frame(
+    camera: Camera,
+    deadline_s: float,
+    limit_s: float,
+    clock: Callable[[], float],
+    tally: _Tally,
+) -> Frame:
+    remaining_s = deadline_s - clock()
+    late = f"the time limit of {limit_s:.1f} s passed"
+    if remaining_s <= 0:
+        raise tally.failure(late)
+    try:
+        return camera.next_frame(remaining_s)
+    except DeviceTimeoutError as error:
+        raise tally.failure(f"the camera stalled ({error})") from error
+
+
+@contextmanager
+def _streaming(camera: Camera) -> Iterator[None]:
+    """Stream inside the block; a failure inside is reported before a failure to stop."""
+    try:
+        camera.start()
+        yield
+    except BaseException as error:
+        try:
+            camera.stop()
+        except DeviceError as stop_error:
+            error.add_note(f"stopping the stream failed too: {stop_error}")
+        raise
+    camera.stop()

@@ -1,0 +1,221 @@
+"""The capture plan: which targets, orientations and heights, in the order the operator works."""
+
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
+
+from acquisition.bench import validation_lines
+from acquisition.errors import PlanError
+
+__all__ = [
+    "CaptureKind",
+    "CapturePlan",
+    "PlanEntry",
+    "PlanTarget",
+    "load_plan",
+    "parse_plan",
+    "plan_entries",
+]
+
+CaptureKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
+
+HEIGHT_DECIMALS = 3
+"""Heights are told apart to 0.001 mm, as file names write them."""
+
+MAX_HEIGHTS = 10_000
+
+
+def _expand_heights(value: object) -> object:
+    """Turn a table of start, stop and step into the list of its heights."""
+    if not isinstance(value, Mapping):
+        return value
+    if set(value) != {"start", "stop", "step"}:
+        raise ValueError(f"a table has start, stop and step, got {', '.join(value)}")
+    numbers = [value[key] for key in ("start", "stop", "step")]
+    if not all(type(number) in (int, float) and math.isfinite(number) for number in numbers):
+        raise ValueError(f"start, stop and step must be finite numbers, got {numbers}")
+    start, stop, step = map(float, numbers)
+    if not (step > 0 and stop >= start):
+        raise ValueError(f"start to stop must ascend by a positive step, got {numbers}")
+    steps = (stop - start) / step
+    if steps >= MAX_HEIGHTS:
+        raise ValueError(f"more than {MAX_HEIGHTS} heights")
+    if abs(steps - round(steps)) > 1e-6:
+        raise ValueError(f"stop {stop:g} is not a whole number of steps {step:g} from {start:g}")
+    return [round(start + i * step, 6) for i in range(round(steps) + 1)]
+
+
+def _check_heights(heights_mm: tuple[float, ...]) -> tuple[float, ...]:
+    return _distinct(heights_mm, key=lambda height: round(height, HEIGHT_DECIMALS))
+
+
+def _check_orientations(orientations_deg: tuple[float, ...]) -> tuple[float, ...]:
+    return _distinct(orientations_deg, key=float)
+
+
+def _distinct(values: tuple[float, ...], key: Callable[[float], float]) -> tuple[float, ...]:
+    seen: set[float] = set()
+    for value in values:
+        if key(value) in seen:
+            raise ValueError(f"{value:g} is given twice")
+        seen.add(key(value))
+    return values
+
+
+def _check_text(text: str) -> str:
+    if not text.strip() or not text.isprintable():
+        raise ValueError("must be printable text, and not empty")
+    return text
+
+
+Heights = Annotated[
+    tuple[Annotated[float, Field(allow_inf_nan=False)], ...],
+    BeforeValidator(_expand_heights),
+    Field(min_length=1, max_length=MAX_HEIGHTS),
+    AfterValidator(_check_heights),
+]
+Orientations = Annotated[
+    tuple[Annotated[float, Field(ge=0, lt=360)], ...],
+    Field(min_length=1),
+    AfterValidator(_check_orientations),
+]
+Text = Annotated[str, Field(max_length=200), AfterValidator(_check_text)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class PlanTarget(_Table):
+    """``[[targets]]``: one target, at its orientations, over its own or the plan's heights."""
+
+    kind: CaptureKind
+    target: Text
+    orientations_deg: Orientations = (0.0,)
+    heights_mm: Heights | None = None
+
+
+class CapturePlan(_Table):
+    """A capture plan; ``plan_entries`` gives its captures in order."""
+
+    schema_: Literal["standoff.plan/1"] = Field(alias="schema")
+    name: Text
+    heights_mm: Heights | None = Field(None, description="for targets without their own")
+    frames_per_capture: int | None = Field(None, ge=2, le=1000, description="else the bench's")
+    keep_frames: bool = Field(False, description="also store the raw frames")
+    repeats: int = Field(1, ge=1, le=1000, description="captures at each height")
+    targets: Annotated[tuple[PlanTarget, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _targets_are_complete_and_distinct(self) -> "CapturePlan":
+        seen: set[tuple[str, str, float]] = set()
+        for number, target in enumerate(self.targets):
+            if target.heights_mm is None and self.heights_mm is None:
+                raise ValueError(f"targets.{number}.heights_mm: neither here nor in the plan")
+            for orientation_deg in target.orientations_deg:
+                pose = (target.kind, target.target, orientation_deg)
+                if pose in seen:
+                    raise ValueError(
+                        f"targets.{number}: {target.kind} {target.target!r} at "
+                        f"{orientation_deg:g} degrees is planned twice"
+                    )
+                seen.add(pose)
+        return self
+
+    def to_json(self) -> dict[str, Any]:
+        """The plan as a JSON object, which ``parse_plan`` reads."""
+        return self.model_dump(mode="json", by_alias=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanEntry:
+    """One capture of a plan."""
+
+    index: int
+    kind: CaptureKind
+    target: str
+    orientation_deg: float
+    height_mm: float
+    repeat: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(CaptureKind):
+            raise ValueError(f"kind must be one of {get_args(CaptureKind)}, got {self.kind!r}")
+
+    @property
+    def placement(self) -> tuple[str, str, float]:
+        """Kind, target and orientation: what the operator sets up by hand."""
+        return self.kind, self.target, self.orientation_deg
+
+    @property
+    def stem(self) -> str:
+        """File name without its ending, such as ``0007_edge-090_h0123.400mm``."""
+        whole, dot, fraction = f"{self.orientation_deg:.6f}".rstrip("0").partition(".")
+        orientation = whole.zfill(3) + (dot + fraction if fraction else "")
+        return f"{self.index:04d}_{self.kind}-{orientation}_h{self.height_mm:08.3f}mm"
+
+
+def load_plan(path: Path) -> CapturePlan:
+    """Read a plan file.
+
+    Raises
+    ------
+    PlanError
+        If the file cannot be read, or a key is unknown, missing or not accepted;
+        the message names the file and the key.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PlanError(f"plan file {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise PlanError(f"plan file {path}: not valid TOML: {error}") from error
+    return parse_plan(table, source=f"plan file {path}")
+
+
+def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
+    """Check a plan given as a table; ``source`` begins the message of a ``PlanError``."""
+    try:
+        return CapturePlan.model_validate(table)
+    except ValidationError as error:
+        raise PlanError(f"{source}: {validation_lines(error)}") from error
+
+
+def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
+    """Captures of the plan, numbered from 0 in the order in which the operator works.
+
+    For each target and orientation the heights ascend, whatever the order they are written
+    in, so that a stage with backlash is always approached from one side; repeats follow each
+    other at one height.
+    """
+    poses = (
+        (target, orientation_deg, height_mm, repeat)
+        for target in plan.targets
+        for orientation_deg in target.orientations_deg
+        for height_mm in sorted(target.heights_mm or plan.heights_mm or ())
+        for repeat in range(plan.repeats)
+    )
+    return tuple(
+        PlanEntry(
+            index=index,
+            kind=target.kind,
+            target=target.target,
+            orientation_deg=orientation_deg,
+            height_mm=height_mm,
+            repeat=repeat,
+        )
+        for index, (target, orientation_deg, height_mm, repeat) in enumerate(poses)
+    )

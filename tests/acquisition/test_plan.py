@@ -1,0 +1,156 @@
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acquisition.errors import PlanError
+from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
+
+PLAN = """
+schema = "standoff.plan/1"
+name = "lens A"
+heights_mm = [120.0, 100, 110.5]
+
+[[targets]]
+kind = "edge"
+target = "slanted edge"
+orientations_deg = [5, 95.5]
+
+[[targets]]
+kind = "flat"
+target = "Ulbricht sphere"
+heights_mm = { start = 50, stop = 50.3, step = 0.1 }
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "plan.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def plan_of(**changes: object) -> CapturePlan:
+    table = {
+        "schema": "standoff.plan/1",
+        "name": "p",
+        "heights_mm": [1.0, 2.0],
+        "targets": [{"kind": "edge", "target": "E"}],
+        **changes,
+    }
+    return parse_plan(table, source="plan")
+
+
+def test_entries_are_numbered_in_the_order_of_work_with_heights_ascending(
+    tmp_path: Path,
+) -> None:
+    entries = plan_entries(load_plan(write(tmp_path, PLAN)))
+    assert [entry.index for entry in entries] == list(range(10))
+    assert [(e.kind, e.orientation_deg, e.height_mm) for e in entries] == [
+        ("edge", 5.0, 100.0),
+        ("edge", 5.0, 110.5),
+        ("edge", 5.0, 120.0),
+        ("edge", 95.5, 100.0),
+        ("edge", 95.5, 110.5),
+        ("edge", 95.5, 120.0),
+        ("flat", 0.0, 50.0),
+        ("flat", 0.0, 50.1),
+        ("flat", 0.0, 50.2),
+        ("flat", 0.0, 50.3),
+    ]
+
+
+def test_repeats_follow_each_other_at_one_height() -> None:
+    entries = plan_entries(plan_of(repeats=2))
+    assert [(e.height_mm, e.repeat) for e in entries] == [(1, 0), (1, 1), (2, 0), (2, 1)]
+
+
+def test_what_a_plan_leaves_out_has_a_default() -> None:
+    plan = plan_of()
+    assert (plan.frames_per_capture, plan.keep_frames, plan.repeats) == (None, False, 1)
+
+
+def test_a_plan_survives_json_and_back(tmp_path: Path) -> None:
+    plan = load_plan(write(tmp_path, PLAN))
+    assert parse_plan(plan.to_json(), source="copy") == plan
+
+
+@given(st.integers(-1000, 1000), st.integers(1, 500), st.integers(1, 2000))
+def test_a_range_of_heights_holds_both_ends_and_no_rounding_error(
+    start: int, step: int, steps: int
+) -> None:
+    table = {
+        "start": start / 100,
+        "stop": (start + step * steps) / 100,
+        "step": step / 100,
+    }
+    heights = plan_of(heights_mm=table).heights_mm
+    assert heights == tuple((start + i * step) / 100 for i in range(steps + 1))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"heights_mm": []}, "heights_mm: .*at least 1"),
+        ({"heights_mm": [1.0, 1.0004]}, "heights_mm: .*given twice"),
+        ({"heights_mm": [1.0, float("nan")]}, r"heights_mm\.1: .*finite"),
+        ({"heights_mm": {"start": 1, "stop": 2}}, "heights_mm: .*start, stop and step"),
+        ({"heights_mm": {"start": 1, "stop": 2, "step": 0}}, "positive step"),
+        ({"heights_mm": {"start": 2, "stop": 1, "step": 1}}, "ascend"),
+        ({"heights_mm": {"start": 1, "stop": 2, "step": 0.3}}, "whole number of steps"),
+        ({"heights_mm": {"start": 0, "stop": 1e9, "step": 1e-9}}, "more than"),
+        ({"heights_mm": {"start": 0, "stop": float("inf"), "step": 1}}, "finite"),
+        ({"heights_mm": {"start": 0, "stop": "1", "step": 1}}, "finite numbers"),
+        ({"heights_mm": None}, r"targets\.0\.heights_mm: neither"),
+        ({"frames_per_capture": 1}, "frames_per_capture"),
+        ({"repeats": 0}, "repeats"),
+        ({"name": " "}, "name: .*not empty"),
+        ({"schema": "standoff.plan/2"}, "schema"),
+        ({"hights_mm": [1.0]}, "hights_mm: unknown key"),
+        ({"targets": []}, "targets: .*at least 1"),
+        ({"targets": [{"kind": "edges", "target": "E"}]}, r"targets\.0\.kind"),
+        ({"targets": [{"kind": "edge", "target": "a\nb"}]}, r"targets\.0\.target: .*printable"),
+        (
+            {"targets": [{"kind": "edge", "target": "E", "orientations_deg": [0, 0.0]}]},
+            r"targets\.0\.orientations_deg: .*given twice",
+        ),
+        (
+            {"targets": [{"kind": "edge", "target": "E", "orientations_deg": [360]}]},
+            r"targets\.0\.orientations_deg\.0",
+        ),
+        ({"targets": [{"kind": "edge", "target": "E"}] * 2}, r"targets\.1: .*planned twice"),
+    ],
+)
+def test_a_plan_that_is_not_accepted_names_the_key(
+    changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(PlanError, match=message) as caught:
+        plan_of(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_plan_file_at_fault_is_named(tmp_path: Path) -> None:
+    with pytest.raises(PlanError, match=r"absent\.toml: No such file"):
+        load_plan(tmp_path / "absent.toml")
+    with pytest.raises(PlanError, match=r"plan\.toml: not valid TOML"):
+        load_plan(write(tmp_path, "name ="))
+    with pytest.raises(PlanError, match=r"plan\.toml: .*targets: Field required"):
+        load_plan(write(tmp_path, 'schema = "standoff.plan/1"\nname = "p"'))
+
+
+@pytest.mark.parametrize(
+    ("orientation_deg", "height_mm", "stem"),
+    [
+        (90.0, 123.4, "0007_edge-090_h0123.400mm"),
+        (0.0, 0.0, "0007_edge-000_h0000.000mm"),
+        (22.5, -12.3, "0007_edge-022.5_h-012.300mm"),
+        (100.0, 12345.6789, "0007_edge-100_h12345.679mm"),
+    ],
+)
+def test_a_file_name_carries_index_kind_orientation_and_height(
+    orientation_deg: float, height_mm: float, stem: str
+) -> None:
+    entry = PlanEntry(
+        index=7, kind="edge", target="E", orientation_deg=orientation_deg, height_mm=height_mm
+    )
+    assert entry.stem == stem
