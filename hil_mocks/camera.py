@@ -1,0 +1,262 @@
+"""The simulated camera: the `Camera` contract in process, with faults on demand."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.bench import CameraConfig
+from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
+from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeoutError
+from hil_mocks.clock import SimulatedClock
+from hil_mocks.sensor import MONO8_SHIFT, PIXEL_FORMATS, Sensor
+
+__all__ = ["CameraFaults", "FrameFate", "SimulatedCamera", "following_frame_id"]
+
+FrameFate = Literal["complete", "incomplete", "lost", "disconnected"]
+
+EXPOSURE_RANGE_US = (21.0, 60_000_000.0)
+EXPOSURE_STEP_US = 1.0
+GAIN_RANGE_DB = (0.0, 31.0)
+GAIN_STEP_DB = 1.0
+"""Ranges of a Manta G-046; the camera reads back what its steps allow."""
+
+LAST_FRAME_ID = 65535
+PACKETS_PER_INCOMPLETE_FRAME = 3
+
+
+def following_frame_id(frame_id: int) -> int:
+    """Next 16-bit block id of GigE Vision: 0 is reserved, so 65535 is followed by 1."""
+    return frame_id % LAST_FRAME_ID + 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraFaults:
+    """What goes wrong, by frames counted from 0 since the camera was opened.
+
+    Parameters
+    ----------
+    seed
+        Of the two rates: the same frames fail in every run.
+    incomplete_rate, lost_rate
+        Share of the frames that come without all packets, or not at all.
+    incomplete_frames, lost_frames
+        Frames that fail for certain.
+    frozen_id_from
+        From this frame on the frame id stands still.
+    disconnect_at
+        At this frame the cable is pulled.
+    """
+
+    seed: int = 0
+    incomplete_rate: float = 0.0
+    lost_rate: float = 0.0
+    incomplete_frames: frozenset[int] = frozenset()
+    lost_frames: frozenset[int] = frozenset()
+    frozen_id_from: int | None = None
+    disconnect_at: int | None = None
+
+    def fate(self, index: int) -> FrameFate:
+        """What happens to frame ``index``."""
+        if self.disconnect_at is not None and index >= self.disconnect_at:
+            return "disconnected"
+        draw = np.random.default_rng([self.seed, index]).random()
+        if index in self.lost_frames or draw < self.lost_rate:
+            return "lost"
+        if index in self.incomplete_frames or draw < self.lost_rate + self.incomplete_rate:
+            return "incomplete"
+        return "complete"
+
+
+class SimulatedCamera:
+    """A camera that photographs whatever ``look`` shows it, one frame a period of its clock.
+
+    Frame ``k`` after the ``j``-th start has noise of its own that depends on ``seed``, ``j`` and
+    ``k`` alone.
+
+    Parameters
+    ----------
+    config
+        Pixel format, exposure, gain and frame rate to begin with.
+    sensor
+        Turns light into numbers.
+    look
+        Light on each pixel at this moment, relative to white paper, shape ``(rows, cols)``.
+    clock
+        Shared with the stage.
+    seed
+        Of the noise.
+    """
+
+    def __init__(
+        self,
+        config: CameraConfig,
+        *,
+        sensor: Sensor,
+        look: Callable[[], NDArray[np.float32]],
+        shape: tuple[int, int],
+        clock: SimulatedClock,
+        seed: int,
+    ) -> None:
+        if config.pixel_format not in PIXEL_FORMATS:
+            raise DeviceError(
+                f"the simulated camera has no pixel format {config.pixel_format!r}; "
+                f"it has {', '.join(PIXEL_FORMATS)}"
+            )
+        self.faults = CameraFaults()
+        self._sensor = sensor
+        self._look = look
+        self._clock = clock
+        self._seed = seed
+        self._starts = 0
+        self._frames_since_start = 0
+        self._frames_since_open = 0
+        self._frame_id = 0
+        self._is_streaming = False
+        self._is_open = True
+        self._complete = 0
+        self._incomplete = 0
+        self._settings = CameraSettings(
+            width_px=shape[1],
+            height_px=shape[0],
+            pixel_format=config.pixel_format,
+            exposure_us=_stepped(config.exposure_us, EXPOSURE_RANGE_US, EXPOSURE_STEP_US, "us"),
+            gain_db=_stepped(config.gain_db, GAIN_RANGE_DB, GAIN_STEP_DB, "dB"),
+            frame_rate_hz=config.frame_rate_hz,
+            black_level_dn=sensor.black_level_dn
+            / (2**MONO8_SHIFT if config.pixel_format == "Mono8" else 1),
+            features={"Gamma": 1.0, "BinningHorizontal": 1, "BinningVertical": 1},
+        )
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Camera.info`."""
+        return DeviceInfo(
+            vendor="standoff",
+            model="Simulated camera",
+            serial_number=f"SIM-{self._seed}",
+            firmware="1",
+            driver="simulated",
+        )
+
+    @property
+    def settings(self) -> CameraSettings:
+        """See `Camera.settings`."""
+        return self._settings
+
+    def set_exposure_us(self, exposure_us: float) -> float:
+        """See `Camera.set_exposure_us`; whole microseconds."""
+        self._check_open()
+        value = _stepped(exposure_us, EXPOSURE_RANGE_US, EXPOSURE_STEP_US, "us")
+        self._settings = replace(self._settings, exposure_us=value)
+        return value
+
+    def set_gain_db(self, gain_db: float) -> float:
+        """See `Camera.set_gain_db`; whole decibels."""
+        self._check_open()
+        value = _stepped(gain_db, GAIN_RANGE_DB, GAIN_STEP_DB, "dB")
+        self._settings = replace(self._settings, gain_db=value)
+        return value
+
+    def start(self) -> None:
+        """See `Camera.start`; frame ids begin at 1 again."""
+        self._check_open()
+        if self._is_streaming:
+            raise DeviceError("the simulated camera streams already")
+        self._starts += 1
+        self._frames_since_start = 0
+        self._frame_id = 0
+        self._is_streaming = True
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """See `Camera.next_frame`."""
+        self._check_open()
+        if not self._is_streaming:
+            raise DeviceError("the simulated camera is not started")
+        fate = self.faults.fate(self._frames_since_open)
+        if fate == "disconnected":
+            self._is_streaming = False
+            raise DeviceDisconnectedError("the simulated camera is disconnected")
+        is_frozen = (
+            self.faults.frozen_id_from is not None
+            and self._frames_since_open >= self.faults.frozen_id_from
+        )
+        index = self._frames_since_start
+        self._frames_since_start += 1
+        self._frames_since_open += 1
+        if not is_frozen:
+            self._frame_id = following_frame_id(self._frame_id)
+        period_s = self._period_s()
+        if fate == "lost" or period_s > timeout_s:
+            self._clock.advance(timeout_s)
+            raise DeviceTimeoutError(f"no frame from the simulated camera within {timeout_s} s")
+        self._clock.advance(period_s)
+        return self._frame(index, is_complete=fate == "complete")
+
+    def stop(self) -> None:
+        """See `Camera.stop`."""
+        self._is_streaming = False
+
+    def statistics(self) -> StreamStatistics:
+        """See `Camera.statistics`."""
+        return StreamStatistics(
+            complete_frames=self._complete,
+            incomplete_frames=self._incomplete,
+            resent_packets=0,
+            missing_packets=self._incomplete * PACKETS_PER_INCOMPLETE_FRAME,
+        )
+
+    def close(self) -> None:
+        """See `Camera.close`."""
+        self._is_streaming = False
+        self._is_open = False
+
+    def _frame(self, index: int, *, is_complete: bool) -> Frame:
+        if not is_complete:
+            self._incomplete += 1
+            empty = np.empty((0, 0), np.uint8 if self._is_mono8 else np.uint16)
+            return Frame(
+                image_dn=empty,
+                frame_id=self._frame_id,
+                timestamp_ns=self._clock.now_ns,
+                is_complete=False,
+            )
+        self._complete += 1
+        electrons = self._sensor.electrons(self._look(), self._settings.exposure_us)
+        rng = np.random.default_rng([self._seed, self._starts, index])
+        return Frame(
+            image_dn=self._sensor.expose(
+                electrons, self._settings.gain_db, self._settings.pixel_format, rng
+            ),
+            frame_id=self._frame_id,
+            timestamp_ns=self._clock.now_ns,
+        )
+
+    @property
+    def _is_mono8(self) -> bool:
+        return self._settings.pixel_format == "Mono8"
+
+    def _period_s(self) -> float:
+        """Time between frames: a long exposure slows the camera down."""
+        return max(1 / self._settings.frame_rate_hz, self._settings.exposure_us * 1e-6)
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceDisconnectedError("the simulated camera is closed")
+
+
+def _stepped(value: float, limits: tuple[float, float], step: float, unit: str) -> float:
+    """Nearest value that the camera can be set to.
+
+    Raises
+    ------
+    DeviceError
+        If the value is outside the range; nothing is set.
+    """
+    if not limits[0] <= value <= limits[1]:
+        raise DeviceError(
+            f"the simulated camera takes {limits[0]:g} to {limits[1]:g} {unit}, got {value:g}"
+        )
+    return round(value / step) * step

@@ -1,0 +1,254 @@
+"""The simulated stage: the `Stage` contract in process, with faults on demand."""
+
+from dataclasses import dataclass
+from math import ceil, floor, isfinite
+
+from acquisition.bench import StageConfig
+from acquisition.devices import DeviceInfo, StageState
+from acquisition.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceTimeoutError,
+    StageLimitError,
+    StageNotHomedError,
+)
+from hil_mocks.clock import SimulatedClock
+
+__all__ = ["STEPS_PER_MM", "SimulatedStage", "StageFaults"]
+
+STEPS_PER_MM = 250.0
+"""Steps of 4 um: 20.25 mm is between two of them and reads back as 20.248 mm."""
+
+OVERSHOOT_MM = 0.5
+"""How far a move from the wrong side goes past its target before it approaches."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageFaults:
+    """What goes wrong from now on.
+
+    Parameters
+    ----------
+    never_settles
+        The stage arrives but goes on trembling: no move ends within its time limit.
+    stops_short_mm
+        The stage stands still that far before its target, and its read-back says so.
+    alarm
+        Text of an alarm that the next move raises before anything moves.
+    home_switch_missing
+        Homing never finds its switch.
+    lost_steps_mm
+        The true height is that far below the read-back, which knows nothing of it.
+    backlash_mm
+        Play of the spindle: the true height lags by it when the last travel was not from the
+        configured side. The read-back knows nothing of it either.
+    unplugged
+        Nothing answers any more.
+    """
+
+    never_settles: bool = False
+    stops_short_mm: float = 0.0
+    alarm: str | None = None
+    home_switch_missing: bool = False
+    lost_steps_mm: float = 0.0
+    backlash_mm: float = 0.0
+    unplugged: bool = False
+
+
+class SimulatedStage:
+    """A spindle stage with a stepping motor and a reference switch.
+
+    The switch is at the lower limit when heights are approached from below, else at the upper.
+
+    Parameters
+    ----------
+    config
+        Limits, feed, settling time and side of approach.
+    clock
+        Shared with the camera; a move takes its time there.
+    """
+
+    def __init__(self, config: StageConfig, *, clock: SimulatedClock) -> None:
+        self.faults = StageFaults()
+        self._config = config
+        self._clock = clock
+        self._is_homed = False
+        self._is_open = True
+        self._alarm: str | None = None
+        low, high = config.limits_mm
+        self._steps = round((low + high) / 2 * STEPS_PER_MM)
+        self._came_up = self._approaches_upwards
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Stage.info`."""
+        return DeviceInfo(
+            vendor="standoff",
+            model="Simulated stage",
+            serial_number="SIM-1",
+            firmware="1",
+            driver="simulated",
+        )
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """See `Stage.limits_mm`."""
+        return self._config.limits_mm
+
+    @property
+    def is_homed(self) -> bool:
+        """See `Stage.is_homed`."""
+        return self._is_homed
+
+    @property
+    def state(self) -> StageState:
+        """See `Stage.state`; a call returns when the stage stands, so it is never moving."""
+        self._check_answers()
+        return "idle" if self._alarm is None else "alarm"
+
+    @property
+    def true_height_mm(self) -> float:
+        """Where the camera really is: what no read-back can know."""
+        lag_mm = 0.0
+        if self._came_up != self._approaches_upwards:
+            lag_mm = self.faults.backlash_mm if self._came_up else -self.faults.backlash_mm
+        return self._steps / STEPS_PER_MM - lag_mm - self.faults.lost_steps_mm
+
+    def home(self, timeout_s: float) -> None:
+        """See `Stage.home`."""
+        self._check_ready()
+        low, high = self.limits_mm
+        switch = ceil(low * STEPS_PER_MM) if self._approaches_upwards else floor(high * STEPS_PER_MM)
+        self._is_homed = False
+        if self.faults.home_switch_missing:
+            self._clock.advance(timeout_s)
+        if self.faults.home_switch_missing or not self._travel(switch, timeout_s):
+            raise DeviceTimeoutError(
+                f"the simulated stage found no reference switch within {timeout_s} s"
+            )
+        self._came_up = self._approaches_upwards
+        self._is_homed = True
+
+    def move_to(self, height_mm: float, timeout_s: float) -> float:
+        """See `Stage.move_to`."""
+        self._check_ready()
+        if not self._is_homed:
+            raise StageNotHomedError("the simulated stage must be homed before it moves")
+        low, high = self.limits_mm
+        if not (isfinite(height_mm) and low <= height_mm <= high):
+            raise StageLimitError(
+                f"{height_mm} mm is outside the travel of the simulated stage, {low} to {high} mm"
+            )
+        if self.faults.alarm is not None:
+            self._alarm = self.faults.alarm
+            raise DeviceError(f"the simulated stage is in alarm: {self._alarm}")
+        target = self._steps_at(height_mm)
+        left_s = timeout_s
+        for stop in self._stops(target):
+            started_s = self._clock.now_s
+            if not self._travel(stop, left_s):
+                raise DeviceTimeoutError(
+                    f"the simulated stage did not reach {height_mm} mm within {timeout_s} s; "
+                    f"it was stopped at {self.position_mm():.3f} mm"
+                )
+            left_s -= self._clock.now_s - started_s
+        self._settle(target, height_mm, left_s, timeout_s)
+        return self.position_mm()
+
+    def position_mm(self) -> float:
+        """See `Stage.position_mm`.
+
+        Raises
+        ------
+        StageNotHomedError
+            If the position is not known.
+        """
+        self._check_answers()
+        if not self._is_homed:
+            raise StageNotHomedError("the simulated stage does not know its position: home it")
+        return self._steps / STEPS_PER_MM
+
+    def stop(self) -> None:
+        """See `Stage.stop`."""
+        self._check_answers()
+
+    def emergency_stop(self) -> None:
+        """See `Stage.emergency_stop`; leaves an alarm."""
+        self._is_homed = False
+        self._alarm = "emergency stop"
+
+    def clear_alarm(self) -> None:
+        """See `Stage.clear_alarm`."""
+        self._check_answers()
+        self._alarm = None
+
+    def close(self) -> None:
+        """See `Stage.close`."""
+        self._is_open = False
+
+    @property
+    def _approaches_upwards(self) -> bool:
+        return self._config.approach == "from_below"
+
+    def _steps_at(self, height_mm: float) -> int:
+        """Nearest step inside the travel."""
+        low, high = self.limits_mm
+        nearest = round(height_mm * STEPS_PER_MM)
+        return min(max(nearest, ceil(low * STEPS_PER_MM)), floor(high * STEPS_PER_MM))
+
+    def _stops(self, target: int) -> list[int]:
+        """Step counts to go to in turn, so that the last one is reached from the right side."""
+        side = 1 if self._approaches_upwards else -1
+        is_there = target == self._steps and self._came_up == self._approaches_upwards
+        if is_there or side * (target - self._steps) > 0:
+            return [target]
+        low, high = self.limits_mm
+        beyond_mm = target / STEPS_PER_MM - side * OVERSHOOT_MM
+        return [self._steps_at(min(max(beyond_mm, low), high)), target]
+
+    def _travel(self, target: int, time_s: float) -> bool:
+        """Go there, or as far as the time allows; whether it was reached."""
+        if target == self._steps:
+            return True
+        steps_per_s = self._config.feed_mm_per_min / 60 * STEPS_PER_MM
+        needed_s = abs(target - self._steps) / steps_per_s
+        self._came_up = target > self._steps
+        if needed_s > time_s:
+            way = floor(max(time_s, 0.0) * steps_per_s)
+            self._steps += way if target > self._steps else -way
+            self._clock.advance(max(time_s, 0.0))
+            return False
+        self._clock.advance(needed_s)
+        self._steps = target
+        return True
+
+    def _settle(self, target: int, height_mm: float, left_s: float, timeout_s: float) -> None:
+        short = round(self.faults.stops_short_mm * STEPS_PER_MM)
+        if short:
+            self._steps = self._steps_at(
+                max(
+                    (target - short if self._approaches_upwards else target + short) / STEPS_PER_MM,
+                    self.limits_mm[0],
+                )
+            )
+        is_near = abs(self._steps - target) <= self._config.tolerance_mm * STEPS_PER_MM
+        if self.faults.never_settles or not is_near or self._config.settle_s > left_s:
+            self._clock.advance(max(left_s, 0.0))
+            raise DeviceTimeoutError(
+                f"the simulated stage did not settle at {height_mm} mm within {timeout_s} s; "
+                f"it stands at {self.position_mm():.3f} mm"
+            )
+        self._clock.advance(self._config.settle_s)
+
+    def _check_ready(self) -> None:
+        self._check_answers()
+        if self._alarm is not None:
+            raise DeviceError(
+                f"the simulated stage is in alarm: {self._alarm}; clear the alarm, then home"
+            )
+
+    def _check_answers(self) -> None:
+        if not self._is_open:
+            raise DeviceDisconnectedError("the simulated stage is closed")
+        if self.faults.unplugged:
+            raise DeviceDisconnectedError("the simulated stage does not answer")
