@@ -1,0 +1,250 @@
+"""Zoom-out: the image a camera would take of the same scene from ``zoom`` times further away.
+
+Three models. All are linear, noise-free and separable up to the correlation of the PSF.
+
+``bicubic``
+    Pillow's antialiased bicubic alone; the baseline.
+``paper``
+    The same, then a blur by ``Sigma (1 - 1 / zoom^2)`` in follow-up px^2.
+``matched``
+    A blur by ``Sigma (zoom^2 - 1)`` at the reference's resolution, then point samples of the
+    quintic spline through the result: no antialiasing, as a real distant camera has none beyond
+    its own PSF. The theory and the comparison are in ``docs/theory-simulation.md``.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulation.banded import BandedMatrix, apply_separable
+from simulation.gaussian_kernel import BlurCovariance, GaussianForm, gaussian_terms
+from simulation.grid import SamplingGrid
+from simulation.psf import GaussianPsf
+from simulation.resampling import antialiased_cubic, blur, spline_sampling
+
+__all__ = ["MODELS", "Model", "ZoomOperator", "zoom_operator", "zoom_out", "zoom_out_on_grid"]
+
+FloatImage = NDArray[np.floating[Any]]
+
+Model = Literal["bicubic", "paper", "matched"]
+MODELS: tuple[Model, ...] = get_args(Model)
+"""Names of the models."""
+
+_TAIL_TOLERANCE: dict[Model, float] = {"bicubic": 0.0, "paper": 2.2e-4, "matched": 3e-3}
+"""Largest kernel weight cut off. ``paper``'s keeps photographs within 0.05 of 255 of the exact
+transfer function; ``matched``'s is where the error against closed-form scenes stops falling."""
+
+_BORDER_SLACK_PX = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeparableSum:
+    """A linear operator on images: the sum over its terms of ``Wy image Wx^T``."""
+
+    terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]
+
+    def apply(self, image: FloatImage) -> FloatImage:
+        """Return the image behind the operator, in the dtype of ``image``, shape (rows, cols)."""
+        first, *others = (apply_separable(y, x, image) for y, x in self.terms)
+        for other in others:
+            np.add(first, other, out=first)
+        return first
+
+    def transposed(self) -> "SeparableSum":
+        """Return the adjoint operator."""
+        return SeparableSum(tuple((y.transposed(), x.transposed()) for y, x in self.terms))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZoomOperator:
+    """A zoom-out ready to be applied to images of one size: its stages, first to last."""
+
+    stages: tuple[SeparableSum, ...]
+
+    def apply(self, image: FloatImage) -> FloatImage:
+        """Return the follow-up of ``image``, shape (rows, cols), float32 or float64."""
+        for stage in self.stages:
+            image = stage.apply(image)
+        return image
+
+    def adjoint(self, image: FloatImage) -> FloatImage:
+        """Return the transposed operator applied to an image of the follow-up's size."""
+        for stage in reversed(self.stages):
+            image = stage.transposed().apply(image)
+        return image
+
+
+def zoom_out(
+    image: NDArray[np.generic],
+    zoom: float,
+    psf: GaussianPsf | None = None,
+    model: Model = "matched",
+    *,
+    gaussian: GaussianForm = "transfer",
+) -> FloatImage:
+    """Image of the same scene from ``zoom`` times further away, both image centres coinciding.
+
+    Parameters
+    ----------
+    image
+        Reference, shape ``(rows, cols)`` or ``(rows, cols, channels)``; uint8, uint16, float32 or
+        float64; linear in light.
+    zoom
+        Ratio of the distances, at least 1.
+    psf
+        Total PSF (optics and pixel) of the camera, the same at both distances. ``bicubic``
+        needs none.
+    model
+        One of ``MODELS``.
+    gaussian
+        ``"sampled"`` makes the blur of ``paper`` as ``scipy.ndimage.gaussian_filter`` would, for
+        comparison.
+
+    Returns
+    -------
+    ndarray of float32, or float64 for float64 input
+        In the input's units; ``floor(N / zoom)`` pixels on each axis, at the places
+        that ``SamplingGrid.centred`` states. At ``zoom`` 1 it equals the input.
+
+    Raises
+    ------
+    ValueError
+        If ``zoom`` is below 1 or not finite, the image is too small for it, of another kind or
+        not finite, the model is unknown, or the PSF is missing.
+    """
+    rows, cols = _checked_shape(image)
+    grid = SamplingGrid.centred((rows, cols), zoom)
+    return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian)
+
+
+def zoom_out_on_grid(
+    image: NDArray[np.generic],
+    grid: SamplingGrid,
+    psf: GaussianPsf | None = None,
+    model: Model = "matched",
+    *,
+    gaussian: GaussianForm = "transfer",
+) -> FloatImage:
+    """Like ``zoom_out``, on the pixels of a real follow-up: any zoom, offset and size per axis.
+
+    A zoom just below 1 (scatter of a registration) blurs as zoom 1 does: not at all.
+
+    Raises
+    ------
+    ValueError
+        As ``zoom_out``; or if the grid leaves the reference by more than half a pixel.
+    """
+    shape = _checked_shape(image)
+    operator = zoom_operator(shape, grid, psf, model, gaussian=gaussian)
+    values: FloatImage = image.astype(
+        np.float64 if image.dtype == np.float64 else np.float32, copy=False
+    )
+    # The extremes are NaN or infinite if any value is, and are found at memory speed.
+    if not (np.isfinite(values.min()) and np.isfinite(values.max())):
+        raise ValueError("the image holds NaN or infinite values")
+    if values.ndim == 2:
+        return operator.apply(values)
+    planes = [operator.apply(values[:, :, channel]) for channel in range(values.shape[2])]
+    return np.stack(planes, axis=-1)
+
+
+@lru_cache(maxsize=32)
+def zoom_operator(
+    shape: tuple[int, int],
+    grid: SamplingGrid,
+    psf: GaussianPsf | None = None,
+    model: Model = "matched",
+    *,
+    gaussian: GaussianForm = "transfer",
+) -> ZoomOperator:
+    """Operator of a zoom-out, for repeated use and for its adjoint; cached.
+
+    Parameters
+    ----------
+    shape
+        ``(rows, cols)`` of the references.
+    grid, psf, model, gaussian
+        As in ``zoom_out_on_grid``.
+    """
+    if model not in MODELS:
+        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
+    for name, positions, size in (
+        ("rows", grid.rows_px, shape[0]),
+        ("columns", grid.cols_px, shape[1]),
+    ):
+        outermost = max(-positions[0], positions[-1] - (size - 1))
+        if outermost > 0.5 + _BORDER_SLACK_PX:
+            raise ValueError(f"the grid's {name} leave the reference by {outermost:.3g} px")
+    if model == "matched":
+        if gaussian != "transfer":
+            raise ValueError(f"a {gaussian} Gaussian is for model 'paper' only")
+        return ZoomOperator((_matched(shape, grid, _needed(psf, model)),))
+    antialiased = SeparableSum(
+        (
+            (
+                antialiased_cubic(grid.rows_px, grid.zoom_y, shape[0]),
+                antialiased_cubic(grid.cols_px, grid.zoom_x, shape[1]),
+            ),
+        )
+    )
+    if model == "bicubic":
+        return ZoomOperator((antialiased,))
+    return ZoomOperator((antialiased, _paper_blur(grid, _needed(psf, model), gaussian)))
+
+
+def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: GaussianPsf) -> SeparableSum:
+    if grid == SamplingGrid.centred(shape, 1.0):
+        # The spline through the pixels takes the pixels' own values, but for rounding.
+        return SeparableSum(((blur(np.ones(1), shape[0]), blur(np.ones(1), shape[1])),))
+    zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
+    kernels = gaussian_terms(
+        _scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1),
+        tail_tolerance=_TAIL_TOLERANCE["matched"],
+        spline_prefilter=True,
+    )
+    return SeparableSum(
+        tuple(
+            (
+                spline_sampling(grid.rows_px, kernel.along_y, shape[0]),
+                spline_sampling(grid.cols_px, kernel.along_x, shape[1]),
+            )
+            for kernel in kernels
+        )
+    )
+
+
+def _paper_blur(grid: SamplingGrid, psf: GaussianPsf, gaussian: GaussianForm) -> SeparableSum:
+    zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
+    kernels = gaussian_terms(
+        _scaled(psf, 1 - zoom_y**-2, 1 - zoom_x**-2, 1 - 1 / (zoom_y * zoom_x)),
+        tail_tolerance=_TAIL_TOLERANCE["paper"],
+        form=gaussian,
+    )
+    return SeparableSum(
+        tuple(
+            (blur(kernel.along_y, grid.rows), blur(kernel.along_x, grid.cols)) for kernel in kernels
+        )
+    )
+
+
+def _scaled(psf: GaussianPsf, yy: float, xx: float, xy: float) -> BlurCovariance:
+    """Covariance of the PSF, element by element times what the zooms make of it."""
+    (cov_xx, cov_xy), (_, cov_yy) = psf.covariance_px2.tolist()
+    return BlurCovariance(yy_px2=cov_yy * yy, xx_px2=cov_xx * xx, xy_px2=cov_xy * xy)
+
+
+def _needed(psf: GaussianPsf | None, model: Model) -> GaussianPsf:
+    if psf is None:
+        raise ValueError(f"model {model!r} needs a PSF")
+    return psf
+
+
+def _checked_shape(image: NDArray[np.generic]) -> tuple[int, int]:
+    if image.ndim not in (2, 3) or image.size == 0:
+        raise ValueError(f"an image is (rows, cols) or (rows, cols, channels), got {image.shape}")
+    if image.dtype.type not in (np.uint8, np.uint16, np.float32, np.float64):
+        raise ValueError(f"an image is uint8, uint16, float32 or float64, got {image.dtype}")
+    return image.shape[0], image.shape[1]
