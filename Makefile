@@ -1,0 +1,46 @@
+# Two commands matter: `make demo` and `make test`. Each sets up what it needs.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
+CORE := $(VENV)/.core-installed
+FULL := $(VENV)/.full-installed
+EXTRAS := aravis,kernelgan,console,cluster,pdf,dev
+
+.PHONY: demo test setup lint bench clean
+
+demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
+	$(BIN)/standoff demo --out demo-output
+
+test: $(FULL)  ## Lint, types, layers and every test, the fast ones first.
+	$(MAKE) --no-print-directory lint
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 -m slow
+
+setup: $(FULL)  ## Everything, in .venv.
+
+lint: $(FULL)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
+	for file in benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
+
+clean:
+	rm -rf $(VENV) demo-output
+
+$(CORE): pyproject.toml constraints.txt
+	@sh scripts/check-python.sh $(PYTHON)
+	@echo "Setting up the core environment in $(VENV) ..."
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) -e .
+	@touch $@
+
+$(FULL): $(CORE) scripts/install-system-packages.sh
+	@sh scripts/install-system-packages.sh
+	@echo "Setting up the full environment in $(VENV) ..."
+	$(PIP) -e '.[$(EXTRAS)]'
+	@touch $@

@@ -1,0 +1,19 @@
+"""What can go wrong between photographs and a calibration."""
+
+__all__ = ["CalibrationError", "NoEdgeError", "PsfFileError", "RegistrationError"]
+
+
+class CalibrationError(Exception):
+    """The photographs or files do not allow the measurement that was asked for."""
+
+
+class NoEdgeError(CalibrationError):
+    """No edge that may count was found."""
+
+
+class PsfFileError(CalibrationError):
+    """A psf.json cannot be read or written, or lacks a value that is needed."""
+
+
+class RegistrationError(CalibrationError):
+    """Two images could not be aligned well enough to be compared."""

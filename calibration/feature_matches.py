@@ -1,0 +1,123 @@
+"""Matched image features: pairs of places that a pose must agree with."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import RegistrationError
+
+__all__ = ["FeatureMatches", "axial_pose", "homography_pose", "match_features"]
+
+FloatArray = NDArray[np.float64]
+
+_FEATURES = 4000
+_RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004
+_MATCH_TOLERANCE_PX = 3.0
+_INLIERS_MIN = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureMatches:
+    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference."""
+
+    followup_px: FloatArray
+    reference_px: FloatArray
+
+    def distances_px(self, matrix: FloatArray) -> FloatArray:
+        """Distance in the reference between each match and where ``matrix`` puts it."""
+        mapped = self.followup_px @ matrix[:2, :2].T + matrix[:2, 2]
+        mapped /= (self.followup_px @ matrix[2, :2] + matrix[2, 2])[:, None]
+        return np.asarray(np.hypot(*(mapped - self.reference_px).T))
+
+    def rms_px(self, matrix: FloatArray, inlier: NDArray[np.bool_]) -> float:
+        """Rms of ``distances_px`` over the chosen matches."""
+        return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
+
+
+def match_features(reference: NDArray[np.generic], followup: NDArray[np.generic]) -> FeatureMatches:
+    """SIFT features that the follow-up and the reference share.
+
+    Raises
+    ------
+    RegistrationError
+        If an image has too few features, or too few of them match.
+    """
+    # Without the precise upscaling every keypoint is 0.25 px off towards the origin.
+    sift = cv2.SIFT.create(nfeatures=_FEATURES, enable_precise_upscale=True)
+    points, descriptors = [], []
+    for name, image in (("reference", reference), ("follow-up", followup)):
+        found, described = sift.detectAndCompute(_as_bytes(image), None)
+        if len(found) < _INLIERS_MIN:
+            raise RegistrationError(f"the {name} has only {len(found)} features to align by")
+        points.append(np.array([point.pt for point in found], dtype=np.float64))
+        descriptors.append(described)
+    pairs = [
+        best
+        for best, second in cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors[1], descriptors[0], k=2)
+        if best.distance < _RATIO_TEST * second.distance
+    ]
+    if len(pairs) < _INLIERS_MIN:
+        raise RegistrationError(f"only {len(pairs)} features of the images match")
+    return FeatureMatches(
+        points[1][[pair.queryIdx for pair in pairs]], points[0][[pair.trainIdx for pair in pairs]]
+    )
+
+
+def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Homography, shape (3, 3), from follow-up to reference, and the matches that agree with it.
+
+    Raises
+    ------
+    RegistrationError
+        If too few agree.
+    """
+    matrix, mask = cv2.findHomography(
+        matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
+    )
+    # Where it finds nothing, OpenCV returns an empty matrix or None.
+    count = int(np.count_nonzero(mask)) if np.shape(matrix) == (3, 3) else 0
+    if count < _INLIERS_MIN:
+        raise RegistrationError(f"only {count} feature matches agree on a pose")
+    return np.asarray(matrix, dtype=np.float64), mask.ravel().astype(bool)
+
+
+def axial_pose(
+    matches: FeatureMatches, agreeing: NDArray[np.bool_]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Least-squares scale and shift, shape (3, 3), and the matches that agree with them.
+
+    Parameters
+    ----------
+    matches
+        All of them.
+    agreeing
+        Those that agree on some pose; only they are fitted.
+
+    Raises
+    ------
+    RegistrationError
+        If too few agree with a scale and a shift alone.
+    """
+    followup, reference = matches.followup_px[agreeing], matches.reference_px[agreeing]
+    offset = followup - followup.mean(axis=0)
+    zoom = float(np.vdot(offset, reference) / np.vdot(offset, offset))
+    origin_x_px, origin_y_px = reference.mean(axis=0) - zoom * followup.mean(axis=0)
+    matrix = np.array([[zoom, 0.0, origin_x_px], [0.0, zoom, origin_y_px], [0.0, 0.0, 1.0]])
+    inlier = matches.distances_px(matrix) < _MATCH_TOLERANCE_PX
+    if np.count_nonzero(inlier) < _INLIERS_MIN:
+        raise RegistrationError("the images differ by more than a zoom and a shift")
+    return matrix, inlier
+
+
+def _as_bytes(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    values = np.asarray(image, dtype=np.float64)
+    if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
+        raise ValueError(f"grey images of finite values are aligned, got shape {image.shape}")
+    low, high = values.min(), values.max()
+    if low == high:
+        raise RegistrationError("a constant image cannot be aligned")
+    return np.asarray((values - low) * (255.0 / (high - low)) + 0.5, dtype=np.float64).astype(
+        np.uint8
+    )

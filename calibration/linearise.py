@@ -1,0 +1,62 @@
+"""From what a file holds to one plane that is linear in light."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Channel", "luma_plane", "srgb_to_linear"]
+
+Channel = Literal["luma", "red", "green", "blue"]
+
+REC601_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601-7, section 2.5.1
+
+
+def luma_plane(image: NDArray[np.generic], channel: Channel = "luma") -> NDArray[np.float64]:
+    """Return one float64 plane of a grey or colour image.
+
+    Parameters
+    ----------
+    image
+        Shape ``(rows, cols)``, or ``(rows, cols, 2 to 4)`` with red, green, blue first and an
+        opacity last, which is left out.
+    channel
+        ``luma`` weighs red, green and blue after Rec. 601; a grey image has only that.
+
+    Raises
+    ------
+    ValueError
+        If the shape is neither, or a colour of a grey image is asked for.
+    """
+    plane = np.asarray(image)
+    if plane.ndim == 3 and plane.shape[2] in (1, 2):
+        plane = plane[:, :, 0]
+    if plane.ndim == 2:
+        if channel != "luma":
+            raise ValueError(f"a grey image has no {channel} channel")
+        return plane.astype(np.float64)
+    if plane.ndim != 3 or plane.shape[2] not in (3, 4):
+        raise ValueError(f"an image is (rows, cols) or (rows, cols, 3), got {plane.shape}")
+    colours = plane[:, :, :3].astype(np.float64)
+    if channel == "luma":
+        return np.asarray(colours @ np.array(REC601_LUMA))
+    return np.asarray(colours[:, :, ("red", "green", "blue").index(channel)])
+
+
+def srgb_to_linear(image: NDArray[np.generic], full_scale: float) -> NDArray[np.float64]:
+    """Undo the sRGB transfer curve (IEC 61966-2-1:1999, section 5.2); the scale is kept.
+
+    Raises
+    ------
+    ValueError
+        If ``full_scale`` is not positive.
+    """
+    if not full_scale > 0:
+        raise ValueError(f"full_scale must be positive, got {full_scale}")
+    encoded = np.asarray(image, dtype=np.float64) / full_scale
+    linear = np.where(
+        encoded <= 0.04045,
+        encoded / 12.92,
+        ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4,
+    )
+    return linear * full_scale

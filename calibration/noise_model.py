@@ -1,0 +1,85 @@
+"""How noisy a pixel is at a given level: the weights of the edge fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LevelNoise", "fit_level_noise"]
+
+_BINS = 64
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelNoise:
+    """Variance of one pixel value: read noise plus shot noise growing with the level.
+
+    ``variance = offset_dn2 + slope_dn * level``, never below ``floor_dn2``
+    (EMVA 1288 release 4.0, section 2.4: the photon transfer line).
+    """
+
+    offset_dn2: float
+    slope_dn: float
+    floor_dn2: float
+
+    def __post_init__(self) -> None:
+        if not self.floor_dn2 > 0:
+            raise ValueError(f"floor_dn2 must be positive, got {self.floor_dn2}")
+
+    def variance_dn2(self, level_dn: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Variance at each level, in DN^2."""
+        return np.maximum(self.offset_dn2 + self.slope_dn * level_dn, self.floor_dn2)
+
+    def averaged(self, frames: int) -> "LevelNoise":
+        """The noise of a mean of ``frames`` frames."""
+        return LevelNoise(
+            offset_dn2=self.offset_dn2 / frames,
+            slope_dn=self.slope_dn / frames,
+            floor_dn2=self.floor_dn2 / frames,
+        )
+
+
+def fit_level_noise(
+    mean_dn: NDArray[np.floating], variance_dn2: NDArray[np.floating], saturation_dn: float
+) -> LevelNoise:
+    """Fit the photon transfer line to the temporal variance of single frames.
+
+    Parameters
+    ----------
+    mean_dn, variance_dn2
+        Mean and unbiased temporal variance of each pixel; any shape, the same for both.
+    saturation_dn
+        Pixels whose mean is above 98 % of this level are left out: their variance is clipped.
+
+    Raises
+    ------
+    ValueError
+        If fewer than 100 pixels are left.
+    """
+    mean = np.asarray(mean_dn, dtype=np.float64).ravel()
+    variance = np.asarray(variance_dn2, dtype=np.float64).ravel()
+    kept = mean < 0.98 * saturation_dn
+    mean, variance = mean[kept], variance[kept]
+    if mean.size < 100:
+        raise ValueError(f"the noise line needs 100 unsaturated pixels, got {mean.size}")
+    edges = np.linspace(mean.min(), mean.max() * (1 + 1e-12) + 1e-12, _BINS + 1)
+    place = np.clip(np.searchsorted(edges, mean, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(place, minlength=_BINS)
+    used = count > 0
+    level = np.bincount(place, mean, minlength=_BINS)[used] / count[used]
+    spread = np.bincount(place, variance, minlength=_BINS)[used] / count[used]
+    count = count[used]
+    # A mean of variances scatters in proportion to itself: weight by the fitted line.
+    floor = max(1e-3 * float(np.mean(variance)), 1e-12)
+    fitted = np.full(level.size, max(float(np.mean(variance)), floor))
+    offset, slope = float(np.mean(variance)), 0.0
+    for _ in range(_ROUNDS):
+        weight = count / fitted**2
+        centre = np.average(level, weights=weight)
+        moment = np.sum(weight * (level - centre) ** 2)
+        if moment > 0:
+            slope = float(np.sum(weight * (level - centre) * spread) / moment)
+        offset = float(np.average(spread, weights=weight) - slope * centre)
+        fitted = np.maximum(offset + slope * level, floor)
+    return LevelNoise(offset_dn2=offset, slope_dn=slope, floor_dn2=floor)

@@ -1,0 +1,91 @@
+"""``standoff simulate``: a photograph as the same camera would take it from further away."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, get_args
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from calibration.files import read_psf
+from simulation import MODELS, GaussianPsf, zoom_out
+from simulation.gaussian_kernel import GaussianForm
+from standoff.errors import ApplicationError
+from standoff.image_files import read_image, write_float_tiff
+from standoff.options import Json, checked_zoom
+from standoff.output import note, print_json, say
+
+__all__ = ["simulate"]
+
+ModelName = StrEnum("ModelName", {name.upper(): name for name in MODELS})
+GaussianName = StrEnum("GaussianName", {name.upper(): name for name in get_args(GaussianForm)})
+
+_BLURRING_MODELS = tuple(name for name in MODELS if name != "bicubic")
+
+
+def simulate(
+    image: Annotated[Path, typer.Argument(help="The reference photograph.", show_default=False)],
+    *,
+    out: Annotated[Path, typer.Option(help="Where to write the follow-up: float32 TIFF.")],
+    zoom: Annotated[
+        float, typer.Option(help="How many times further away, at least 1.", callback=checked_zoom)
+    ],
+    psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
+    model: Annotated[ModelName, typer.Option(help="Capture model.")] = ModelName("matched"),
+    gaussian: Annotated[
+        GaussianName,
+        typer.Option(help="Blur by the exact transfer function, or by sampled weights."),
+    ] = GaussianName("transfer"),
+    json: Json = False,
+) -> None:
+    """Simulate how the scene of a photograph looks from ZOOM times further away."""
+    if psf is None and model.value in _BLURRING_MODELS:
+        raise typer.BadParameter(f"model {model.value} needs --psf psf.json", param_hint="--psf")
+    total = None if psf is None else _total_psf(psf)
+    reference = _colour_planes(read_image(image).pixels)
+    try:
+        followup = zoom_out(
+            reference,
+            zoom,
+            total,
+            model=model.value,  # type: ignore[arg-type]  # StrEnum made of MODELS
+            gaussian=gaussian.value,  # type: ignore[arg-type]  # made of GaussianForm
+        )
+    except ValueError as error:
+        raise ApplicationError(f"{image}: {error}") from error
+    description = f"standoff simulate: zoom {zoom!r}, model {model.value}, of {image.name}"
+    write_float_tiff(out, followup.astype(np.float32, copy=False), description)
+    rows, cols = followup.shape[:2]
+    if json:
+        print_json(
+            {
+                "out": str(out),
+                "image": str(image),
+                "zoom": zoom,
+                "model": model.value,
+                "size": [cols, rows],
+                "min": float(followup.min()),
+                "max": float(followup.max()),
+            }
+        )
+        return
+    say(f"wrote {out}: {cols} x {rows} px, {zoom:g} times further away, model {model.value}")
+
+
+def _total_psf(path: Path) -> GaussianPsf:
+    stored = read_psf(path)
+    if stored.rho is None:
+        note(f"{path}: rho is null (no diagonal edges); taken as 0, an axis-aligned PSF")
+    return stored.total_psf(str(path))
+
+
+def _colour_planes(pixels: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Drop an opacity plane, and take numbers that the model does not know as float64."""
+    if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
+        pixels = pixels[:, :, :-1]
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[:, :, 0]
+    if pixels.dtype.type in (np.uint8, np.uint16, np.float32, np.float64):
+        return pixels
+    return pixels.astype(np.float64)

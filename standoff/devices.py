@@ -1,0 +1,45 @@
+"""Opens the devices that a bench file names."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from acquisition.bench import BenchConfig
+from acquisition.devices import Camera, Stage
+from acquisition.errors import BenchConfigError
+from hil_mocks.bench import SimulatedBench
+
+__all__ = ["OpenBench", "open_bench"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenBench:
+    """Camera and stage, opened; ``simulated`` is the bench behind them where it is simulated."""
+
+    camera: Camera
+    stage: Stage
+    simulated: SimulatedBench | None
+
+
+@contextmanager
+def open_bench(config: BenchConfig) -> Iterator[OpenBench]:
+    """Open camera and stage, and close both at the end.
+
+    Raises
+    ------
+    BenchConfigError
+        If a driver is named that this version does not have, or the simulated camera and
+        stage are not used together.
+    """
+    drivers = (config.camera.driver, config.stage.driver)
+    if drivers != ("simulated", "simulated"):
+        raise BenchConfigError(
+            f"camera.driver {drivers[0]!r} with stage.driver {drivers[1]!r} is not supported "
+            "yet; use 'simulated' for both"
+        )
+    bench = SimulatedBench(config)
+    try:
+        yield OpenBench(camera=bench.camera, stage=bench.stage, simulated=bench)
+    finally:
+        bench.camera.close()
+        bench.stage.close()

@@ -1,0 +1,18 @@
+"""What can go wrong in the application itself, and what every command turns into exit 1."""
+
+from acquisition.errors import DeviceError, SessionError
+from calibration.errors import CalibrationError
+
+__all__ = ["REPORTED_ERRORS", "ApplicationError", "ImageFileError"]
+
+
+class ApplicationError(Exception):
+    """A command cannot do what it was asked with the files it was given."""
+
+
+class ImageFileError(ApplicationError):
+    """An image file cannot be read or written."""
+
+
+REPORTED_ERRORS = (ApplicationError, CalibrationError, DeviceError, SessionError)
+"""Errors that a command reports in one line with exit status 1."""

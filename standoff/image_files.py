@@ -1,0 +1,151 @@
+"""Read photographs and write simulated ones: the only image formats the commands know."""
+
+import logging
+import struct
+import zlib
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from acquisition.atomic_write import atomic_write
+from standoff.errors import ImageFileError
+
+__all__ = ["ImageFile", "read_image", "write_float_tiff"]
+
+_TIFF_SUFFIXES = {".tif", ".tiff"}
+_PLATEAU_FRACTION = 0.002
+_ADC_BITS = (10, 12, 14)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageFile:
+    """A photograph: shape ``(rows, cols)`` or ``(rows, cols, channels)``, as stored.
+
+    ``full_scale_dn`` is the largest level its numbers can hold, None for float files;
+    ``saturation_dn`` the level at which the sensor clips, as far as the file tells.
+    """
+
+    path: Path
+    pixels: NDArray[np.generic]
+    full_scale_dn: float | None
+    saturation_dn: float | None
+    is_jpeg: bool
+
+
+def read_image(path: Path) -> ImageFile:
+    """Read a TIFF, PNG, JPEG or anything else that Pillow opens; of several pages the first.
+
+    Raises
+    ------
+    ImageFileError
+        If the file is missing, no image, cut short, or holds values that are not finite.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ImageFileError(f"cannot read {path}: {error.strerror}") from error
+    is_tiff = path.suffix.lower() in _TIFF_SUFFIXES or data[:4] in (b"II*\0", b"MM\0*")
+    pixels = _tiff_pixels(data, path) if is_tiff else _pillow_pixels(data, path)
+    if pixels.ndim not in (2, 3) or 0 in pixels.shape:
+        raise ImageFileError(f"{path}: expected one image, got an array of {pixels.shape}")
+    if pixels.dtype.kind not in "uifb" or not np.all(np.isfinite(pixels)):
+        raise ImageFileError(f"{path}: its pixels are not all finite numbers")
+    if pixels.dtype.kind == "b":
+        pixels = pixels.astype(np.uint8) * np.uint8(255)
+    full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
+    return ImageFile(
+        path=path,
+        pixels=pixels,
+        full_scale_dn=full_scale,
+        saturation_dn=_saturation(pixels, full_scale),
+        is_jpeg=data[:3] == b"\xff\xd8\xff",
+    )
+
+
+def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -> None:
+    """Write a float32 TIFF, whole or not at all.
+
+    Raises
+    ------
+    ImageFileError
+        If the file cannot be written.
+    """
+    buffer = BytesIO()
+    tifffile.imwrite(
+        buffer,
+        np.ascontiguousarray(image, dtype=np.float32),
+        photometric="rgb" if image.ndim == 3 else "minisblack",
+        description=description,
+        metadata=None,
+    )
+    try:
+        atomic_write(path, buffer.getvalue())
+    except OSError as error:
+        raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _saturation(pixels: NDArray[np.generic], full_scale: float | None) -> float | None:
+    """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows."""
+    if full_scale is None:
+        return None
+    top = float(np.max(pixels.astype(np.float64)))
+    adc_tops = {float(2**bits - 1) for bits in _ADC_BITS}
+    if top in adc_tops and np.mean(pixels == pixels.dtype.type(top)) > _PLATEAU_FRACTION:
+        return top
+    return full_scale
+
+
+def _tiff_pixels(data: bytes, path: Path) -> NDArray[Any]:
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+    try:
+        with tifffile.TiffFile(BytesIO(data)) as file:
+            page = file.pages[0]
+            pixels = np.asarray(page.asarray())
+            expected = page.shape
+    except (
+        tifffile.TiffFileError,
+        ValueError,
+        TypeError,
+        IndexError,
+        KeyError,
+        OSError,
+        RuntimeError,
+        struct.error,
+        zlib.error,
+    ) as error:
+        raise ImageFileError(f"{path}: not a whole TIFF image: {_brief(error)}") from error
+    if pixels.shape != expected:
+        raise ImageFileError(f"{path}: cut short: {pixels.shape} of {expected} pixels")
+    if pixels.ndim == 3 and pixels.shape[0] in (3, 4) and pixels.shape[2] > 4:
+        pixels = np.moveaxis(pixels, 0, -1)  # planar configuration: colours come first
+    return pixels
+
+
+def _pillow_pixels(data: bytes, path: Path) -> NDArray[Any]:
+    try:
+        with Image.open(BytesIO(data)) as image:
+            image.load()
+            if image.format == "PNG" and image.mode in ("RGB", "RGBA"):
+                # Pillow cuts 16-bit colours down to 8; OpenCV keeps them.
+                wide = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+                if wide is not None and wide.dtype == np.uint16:
+                    order = [2, 1, 0, 3][: wide.shape[2]]
+                    return np.asarray(wide[:, :, order])
+            if image.mode in ("P", "PA", "CMYK", "YCbCr", "HSV", "LAB"):
+                image = image.convert("RGB")
+            return np.asarray(image)
+    except UnidentifiedImageError as error:
+        raise ImageFileError(f"{path}: not an image (TIFF, PNG or JPEG expected)") from error
+    except (OSError, ValueError, SyntaxError, struct.error, zlib.error) as error:
+        raise ImageFileError(f"{path}: not a whole image: {_brief(error)}") from error
+
+
+def _brief(error: BaseException) -> str:
+    return str(error).splitlines()[0][:120] if str(error) else type(error).__name__

@@ -1,0 +1,45 @@
+"""Options that several commands share, and how their values are checked."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquisition.bench import BenchConfig, load_bench, parse_overrides
+from acquisition.errors import BenchConfigError
+
+__all__ = ["BenchFile", "BenchKeys", "Json", "checked_zoom", "read_bench"]
+
+Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")
+]
+BenchFile = Annotated[Path, typer.Option("--bench", help="Bench file (TOML).")]
+BenchKeys = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a bench key; may be repeated."),
+]
+
+
+def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
+    """Read a bench file with its ``--set`` overrides; an override at fault is wrong usage.
+
+    Raises
+    ------
+    BenchConfigError
+        If the file itself cannot be read or holds a key or value that is not accepted.
+    """
+    if not settings:
+        return load_bench(path)
+    load_bench(path)
+    try:
+        return load_bench(path, parse_overrides(settings))
+    except BenchConfigError as error:
+        raise typer.BadParameter(str(error), param_hint="--set") from error
+
+
+def checked_zoom(zoom: float) -> float:
+    """Accept a zoom-out, which is finite and at least 1."""
+    if not (math.isfinite(zoom) and zoom >= 1):
+        raise typer.BadParameter(f"a zoom-out is a number of at least 1, got {zoom:g}")
+    return zoom

@@ -1,0 +1,77 @@
+"""What a command prints: results for people or one JSON document, progress on stderr."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+__all__ = ["ERRORS", "Bar", "note", "print_json", "print_table", "progress_bar", "say"]
+
+ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
+_RESULTS = Console(soft_wrap=True, highlight=False)
+
+
+class Bar:
+    """One progress bar; ``advance_to`` takes what is done so far."""
+
+    def __init__(self, progress: Progress, description: str, total: int) -> None:
+        self._progress = progress
+        self._task = progress.add_task(description, total=total)
+
+    def advance_to(self, done: int, description: str | None = None) -> None:
+        """Show that ``done`` of the total are done."""
+        if description is None:
+            self._progress.update(self._task, completed=done)
+        else:
+            self._progress.update(self._task, completed=done, description=description)
+
+
+@contextmanager
+def progress_bar(description: str, total: int) -> Iterator[Bar]:
+    """Show a bar on stderr while the block runs; nothing where stderr is no terminal."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=ERRORS, disable=not ERRORS.is_terminal) as progress:
+        yield Bar(progress, description, total)
+
+
+def print_json(document: Any) -> None:
+    """Print one JSON document on stdout."""
+    typer.echo(json.dumps(document, indent=1, allow_nan=False))
+
+
+def say(text: str) -> None:
+    """Print one line of a result for people."""
+    _RESULTS.print(text, markup=False)
+
+
+def note(text: str) -> None:
+    """Print a remark on stderr: worth knowing, but no error."""
+    ERRORS.print(f"note: {text}", markup=False)
+
+
+def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
+    """Print a table; the first column is text, the others are figures."""
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for place, column in enumerate(columns):
+        table.add_column(column, justify="left" if place == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    _RESULTS.print(table)

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from calibration.edge_detection import find_edges
+from tests.calibration.closed_form import edge_image, point_edge
+
+Array = NDArray[np.float64]
+
+
+def square_image(turn_deg: float, side_px: float, shape: tuple[int, int] = (120, 140)) -> Array:
+    """A dark square of ``side_px`` on white, turned about the middle of the image."""
+    rows, cols = shape
+    y, x = np.mgrid[:rows, :cols].astype(np.float64)
+    x -= (cols - 1) / 2
+    y -= (rows - 1) / 2
+    t = np.deg2rad(turn_deg)
+    u, v = np.cos(t) * x + np.sin(t) * y, -np.sin(t) * x + np.cos(t) * y
+    inside = np.ones(shape)
+    for w in (u, -u, v, -v):
+        inside *= point_edge(side_px / 2 - w, 0.8)
+    return 200.0 - 150.0 * inside
+
+
+@settings(max_examples=40, deadline=None)
+@given(normal=st.floats(0.0, 360.0), sigma=st.floats(0.4, 2.5))
+def test_an_edge_across_the_frame_is_found_at_any_angle(normal: float, sigma: float) -> None:
+    segments = find_edges(edge_image(sigma, normal), cell_px=1000.0)
+    assert len(segments) == 1
+    turned = np.deg2rad(normal) - segments[0].normal_rad
+    assert abs((turned + np.pi) % (2 * np.pi) - np.pi) < np.deg2rad(0.5)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 5.0, 33.0, 45.0, 80.0])
+@pytest.mark.parametrize("side_px", [26.0, 60.0])
+def test_the_four_sides_of_a_square_are_four_edges(turn_deg: float, side_px: float) -> None:
+    segments = find_edges(square_image(turn_deg, side_px))
+    assert len(segments) == 4
+    distances = [np.hypot(s.x_px - 69.5, s.y_px - 59.5) for s in segments]
+    np.testing.assert_allclose(distances, side_px / 2, atol=0.4)
+
+
+def test_the_normal_points_to_the_bright_side() -> None:
+    for segment in find_edges(square_image(10.0, 60.0)):
+        outward = np.array([segment.x_px - 69.5, segment.y_px - 59.5])
+        normal = np.array([np.cos(segment.normal_rad), np.sin(segment.normal_rad)])
+        assert outward @ normal > 0
+
+
+def test_a_long_edge_is_cut_into_pieces_that_cover_it_once() -> None:
+    segments = find_edges(edge_image(0.8, 4.0, shape=(400, 80)), cell_px=100.0)
+    assert len(segments) == 4
+    assert sum(s.length_px for s in segments) == pytest.approx(400.0, abs=3.0)
+
+
+def test_nothing_is_found_in_noise_or_on_a_flat_field() -> None:
+    noise = np.random.default_rng(1).normal(1000.0, 30.0, (200, 300))
+    assert find_edges(noise) == []
+    assert find_edges(np.full((50, 60), 7.0)) == []
+
+
+def test_an_edge_at_snr_6_is_found() -> None:
+    rng = np.random.default_rng(9)
+    found = 0
+    for _ in range(20):
+        image = edge_image(0.8, 7.0) + rng.normal(0.0, 44_000.0 / 6, (90, 110))
+        # Noise may break it into pieces; most of its 90 px must be there.
+        found += sum(s.length_px for s in find_edges(image, cell_px=1000.0)) > 60.0
+    assert found == 20
+
+
+def test_a_band_between_two_edges_limits_the_window() -> None:
+    bar = np.minimum(
+        edge_image(0.8, 0.0, offset_px=-9.0), 60_000.0 - edge_image(0.8, 0.0, offset_px=9.0)
+    )
+    segments = find_edges(bar, cell_px=1000.0)
+    assert len(segments) == 2
+    for segment in segments:
+        assert 8.0 < segment.clearance_px < 18.0
