@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.report_page import new_figure
+from analysis.report_page import in_report_style, new_figure
 from calibration.edge_model import edge_profile
 from calibration.files import StoredEdge, StoredPsf
 
@@ -32,10 +32,11 @@ _PROFILE_BAND_EXTRA_PX = 3.0
 _PROFILE_BIN_PX = 0.25
 
 
+@in_report_style
 def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset[str]) -> Figure:
     """Draw the measured edges on their photograph; rejected ones dashed."""
     rows, cols = image_dn.shape
-    figure = new_figure(6.4, 6.4 * rows / cols + 0.5)
+    figure = new_figure(4.4, 4.4 * rows / cols + 0.5)
     axes = figure.subplots()
     low, high = np.percentile(image_dn, [0.5, 99.5])
     axes.imshow(image_dn, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
@@ -62,6 +63,7 @@ def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset
     return figure
 
 
+@in_report_style
 def plot_profile(image_dn: Image, edge: StoredEdge) -> Figure:
     """Plot one edge: its pixels by distance, the fitted edge, and what is left between them."""
     distances, values, low, high = _edge_pixels(image_dn, edge)
@@ -102,6 +104,7 @@ def plot_profile(image_dn: Image, edge: StoredEdge) -> Figure:
     return figure
 
 
+@in_report_style
 def plot_widths_by_angle(psf: StoredPsf, rejected: frozenset[str]) -> Figure:
     """Plot the width across every edge against its angle, with the fitted covariance."""
     figure = new_figure(6.4, 3.4)
@@ -124,10 +127,11 @@ def plot_widths_by_angle(psf: StoredPsf, rejected: frozenset[str]) -> Figure:
         xlabel="direction of the edge against +x / deg",
         ylabel="sigma across the edge / px",
     )
-    figure.legend(loc="outside upper center", ncols=5)
+    figure.legend(loc="outside upper center", ncols=3, fontsize=8)
     return figure
 
 
+@in_report_style
 def plot_widths_by_height(psf: StoredPsf, rejected: frozenset[str]) -> Figure | None:
     """Plot the width across every edge against the camera height; None for one height only."""
     heights = [edge.height_mm for edge in psf.edges]
@@ -138,10 +142,11 @@ def plot_widths_by_height(psf: StoredPsf, rejected: frozenset[str]) -> Figure | 
     axes = figure.subplots()
     _draw_widths(axes, psf, rejected, known)
     axes.set(xlabel="camera height / mm", ylabel="sigma across the edge / px")
-    figure.legend(loc="outside upper center", ncols=5)
+    figure.legend(loc="outside upper center", ncols=4, fontsize=8)
     return figure
 
 
+@in_report_style
 def plot_mtf(psf: StoredPsf) -> Figure | None:
     """Plot the fitted MTF along x and y, with the frequency of half contrast."""
     curves = [
@@ -173,7 +178,7 @@ def plot_mtf(psf: StoredPsf) -> Figure | None:
         )
         axes.plot([half], [0.5], "o", color=ORIENTATION_COLOURS[name], markersize=4)
     axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
-    axes.text(0.505, 0.95, "Nyquist", fontsize=8, va="top")
+    axes.text(0.505, 0.6, "Nyquist", fontsize=8, va="top")
     axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast left")
     axes.legend(loc="upper right")
     return figure
@@ -187,8 +192,8 @@ def _draw_widths(
         if rejected & set(edge.flags):
             continue
         for width, err, name, filled in (
-            (edge.sigma_px, edge.sigma_err_px, f"{edge.orientation}, total", True),
-            (edge.optical_sigma_px, edge.optical_sigma_err_px, "optical (open)", False),
+            (edge.sigma_px, edge.sigma_err_px, edge.orientation, True),
+            (edge.optical_sigma_px, edge.optical_sigma_err_px, "open: optical", False),
         ):
             if width is None or err is None:
                 continue

@@ -1,10 +1,12 @@
 """One HTML file that holds a whole report: text, tables and figures, nothing beside it."""
 
 from base64 import b64encode
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import wraps
 from io import BytesIO, StringIO
-from typing import Literal
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib as mpl
 from jinja2 import Environment, PackageLoader
@@ -12,9 +14,21 @@ from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-__all__ = ["ReportFigure", "ReportSection", "ReportTable", "Verdict", "new_figure", "render_report"]
+__all__ = [
+    "ReportFigure",
+    "ReportSection",
+    "ReportTable",
+    "Verdict",
+    "in_report_style",
+    "new_figure",
+    "png_bytes",
+    "render_report",
+]
 
-_STYLE = {
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+_STYLE: Any = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.grid": True,
@@ -58,36 +72,56 @@ class ReportFigure:
         cls, figure: Figure, caption: str, form: Literal["svg", "png"] = "svg"
     ) -> "ReportFigure":
         """Draw a matplotlib figure into the page: ``svg`` for lines, ``png`` for photographs."""
-        with mpl.rc_context(_STYLE):
-            if form == "svg":
-                text = StringIO()
+        if form == "svg":
+            text = StringIO()
+            with mpl.rc_context(_STYLE):
                 figure.savefig(text, format="svg", metadata={"Date": None})
-                markup = text.getvalue()
-                markup = markup[markup.index("<svg") :]
-            else:
-                data = BytesIO()
-                figure.savefig(data, format="png", dpi=_PNG_DPI)
-                encoded = b64encode(data.getvalue()).decode("ascii")
-                markup = f'<img alt="" src="data:image/png;base64,{encoded}">'
+            markup = text.getvalue()
+            markup = markup[markup.index("<svg") :]
+        else:
+            encoded = b64encode(png_bytes(figure)).decode("ascii")
+            markup = f'<img alt="" src="data:image/png;base64,{encoded}">'
         return cls(markup=Markup(markup), caption=caption)  # noqa: S704 - matplotlib's own output
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportSection:
-    """A part of the report: what it says, in words, tables and figures."""
+    """A part of the report: what it says, in words, tables and figures.
+
+    A folded section shows its title and words until it is opened.
+    """
 
     title: str
+    is_folded: bool = False
     text: tuple[str, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
 
 
+def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Decorate what draws a figure: its artists take the report's style."""
+
+    @wraps(draw)
+    def draw_in_style(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        with mpl.rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return draw_in_style
+
+
 def new_figure(width_in: float = 6.4, height_in: float = 3.2) -> Figure:
-    """Return an empty figure in the report's style; it belongs to no window."""
+    """Return an empty figure; it belongs to no window."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def png_bytes(figure: Figure) -> bytes:
+    """Draw a figure as a PNG file."""
+    data = BytesIO()
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        FigureCanvasAgg(figure)
-        return figure
+        figure.savefig(data, format="png", dpi=_PNG_DPI)
+    return data.getvalue()
 
 
 def render_report(

@@ -71,7 +71,9 @@ class Lens:
         """Factor on the in-focus covariance at a radius that is 1 at the image corner."""
         return np.asarray((1 + self.corner_sigma_gain * relative_radius**2) ** 2)
 
-    def covariance_px2(self, distance_mm: float, relative_radius: float = 0.0) -> NDArray[np.float64]:
+    def covariance_px2(
+        self, distance_mm: float, relative_radius: float = 0.0
+    ) -> NDArray[np.float64]:
         """Optical covariance with defocus at a radius that is 1 at the corner, shape (2, 2)."""
         growth = float(self.growth(np.asarray(relative_radius)))
         return growth * self.in_focus_covariance_px2 + self.defocus_variance_px2(

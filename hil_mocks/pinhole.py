@@ -52,7 +52,7 @@ class CameraPose:
         inclined = np.array(
             [[cos(lean), 0.0, sin(lean)], [0.0, 1.0, 0.0], [-sin(lean), 0.0, cos(lean)]]
         )
-        return about @ inclined @ about.T @ _turn(roll)
+        return np.asarray(about @ inclined @ about.T @ _turn(roll))
 
 
 def _turn(angle_rad: float) -> NDArray[np.float64]:
@@ -135,7 +135,8 @@ class PinholeCamera:
 
     def relative_radius(self, x_px: Coordinates, y_px: Coordinates) -> NDArray[np.float64]:
         """Distance from the principal point, 1 at the image corner."""
-        return np.hypot(x_px - self.centre_px[0], y_px - self.centre_px[1]) / self.corner_radius_px
+        radius_px = np.hypot(x_px - self.centre_px[0], y_px - self.centre_px[1])
+        return np.asarray(radius_px / self.corner_radius_px)
 
     def to_plane_mm(
         self, x_px: Coordinates, y_px: Coordinates, pose: CameraPose
@@ -144,10 +145,7 @@ class PinholeCamera:
         if self.k1:
             x_px, y_px = self._scaled(x_px, y_px, inverse=True)
         h = np.linalg.inv(self.homography_to_px(pose))
-        if pose.tilt_deg:
-            weight = h[2, 0] * x_px + h[2, 1] * y_px + h[2, 2]
-        else:
-            weight = h[2, 2]
+        weight = h[2, 0] * x_px + h[2, 1] * y_px + h[2, 2] if pose.tilt_deg else h[2, 2]
         x_mm = (h[0, 0] * x_px + h[0, 1] * y_px + h[0, 2]) / weight
         y_mm = (h[1, 0] * x_px + h[1, 1] * y_px + h[1, 2]) / weight
         return x_mm, y_mm
@@ -166,8 +164,7 @@ class PinholeCamera:
         self, x_px: Coordinates, y_px: Coordinates, *, inverse: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         dx, dy = x_px - self.centre_px[0], y_px - self.centre_px[1]
-        radius = np.hypot(dx, dy) / self.corner_radius_px
-        radius = np.maximum(radius, np.finfo(np.float64).tiny)
+        radius = np.hypot(dx, dy) / self.corner_radius_px + np.finfo(np.float64).tiny
         moved = undistort(radius, self.k1) if inverse else distort(radius, self.k1)
         factor = moved / radius
         return self.centre_px[0] + factor * dx, self.centre_px[1] + factor * dy

@@ -13,7 +13,14 @@ from skimage.io import imread
 from hil_mocks.scenes import Coordinates, Reflectance
 from hil_mocks.spline import PeriodicImage
 
-__all__ = ["PHOTOGRAPHS", "GRAIN_PITCH_MM", "LayeredPrint", "photograph", "print_lesion", "print_photograph"]
+__all__ = [
+    "GRAIN_PITCH_MM",
+    "PHOTOGRAPHS",
+    "LayeredPrint",
+    "photograph",
+    "print_lesion",
+    "print_photograph",
+]
 
 PHOTOGRAPHS = {
     "astronaut": "astronaut.png",
@@ -22,7 +29,6 @@ PHOTOGRAPHS = {
     "coins": "coins.png",
     "grass": "grass.png",
     "gravel": "gravel.png",
-    "moon": "moon.png",
     "motorcycle": "motorcycle_left.png",
 }
 """Photographs that lie in scikit-image's wheel; the others of its catalogue would be downloaded."""
@@ -43,7 +49,7 @@ REC_601 = np.array([0.299, 0.587, 0.114])
 """Luma weights of ITU-R BT.601."""
 
 DARKEST, LIGHTEST = 0.04, 0.96
-LESION_SAMPLES = 1600
+LESION_SAMPLES = 2048
 LESION_SEED = 20
 
 
@@ -68,7 +74,9 @@ class LayeredPrint:
         for image, pitch_mm in self._layers:
             rows, cols = image.shape
             total += image.blurred(
-                x_mm / pitch_mm + (cols - 1) / 2, y_mm / pitch_mm + (rows - 1) / 2, sigma_mm / pitch_mm
+                x_mm / pitch_mm + (cols - 1) / 2,
+                y_mm / pitch_mm + (rows - 1) / 2,
+                sigma_mm / pitch_mm,
             )
         return total
 
@@ -128,18 +136,14 @@ def print_lesion() -> LayeredPrint:
     border_mm = 20.0 + 3.5 * np.cos(2 * bearing + 0.4)
     for lobes in range(3, 9):
         border_mm += rng.normal(0, 3 / lobes) * np.cos(lobes * bearing + rng.uniform(0, 2 * np.pi))
-    inside = _soft_step((border_mm - np.hypot(x, y) + 0.8 * _noise(rng, size, 1.0)) / 0.7)
-    network = _soft_step(6 * (np.abs(_noise(rng, size, 0.45)) - 0.35))
-    globules = _soft_step(8 * (_noise(rng, size, 0.9) - 1.6))
+    inside = expit((border_mm - np.hypot(x, y) + 0.8 * _noise(rng, size, 1.0)) / 0.7)
+    network = expit(6 * (np.abs(_noise(rng, size, 0.45)) - 0.35))
+    globules = expit(8 * (_noise(rng, size, 0.9) - 1.6))
     pigment = inside * (0.44 + 0.08 * _noise(rng, size, 5.0) - 0.14 * network + 0.14 * globules)
     lines = np.exp(-np.abs(_noise(rng, size, 1.6)) / 0.12)
     skin = 0.75 + 0.02 * _noise(rng, size, 15.0) - 0.05 * lines + 0.02 * _noise(rng, size, 0.12)
     reflectance = np.clip(skin - pigment - _hairs(rng, size), DARKEST, LIGHTEST)
     return LayeredPrint([(PeriodicImage(reflectance.astype(np.float32)), GRAIN_PITCH_MM)])
-
-
-def _soft_step(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(expit(x))
 
 
 def _noise(rng: np.random.Generator, size: int, grain_mm: float) -> NDArray[np.float32]:

@@ -88,7 +88,10 @@ class Renderer:
             slice(pad, pad + self.camera.width_px),
         )
         remainder_px2 = (defocus_px2 - sampling.sigma_px**2) * np.eye(2)
-        def over_growth(error: float, derivatives: tuple[int, int] | tuple[()] = ()) -> NDArray[np.float32]:
+
+        def over_growth(
+            error: float, derivatives: tuple[int, int] | tuple[()] = ()
+        ) -> NDArray[np.float32]:
             nodes = _growth_nodes(float(self._growth.max()), error)
             total = np.zeros(self._growth.shape, dtype=np.float32)
             for index, growth in enumerate(nodes):
@@ -133,13 +136,10 @@ class Renderer:
         """Covariance on the sensor of a unit blur on the plane: px^2/mm^2, (3, rows, cols)."""
         x_px = np.arange(self.camera.width_px, dtype=np.float64)[None, :]
         y_px = np.arange(self.camera.height_px, dtype=np.float64)[:, None]
-        half = 0.5
-        right, left = (self.camera.to_plane_mm(x_px + d, y_px, pose) for d in (half, -half))
-        below, above = (self.camera.to_plane_mm(x_px, y_px + d, pose) for d in (half, -half))
-        (a, c), (b, d) = (
-            (right[0] - left[0], right[1] - left[1]),
-            (below[0] - above[0], below[1] - above[1]),
-        )
+        right, left = (self.camera.to_plane_mm(x_px + step, y_px, pose) for step in (0.5, -0.5))
+        below, above = (self.camera.to_plane_mm(x_px, y_px + step, pose) for step in (0.5, -0.5))
+        # Columns of d plane / d pixel, and from them inverse(J) inverse(J)^T.
+        (a, c), (b, d) = np.subtract(right, left), np.subtract(below, above)
         determinant2 = (a * d - b * c) ** 2
         return np.stack([b * b + d * d, -(a * b + c * d), a * a + c * c]) / determinant2
 
@@ -160,9 +160,7 @@ class Renderer:
         for top in range(0, rows, tile):
             for left in range(0, cols, tile):
                 here = np.s_[top : top + tile, left : left + tile]
-                x_mm, y_mm = self.camera.to_plane_mm(
-                    x_px[None, here[1]], y_px[here[0], None], pose
-                )
+                x_mm, y_mm = self.camera.to_plane_mm(x_px[None, here[1]], y_px[here[0], None], pose)
                 samples[here] = scene.reflectance(x_mm, y_mm, sampling.sigma_mm)
         return samples
 

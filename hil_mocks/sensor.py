@@ -17,7 +17,6 @@ MONO8_SHIFT = 4
 """Mono8 is the upper 8 of the 12 bits, cut off and not rounded, as GigE cameras do."""
 
 
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
     """A sensor after the linear model of EMVA 1288: electrons, then noise, then numbers.
@@ -50,9 +49,7 @@ class Sensor:
         """Electrons per DN of 12 bit at a gain: 20 dB make the signal ten times larger."""
         return float(self.gain_e_per_dn / 10 ** (gain_db / 20))
 
-    def electrons(
-        self, irradiance: NDArray[np.float32], exposure_us: float
-    ) -> NDArray[np.float32]:
+    def electrons(self, irradiance: NDArray[np.float32], exposure_us: float) -> NDArray[np.float32]:
         """Expected electrons for light relative to white paper; negative light is none."""
         return np.maximum(irradiance, 0) * np.float32(self.white_e_per_us * exposure_us)
 
@@ -64,12 +61,12 @@ class Sensor:
         In Mono8 the mean of what is cut off, 7.5 / 16, has been taken off.
         """
         electrons = np.minimum(self.electrons(irradiance, exposure_us), self.full_well_e)
-        level_dn = self.black_level_dn + electrons.astype(np.float64) / self.gain_at_e_per_dn(gain_db)
-        level_dn = np.minimum(level_dn, ADC_MAX_DN)
+        gain = self.gain_at_e_per_dn(gain_db)
+        level_dn = np.minimum(self.black_level_dn + electrons.astype(np.float64) / gain, ADC_MAX_DN)
         if pixel_format == "Mono8":
             step = 2**MONO8_SHIFT
-            return (level_dn - (step - 1) / 2) / step
-        return level_dn
+            level_dn = (level_dn - (step - 1) / 2) / step
+        return np.asarray(level_dn)
 
     def variance_dn2(self, level_dn: float, gain_db: float) -> float:
         """Temporal variance of a 12-bit level below saturation, rounding (1/12) included."""
@@ -98,5 +95,3 @@ class Sensor:
         if pixel_format == "Mono8":
             return (level_dn >> MONO8_SHIFT).astype(np.uint8)
         return level_dn
-
-

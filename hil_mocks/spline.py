@@ -45,9 +45,7 @@ class PeriodicImage:
     ) -> NDArray[np.float32]:
         """Values at fractional positions after a Gaussian blur; all lengths in samples."""
         oversampling, coefficients = self._spline(hypot(sigma, self._own_sigma))
-        flat = _read_spline(
-            coefficients, cols.ravel() * oversampling, rows.ravel() * oversampling
-        )
+        flat = _read_spline(coefficients, cols.ravel() * oversampling, rows.ravel() * oversampling)
         return np.asarray(flat.reshape(cols.shape))
 
     def _spline(self, sigma: float) -> tuple[int, NDArray[np.float32]]:
@@ -61,9 +59,11 @@ class PeriodicImage:
         freq_y = scipy.fft.fftfreq(rows)[:, None]
         freq_x = scipy.fft.rfftfreq(cols)[None, :]
         transfer = np.exp(-2 * np.pi**2 * sigma**2 * (freq_y**2 + freq_x**2))
-        transfer /= _spline_transfer(freq_y / oversampling) * _spline_transfer(freq_x / oversampling)
+        transfer /= _spline_transfer(freq_y / oversampling) * _spline_transfer(
+            freq_x / oversampling
+        )
         spectrum = self._spectrum * transfer.astype(np.float32)
-        wide = _zero_padded(spectrum, (rows, cols), oversampling)
+        wide = _zero_padded(spectrum.astype(np.complex64), (rows, cols), oversampling)
         shape = (rows * oversampling, cols * oversampling)
         coefficients = scipy.fft.irfft2(wide, s=shape) * np.float32(oversampling**2)
         self._coefficients[sigma] = (oversampling, np.ascontiguousarray(coefficients))
@@ -97,32 +97,39 @@ def _zero_padded(
     return wide
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]  # numba ships no types
+@njit(cache=True)
+def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Weights of the four B-splines that reach a point ``t`` after the second one's middle."""
+    one, s = np.float32(1), np.float32(1) - t
+    sixth = one / np.float32(6)
+    return (
+        sixth * s * s * s,
+        sixth * (np.float32(4) - np.float32(3) * t * t * (one + s)),
+        sixth * (np.float32(4) - np.float32(3) * s * s * (one + t)),
+        sixth * t * t * t,
+    )
+
+
+@njit(cache=True, error_model="numpy")
 def _read_spline(
     coefficients: NDArray[np.float32], cols: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """Cubic B-spline with periodic coefficients, at fractional positions, shape (n,)."""
     height, width = coefficients.shape
     values = np.empty(cols.size, dtype=np.float32)
-    weight_x, weight_y = np.empty(4), np.empty(4)
-    index_x = np.empty(4, dtype=np.int64)
     for i in range(cols.size):
         left, top = floor(cols[i]), floor(rows[i])
-        for weight, t in ((weight_x, cols[i] - left), (weight_y, rows[i] - top)):
-            s = 1.0 - t
-            weight[0] = s * s * s / 6
-            weight[1] = (4 - 3 * t * t * (2 - t)) / 6
-            weight[2] = (4 - 3 * s * s * (2 - s)) / 6
-            weight[3] = t * t * t / 6
-        first_x, first_y = (left - 1) % width, (top - 1) % height
-        for k in range(4):
-            index_x[k] = first_x + k if first_x + k < width else first_x + k - width
-        total = 0.0
-        for m in range(4):
-            row = first_y + m if first_y + m < height else first_y + m - height
-            line = 0.0
-            for k in range(4):
-                line += weight_x[k] * coefficients[row, index_x[k]]
-            total += weight_y[m] * line
+        t, u = np.float32(cols[i] - left), np.float32(rows[i] - top)
+        x0, x1, x2, x3 = _cubic_weights(t)
+        c0 = (left - 1) % width
+        c1 = c0 + 1 if c0 + 1 < width else 0
+        c2 = c1 + 1 if c1 + 1 < width else 0
+        c3 = c2 + 1 if c2 + 1 < width else 0
+        row = (top - 1) % height
+        total = np.float32(0)
+        for weight in _cubic_weights(u):
+            line = coefficients[row]
+            total += weight * (x0 * line[c0] + x1 * line[c1] + x2 * line[c2] + x3 * line[c3])
+            row = row + 1 if row + 1 < height else 0
         values[i] = total
     return values

@@ -118,7 +118,9 @@ class SimulatedStage:
         """See `Stage.home`."""
         self._check_ready()
         low, high = self.limits_mm
-        switch = ceil(low * STEPS_PER_MM) if self._approaches_upwards else floor(high * STEPS_PER_MM)
+        switch = (
+            ceil(low * STEPS_PER_MM) if self._approaches_upwards else floor(high * STEPS_PER_MM)
+        )
         self._is_homed = False
         if self.faults.home_switch_missing:
             self._clock.advance(timeout_s)

@@ -105,9 +105,7 @@ def _bars(x_mm: float, y_mm: float) -> list[tuple[Placed, float]]:
     bars: list[tuple[Placed, float]] = []
     for group, pairs_per_mm in enumerate((0.5, 1.0, 1.5, 2.0)):
         period_mm = 1 / pairs_per_mm
-        bar = Rectangle(
-            width_mm=period_mm / 2, height_mm=3.0, contrast=BLACK_PAPER - CHART_GROUND
-        )
+        bar = Rectangle(width_mm=period_mm / 2, height_mm=3.0, contrast=BLACK_PAPER - CHART_GROUND)
         bars += [
             (Placed(scene=bar, x_mm=x_mm + k * period_mm, y_mm=y_mm + 4.0 * (group - 1.5)), 3.0)
             for k in range(-2, 3)
@@ -126,7 +124,9 @@ TARGETS: dict[str, Target] = {
         for name in PHOTOGRAPHS
     },
     "lesion": Target(kind="texture", description="print of a skin lesion", make=print_lesion),
-    "chart": Target(kind="chart", description="slanted squares and zone plates", make=resolution_chart),
+    "chart": Target(
+        kind="chart", description="slanted squares and zone plates", make=resolution_chart
+    ),
     "board": Target(kind="board", description="ChArUco board", make=charuco_board),
     "flat": Target(kind="flat", description="white paper", make=Uniform),
     "dark": Target(kind="dark", description="lens cap", make=partial(Uniform, level=0.0)),
@@ -144,5 +144,7 @@ def scene_of(target: str) -> Scene:
         If there is no such target; the message lists them.
     """
     if target not in TARGETS:
-        raise ValueError(f"no target {target!r} on the simulated bench; it has {', '.join(TARGETS)}")
+        raise ValueError(
+            f"no target {target!r} on the simulated bench; it has {', '.join(TARGETS)}"
+        )
     return TARGETS[target].make()

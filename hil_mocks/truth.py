@@ -64,9 +64,7 @@ class BenchTruth:
             full_well_e=simulated.full_well_e,
             black_level_dn=simulated.black_level_dn,
         )
-        self._illumination = Illumination(
-            vignetting=simulated.vignetting, gloss=simulated.gloss
-        )
+        self._illumination = Illumination(vignetting=simulated.vignetting, gloss=simulated.gloss)
         self._pixel_format = config.camera.pixel_format
         self._renderer = Renderer(self.camera, self.lens)
         self._views: OrderedDict[tuple[str, float, CameraPose], NDArray[np.float32]] = OrderedDict()

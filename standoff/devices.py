@@ -1,23 +1,29 @@
 """Opens the devices that a bench file names."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from acquisition.bench import BenchConfig
 from acquisition.devices import Camera, Stage
-from acquisition.errors import BenchConfigError
-from hil_mocks.bench import SimulatedBench
+from acquisition.errors import BenchConfigError, PlanError
+from acquisition.plan import PlanEntry
+from acquisition.runner import Placement
+from hil_mocks import SimulatedBench
 
-__all__ = ["OpenBench", "open_bench"]
+__all__ = ["OpenBench", "open_bench", "place_in_simulation"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenBench:
-    """Camera and stage, opened; ``simulated`` is the bench behind them where it is simulated."""
+    """Camera and stage, opened; ``simulated`` is the bench behind them where it is simulated.
+
+    ``clock`` gives the seconds in which both live: the bench's own where it is simulated.
+    """
 
     camera: Camera
     stage: Stage
+    clock: Callable[[], float]
     simulated: SimulatedBench | None
 
 
@@ -39,7 +45,28 @@ def open_bench(config: BenchConfig) -> Iterator[OpenBench]:
         )
     bench = SimulatedBench(config)
     try:
-        yield OpenBench(camera=bench.camera, stage=bench.stage, simulated=bench)
+        yield OpenBench(
+            camera=bench.camera,
+            stage=bench.stage,
+            clock=lambda: bench.clock.now_s,
+            simulated=bench,
+        )
     finally:
         bench.camera.close()
         bench.stage.close()
+
+
+def place_in_simulation(bench: SimulatedBench) -> Callable[[PlanEntry], Placement]:
+    """Return what lays the planned target under the simulated camera.
+
+    It raises ``PlanError`` where the bench has no such target.
+    """
+
+    def place(entry: PlanEntry) -> Placement:
+        try:
+            bench.place(entry.target, entry.orientation_deg)
+        except ValueError as error:
+            raise PlanError(f"capture {entry.index}: {error}") from error
+        return "ready"
+
+    return place

@@ -1,6 +1,7 @@
 """What can go wrong in the application itself, and what every command turns into exit 1."""
 
 from acquisition.errors import DeviceError, SessionError
+from analysis.errors import AnalysisError
 from calibration.errors import CalibrationError
 
 __all__ = ["REPORTED_ERRORS", "ApplicationError", "ImageFileError"]
@@ -14,5 +15,5 @@ class ImageFileError(ApplicationError):
     """An image file cannot be read or written."""
 
 
-REPORTED_ERRORS = (ApplicationError, CalibrationError, DeviceError, SessionError)
+REPORTED_ERRORS = (AnalysisError, ApplicationError, CalibrationError, DeviceError, SessionError)
 """Errors that a command reports in one line with exit status 1."""

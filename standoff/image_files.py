@@ -38,6 +38,11 @@ class ImageFile:
     saturation_dn: float | None
     is_jpeg: bool
 
+    @property
+    def is_colour(self) -> bool:
+        """Whether there are red, green and blue planes."""
+        return self.pixels.ndim == 3 and self.pixels.shape[2] >= 3
+
 
 def read_image(path: Path) -> ImageFile:
     """Read a TIFF, PNG, JPEG or anything else that Pillow opens; of several pages the first.

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import typer
 from rich.console import Console
@@ -52,7 +51,7 @@ def progress_bar(description: str, total: int) -> Iterator[Bar]:
         yield Bar(progress, description, total)
 
 
-def print_json(document: Any) -> None:
+def print_json(document: object) -> None:
     """Print one JSON document on stdout."""
     typer.echo(json.dumps(document, indent=1, allow_nan=False))
 

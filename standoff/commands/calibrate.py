@@ -1,11 +1,12 @@
 """``standoff calibrate``: the PSF from photographs of edges."""
 
 from collections.abc import Callable, Iterator
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from acquisition.session import Session
 from calibration.covariance_fit import Estimate
@@ -14,7 +15,7 @@ from calibration.errors import CalibrationError
 from calibration.files import psf_document, write_psf
 from calibration.linearise import Channel, luma_plane, srgb_to_linear
 from calibration.psf_calibration import EdgeImage, PsfCalibration, Region, calibrate_psf
-from standoff.image_files import read_image
+from standoff.image_files import ImageFile, read_image
 from standoff.options import Json
 from standoff.output import note, print_json, print_table, progress_bar, say
 from standoff.reports import write_calibration_report
@@ -22,20 +23,7 @@ from standoff.reports import write_calibration_report
 __all__ = ["calibrate"]
 
 
-class Method(StrEnum):
-    """How the PSF is measured."""
-
-    ALL_ANGLES = "all-angles"
-
-
-class ChannelName(StrEnum):
-    """Which plane of a colour photograph is measured."""
-
-    LUMA = "luma"
-    RED = "red"
-    GREEN = "green"
-    BLUE = "blue"
-
+Method = Literal["all-angles"]
 
 _REMARKS = {
     "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
@@ -54,16 +42,14 @@ def calibrate(
     session: Annotated[
         Path | None, typer.Option(help="Capture session whose edge captures are used.")
     ] = None,
-    method: Annotated[Method, typer.Option(help="How to measure.")] = Method.ALL_ANGLES,
+    method: Annotated[Method, typer.Option(help="How to measure.")] = "all-angles",
     region: Annotated[
         str | None, typer.Option(help="Part of the image to use: centre, or X,Y,W,H in px.")
     ] = None,
     srgb: Annotated[
         bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take as linear.")
     ] = False,
-    channel: Annotated[
-        ChannelName, typer.Option(help="Plane of colour photographs.")
-    ] = ChannelName.LUMA,
+    channel: Annotated[Channel, typer.Option(help="Plane of colour photographs.")] = "luma",
     report: Annotated[Path | None, typer.Option(help="Also write an HTML report.")] = None,
     json: Json = False,
 ) -> None:
@@ -73,12 +59,21 @@ def calibrate(
         raise typer.BadParameter("give either photographs or --session DIR", param_hint="IMAGE...")
     if session is not None:
         opened = Session.open(session)
-        count = len(edge_records(opened))
+        records = {record.file: record for record in edge_records(opened)}
+        count = len(records)
         sources = edge_images(opened)
+
+        def load_image(name: str) -> NDArray[np.floating[Any]]:
+            return opened.load(records[name]).mean_dn
+
     else:
         paths = images or []
         count = len(paths)
-        sources = _photographs(paths, srgb=srgb, channel=channel.value)
+        sources = _photographs(paths, srgb=srgb, channel=channel)
+
+        def load_image(name: str) -> NDArray[np.floating[Any]]:
+            return _edge_image(read_image(Path(name)), srgb=srgb, channel=channel).image_dn
+
     with progress_bar("measuring edges", count) as bar:
         try:
             calibration = calibrate_psf(sources, region=chosen, progress=bar.advance_to)
@@ -87,7 +82,7 @@ def calibrate(
     write_psf(out, calibration)
     _print_remarks(calibration)
     if report is not None:
-        write_calibration_report(report, calibration, session=session)
+        write_calibration_report(report, calibration, load_image)
     if json:
         print_json(psf_document(calibration))
         return
@@ -117,21 +112,23 @@ def _cells(estimate: Estimate | None) -> list[str]:
 def _photographs(paths: list[Path], *, srgb: bool, channel: Channel) -> Iterator[EdgeImage]:
     for path in paths:
         file = read_image(path)
-        pixels = file.pixels
-        if pixels.ndim == 3 and pixels.shape[2] >= 3 and channel == "luma":
+        if channel == "luma" and file.is_colour:
             note(f"{path}: colour read as Rec. 601 luma; --channel picks one colour")
-        full_scale = file.full_scale_dn or 1.0
-        linear = srgb_to_linear(pixels, full_scale) if srgb else pixels
-        try:
-            plane = luma_plane(linear, channel)
-        except ValueError as error:
-            raise CalibrationError(f"{path}: {error}") from error
-        yield EdgeImage(
-            name=str(path),
-            image_dn=plane,
-            saturation_dn=file.saturation_dn,
-            is_jpeg=file.is_jpeg,
-        )
+        yield _edge_image(file, srgb=srgb, channel=channel)
+
+
+def _edge_image(file: ImageFile, *, srgb: bool, channel: Channel) -> EdgeImage:
+    pixels = srgb_to_linear(file.pixels, file.full_scale_dn or 1.0) if srgb else file.pixels
+    try:
+        plane = luma_plane(pixels, channel)
+    except ValueError as error:
+        raise CalibrationError(f"{file.path}: {error}") from error
+    return EdgeImage(
+        name=str(file.path),
+        image_dn=plane,
+        saturation_dn=file.saturation_dn,
+        is_jpeg=file.is_jpeg,
+    )
 
 
 def _region_rule(text: str | None) -> Callable[[EdgeImage], Region | None]:

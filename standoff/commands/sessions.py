@@ -10,13 +10,13 @@ import typer
 from acquisition.plan import PlanEntry, load_plan, plan_entries
 from acquisition.runner import CaptureProgress, Placement, run_plan
 from acquisition.session import verify as verify_session
-from hil_mocks.bench import SimulatedBench
-from standoff.devices import open_bench
+from hil_mocks import SimulatedBench
+from standoff.devices import open_bench, place_in_simulation
 from standoff.errors import ApplicationError
 from standoff.options import BenchFile, BenchKeys, Json, read_bench
 from standoff.output import ERRORS, note, print_json, print_table, progress_bar, say
 
-__all__ = ["capture", "place_by_hand", "place_in_simulation", "verify"]
+__all__ = ["capture", "verify"]
 
 
 def capture(
@@ -62,6 +62,7 @@ def capture(
             operator=operator or getpass.getuser(),
             place=place,
             progress=show,
+            clock=devices.clock,
         )
     if json:
         print_json(
@@ -112,17 +113,7 @@ def verify(
         )
 
 
-def place_in_simulation(bench: SimulatedBench) -> Callable[[PlanEntry], Placement]:
-    """Lay the planned target under the simulated camera."""
-
-    def place(entry: PlanEntry) -> Placement:
-        bench.place(entry.target, entry.orientation_deg)
-        return "ready"
-
-    return place
-
-
-def place_by_hand(entry: PlanEntry) -> Placement:
+def _place_by_hand(entry: PlanEntry) -> Placement:
     """Ask the operator to lay the target under the camera."""
     ERRORS.print(f"Place {entry.kind} {entry.target!r} at {entry.orientation_deg:g} degrees.")
     answer = typer.prompt("Enter to capture, s to skip", default="", show_default=False, err=True)
@@ -131,13 +122,13 @@ def place_by_hand(entry: PlanEntry) -> Placement:
 
 def _placement(bench: SimulatedBench | None, yes: bool) -> Callable[[PlanEntry], Placement]:
     if bench is None:
-        return place_by_hand
+        return _place_by_hand
     in_simulation = place_in_simulation(bench)
     if yes:
         return in_simulation
 
     def ask_then_place(entry: PlanEntry) -> Placement:
-        return "skip" if place_by_hand(entry) == "skip" else in_simulation(entry)
+        return "skip" if _place_by_hand(entry) == "skip" else in_simulation(entry)
 
     return ask_then_place
 

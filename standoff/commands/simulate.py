@@ -1,15 +1,14 @@
 """``standoff simulate``: a photograph as the same camera would take it from further away."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
 from calibration.files import read_psf
-from simulation import MODELS, GaussianPsf, zoom_out
+from simulation import MODELS, GaussianPsf, Model, zoom_out
 from simulation.gaussian_kernel import GaussianForm
 from standoff.errors import ApplicationError
 from standoff.image_files import read_image, write_float_tiff
@@ -17,9 +16,6 @@ from standoff.options import Json, checked_zoom
 from standoff.output import note, print_json, say
 
 __all__ = ["simulate"]
-
-ModelName = StrEnum("ModelName", {name.upper(): name for name in MODELS})
-GaussianName = StrEnum("GaussianName", {name.upper(): name for name in get_args(GaussianForm)})
 
 _BLURRING_MODELS = tuple(name for name in MODELS if name != "bicubic")
 
@@ -32,29 +28,25 @@ def simulate(
         float, typer.Option(help="How many times further away, at least 1.", callback=checked_zoom)
     ],
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
-    model: Annotated[ModelName, typer.Option(help="Capture model.")] = ModelName("matched"),
+    model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
     gaussian: Annotated[
-        GaussianName,
+        GaussianForm,
         typer.Option(help="Blur by the exact transfer function, or by sampled weights."),
-    ] = GaussianName("transfer"),
+    ] = "transfer",
     json: Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from ZOOM times further away."""
-    if psf is None and model.value in _BLURRING_MODELS:
-        raise typer.BadParameter(f"model {model.value} needs --psf psf.json", param_hint="--psf")
+    if psf is None and model in _BLURRING_MODELS:
+        raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
+    if gaussian == "sampled" and model != "paper":
+        raise typer.BadParameter("sampled weights are for model paper", param_hint="--gaussian")
     total = None if psf is None else _total_psf(psf)
     reference = _colour_planes(read_image(image).pixels)
     try:
-        followup = zoom_out(
-            reference,
-            zoom,
-            total,
-            model=model.value,  # type: ignore[arg-type]  # StrEnum made of MODELS
-            gaussian=gaussian.value,  # type: ignore[arg-type]  # made of GaussianForm
-        )
+        followup = zoom_out(reference, zoom, total, model, gaussian=gaussian)
     except ValueError as error:
         raise ApplicationError(f"{image}: {error}") from error
-    description = f"standoff simulate: zoom {zoom!r}, model {model.value}, of {image.name}"
+    description = f"standoff simulate: zoom {zoom!r}, model {model}, of {image.name}"
     write_float_tiff(out, followup.astype(np.float32, copy=False), description)
     rows, cols = followup.shape[:2]
     if json:
@@ -63,14 +55,14 @@ def simulate(
                 "out": str(out),
                 "image": str(image),
                 "zoom": zoom,
-                "model": model.value,
+                "model": model,
                 "size": [cols, rows],
                 "min": float(followup.min()),
                 "max": float(followup.max()),
             }
         )
         return
-    say(f"wrote {out}: {cols} x {rows} px, {zoom:g} times further away, model {model.value}")
+    say(f"wrote {out}: {cols} x {rows} px, {zoom:g} times further away, model {model}")
 
 
 def _total_psf(path: Path) -> GaussianPsf:

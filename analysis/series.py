@@ -1,0 +1,150 @@
+"""The height series of a session, each compared with what the models make of its nearest image."""
+
+import json
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from acquisition.atomic_write import atomic_write
+from acquisition.record import CaptureRecord
+from acquisition.session import Session
+from analysis.comparison import ModelMean, PairComparison, compare_pair, mean_metrics
+from analysis.errors import AnalysisError, ResultsFileError
+from simulation import MODELS, GaussianPsf, Model
+
+__all__ = [
+    "COMPARISON_SCHEMA",
+    "SeriesComparison",
+    "SeriesPair",
+    "compare_series",
+    "read_comparison",
+    "series_of",
+    "write_comparison",
+]
+
+COMPARISON_SCHEMA = "standoff.comparison/1"
+COMPARED_KINDS = ("texture", "chart")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeriesPair:
+    """One pair of a height series: the records of both captures and how they compare."""
+
+    reference: CaptureRecord
+    followup: CaptureRecord
+    comparison: PairComparison
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeriesComparison:
+    """All pairs of a session, and the means over them: the paper's Table II."""
+
+    pairs: tuple[SeriesPair, ...]
+    means: dict[Model, ModelMean]
+
+
+def series_of(session: Session) -> list[list[CaptureRecord]]:
+    """Captures of each textured target and orientation, from the nearest to the furthest."""
+    series: dict[tuple[str, str, float], list[CaptureRecord]] = defaultdict(list)
+    for record in session.records:
+        if record.kind in COMPARED_KINDS:
+            series[record.kind, record.target, record.orientation_deg].append(record)
+    ordered = (sorted(records, key=lambda r: r.height_mm) for records in series.values())
+    return [records for records in ordered if records[-1].height_mm > records[0].height_mm]
+
+
+def compare_series(
+    session: Session, psf: GaussianPsf, progress: Callable[[int], None] = lambda _: None
+) -> SeriesComparison:
+    """Simulate every height from the nearest one, and compare with what was captured there.
+
+    Parameters
+    ----------
+    session
+        With captures of kind texture or chart at two heights or more.
+    psf
+        Total PSF of the camera.
+    progress
+        Called with the number of pairs done.
+
+    Raises
+    ------
+    AnalysisError
+        If there is no such series, or two captures of one cannot be aligned.
+    SessionError
+        If a capture file is missing or changed.
+    """
+    pairs: list[SeriesPair] = []
+    for nearest, *others in series_of(session):
+        reference = session.load(nearest).mean_dn
+        for record in others:
+            if record.height_mm <= nearest.height_mm:
+                continue
+            try:
+                comparison = compare_pair(reference, session.load(record).mean_dn, psf)
+            except AnalysisError as error:
+                raise AnalysisError(f"{nearest.file} and {record.file}: {error}") from error
+            pairs.append(SeriesPair(reference=nearest, followup=record, comparison=comparison))
+            progress(len(pairs))
+    if not pairs:
+        raise AnalysisError(
+            f"{session.path}: no target of kind texture or chart was captured at two heights"
+        )
+    means = {model: mean_metrics([p.comparison.metrics[model] for p in pairs]) for model in MODELS}
+    return SeriesComparison(pairs=tuple(pairs), means=means)
+
+
+def write_comparison(path: Path, comparison: SeriesComparison) -> None:
+    """Write the comparison as JSON, whole or not at all.
+
+    Raises
+    ------
+    ResultsFileError
+        If the file cannot be written.
+    """
+    document = {
+        "schema": COMPARISON_SCHEMA,
+        "table_2": {model: asdict(mean) for model, mean in comparison.means.items()},
+        "pairs": [_pair_document(pair) for pair in comparison.pairs],
+    }
+    try:
+        atomic_write(path, (json.dumps(document, indent=1) + "\n").encode("utf-8"))
+    except OSError as error:
+        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+def read_comparison(path: Path) -> dict[str, Any]:
+    """Read what ``write_comparison`` wrote.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read or is of another schema.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ResultsFileError(f"{path}: not JSON: {error}") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != COMPARISON_SCHEMA:
+        raise ResultsFileError(f"{path}: schema is {schema!r}, expected {COMPARISON_SCHEMA!r}")
+    return dict(document)
+
+
+def _pair_document(pair: SeriesPair) -> dict[str, Any]:
+    registration = pair.comparison.registration
+    return {
+        "target": pair.reference.target,
+        "orientation_deg": pair.reference.orientation_deg,
+        "reference": pair.reference.index,
+        "followup": pair.followup.index,
+        "reference_height_mm": pair.reference.height_mm,
+        "followup_height_mm": pair.followup.height_mm,
+        "zoom": registration.zoom,
+        "zoom_err": registration.zoom_err,
+        "models": {model: asdict(m) for model, m in pair.comparison.metrics.items()},
+    }

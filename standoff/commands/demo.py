@@ -1,0 +1,75 @@
+"""``standoff demo``: the whole chain on the simulated bench."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquisition.plan import load_plan
+from simulation import MODELS
+from standoff.demo import DemoResult, run_demo
+from standoff.options import BenchKeys, Json, read_bench
+from standoff.output import print_json, print_table, say
+from standoff.shipped_configs import shipped_config
+
+__all__ = ["demo"]
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Directory for everything it makes.")] = Path(
+        "standoff-demo"
+    ),
+    settings: BenchKeys = None,
+    json: Json = False,
+) -> None:
+    """Capture, calibrate, simulate and report on the simulated bench, beside its truth."""
+    config = read_bench(shipped_config("demo_bench.toml"), settings)
+    result = run_demo(out, config, load_plan(shipped_config("demo_plan.toml")))
+    if json:
+        print_json(result.document())
+        return
+    _print_summary(result)
+
+
+def _print_summary(result: DemoResult) -> None:
+    print_table(
+        "Calibration beside the bench's truth",
+        ["", "truth", "measured", "95 % interval", "error", "inside"],
+        [
+            [
+                row.name,
+                f"{row.truth:.4f}",
+                f"{row.estimate.value:.4f}",
+                f"{row.estimate.low:.4f} to {row.estimate.high:.4f}",
+                f"{100 * row.error / row.truth:+.2f} %" if row.truth else f"{row.error:+.4f}",
+                "yes" if row.is_inside else "no",
+            ]
+            for row in result.truth
+        ],
+    )
+    means = result.comparison.means
+    print_table(
+        "Simulated against captured follow-ups, after the paper's processing",
+        ["model", "correlation", "MSE", "NMI", "PSNR / dB", "SSIM", "MSE of bicubic / MSE"],
+        [
+            [
+                model,
+                f"{means[model].correlation:.4f}",
+                f"{means[model].mse_dn2:.2f}",
+                f"{means[model].nmi:.3f}",
+                f"{means[model].psnr_db:.1f}",
+                f"{means[model].ssim:.4f}",
+                f"{means['bicubic'].mse_dn2 / means[model].mse_dn2:.1f}",
+            ]
+            for model in MODELS
+        ],
+    )
+    print_table(
+        "Zoom-out between the captures",
+        ["", "truth", "measured"],
+        [
+            [f"pair {number}", f"{true:.5f}", f"{found:.5f}"]
+            for number, (true, found) in enumerate(result.zooms, start=1)
+        ],
+    )
+    say(f"report: {result.report}")
