@@ -20,8 +20,6 @@ __all__ = ["find_edges"]
 Array = NDArray[np.float64]
 
 _SMOOTHING_PX = 1.0
-_SPIKE_DEVIATIONS = 12.0  # median absolute deviations: 8 sigma of Gaussian noise
-_SPIKE_LEAST = 0.1  # of the range of levels
 _RAYLEIGH_MEDIAN = 1.1774100225154747  # median of |gradient| over its sigma, in pure noise
 _NOISE_HIGH = 5.0
 _NOISE_LOW = 2.5
@@ -36,6 +34,7 @@ _LINE_BAND_PX = 3.0
 _LINE_ROUNDS = 3
 _CORNER_SIGMAS = 2.5
 _CELL_PX = 128.0
+_CANNY_LARGEST = 26_000.0  # cv2.Canny takes 79109 times this in 32 bits: 27 145 would overflow
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +109,7 @@ def _gradient(image_dn: Array) -> _Gradient:
     strongest = float(magnitude.max())
     high = max(_NOISE_HIGH * noise, _LEAST_OF_STRONGEST * strongest)
     low = max(_NOISE_LOW * noise, 0.4 * high)
-    to_int16 = 30000.0 / strongest
+    to_int16 = _CANNY_LARGEST / strongest
     ridge = cv2.Canny(
         np.rint(gx * to_int16).astype(np.int16),
         np.rint(gy * to_int16).astype(np.int16),
@@ -119,17 +118,6 @@ def _gradient(image_dn: Array) -> _Gradient:
         L2gradient=True,
     )
     return _Gradient(np.asarray(gx), np.asarray(gy), np.asarray(magnitude), ridge > 0)
-
-
-def _without_spikes(scaled: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Replace hot pixels by their neighbours' median: a broken ridge is no straight edge.
-
-    Only the search sees this image; fits see the raw pixels.
-    """
-    median = cv2.medianBlur(scaled, 3)
-    away = np.abs(scaled - median)
-    spike = away > max(_SPIKE_DEVIATIONS * float(np.median(away)), _SPIKE_LEAST)
-    return np.where(spike, median, scaled)
 
 
 @njit(cache=True)

@@ -23,7 +23,12 @@ from calibration.edge_model import (
     edge_values,
     levenberg_marquardt,
 )
-from calibration.edge_residuals import noise_part, outlier_weights, profile_flags
+from calibration.edge_residuals import (
+    noise_part,
+    outlier_weights,
+    profile_flags,
+    robust_variance,
+)
 from calibration.edge_segments import EdgeSegment, EdgeWindow, edge_window
 from calibration.noise_model import LevelNoise
 
@@ -39,6 +44,7 @@ _WINDOW_AGREES = 0.03  # relative change of sigma that needs no new window
 _SHADING_P = 1e-3
 _SHADING_LEAST = 2e-3  # of the contrast over half an edge: less does not move sigma by 0.01 %
 _HETEROSCEDASTIC_P = 1e-3
+_MAD_EFFICIENCY = 0.368  # of the variance from the MAD, in Gaussian noise
 _SATURATED_FRACTION = 0.005
 _SHARPEST_PX = 0.06  # optical widths below this are not told from a perfect lens
 
@@ -211,15 +217,16 @@ def _finish(
     """Weights, shading and the optical width, once the window is settled."""
     window = fit.window
     scatter = noise_part(window.values - plain.levels, plain.distances)
-    outliers = outlier_weights(scatter, _contrast(plain))
-    reweighted = outliers is not None
-    if outliers is not None:
-        fit.weights *= outliers
+    reweighted = False
     if noise is None:
-        side_weights = _weights_of_sides(scatter, plain, fit.weights)
+        side_weights = _weights_of_sides(scatter, plain)
         if side_weights is not None:
-            fit.weights *= side_weights
+            fit.weights = side_weights
             reweighted = True
+    outliers = outlier_weights(scatter, 1.0 / np.sqrt(fit.weights), _contrast(plain))
+    if outliers is not None:
+        fit.weights = fit.weights * outliers
+        reweighted = True
     if reweighted:
         again = fit.solve(plain.parameters, is_square=False)
         if again is None:
@@ -243,16 +250,19 @@ def _square_start(parameters: Array) -> Array:
     return start
 
 
-def _weights_of_sides(scatter: Array, plain: _Solution, weights: Array) -> Array | None:
+def _weights_of_sides(scatter: Array, plain: _Solution) -> Array | None:
     """Inverse variances where one side of the edge is noisier than the other, else None."""
-    sides = [(plain.edges < 0.02) & (weights > 0), (plain.edges > 0.98) & (weights > 0)]
+    sides = (plain.edges < 0.02, plain.edges > 0.98)
     counts = [int(np.count_nonzero(side)) for side in sides]
     if min(counts) < 30:
         return None
-    low, high = (float(np.var(scatter[side], ddof=1)) for side in sides)
+    low, high = (robust_variance(scatter[side]) for side in sides)
     if min(low, high) <= 1e-12 * max(low, high):
         return None
-    p = float(stats.f.sf(max(low, high) / min(low, high), counts[high > low], counts[high <= low]))
+    freedom = [_MAD_EFFICIENCY * count for count in counts]
+    p = float(
+        stats.f.sf(max(low, high) / min(low, high), freedom[high > low], freedom[high <= low])
+    )
     if p > _HETEROSCEDASTIC_P:
         return None
     variance = low + (high - low) * plain.edges

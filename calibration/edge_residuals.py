@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.ndimage import median_filter
 
-__all__ = ["noise_part", "outlier_weights", "profile_flags"]
+__all__ = ["noise_part", "outlier_weights", "profile_flags", "robust_variance"]
 
 Array = NDArray[np.float64]
 
@@ -33,14 +33,24 @@ def noise_part(residuals: Array, distances: Array) -> Array:
     return noise
 
 
-def outlier_weights(noise: Array, contrast: float) -> Array | None:
-    """Tukey biweights where single pixels stand out of the ``noise_part``, else None."""
-    scale = float(np.median(np.abs(noise))) / _MAD_PER_SIGMA
-    threshold = max(_OUTLIER_SIGMAS * scale, _OUTLIER_LEAST * contrast)
-    if not np.any(np.abs(noise) > threshold):
+def outlier_weights(noise: Array, spread: Array, contrast: float) -> Array | None:
+    """Tukey biweights where single pixels stand out of the ``noise_part``, else None.
+
+    ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
+    the pixels of the dark side would else set the scale.
+    """
+    ratio = noise / spread
+    scale = float(np.median(np.abs(ratio))) / _MAD_PER_SIGMA
+    least = _OUTLIER_LEAST * contrast
+    if not np.any(np.abs(noise) > np.maximum(_OUTLIER_SIGMAS * scale * spread, least)):
         return None
-    ratio = noise / max(_TUKEY_SIGMAS * scale, _OUTLIER_LEAST * contrast)
-    return np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
+    reach = noise / np.maximum(_TUKEY_SIGMAS * scale * spread, least)
+    return np.where(np.abs(reach) < 1, (1 - reach**2) ** 2, 0.0)
+
+
+def robust_variance(noise: Array) -> float:
+    """Variance of Gaussian noise from its median absolute deviation: outliers do not count."""
+    return (float(np.median(np.abs(noise))) / _MAD_PER_SIGMA) ** 2
 
 
 def profile_flags(

@@ -8,7 +8,7 @@ decision record ``docs/decisions/0001-how-the-bench-renders.md`` argues why, and
 """
 
 from dataclasses import dataclass
-from math import ceil, e, factorial, sqrt
+from math import atan, ceil, degrees, e, factorial, sqrt
 
 import numpy as np
 import scipy.fft
@@ -33,8 +33,14 @@ GROWTH_NODE_ERROR = 1e-4
 CORRECTION_NODE_ERROR = 1e-2
 """The same for the correction of the sampling blur, which is itself a few per cent at most."""
 
-DEPARTURE_PX2 = 0.012
-"""Largest local departure of the sampling blur from isotropy that the correction is used for."""
+STEEPEST_VIEW_DEG = 75.0
+"""Angle from the plane's normal up to which the perspective is even enough over one pixel."""
+
+DEPARTURE_PX2 = 0.04
+"""Largest local departure of the sampling blur from its mean that is corrected for."""
+
+FIRST_ORDER_PX2 = 0.008
+"""Up to this departure the first order of the correction is enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +73,19 @@ class Renderer:
         self._growth = lens.growth(camera.relative_radius(x_px, y_px)).astype(np.float32)
 
     def irradiance(self, scene: Scene, pose: CameraPose) -> NDArray[np.float32]:
-        """Mean light on each pixel, shape (rows, cols); 1 is white paper."""
+        """Mean light on each pixel, shape (rows, cols); 1 is white paper.
+
+        Raises
+        ------
+        ValueError
+            If the camera is tilted so far that it nearly sees the plane's horizon.
+        """
+        half_view_deg = degrees(atan(self.camera.corner_radius_px / self.camera.focal_length_px))
+        if pose.tilt_deg + half_view_deg > STEEPEST_VIEW_DEG:
+            raise ValueError(
+                f"a tilt of {pose.tilt_deg:.1f} degrees is too much: the corners of the frame see "
+                f"{half_view_deg:.1f} degrees further, and {STEEPEST_VIEW_DEG:g} are the limit"
+            )
         distance_mm = self.camera.distance_mm(pose.height_mm)
         defocus_px2 = self.lens.defocus_variance_px2(distance_mm)
         lens_px2 = self.lens.in_focus_covariance_px2
@@ -89,22 +107,18 @@ class Renderer:
         )
         remainder_px2 = (defocus_px2 - sampling.sigma_px**2) * np.eye(2)
 
-        def over_growth(
-            error: float, derivatives: tuple[int, int] | tuple[()] = ()
-        ) -> NDArray[np.float32]:
+        def over_growth(error: float, orders: tuple[int, int]) -> NDArray[np.float32]:
             nodes = _growth_nodes(float(self._growth.max()), error)
             total = np.zeros(self._growth.shape, dtype=np.float32)
             for index, growth in enumerate(nodes):
-                part = spectrum.image(growth * lens_px2 + remainder_px2, derivatives)
+                part = spectrum.image(growth * lens_px2 + remainder_px2, orders)
                 total += _lagrange(nodes, index, self._growth) * part[window]
             return total
 
-        image = over_growth(GROWTH_NODE_ERROR)
+        image = over_growth(GROWTH_NODE_ERROR, (0, 0))
         if sampling.departure_px2 is not None:
-            xx, xy, yy = sampling.departure_px2
-            image -= 0.5 * xx * over_growth(CORRECTION_NODE_ERROR, (0, 0))
-            image -= xy * over_growth(CORRECTION_NODE_ERROR, (0, 1))
-            image -= 0.5 * yy * over_growth(CORRECTION_NODE_ERROR, (1, 1))
+            for orders, share in _unblurring(sampling.departure_px2).items():
+                image += share * over_growth(CORRECTION_NODE_ERROR, orders)
         return image
 
     def _sampling(self, pose: CameraPose, smallest_px2: float) -> _Sampling:
@@ -118,18 +132,16 @@ class Renderer:
                 sigma_mm=sqrt(blur_px2) / scale_px_per_mm,
                 departure_px2=None,
             )
-        shape = self._unit_blur(pose)
-        unit = (float(shape[0].max() + shape[2].max()) + float(shape[0].min() + shape[2].min())) / 4
-        relative = shape / unit
-        relative[0] -= 1
-        relative[2] -= 1
-        spread = float(np.abs(relative).max())
-        blur_px2 = min(smallest_px2 / 2, DEPARTURE_PX2 / spread)
+        xx, xy, yy = self._unit_blur(pose)
+        unit = float(np.min([xx, yy]) + np.max([xx, yy])) / 2
+        least = float(((xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)).min()) / unit
+        departure = np.stack([xx / unit - 1, xy / unit, yy / unit - 1])
+        blur_px2 = min(smallest_px2 / 2, DEPARTURE_PX2 / float(np.abs(departure).max()))
         return _Sampling(
-            per_px=_samples_per_px(blur_px2 * (1 - spread), smallest_px2),
+            per_px=_samples_per_px(blur_px2 * least, smallest_px2),
             sigma_px=sqrt(blur_px2),
             sigma_mm=sqrt(blur_px2 / unit),
-            departure_px2=(relative * blur_px2).astype(np.float32),
+            departure_px2=(departure * blur_px2).astype(np.float32),
         )
 
     def _unit_blur(self, pose: CameraPose) -> NDArray[np.float64]:
@@ -141,7 +153,7 @@ class Renderer:
         # Columns of d plane / d pixel, and from them inverse(J) inverse(J)^T.
         (a, c), (b, d) = np.subtract(right, left), np.subtract(below, above)
         determinant2 = (a * d - b * c) ** 2
-        return np.stack([b * b + d * d, -(a * b + c * d), a * a + c * c]) / determinant2
+        return np.asarray(np.stack([b * b + d * d, -(a * b + c * d), a * a + c * c]) / determinant2)
 
     def _sample(
         self,
@@ -178,18 +190,15 @@ class _FoldedSpectrum:
         self._half *= np.sinc(freq_x) * np.sinc(freq_y)
 
     def image(
-        self, covariance_px2: NDArray[np.float64], derivatives: tuple[int, int] | tuple[()] = ()
+        self, covariance_px2: NDArray[np.float64], orders: tuple[int, int]
     ) -> NDArray[np.float32]:
-        """Pixels after a Gaussian blur, differentiated once along each axis named (0 is x)."""
+        """Pixels after a Gaussian blur and derivatives of these orders along x and y."""
         freq_x, freq_y = self._freq
         (xx, xy), (_, yy) = (-2 * np.pi**2 * covariance_px2).tolist()
         along_x, along_y = np.exp(np.float32(xx) * freq_x**2), np.exp(np.float32(yy) * freq_y**2)
-        for axis in derivatives:
-            along_x, along_y = (
-                (along_x * freq_x, along_y) if axis == 0 else (along_x, along_y * freq_y)
-            )
-        # i^2 = -1: only derivatives of even order are asked for, so that the transfer is real.
-        transfer = along_y * (along_x * np.float32((-4 * np.pi**2) ** (len(derivatives) // 2)))
+        along_x, along_y = along_x * freq_x ** orders[0], along_y * freq_y ** orders[1]
+        # The orders add up to an even number, so that (2 pi i)^n is real.
+        transfer = along_y * (along_x * np.float32((-4 * np.pi**2) ** (sum(orders) // 2)))
         if xy:
             transfer *= np.exp(np.float32(2 * xy) * freq_y * freq_x)
         return np.asarray(scipy.fft.irfft2(self._folded(self._half * transfer), s=self._shape))
@@ -214,6 +223,25 @@ class _FoldedSpectrum:
             else:
                 folded[:, target] += mirrored[:, -np.arange(first, last + 1)]
         return folded
+
+
+def _unblurring(departure_px2: NDArray[np.float32]) -> dict[tuple[int, int], NDArray[np.float32]]:
+    """Weights of the derivatives in the series of a deconvolution with a narrow Gaussian.
+
+    ``exp(-D / 2)`` of ``D = xx d^2/dx^2 + 2 xy d^2/dxdy + yy d^2/dy^2``, keyed by the orders
+    along x and y.
+    """
+    xx, xy, yy = departure_px2
+    weights = {(2, 0): -xx / 2, (1, 1): -xy, (0, 2): -yy / 2}
+    if np.abs(departure_px2).max() > FIRST_ORDER_PX2:
+        weights |= {
+            (4, 0): xx**2 / 8,
+            (3, 1): xx * xy / 2,
+            (2, 2): xy**2 / 2 + xx * yy / 4,
+            (1, 3): xy * yy / 2,
+            (0, 4): yy**2 / 8,
+        }
+    return weights
 
 
 def _samples_per_px(blur_px2: float, smallest_px2: float) -> int:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 __all__ = ["PeriodicImage"]
 
-WANTED_SIGMA = 1.5
-"""Blur, in samples, from which a cubic spline errs by less than 1e-4 of the contrast."""
+WANTED_SIGMA = 2.0
+"""Blur, in samples, from which a cubic spline is enough: of the bench's prints it misses 7e-5
+of full scale at the worst point, and 2e-4 of any single frequency."""
 
 MAX_OVERSAMPLING = 4
 COEFFICIENTS_KEPT = 2

@@ -66,7 +66,7 @@ class BenchTruth:
         )
         self._illumination = Illumination(vignetting=simulated.vignetting, gloss=simulated.gloss)
         self._pixel_format = config.camera.pixel_format
-        self._renderer = Renderer(self.camera, self.lens)
+        self.renderer = Renderer(self.camera, self.lens)
         self._views: OrderedDict[tuple[str, float, CameraPose], NDArray[np.float32]] = OrderedDict()
 
     @property
@@ -142,7 +142,7 @@ class BenchTruth:
         key = (target, orientation_deg, pose)
         if key not in self._views:
             scene = Placed(scene=scene_of(target), angle_deg=orientation_deg)
-            view = self._renderer.irradiance(scene, pose)
+            view = self.renderer.irradiance(scene, pose)
             if TARGETS[target].kind != "dark":
                 view = self._illumination.lit(view, self.camera, pose)
             view.setflags(write=False)

@@ -7,6 +7,7 @@ import sys
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
 
 from standoff import __version__
 from standoff.commands.calibrate import calibrate
@@ -17,9 +18,10 @@ from standoff.commands.simulate import simulate
 from standoff.errors import REPORTED_ERRORS
 from standoff.output import ERRORS
 
-__all__ = ["app", "main"]
+__all__ = ["app", "main", "run"]
 
 EXIT_REPORTED = 1
+EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
@@ -28,7 +30,7 @@ app = typer.Typer(
         "Calibrate a bench camera's PSF, simulate the scene from further away, and say how "
         "much a change of camera pose costs in change detection."
     ),
-    no_args_is_help=True,
+    invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -43,12 +45,16 @@ def _show_version(wanted: bool) -> None:
 
 @app.callback()
 def standoff(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
     ] = False,
 ) -> None:
-    """Hold the options that stand before a command."""
+    """Show the help where no command is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(EXIT_USAGE)
 
 
 for command in (demo, capture, verify, calibrate, simulate, report):
@@ -57,11 +63,21 @@ for command in (demo, capture, verify, calibrate, simulate, report):
 
 def main() -> None:
     """Run the command line and exit."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command line and return its exit status; errors are one line on stderr."""
     try:
-        app()
-    except KeyboardInterrupt:
-        ERRORS.print("interrupted", markup=False)
-        sys.exit(EXIT_INTERRUPTED)
+        status = app(arguments, standalone_mode=False, prog_name="standoff")
+    except TyperException as error:
+        ERRORS.print(f"standoff: {error.format_message()}", markup=False)
+        return EXIT_USAGE
     except REPORTED_ERRORS as error:
         ERRORS.print(f"standoff: {error}", markup=False)
-        sys.exit(EXIT_REPORTED)
+        return EXIT_REPORTED
+    except (typer.Abort, KeyboardInterrupt):
+        status = EXIT_INTERRUPTED
+    if status == EXIT_INTERRUPTED:
+        ERRORS.print("standoff: interrupted; run the same command again", markup=False)
+    return status or 0

@@ -35,7 +35,7 @@ def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
     try:
         return load_bench(path, parse_overrides(settings))
     except BenchConfigError as error:
-        raise typer.BadParameter(str(error), param_hint="--set") from error
+        raise typer.BadParameter(str(error)) from error
 
 
 def checked_zoom(zoom: float) -> float:

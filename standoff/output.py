@@ -1,6 +1,7 @@
 """What a command prints: results for people or one JSON document, progress on stderr."""
 
 import json
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -19,7 +20,7 @@ from rich.table import Table
 __all__ = ["ERRORS", "Bar", "note", "print_json", "print_table", "progress_bar", "say"]
 
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
-_RESULTS = Console(soft_wrap=True, highlight=False)
+_RESULTS = Console(soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else 140)
 
 
 class Bar:
@@ -70,7 +71,7 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Print a table; the first column is text, the others are figures."""
     table = Table(title=title, title_justify="left", title_style="bold")
     for place, column in enumerate(columns):
-        table.add_column(column, justify="left" if place == 0 else "right")
+        table.add_column(column, justify="left" if place == 0 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*row)
     _RESULTS.print(table)

@@ -67,9 +67,10 @@ def simulate(
 
 def _total_psf(path: Path) -> GaussianPsf:
     stored = read_psf(path)
+    total = stored.total_psf(str(path))
     if stored.rho is None:
         note(f"{path}: rho is null (no diagonal edges); taken as 0, an axis-aligned PSF")
-    return stored.total_psf(str(path))
+    return total
 
 
 def _colour_planes(pixels: NDArray[np.generic]) -> NDArray[np.generic]:

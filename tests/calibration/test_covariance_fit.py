@@ -33,7 +33,7 @@ def known(estimate: Estimate | None) -> Estimate:
 def test_exact_widths_give_the_exact_covariance(
     sigma_x: float, ratio: float, rho: float, turn: float
 ) -> None:
-    angles = (np.arange(8) * 22.5 + turn) % 180.0
+    angles = np.asarray((np.arange(8) * 22.5 + turn) % 180.0, dtype=np.float64)
     sigma = widths(angles, sigma_x, sigma_x * ratio, rho)
     fit = fit_covariance(angles, sigma, np.full(8, 1e-3))
     assert known(fit.sigma_x_px).value == pytest.approx(sigma_x, rel=1e-6)

@@ -33,6 +33,16 @@ def test_an_edge_across_the_frame_is_found_at_any_angle(normal: float, sigma: fl
     assert abs((turned + np.pi) % (2 * np.pi) - np.pi) < np.deg2rad(0.5)
 
 
+@pytest.mark.parametrize("quarter_deg", [0.0, 180.0])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("off_axis_deg", [22.6, 23.5, 25.0])
+def test_the_strongest_gradient_does_not_overflow_just_off_22_5_degrees(
+    off_axis_deg: float, side: float, quarter_deg: float
+) -> None:
+    # cv2.Canny compares 79109 times the x gradient in 32 bits, for these directions only.
+    assert len(find_edges(edge_image(1.0, quarter_deg + side * off_axis_deg))) == 1
+
+
 @pytest.mark.parametrize("turn_deg", [0.0, 5.0, 33.0, 45.0, 80.0])
 @pytest.mark.parametrize("side_px", [26.0, 60.0])
 def test_the_four_sides_of_a_square_are_four_edges(turn_deg: float, side_px: float) -> None:

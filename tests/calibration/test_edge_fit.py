@@ -112,7 +112,9 @@ def test_shot_noise_is_weighted_also_where_it_is_not_known() -> None:
     rng = np.random.default_rng(11)
     noise = LevelNoise(offset_dn2=4e4, slope_dn=60.0, floor_dn2=1.0)
     spread = np.sqrt(noise.variance_dn2(clean))
-    known, estimated, flat = [], [], []
+    known: list[float] = []
+    estimated: list[float] = []
+    flat: list[float] = []
     for _ in range(120):
         image = clean + rng.normal(size=clean.shape) * spread
         for sigmas, model in (

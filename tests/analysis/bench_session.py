@@ -1,0 +1,60 @@
+"""A session as a bench writes it: edges and a texture at three heights, in closed form."""
+
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.session import Session
+from simulation import GaussianPsf
+from tests.acquisition.fakes import SETTINGS, FakeUtc
+from tests.acquisition.session_fixtures import plan_of, writer
+from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG
+from tests.calibration.edge_session import averaged, photograph_dn
+from tests.simulation.closed_form import photograph, random_scene
+
+FloatArray = NDArray[np.float64]
+
+OPTICAL_SIGMA_PX = 0.6
+PSF = GaussianPsf(
+    sigma_x_px=sqrt(OPTICAL_SIGMA_PX**2 + 1 / 12), sigma_y_px=sqrt(OPTICAL_SIGMA_PX**2 + 1 / 12)
+)
+HEIGHTS_MM = (100.0, 150.0, 200.0)
+SHAPE = (300, 390)
+SCENE_PX = 900.0
+TEXTURE_SEED = 3
+
+
+def texture_dn(zoom: float, seed: int = TEXTURE_SEED) -> FloatArray:
+    """A texture from ``zoom`` times the nearest distance: the whole frame shows it, 12 bit."""
+    return 8.0 * photograph(random_scene(seed, SCENE_PX, 900), SHAPE, zoom, OPTICAL_SIGMA_PX)
+
+
+def bench_session(path: Path, target: str = "leaves") -> Session:
+    """Edges in eight directions and one texture, each at three heights: 27 captures."""
+    rng = np.random.default_rng(9)
+    plan = plan_of(
+        heights_mm=list(HEIGHTS_MM),
+        targets=[
+            {"kind": "edge", "target": "Kante", "orientations_deg": list(EIGHT_NORMALS_DEG)},
+            {"kind": "texture", "target": target},
+        ],
+    )
+    now = FakeUtc()
+    with writer(path, plan=plan) as session:
+        for entry in session.entries:
+            if entry.kind == "edge":
+                clean = photograph_dn(entry.orientation_deg)
+            else:
+                clean = texture_dn(entry.height_mm / HEIGHTS_MM[0])
+            session.add_capture(
+                entry,
+                averaged(clean, rng),
+                settings=SETTINGS,
+                height_mm=entry.height_mm + 0.002,
+                focus_value=0.5,
+                started=now(),
+                finished=now(),
+            )
+    return Session.open(path)

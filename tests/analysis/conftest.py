@@ -1,0 +1,33 @@
+from pathlib import Path
+
+import pytest
+
+from acquisition.session import Session
+from analysis.series import SeriesComparison, compare_series
+from calibration.edge_captures import edge_images
+from calibration.files import StoredPsf, read_psf, write_psf
+from calibration.psf_calibration import calibrate_psf
+from tests.analysis.bench_session import PSF, bench_session
+
+
+@pytest.fixture(scope="session")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """Edges and a texture at three heights; nobody may change it."""
+    return bench_session(tmp_path_factory.mktemp("bench") / "series")
+
+
+@pytest.fixture(scope="session")
+def comparison(session: Session) -> SeriesComparison:
+    return compare_series(session, PSF)
+
+
+@pytest.fixture(scope="session")
+def psf_path(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("psf") / "psf.json"
+    write_psf(path, calibrate_psf(edge_images(session)))
+    return path
+
+
+@pytest.fixture(scope="session")
+def psf(psf_path: Path) -> StoredPsf:
+    return read_psf(psf_path)

@@ -1,0 +1,42 @@
+"""Edges that a real camera photographed; the folder is named by STANDOFF_REAL_DATA."""
+
+import os
+from pathlib import Path
+
+import pytest
+import tifffile
+
+from calibration.linearise import luma_plane
+from calibration.psf_calibration import EdgeImage, PsfCalibration, calibrate_psf
+
+FOLDER = os.environ.get("STANDOFF_REAL_DATA")
+
+pytestmark = pytest.mark.skipif(
+    FOLDER is None, reason="STANDOFF_REAL_DATA does not name a folder of real photographs"
+)
+
+# Three independent estimators agree on this width of the photographed slanted edge: maximum
+# likelihood on raw pixels, a P-spline and MTF Mapper.
+TOTAL_SIGMA_PX = 0.935
+
+
+def calibrated(name: str) -> PsfCalibration:
+    assert FOLDER is not None
+    image = luma_plane(tifffile.imread(Path(FOLDER) / "edges" / name))
+    return calibrate_psf([EdgeImage(name=name, image_dn=image, saturation_dn=255.0)])
+
+
+def test_the_photographed_vertical_edge_gives_sigma_x_alone() -> None:
+    psf = calibrated("v_edge.tif")
+    assert psf.sigma_x_px is not None
+    assert psf.sigma_x_px.value == pytest.approx(TOTAL_SIGMA_PX, abs=0.005)
+    assert psf.sigma_y_px is None
+    assert psf.rho is None
+
+
+def test_the_photographed_horizontal_edge_gives_sigma_y_alone() -> None:
+    psf = calibrated("h_edge.tif")
+    assert psf.sigma_y_px is not None
+    assert psf.sigma_y_px.value == pytest.approx(TOTAL_SIGMA_PX, abs=0.005)
+    assert psf.sigma_x_px is None
+    assert psf.rho is None

@@ -1,0 +1,93 @@
+"""What every camera does, through the `Camera` contract alone."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from acquisition.devices import Camera
+from acquisition.errors import DeviceError
+from tests.hil_mocks.benches import homed_bench
+
+
+@pytest.fixture(params=["simulated"])
+def camera(request: pytest.FixtureRequest) -> Iterator[Camera]:
+    assert request.param == "simulated"
+    opened: Camera = homed_bench().camera
+    yield opened
+    opened.close()
+
+
+def test_it_is_a_camera(camera: Camera) -> None:
+    assert isinstance(camera, Camera)
+    assert camera.info.driver
+    assert camera.info.serial_number
+
+
+def test_frames_have_the_shape_and_depth_of_the_settings(camera: Camera) -> None:
+    camera.start()
+    frame = camera.next_frame(1.0)
+    assert frame.is_complete
+    assert frame.image_dn.shape == (camera.settings.height_px, camera.settings.width_px)
+    assert frame.image_dn.dtype == (np.uint8 if camera.settings.max_level_dn == 255 else np.uint16)
+    assert frame.image_dn.max() <= camera.settings.max_level_dn
+
+
+def test_frame_ids_and_timestamps_ascend(camera: Camera) -> None:
+    camera.start()
+    frames = [camera.next_frame(1.0) for _ in range(5)]
+    assert np.diff([frame.frame_id for frame in frames]).tolist() == [1, 1, 1, 1]
+    periods_s = np.diff([frame.timestamp_ns for frame in frames]) * 1e-9
+    np.testing.assert_allclose(periods_s, 1 / camera.settings.frame_rate_hz, rtol=0.2)
+
+
+def test_exposure_and_gain_are_read_back_and_brighten_the_picture(camera: Camera) -> None:
+    def level_dn() -> float:
+        camera.start()
+        image_dn = camera.next_frame(1.0).image_dn.astype(np.float64)
+        camera.stop()
+        return float(image_dn.mean()) - camera.settings.black_level_dn
+
+    camera.set_gain_db(0.0)
+    assert camera.set_exposure_us(2000.0) == camera.settings.exposure_us
+    dim = level_dn()
+    exposure_us = camera.set_exposure_us(4000.0)
+    assert level_dn() == pytest.approx(dim * exposure_us / 2000.0, rel=0.02)
+    gain_db = camera.set_gain_db(6.0)
+    assert gain_db == camera.settings.gain_db
+    assert level_dn() == pytest.approx(dim * exposure_us / 2000.0 * 10 ** (gain_db / 20), rel=0.02)
+
+
+def test_a_setting_out_of_range_is_refused_and_changes_nothing(camera: Camera) -> None:
+    before = camera.settings
+    with pytest.raises(DeviceError):
+        camera.set_exposure_us(0.001)
+    with pytest.raises(DeviceError):
+        camera.set_gain_db(1000.0)
+    assert camera.settings == before
+
+
+def test_a_stopped_camera_starts_again(camera: Camera) -> None:
+    for _ in range(2):
+        camera.start()
+        assert camera.next_frame(1.0).is_complete
+        camera.stop()
+
+
+def test_a_camera_that_is_not_started_has_no_frames(camera: Camera) -> None:
+    with pytest.raises(DeviceError):
+        camera.next_frame(0.1)
+
+
+def test_statistics_count_complete_frames(camera: Camera) -> None:
+    camera.start()
+    before = camera.statistics().complete_frames
+    for _ in range(3):
+        camera.next_frame(1.0)
+    assert camera.statistics().complete_frames >= before + 3
+    assert camera.statistics().incomplete_frames == 0
+
+
+def test_closing_twice_is_harmless(camera: Camera) -> None:
+    camera.close()
+    camera.close()

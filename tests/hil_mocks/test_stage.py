@@ -1,0 +1,121 @@
+import pytest
+
+from acquisition.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceTimeoutError,
+    StageNotHomedError,
+)
+from hil_mocks import SimulatedClock, SimulatedStage, StageFaults
+from tests.hil_mocks.benches import bench_config
+
+
+def homed_stage(**keys: object) -> tuple[SimulatedStage, SimulatedClock]:
+    clock = SimulatedClock()
+    stage = SimulatedStage(bench_config(**keys).stage, clock=clock)
+    stage.home(60)
+    return stage, clock
+
+
+def test_a_height_between_two_steps_reads_back_as_one_of_them() -> None:
+    stage, _ = homed_stage()
+    assert stage.move_to(20.25, 60) == 20.248  # 5062.5 steps of 4 um
+
+
+def test_a_move_takes_the_time_of_its_way_and_its_settling() -> None:
+    stage, clock = homed_stage()
+    before_s = clock.now_s
+    stage.move_to(110.0, 60)
+    assert clock.now_s - before_s == pytest.approx(100 / (1200 / 60) + 0.5)
+
+
+def test_a_move_that_takes_too_long_is_stopped_on_its_way() -> None:
+    stage, clock = homed_stage()
+    before_s = clock.now_s
+    with pytest.raises(DeviceTimeoutError, match=r"did not reach 110.0 mm.*stopped at 30.000 mm"):
+        stage.move_to(110.0, 1.0)
+    assert clock.now_s - before_s == pytest.approx(1.0)
+    assert stage.is_homed
+    assert stage.position_mm() == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize("approach", ["from_below", "from_above"])
+def test_heights_are_always_approached_from_one_side_so_play_does_not_show(approach: str) -> None:
+    stage, _ = homed_stage(stage__approach=approach)
+    stage.faults = StageFaults(backlash_mm=0.06)
+    for height_mm in (200.0, 100.0, 300.0, 299.9, 299.95):
+        read_back_mm = stage.move_to(height_mm, 60)
+        assert stage.true_height_mm == read_back_mm
+
+
+def test_play_shows_where_the_limit_leaves_no_room_for_the_approach() -> None:
+    stage, _ = homed_stage()
+    stage.faults = StageFaults(backlash_mm=0.06)
+    stage.move_to(200.0, 60)
+    read_back_mm = stage.move_to(10.0, 60)
+    assert stage.true_height_mm - read_back_mm == pytest.approx(0.06)
+
+
+def test_a_stage_that_never_settles_is_a_timeout() -> None:
+    stage, clock = homed_stage()
+    stage.faults = StageFaults(never_settles=True)
+    before_s = clock.now_s
+    with pytest.raises(DeviceTimeoutError, match="did not settle"):
+        stage.move_to(50.0, 30.0)
+    assert clock.now_s - before_s == pytest.approx(30.0)
+    assert stage.is_homed
+
+
+def test_a_stage_that_stops_short_is_an_error_that_says_where_it_stands() -> None:
+    stage, _ = homed_stage()
+    stage.faults = StageFaults(stops_short_mm=1.0)
+    with pytest.raises(DeviceTimeoutError, match=r"stands at 49.000 mm"):
+        stage.move_to(50.0, 30.0)
+
+
+def test_lost_steps_are_seen_by_the_camera_only() -> None:
+    stage, _ = homed_stage()
+    stage.faults = StageFaults(lost_steps_mm=2.0)
+    assert stage.move_to(60.0, 30.0) == 60.0
+    assert stage.true_height_mm == 58.0
+
+
+def test_an_alarm_is_named_and_blocks_until_it_is_cleared() -> None:
+    stage, _ = homed_stage()
+    stage.faults = StageFaults(alarm="hard limit")
+    with pytest.raises(DeviceError, match="hard limit"):
+        stage.move_to(50.0, 30.0)
+    stage.faults = StageFaults()
+    assert stage.state == "alarm"
+    with pytest.raises(DeviceError, match="clear the alarm"):
+        stage.move_to(50.0, 30.0)
+    stage.clear_alarm()
+    assert stage.move_to(50.0, 30.0) == 50.0
+
+
+def test_a_missing_home_switch_leaves_the_stage_unhomed() -> None:
+    stage, _ = homed_stage()
+    stage.faults = StageFaults(home_switch_missing=True)
+    with pytest.raises(DeviceTimeoutError, match="reference switch"):
+        stage.home(30.0)
+    with pytest.raises(StageNotHomedError):
+        stage.position_mm()
+
+
+def test_an_unplugged_stage_is_disconnected() -> None:
+    stage, _ = homed_stage()
+    stage.faults = StageFaults(unplugged=True)
+    with pytest.raises(DeviceDisconnectedError):
+        stage.position_mm()
+
+
+def test_a_closed_stage_does_nothing_more() -> None:
+    stage, _ = homed_stage()
+    stage.close()
+    with pytest.raises(DeviceDisconnectedError):
+        stage.move_to(50.0, 30.0)
+
+
+def test_time_does_not_run_backwards() -> None:
+    with pytest.raises(ValueError, match="backwards"):
+        SimulatedClock().advance(-1.0)

@@ -1,0 +1,101 @@
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from standoff.cli import run
+from tests.calibration.closed_form import edge_image
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a command left behind: exit status and both streams."""
+
+    status: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Outcome]
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str]) -> Command:
+    """Runs a command line in this process."""
+
+    def run_command(*arguments: object) -> Outcome:
+        status = run([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return Outcome(status=status, out=captured.out, err=captured.err)
+
+    return run_command
+
+
+@pytest.fixture
+def edge_file(tmp_path: Path) -> Path:
+    """A 16-bit TIFF of one vertical edge of total sigma 0.8 px, 5 degrees off."""
+    path = tmp_path / "edge.tif"
+    tifffile.imwrite(path, np.rint(edge_image(0.8, 5.0)).astype(np.uint16))
+    return path
+
+
+SMALL_BENCH = """
+[camera]
+driver = "simulated"
+pixel_format = "Mono12"
+exposure_us = 12000.0
+gain_db = 0.0
+frame_rate_hz = 60.0
+
+[stage]
+driver = "simulated"
+limits_mm = [120.0, 620.0]
+
+[optics]
+focal_length_mm = 8.0
+pixel_pitch_um = 8.3
+
+[simulated]
+width_px = 160
+height_px = 128
+optical_sigma_x_px = 0.7
+optical_sigma_y_px = 0.6
+"""
+
+SMALL_PLAN = """
+schema = "standoff.plan/1"
+name = "small"
+heights_mm = [180.0, 300.0]
+frames_per_capture = 4
+
+[[targets]]
+kind = "edge"
+target = "edge"
+orientations_deg = [5.0, 50.0, 95.0]
+"""
+
+
+@pytest.fixture
+def bench_file(tmp_path: Path) -> Path:
+    path = tmp_path / "bench.toml"
+    path.write_text(SMALL_BENCH)
+    return path
+
+
+@pytest.fixture
+def plan_file(tmp_path: Path) -> Path:
+    path = tmp_path / "plan.toml"
+    path.write_text(SMALL_PLAN)
+    return path
+
+
+@pytest.fixture
+def session_dir(command: Command, bench_file: Path, plan_file: Path, tmp_path: Path) -> Path:
+    """A complete session of six edge captures."""
+    path = tmp_path / "session"
+    done = command("capture", "--bench", bench_file, "--plan", plan_file, "--out", path, "--yes")
+    assert done.status == 0, done.err
+    return path

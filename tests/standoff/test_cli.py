@@ -1,0 +1,173 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+import standoff.commands.simulate
+from standoff import __version__
+from tests.calibration.closed_form import edge_image
+from tests.standoff.conftest import Command
+
+
+def assert_one_line(text: str) -> None:
+    assert text.endswith("\n")
+    assert len(text.strip().splitlines()) == 1
+
+
+def test_the_version_is_printed(command: Command) -> None:
+    done = command("--version")
+    assert (done.status, done.out) == (0, f"standoff {__version__}\n")
+
+
+def test_without_a_command_the_help_says_what_there_is(command: Command) -> None:
+    done = command()
+    assert done.status == 2
+    for name in ("demo", "capture", "verify", "calibrate", "simulate", "report"):
+        assert name in done.out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["unknown"],
+        ["simulate"],
+        ["simulate", "x.tif", "--out", "o.tif", "--zoom", "0.5", "--model", "bicubic"],
+        ["simulate", "x.tif", "--out", "o.tif", "--zoom", "nan", "--model", "bicubic"],
+        ["simulate", "x.tif", "--out", "o.tif", "--zoom", "inf", "--model", "bicubic"],
+        ["simulate", "x.tif", "--out", "o.tif", "--zoom", "two"],
+        ["simulate", "x.tif", "--out", "o.tif", "--zoom", "2"],
+        ["simulate", "x.tif", "--out", "o.tif", "--zoom", "2", "--model", "magic"],
+        ["calibrate", "--out", "psf.json"],
+        ["calibrate", "x.tif", "--session", "s", "--out", "psf.json"],
+        ["calibrate", "x.tif", "--out", "psf.json", "--region", "everywhere"],
+        ["calibrate", "x.tif", "--out", "psf.json", "--method", "guess"],
+        ["demo", "--set", "camera.colour=red"],
+        ["demo", "--set", "camera"],
+        ["demo", "--set", "simulated.seed=-1"],
+    ],
+)
+def test_wrong_usage_is_one_line_and_status_2(
+    command: Command, arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command(*arguments)
+    assert done.status == 2
+    assert done.out == ""
+    assert_one_line(done.err)
+    assert list(tmp_path.iterdir()) == []
+
+
+def _write_bad_inputs(folder: Path) -> None:
+    (folder / "text.tif").write_text("not an image")
+    (folder / "text.png").write_text("not an image")
+    whole = folder / "whole.tif"
+    tifffile.imwrite(whole, np.rint(edge_image(0.8, 5.0)).astype(np.uint16))
+    (folder / "cut.tif").write_bytes(whole.read_bytes()[:9000])
+    Image.fromarray(np.full((60, 70), 90, np.uint8)).save(folder / "flat.png")
+    (folder / "cut.png").write_bytes((folder / "flat.png").read_bytes()[:70])
+    clipped = np.minimum(edge_image(0.8, 5.0) / 200.0, 255.0)
+    Image.fromarray(np.rint(clipped).astype(np.uint8)).save(folder / "clipped.png")
+    nan = edge_image(0.8, 5.0).astype(np.float32)
+    nan[3, 4] = np.nan
+    tifffile.imwrite(folder / "nan.tif", nan)
+    good: dict[str, object] = {
+        "schema": "standoff.psf/1",
+        "sigma_x_px": 0.8,
+        "sigma_y_px": 0.7,
+        "rho": 0.0,
+    }
+    variants: dict[str, dict[str, object]] = {
+        "good": {},
+        "schema": {"schema": "standoff.noise/1"},
+        "null": {"sigma_y_px": None},
+        "text": {"sigma_x_px": "wide"},
+        "negative": {"sigma_x_px": -1.0},
+    }
+    for name, changes in variants.items():
+        (folder / f"{name}.json").write_text(json.dumps(good | changes))
+    (folder / "broken.json").write_text("{")
+
+
+SIMULATE = ["--zoom", "2", "--out", "o.tif", "--psf"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["calibrate", "text.tif", "--out", "p.json"], ["text.tif", "TIFF"]),
+        (["calibrate", "text.png", "--out", "p.json"], ["text.png", "not an image"]),
+        (["calibrate", "cut.tif", "--out", "p.json"], ["cut.tif"]),
+        (["calibrate", "cut.png", "--out", "p.json"], ["cut.png"]),
+        (["calibrate", "nan.tif", "--out", "p.json"], ["nan.tif", "finite"]),
+        (["calibrate", "missing.tif", "--out", "p.json"], ["missing.tif"]),
+        (["calibrate", "flat.png", "--out", "p.json"], ["flat.png", "no straight edge"]),
+        (["calibrate", "clipped.png", "--out", "p.json"], ["clipped.png", "saturated"]),
+        (["calibrate", "whole.tif", "--out", "no/p.json"], ["no/p.json"]),
+        (["calibrate", "whole.tif", "--out", "p.json", "--channel", "red"], ["whole.tif", "red"]),
+        (
+            ["calibrate", "whole.tif", "--out", "p.json", "--region", "500,0,50,50"],
+            ["whole.tif", "region"],
+        ),
+        (["calibrate", "--session", ".", "--out", "p.json"], ["not a capture session"]),
+        (["simulate", "whole.tif", *SIMULATE, "schema.json"], ["schema.json", "schema"]),
+        (["simulate", "whole.tif", *SIMULATE, "null.json"], ["null.json", "sigma_y_px"]),
+        (["simulate", "whole.tif", *SIMULATE, "text.json"], ["text.json", "sigma_x_px"]),
+        (["simulate", "whole.tif", *SIMULATE, "negative.json"], ["negative.json", "sigma_x_px"]),
+        (["simulate", "whole.tif", *SIMULATE, "broken.json"], ["broken.json"]),
+        (["simulate", "whole.tif", *SIMULATE, "missing.json"], ["missing.json"]),
+        (["simulate", "cut.tif", *SIMULATE, "good.json"], ["cut.tif"]),
+        (
+            ["simulate", "whole.tif", "--zoom", "2", "--out", "no/o.tif", "--psf", "good.json"],
+            ["no/o.tif"],
+        ),
+        (
+            ["simulate", "whole.tif", "--zoom", "500", "--out", "o.tif", "--psf", "good.json"],
+            ["500"],
+        ),
+        (["verify", "."], ["not a capture session"]),
+        (["report", "."], ["not a capture session"]),
+        (["capture", "--bench", "b.toml", "--plan", "p.toml", "--out", "s"], ["b.toml"]),
+    ],
+)
+def test_wrong_input_is_one_line_that_names_it_and_status_1(
+    command: Command,
+    arguments: list[str],
+    names: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _write_bad_inputs(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    done = command(*arguments)
+    assert done.status == 1
+    assert done.out == ""
+    assert_one_line(done.err)
+    for name in names:
+        assert name in done.err
+    assert sorted(tmp_path.iterdir()) == before  # nothing half-written
+
+
+def test_ctrl_c_is_status_130(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(path: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(standoff.commands.simulate, "read_image", interrupt)
+    done = command(
+        "simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", tmp_path / "o.tif"
+    )
+    assert done.status == 130
+    assert_one_line(done.err)
+
+
+def test_the_installed_command_runs_in_a_process_of_its_own() -> None:
+    script = Path(sys.executable).with_name("standoff")
+    done = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"standoff {__version__}\n"

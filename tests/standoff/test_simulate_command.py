@@ -1,0 +1,104 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from simulation import GaussianPsf, zoom_out
+from tests.standoff.conftest import Command
+
+TEXTURE = np.random.default_rng(6).integers(0, 4000, (60, 91)).astype(np.uint16)
+
+
+@pytest.fixture
+def psf_file(tmp_path: Path) -> Path:
+    path = tmp_path / "psf.json"
+    path.write_text(
+        json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8, "rho": 0.1})
+    )
+    return path
+
+
+@pytest.fixture
+def image_file(tmp_path: Path) -> Path:
+    path = tmp_path / "texture.tif"
+    tifffile.imwrite(path, TEXTURE)
+    return path
+
+
+@pytest.mark.parametrize("model", ["matched", "paper", "bicubic"])
+def test_the_file_holds_what_the_model_gives_as_float32(
+    command: Command, image_file: Path, psf_file: Path, tmp_path: Path, model: str
+) -> None:
+    out = tmp_path / "far.tif"
+    done = command(
+        "simulate", image_file, "--zoom", 1.5, "--psf", psf_file, "--model", model, "--out", out
+    )
+    assert done.status == 0
+    written = tifffile.imread(out)
+    assert written.dtype == np.float32
+    assert written.shape == (40, 60)  # floor(60 / 1.5), floor(91 / 1.5)
+    psf = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.8, rho=0.1)
+    np.testing.assert_array_equal(written, zoom_out(TEXTURE, 1.5, psf, model))  # type: ignore[arg-type]
+
+
+def test_json_says_what_was_written(
+    command: Command, image_file: Path, psf_file: Path, tmp_path: Path
+) -> None:
+    done = command(
+        "simulate",
+        image_file,
+        "--zoom",
+        2,
+        "--psf",
+        psf_file,
+        "--out",
+        tmp_path / "f.tif",
+        "--json",
+    )
+    document = json.loads(done.out)
+    assert document["size"] == [45, 30]
+    assert document["model"] == "matched"
+
+
+def test_bicubic_needs_no_psf_and_zoom_1_changes_nothing(
+    command: Command, image_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "same.tif"
+    assert (
+        command("simulate", image_file, "--zoom", 1, "--model", "bicubic", "--out", out).status == 0
+    )
+    np.testing.assert_allclose(tifffile.imread(out), TEXTURE, rtol=1e-6)
+
+
+def test_colour_and_opacity(command: Command, psf_file: Path, tmp_path: Path) -> None:
+    colour = np.random.default_rng(3).integers(0, 255, (30, 40, 4)).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "colour.tif", colour, photometric="rgb", extrasamples="unassalpha")
+    out = tmp_path / "far.tif"
+    assert (
+        command(
+            "simulate", tmp_path / "colour.tif", "--zoom", 2, "--psf", psf_file, "--out", out
+        ).status
+        == 0
+    )
+    assert tifffile.imread(out).shape == (15, 20, 3)
+
+
+def test_a_psf_without_a_correlation_is_taken_as_axis_aligned_with_a_note(
+    command: Command, image_file: Path, tmp_path: Path
+) -> None:
+    psf = tmp_path / "p.json"
+    psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8}')
+    done = command("simulate", image_file, "--zoom", 2, "--psf", psf, "--out", tmp_path / "f.tif")
+    assert done.status == 0
+    assert "rho is null" in done.err
+
+
+def test_a_capture_of_a_session_is_simulated_from_its_mean(
+    command: Command, session_dir: Path, psf_file: Path, tmp_path: Path
+) -> None:
+    capture = sorted((session_dir / "captures").glob("*.tif"))[0]
+    out = tmp_path / "far.tif"
+    assert command("simulate", capture, "--zoom", 2, "--psf", psf_file, "--out", out).status == 0
+    assert tifffile.imread(out).shape == (64, 80)

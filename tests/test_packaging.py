@@ -1,0 +1,75 @@
+"""What an installation holds: our names are ours, the extras and entry points are there."""
+
+import importlib
+import tomllib
+from importlib.metadata import distribution, packages_distributions
+from pathlib import Path
+
+import pytest
+
+import standoff
+from acquisition.bench import load_bench
+from acquisition.plan import load_plan
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks", "standoff")
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_our_common_names_are_imported_from_this_checkout(name: str) -> None:
+    module = importlib.import_module(name)
+    assert module.__file__ is not None
+    assert Path(module.__file__).parent == ROOT / name
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_no_other_distribution_ships_our_names(name: str) -> None:
+    owners = set(packages_distributions().get(name, []))
+    assert owners <= {"standoff"}
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_every_package_is_typed_and_says_what_it_is(name: str) -> None:
+    assert (ROOT / name / "py.typed").is_file()
+    assert importlib.import_module(name).__doc__
+
+
+def test_the_version_is_told_once() -> None:
+    assert distribution("standoff").version == standoff.__version__
+
+
+def test_the_extras_are_those_of_the_guide() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert set(project["optional-dependencies"]) == {
+        "aravis",
+        "kernelgan",
+        "console",
+        "cluster",
+        "pdf",
+        "dev",
+    }
+    assert "Private :: Do Not Upload" in project["classifiers"]
+
+
+def test_newer_pygobject_is_kept_out() -> None:
+    # From 3.52 on it needs girepository-2.0, which Debian 12 does not have.
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    (requirement,) = project["optional-dependencies"]["aravis"]
+    assert "<3.52" in requirement
+
+
+@pytest.mark.parametrize(
+    "folder", sorted({path.parent for path in (ROOT / "tests").rglob("test_*.py")})
+)
+def test_every_test_folder_is_a_package(folder: Path) -> None:
+    # Without it, tests/acquisition would shadow acquisition.
+    assert (folder / "__init__.py").is_file()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.toml")), ids=lambda p: p.name)
+def test_every_shipped_config_loads(path: Path) -> None:
+    table = tomllib.loads(path.read_text())
+    if "schema" in table:
+        assert load_plan(path).name
+    else:
+        assert load_bench(path).camera.driver
