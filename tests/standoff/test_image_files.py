@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from PIL import Image
 
 from standoff.errors import ImageFileError
@@ -19,7 +21,7 @@ RNG = np.random.default_rng(0)
 def test_a_tiff_comes_back_as_it_was_written(
     tmp_path: Path, dtype: type, shape: tuple[int, ...]
 ) -> None:
-    pixels = RNG.integers(0, 255, shape).astype(dtype)
+    pixels: NDArray[Any] = RNG.integers(0, 255, shape).astype(dtype)
     photometric = "rgb" if len(shape) == 3 else "minisblack"
     tifffile.imwrite(tmp_path / "i.tif", pixels, photometric=photometric)
     image = read_image(tmp_path / "i.tif")
