@@ -95,6 +95,10 @@ class BandedMatrix:
         """Return the product: ``other`` first, then this one."""
         return self._from_sparse(self._sparse() @ other._sparse())
 
+    def elementwise(self, other: "BandedMatrix", factor: float = 1.0) -> "BandedMatrix":
+        """Return the matrix of products of equal places, times ``factor``."""
+        return self._from_sparse(self._sparse().multiply(other._sparse()).tocsr() * factor)
+
     def transposed(self) -> "BandedMatrix":
         """Transpose: the adjoint of the operator along this axis."""
         return self._from_sparse(self._sparse().T.tocsr())

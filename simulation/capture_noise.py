@@ -1,0 +1,147 @@
+"""Noise of simulated follow-ups: what the reference's noise becomes, and what has to be added.
+
+A zoom-out averages reference pixels, so a simulated follow-up is less noisy than a captured one.
+Its own variance is the sum of squared weights times the reference's variances; what is missing
+to the variance that the camera has at that level is added as fresh noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulation.zoom import FloatImage, SeparableSum, ZoomOperator
+
+__all__ = ["CaptureNoise", "propagated_variance", "with_capture_noise"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaptureNoise:
+    """Temporal noise of a capture: shot and read noise, averaged over frames.
+
+    Parameters
+    ----------
+    gain_e_per_dn
+        Electrons per DN; 1/K of EMVA 1288.
+    read_noise_e
+        Standard deviation of the dark noise of one frame, in electrons.
+    black_level_dn
+        Level without light.
+    frames_averaged
+        Number of frames in the mean.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, the gain not positive, the read noise negative or there is
+        no frame.
+
+    References
+    ----------
+    EMVA Standard 1288, release 4.0, section 2.4, equation (14).
+    """
+
+    gain_e_per_dn: float
+    read_noise_e: float
+    black_level_dn: float
+    frames_averaged: int = 1
+
+    def __post_init__(self) -> None:
+        if not (self.gain_e_per_dn > 0 and np.isfinite(self.gain_e_per_dn)):
+            raise ValueError(f"gain_e_per_dn must be positive, got {self.gain_e_per_dn}")
+        if not (self.read_noise_e >= 0 and np.isfinite(self.read_noise_e)):
+            raise ValueError(f"read_noise_e must not be negative, got {self.read_noise_e}")
+        if not np.isfinite(self.black_level_dn):
+            raise ValueError(f"black_level_dn must be finite, got {self.black_level_dn}")
+        if self.frames_averaged < 1:
+            raise ValueError(f"frames_averaged must be at least 1, got {self.frames_averaged}")
+
+    def variance_dn2(self, level_dn: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Variance of a pixel of the mean at each level, in DN^2."""
+        light_dn = np.maximum(np.asarray(level_dn, dtype=np.float64) - self.black_level_dn, 0.0)
+        read_dn = self.read_noise_e / self.gain_e_per_dn
+        return np.asarray((light_dn / self.gain_e_per_dn + read_dn**2) / self.frames_averaged)
+
+
+def propagated_variance(
+    operator: ZoomOperator, variance_dn2: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Variance of a simulated image whose reference has independent noise in each pixel.
+
+    Parameters
+    ----------
+    operator
+        The zoom-out, as ``zoom_operator`` gives it.
+    variance_dn2
+        Variance of each reference pixel, shape ``(rows, cols)``.
+
+    Returns
+    -------
+    ndarray of float64, shape of the follow-up
+        Sum of squared weights times variances, exact also across the operator's stages.
+
+    Raises
+    ------
+    ValueError
+        If a variance is negative or not finite.
+    """
+    variance = np.asarray(variance_dn2, dtype=np.float64)
+    if not (np.all(np.isfinite(variance)) and np.all(variance >= 0)):
+        raise ValueError("variances must be finite and not negative")
+    squared = _squared_weights(operator)
+    # Rounding in terms of either sign may leave a speck below zero.
+    return np.maximum(np.asarray(squared.apply(variance), dtype=np.float64), 0.0)
+
+
+def with_capture_noise(
+    followup_dn: FloatImage,
+    own_variance_dn2: NDArray[np.float64],
+    noise: CaptureNoise,
+    rng: np.random.Generator,
+) -> FloatImage:
+    """Follow-up with the noise of a captured one.
+
+    Parameters
+    ----------
+    followup_dn
+        The simulated image, shape ``(rows, cols)``.
+    own_variance_dn2
+        What the reference's noise left in it, from ``propagated_variance``; same shape.
+    noise
+        Of the capture that it stands for.
+    rng
+        Where the noise comes from.
+
+    Returns
+    -------
+    ndarray in the dtype of ``followup_dn``
+        Where the simulated image is noisier than the capture would be, nothing is added.
+    """
+    if own_variance_dn2.shape != followup_dn.shape:
+        raise ValueError(
+            f"variances of {own_variance_dn2.shape} do not fit an image of {followup_dn.shape}"
+        )
+    missing = np.maximum(noise.variance_dn2(followup_dn) - own_variance_dn2, 0.0)
+    noisy = followup_dn + np.sqrt(missing) * rng.standard_normal(followup_dn.shape)
+    return noisy.astype(followup_dn.dtype)
+
+
+def _squared_weights(operator: ZoomOperator) -> SeparableSum:
+    """Operator whose weights are the squares of the composed operator's.
+
+    The square of a sum of products is the sum over all pairs of terms of the products of
+    their factors, so it stays separable.
+    """
+    composed = operator.stages[0].terms
+    for stage in operator.stages[1:]:
+        composed = tuple(
+            (later_y @ y, later_x @ x) for later_y, later_x in stage.terms for y, x in composed
+        )
+    pairs = []
+    for i, (y, x) in enumerate(composed):
+        for j in range(i + 1):
+            other_y, other_x = composed[j]
+            # A pair of different terms stands twice in the square.
+            product_y = y.elementwise(other_y, factor=1.0 if i == j else 2.0)
+            pairs.append((product_y, x.elementwise(other_x)))
+    return SeparableSum(tuple(pairs))
