@@ -103,7 +103,7 @@ class SimulatedConfig(_Section):
     )
     gain_e_per_dn: Positive = Field(5.0, description="conversion at 0 dB, e-/DN of 12 bit")
     read_noise_e: NonNegative = 12.0
-    full_well_e: Positive = 20000.0
+    full_well_e: Positive = 22000.0
     black_level_dn: NonNegative = Field(64.0, description="offset, in DN of 12 bit")
 
 

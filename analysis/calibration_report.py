@@ -25,7 +25,7 @@ Image = NDArray[np.floating[Any]]
 ImageLoader = Callable[[StoredEdge], Image]
 
 _IMAGES_SHOWN = 4
-_DIRECTION_STEP_DEG = 10.0
+_DIRECTION_STEP_DEG = 15.0
 _EDGES_LISTED = 200
 
 

@@ -21,7 +21,7 @@ EXPOSURE_RANGE_US = (21.0, 60_000_000.0)
 EXPOSURE_STEP_US = 1.0
 GAIN_RANGE_DB = (0.0, 31.0)
 GAIN_STEP_DB = 1.0
-"""Ranges of a Manta G-046; the camera reads back what its steps allow."""
+"""Ranges like those of a Manta G-046B; whole microseconds and decibels are read back."""
 
 LAST_FRAME_ID = 65535
 PACKETS_PER_INCOMPLETE_FRAME = 3
@@ -84,6 +84,8 @@ class SimulatedCamera:
         Turns light into numbers.
     look
         Light on each pixel at this moment, relative to white paper, shape ``(rows, cols)``.
+    shape
+        ``(rows, cols)`` of its frames.
     clock
         Shared with the stage.
     seed

@@ -225,14 +225,9 @@ class SimulatedStage:
         return True
 
     def _settle(self, target: int, height_mm: float, left_s: float, timeout_s: float) -> None:
-        short = round(self.faults.stops_short_mm * STEPS_PER_MM)
-        if short:
-            self._steps = self._steps_at(
-                max(
-                    (target - short if self._approaches_upwards else target + short) / STEPS_PER_MM,
-                    self.limits_mm[0],
-                )
-            )
+        if self.faults.stops_short_mm:
+            side = 1 if self._approaches_upwards else -1
+            self._steps = self._steps_at(target / STEPS_PER_MM - side * self.faults.stops_short_mm)
         is_near = abs(self._steps - target) <= self._config.tolerance_mm * STEPS_PER_MM
         if self.faults.never_settles or not is_near or self._config.settle_s > left_s:
             self._clock.advance(max(left_s, 0.0))

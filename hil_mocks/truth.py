@@ -24,7 +24,8 @@ class BenchTruth:
     """The physics of one simulated bench: where things are, how sharp and how noisy.
 
     Heights are true ones, in mm on the stage's scale; covariances are ``(2, 2)`` in px^2, order
-    (x, y); homographies take ``(x, y, 1)`` of pixel centres.
+    (x, y); homographies take ``(x, y, 1)`` of pixel centres. ``camera`` (a `PinholeCamera`),
+    ``lens``, ``sensor`` and ``renderer`` are its parts.
 
     Raises
     ------
