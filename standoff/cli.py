@@ -15,6 +15,7 @@ from standoff.commands.demo import demo
 from standoff.commands.report import report
 from standoff.commands.sessions import capture, verify
 from standoff.commands.simulate import simulate
+from standoff.commands.sr_pairs import sr_pairs
 from standoff.errors import REPORTED_ERRORS
 from standoff.output import ERRORS
 
@@ -57,8 +58,8 @@ def standoff(
         raise typer.Exit(EXIT_USAGE)
 
 
-for command in (demo, capture, verify, calibrate, simulate, report):
-    app.command()(command)
+for command in (demo, capture, verify, calibrate, simulate, sr_pairs, report):
+    app.command(command.__name__.replace("_", "-"))(command)
 
 
 def main() -> None:

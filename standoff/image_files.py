@@ -17,7 +17,7 @@ from PIL import Image, UnidentifiedImageError
 from acquisition.atomic_write import atomic_write
 from standoff.errors import ImageFileError
 
-__all__ = ["ImageFile", "read_image", "write_float_tiff"]
+__all__ = ["ImageFile", "read_image", "tiff_bytes", "write_float_tiff"]
 
 _TIFF_SUFFIXES = {".tif", ".tiff"}
 _PLATEAU_FRACTION = 0.002
@@ -42,6 +42,18 @@ class ImageFile:
     def is_colour(self) -> bool:
         """Whether there are red, green and blue planes."""
         return self.pixels.ndim == 3 and self.pixels.shape[2] >= 3
+
+    @property
+    def colour_planes(self) -> NDArray[np.generic]:
+        """The pixels without an opacity plane, as a type that the capture model takes."""
+        pixels = self.pixels
+        if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
+            pixels = pixels[:, :, :-1]
+        if pixels.ndim == 3 and pixels.shape[2] == 1:
+            pixels = pixels[:, :, 0]
+        if pixels.dtype.type in (np.uint8, np.uint16, np.float32, np.float64):
+            return pixels
+        return pixels.astype(np.float64)
 
 
 def read_image(path: Path) -> ImageFile:
@@ -82,6 +94,14 @@ def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -
     ImageFileError
         If the file cannot be written.
     """
+    try:
+        atomic_write(path, tiff_bytes(image, description))
+    except OSError as error:
+        raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+def tiff_bytes(image: NDArray[np.float32], description: str) -> bytes:
+    """Return a float32 TIFF, grey or RGB, as the bytes of its file."""
     buffer = BytesIO()
     tifffile.imwrite(
         buffer,
@@ -90,10 +110,7 @@ def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -
         description=description,
         metadata=None,
     )
-    try:
-        atomic_write(path, buffer.getvalue())
-    except OSError as error:
-        raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
+    return buffer.getvalue()
 
 
 def _saturation(pixels: NDArray[np.generic], full_scale: float | None) -> float | None:

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from calibration.files import read_psf
 from simulation import MODELS, GaussianPsf, Model, zoom_out
@@ -15,7 +14,7 @@ from standoff.image_files import read_image, write_float_tiff
 from standoff.options import Json, checked_zoom
 from standoff.output import note, print_json, say
 
-__all__ = ["simulate"]
+__all__ = ["read_total_psf", "simulate"]
 
 _BLURRING_MODELS = tuple(name for name in MODELS if name != "bicubic")
 
@@ -40,8 +39,8 @@ def simulate(
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     if gaussian == "sampled" and model != "paper":
         raise typer.BadParameter("sampled weights are for model paper", param_hint="--gaussian")
-    total = None if psf is None else _total_psf(psf)
-    reference = _colour_planes(read_image(image).pixels)
+    total = None if psf is None else read_total_psf(psf)
+    reference = read_image(image).colour_planes
     try:
         followup = zoom_out(reference, zoom, total, model, gaussian=gaussian)
     except ValueError as error:
@@ -65,20 +64,16 @@ def simulate(
     say(f"wrote {out}: {cols} x {rows} px, {zoom:g} times further away, model {model}")
 
 
-def _total_psf(path: Path) -> GaussianPsf:
+def read_total_psf(path: Path) -> GaussianPsf:
+    """Read the total PSF of a psf.json, with a note where its correlation is taken as none.
+
+    Raises
+    ------
+    PsfFileError
+        If the file cannot be read or lacks a width.
+    """
     stored = read_psf(path)
     total = stored.total_psf(str(path))
     if stored.rho is None:
         note(f"{path}: rho is null (no diagonal edges); taken as 0, an axis-aligned PSF")
     return total
-
-
-def _colour_planes(pixels: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Drop an opacity plane, and take numbers that the model does not know as float64."""
-    if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
-        pixels = pixels[:, :, :-1]
-    if pixels.ndim == 3 and pixels.shape[2] == 1:
-        pixels = pixels[:, :, 0]
-    if pixels.dtype.type in (np.uint8, np.uint16, np.float32, np.float64):
-        return pixels
-    return pixels.astype(np.float64)

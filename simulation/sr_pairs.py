@@ -1,0 +1,117 @@
+"""Aligned pairs for super-resolution: a crop, and the same crop seen from further away.
+
+The low-resolution image is simulated with the pixels around the crop, so that its borders are
+as right as its middle, and on a grid centred on the crop: both images show the same square of
+the scene.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import ceil, floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulation.grid import SamplingGrid
+from simulation.psf import GaussianPsf
+from simulation.zoom import FloatImage, Model, zoom_out_on_grid
+
+__all__ = ["SrPair", "crop_origins", "sr_pairs"]
+
+_WHOLE_PIXEL_SLACK = 1e-9
+_MARGIN_PX = 24.0  # the spline's own reach at the reference's resolution
+_MARGIN_ZOOMS = 24.0  # the antialiasing cubic and the blur's tail, in follow-up pixels
+_MARGIN_SIGMAS = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SrPair:
+    """A high-resolution crop and its simulated low-resolution partner.
+
+    Low-resolution pixel ``i`` lies at ``(i - (n - 1) / 2) * zoom + (N - 1) / 2`` of the crop, on
+    both axes, with ``N`` and ``n`` the sizes of the two.
+    """
+
+    top_px: int
+    left_px: int
+    high: NDArray[np.generic]
+    low: FloatImage
+
+
+def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
+    """First pixels of crops along one axis: every ``stride_px``, the last one at the border.
+
+    Raises
+    ------
+    ValueError
+        If the crop is larger than the axis, or crop or stride is not positive.
+    """
+    if crop_px < 1 or stride_px < 1:
+        raise ValueError(f"crop and stride must be positive, got {crop_px} and {stride_px}")
+    if crop_px > size_px:
+        raise ValueError(f"a crop of {crop_px} px does not fit into {size_px} px")
+    origins = list(range(0, size_px - crop_px + 1, stride_px))
+    if origins[-1] != size_px - crop_px:
+        origins.append(size_px - crop_px)
+    return origins
+
+
+def sr_pairs(
+    image: NDArray[np.generic],
+    zoom: float,
+    psf: GaussianPsf,
+    *,
+    crop_px: int,
+    stride_px: int,
+    model: Model = "matched",
+) -> Iterator[SrPair]:
+    """Cut an image into crops, row by row, each with its low-resolution partner.
+
+    Parameters
+    ----------
+    image
+        Shape ``(rows, cols)`` or ``(rows, cols, channels)``; linear in light.
+    zoom
+        How many times further away the low-resolution camera stands, at least 1.
+    psf
+        Total PSF of the camera.
+    crop_px, stride_px
+        Side of the high-resolution crops, and the distance between their origins.
+    model
+        The capture model.
+
+    Raises
+    ------
+    ValueError
+        If the crop does not fit into the image, or leaves no low-resolution pixel.
+    """
+    rows, cols = image.shape[:2]
+    small = floor(crop_px / zoom + _WHOLE_PIXEL_SLACK)
+    if small < 1:
+        raise ValueError(f"a crop of {crop_px} px leaves no pixel at zoom {zoom:g}")
+    centred = SamplingGrid.centred((crop_px, crop_px), zoom)
+    margin = _margin_px(zoom, psf)
+    for top in crop_origins(rows, crop_px, stride_px):
+        for left in crop_origins(cols, crop_px, stride_px):
+            # Crops away from the border have the same window and grid: one cached operator.
+            window_top, window_left = max(top - margin, 0), max(left - margin, 0)
+            window = image[
+                window_top : top + crop_px + margin, window_left : left + crop_px + margin
+            ]
+            grid = replace(
+                centred,
+                origin_y_px=top - window_top + centred.origin_y_px,
+                origin_x_px=left - window_left + centred.origin_x_px,
+            )
+            yield SrPair(
+                top_px=top,
+                left_px=left,
+                high=image[top : top + crop_px, left : left + crop_px],
+                low=zoom_out_on_grid(window, grid, psf, model),
+            )
+
+
+def _margin_px(zoom: float, psf: GaussianPsf) -> int:
+    """Pixels around a crop that its low-resolution pixels may depend on."""
+    widest = max(psf.sigma_x_px, psf.sigma_y_px)
+    return ceil(_MARGIN_PX + _MARGIN_ZOOMS * zoom + _MARGIN_SIGMAS * widest * zoom)

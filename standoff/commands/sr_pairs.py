@@ -1,0 +1,86 @@
+"""``standoff sr-pairs``: aligned training pairs for super-resolution."""
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simulation import Model
+from standoff.commands.simulate import read_total_psf
+from standoff.errors import ApplicationError
+from standoff.options import Json, checked_zoom
+from standoff.output import print_json, progress_bar, say
+from standoff.sr_dataset import SrDatasetSettings, write_sr_dataset
+
+__all__ = ["sr_pairs"]
+
+_IMAGE_SUFFIXES = {".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp"}
+
+
+def _checked_fraction(fraction: float) -> float:
+    if not (math.isfinite(fraction) and 0 <= fraction <= 1):
+        raise typer.BadParameter(f"a fraction lies in 0 to 1, got {fraction:g}")
+    return fraction
+
+
+def sr_pairs(
+    images: Annotated[
+        list[Path], typer.Argument(help="Photographs, or folders of them.", show_default=False)
+    ],
+    *,
+    psf: Annotated[Path, typer.Option(help="psf.json of the camera.")],
+    zoom: Annotated[
+        float, typer.Option(help="How many times further away, at least 1.", callback=checked_zoom)
+    ],
+    out: Annotated[Path, typer.Option(help="Directory of the pairs, new or to be resumed.")],
+    model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
+    crop: Annotated[int, typer.Option(min=8, help="Side of the high-resolution crops, px.")] = 192,
+    stride: Annotated[
+        int | None, typer.Option(min=1, help="Distance between crops, px; one crop by default.")
+    ] = None,
+    test_fraction: Annotated[
+        float,
+        typer.Option(help="Share of the images kept for testing.", callback=_checked_fraction),
+    ] = 0.1,
+    seed: Annotated[int, typer.Option(min=0, help="Chooses which images are for testing.")] = 0,
+    is_float: Annotated[
+        bool, typer.Option("--float", help="Write float32 TIFFs instead of rounded PNGs.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Cut photographs into crops, each with its image from ZOOM times further away."""
+    settings = SrDatasetSettings(
+        zoom=zoom,
+        model=model,
+        psf=read_total_psf(psf),
+        crop_px=crop,
+        stride_px=stride or crop,
+        test_fraction=test_fraction,
+        seed=seed,
+        is_float=is_float,
+    )
+    paths = _expanded(images)
+    with progress_bar("cutting pairs", len(paths)) as bar:
+        summary = write_sr_dataset(out, paths, settings, bar.advance_to)
+    if json:
+        print_json({"out": str(out), **asdict(summary)})
+        return
+    say(
+        f"{out}: {summary.train} pairs for training, {summary.test} for testing, "
+        f"from {len(paths)} images ({summary.images_found_done} were done already)"
+    )
+
+
+def _expanded(images: list[Path]) -> list[Path]:
+    paths: list[Path] = []
+    for path in images:
+        if not path.is_dir():
+            paths.append(path)
+            continue
+        inside = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGE_SUFFIXES)
+        if not inside:
+            raise ApplicationError(f"{path}: the folder holds no image")
+        paths += inside
+    return paths

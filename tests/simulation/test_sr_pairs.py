@@ -1,0 +1,83 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
+from simulation.sr_pairs import crop_origins, sr_pairs
+from simulation.zoom import MODELS, Model
+
+PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.1)
+
+
+@given(size=st.integers(1, 400), crop=st.integers(1, 400), stride=st.integers(1, 200))
+def test_crops_lie_inside_and_reach_both_borders(size: int, crop: int, stride: int) -> None:
+    if crop > size:
+        with pytest.raises(ValueError, match="does not fit"):
+            crop_origins(size, crop, stride)
+        return
+    origins = crop_origins(size, crop, stride)
+    assert origins[0] == 0
+    assert origins[-1] + crop == size
+    assert origins == sorted(set(origins))
+    assert all(b - a <= stride for a, b in pairwise(origins))
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("zoom", [1.5, 2.0, 3.0])
+def test_a_crop_equals_that_part_of_the_whole_image_seen_from_further_away(
+    model: Model, zoom: float
+) -> None:
+    image = np.random.default_rng(8).uniform(0.0, 255.0, (260, 330))
+    pairs = list(sr_pairs(image, zoom, PSF, crop_px=60, stride_px=110, model=model))
+    assert len(pairs) == 3 * 4
+    for pair in (pairs[0], pairs[5], pairs[-1]):
+        n = pair.low.shape[0]
+        assert n == 60 / zoom
+        centre_y, centre_x = pair.top_px + 29.5, pair.left_px + 29.5
+        grid = SamplingGrid(
+            zoom_y=zoom,
+            zoom_x=zoom,
+            origin_y_px=centre_y - (n - 1) / 2 * zoom,
+            origin_x_px=centre_x - (n - 1) / 2 * zoom,
+            rows=n,
+            cols=n,
+        )
+        whole = zoom_out_on_grid(image, grid, PSF, model)
+        np.testing.assert_allclose(pair.low, whole, atol=0.02)
+        np.testing.assert_array_equal(
+            pair.high, image[pair.top_px : pair.top_px + 60, pair.left_px : pair.left_px + 60]
+        )
+
+
+def test_a_blob_stands_at_the_same_place_in_both() -> None:
+    y, x = np.mgrid[:120, :150].astype(np.float64)
+    blob = np.exp(-((x - 83.0) ** 2 + (y - 52.0) ** 2) / (2 * 4.0**2))
+    (pair,) = (
+        p
+        for p in sr_pairs(blob, 2.0, PSF, crop_px=64, stride_px=28)
+        if (p.top_px, p.left_px) == (28, 56)
+    )
+    low = np.asarray(pair.low, dtype=np.float64)
+    rows, cols = np.mgrid[:32, :32]
+    centre = (float((rows * low).sum() / low.sum()), float((cols * low).sum() / low.sum()))
+    # By the grid's definition: (place - 31.5) / 2 + 15.5.
+    assert centre[0] == pytest.approx((52.0 - 28 - 31.5) / 2 + 15.5, abs=0.01)
+    assert centre[1] == pytest.approx((83.0 - 56 - 31.5) / 2 + 15.5, abs=0.01)
+
+
+def test_colour_and_dtype_are_kept() -> None:
+    image = np.random.default_rng(1).integers(0, 255, (90, 90, 3)).astype(np.uint8)
+    pair = next(sr_pairs(image, 2.0, PSF, crop_px=40, stride_px=40))
+    assert pair.high.dtype == np.uint8
+    assert pair.low.shape == (20, 20, 3)
+
+
+@pytest.mark.parametrize(
+    ("crop", "zoom", "match"), [(100, 2.0, "does not fit"), (2, 3.0, "no pixel")]
+)
+def test_crops_that_cannot_be_are_refused(crop: int, zoom: float, match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        list(sr_pairs(np.ones((50, 50)), zoom, PSF, crop_px=crop, stride_px=10))
