@@ -32,6 +32,7 @@ _LARGEST_SAGITTA = 0.02  # of the length: a bend the fit's curvature takes up
 _ROUGHEST_PX = 0.7  # rms distance of the ridge from its line
 _LINE_BAND_PX = 3.0
 _LINE_ROUNDS = 3
+_JOINED_OFFSET_PX = 1.5
 _CORNER_SIGMAS = 2.5
 _CELL_PX = 128.0
 _CANNY_LARGEST = 26_000.0  # cv2.Canny takes 79109 times this in 32 bits: 27 145 would overflow
@@ -84,6 +85,7 @@ def find_edges(image_dn: Array, *, cell_px: float = _CELL_PX) -> list[EdgeSegmen
     # A speck of noise is no neighbour that would spoil a fit.
     region_sizes = np.diff(starts, prepend=0)[sorted_labels]
     solid = ordered[region_sizes >= _SMALLEST_NEIGHBOUR_PX]
+    solid = solid[np.argsort(ridge_rows[solid], kind="stable")]
     ridge_points = np.column_stack([ridge_cols[solid], ridge_rows[solid]]).astype(np.float64)
     pieces = []
     for line in lines:
@@ -229,18 +231,24 @@ def _ends(line: EdgeSegment) -> tuple[Array, Array]:
 def _joined(lines: list[EdgeSegment]) -> list[EdgeSegment]:
     """Join pieces that continue each other across a gap."""
     waiting = sorted(lines, key=lambda e: -e.length_px)
+    x, y = np.array([e.x_px for e in waiting]), np.array([e.y_px for e in waiting])
+    is_free = np.ones(len(waiting), dtype=np.bool_)
     joined: list[EdgeSegment] = []
-    while waiting:
-        line = waiting.pop(0)
-        grew = True
-        while grew:
-            grew = False
-            for other in waiting:
-                longer = _continuation(line, other)
+    for first, longest in enumerate(waiting):
+        if not is_free[first]:
+            continue
+        is_free[first] = False
+        line = longest
+        longer: EdgeSegment | None = longest
+        while longer is not None:
+            line, longer = longer, None
+            away = np.abs(
+                cos(line.normal_rad) * (x - line.x_px) + sin(line.normal_rad) * (y - line.y_px)
+            )
+            for place in np.flatnonzero(is_free & (away <= _JOINED_OFFSET_PX)).tolist():
+                longer = _continuation(line, waiting[place])
                 if longer is not None:
-                    waiting.remove(other)
-                    line = longer
-                    grew = True
+                    is_free[place] = False
                     break
         joined.append(line)
     return joined
@@ -257,7 +265,7 @@ def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
     for x, y in _ends(other):
         places.append(-s * (x - line.x_px) + c * (y - line.y_px))
         offsets.append(abs(c * (x - line.x_px) + s * (y - line.y_px)))
-    if max(offsets) > 1.5:
+    if max(offsets) > _JOINED_OFFSET_PX:
         return None
     half = 0.5 * line.length_px
     gap = max(min(places) - half, -half - max(places))
@@ -324,11 +332,15 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
 
 
 def _with_clearance(piece: EdgeSegment, ridge_points: Array) -> EdgeSegment | None:
-    """Limit the fit's band to what no other edge reaches; None where nothing is left."""
+    """Limit the fit's band to what no other edge reaches; None where nothing is left.
+
+    ``ridge_points`` holds x and y of the ridge pixels, from top to bottom.
+    """
     c, s = cos(piece.normal_rad), sin(piece.normal_rad)
     reach = hypot(0.5 * piece.length_px, 40.0)
-    offset = ridge_points - (piece.x_px, piece.y_px)
-    offset = offset[(np.abs(offset[:, 0]) < reach) & (np.abs(offset[:, 1]) < reach)]
+    first, last = np.searchsorted(ridge_points[:, 1], [piece.y_px - reach, piece.y_px + reach])
+    offset = ridge_points[first:last] - (piece.x_px, piece.y_px)
+    offset = offset[np.abs(offset[:, 0]) < reach]
     across = np.abs(c * offset[:, 0] + s * offset[:, 1])
     along = np.abs(-s * offset[:, 0] + c * offset[:, 1])
     own = max(2.5, 1.5 * piece.sigma_px)

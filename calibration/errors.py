@@ -1,6 +1,6 @@
 """What can go wrong between photographs and a calibration."""
 
-__all__ = ["CalibrationError", "NoEdgeError", "PsfFileError", "RegistrationError"]
+__all__ = ["CalibrationError", "NoEdgeError", "NoiseFileError", "PsfFileError", "RegistrationError"]
 
 
 class CalibrationError(Exception):
@@ -9,6 +9,10 @@ class CalibrationError(Exception):
 
 class NoEdgeError(CalibrationError):
     """No edge that may count was found."""
+
+
+class NoiseFileError(CalibrationError):
+    """A noise.json cannot be read, or lacks a value that is needed."""
 
 
 class PsfFileError(CalibrationError):

@@ -1,4 +1,4 @@
-"""Reads and writes psf.json: the only module here that touches these files."""
+"""Reads and writes psf.json and reads noise.json: the only module here that touches them."""
 
 import json
 import math
@@ -11,13 +11,24 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from acquisition.atomic_write import atomic_write
 from calibration.covariance_fit import Estimate
-from calibration.errors import PsfFileError
+from calibration.errors import CalibrationError, NoiseFileError, PsfFileError
 from calibration.psf_calibration import EdgeMeasurement, PsfCalibration
+from simulation.capture_noise import CaptureNoise
 from simulation.psf import GaussianPsf
 
-__all__ = ["PSF_SCHEMA", "StoredEdge", "StoredPsf", "psf_document", "read_psf", "write_psf"]
+__all__ = [
+    "NOISE_SCHEMA",
+    "PSF_SCHEMA",
+    "StoredEdge",
+    "StoredPsf",
+    "psf_document",
+    "read_noise",
+    "read_psf",
+    "write_psf",
+]
 
 PSF_SCHEMA = "standoff.psf/1"
+NOISE_SCHEMA = "standoff.noise/1"
 
 _Matrix = list[list[float]]
 
@@ -147,22 +158,54 @@ def read_psf(path: Path) -> StoredPsf:
     PsfFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PsfFileError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise PsfFileError(f"{path}: not a psf.json: {error}") from error
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != PSF_SCHEMA:
-        raise PsfFileError(
-            f"{path}: schema is {schema!r}, expected {PSF_SCHEMA!r}; "
-            "write it with standoff calibrate"
-        )
+    document = _document(path, PSF_SCHEMA, PsfFileError, "write it with standoff calibrate")
     try:
         return StoredPsf.model_validate(document)
     except ValidationError as error:
         raise PsfFileError(f"{path}: {_first_fault(error.errors())}") from error
+
+
+def read_noise(path: Path) -> CaptureNoise:
+    """Read the noise model of a noise.json.
+
+    Raises
+    ------
+    NoiseFileError
+        If it cannot be read, is of another schema, or lacks a value.
+    """
+    document = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json")
+    values = {}
+    for name in ("gain_e_per_dn", "read_noise_e", "black_level_dn", "frames_averaged"):
+        value = document.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise NoiseFileError(f"{path}: {name} is {value!r}, expected a number")
+        values[name] = value
+    try:
+        return CaptureNoise(
+            gain_e_per_dn=values["gain_e_per_dn"],
+            read_noise_e=values["read_noise_e"],
+            black_level_dn=values["black_level_dn"],
+            frames_averaged=int(values["frames_averaged"]),
+        )
+    except ValueError as error:
+        raise NoiseFileError(f"{path}: {error}") from error
+
+
+def _document(
+    path: Path, schema: str, failure: type[CalibrationError], remedy: str
+) -> dict[str, Any]:
+    """Read a JSON object and check its schema."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise failure(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        name = schema.removeprefix("standoff.").partition("/")[0]
+        raise failure(f"{path}: not a {name}.json: {error}") from error
+    found = document.get("schema") if isinstance(document, dict) else None
+    if found != schema:
+        raise failure(f"{path}: schema is {found!r}, expected {schema!r}; {remedy}")
+    return dict(document)
 
 
 def _first_fault(faults: Sequence[Any]) -> str:

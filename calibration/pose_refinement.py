@@ -29,6 +29,8 @@ FloatArray = NDArray[np.float64]
 _CORRELATION_MIN = 0.5
 _ITERATIONS = 40
 _CONVERGED_PX = 5e-4
+_FREE_STEPS = 5
+"""Steps after which pixels only drop out: a row that comes and goes would never let it settle."""
 _BORDER_PX = 4
 """Pixels of the simulated follow-up left out at each side: the mirrored border reaches them."""
 
@@ -97,8 +99,12 @@ def refined_pose(
     to_unit = np.diag([1 / half_px, 1 / half_px, 1.0])
     to_unit[:2, 2] = [-(shape[1] - 1) / 2 / half_px, -(shape[0] - 1) / 2 / half_px]
     flows = _flows_px(generators, shape)
-    for _ in range(_ITERATIONS):
+    settled = np.ones(shape, dtype=np.bool_)
+    for number in range(_ITERATIONS):
         simulated, inside = predict(matrix)
+        if number >= _FREE_STEPS:
+            inside &= settled
+        settled = inside
         slope_y, slope_x = np.gradient(simulated, axis=0), np.gradient(simulated, axis=1)
         columns = [slope_x[inside] * fx[inside] + slope_y[inside] * fy[inside] for fx, fy in flows]
         # Gain and offset are fitted together with the motion.

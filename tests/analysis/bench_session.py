@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import Session
+from calibration.noise_model import LevelNoise
 from simulation import GaussianPsf
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
@@ -24,6 +25,8 @@ HEIGHTS_MM = (100.0, 150.0, 200.0)
 SHAPE = (300, 390)
 SCENE_PX = 900.0
 TEXTURE_SEED = 3
+LOW_NOISE = LevelNoise(offset_dn2=1.0, slope_dn=0.01, floor_dn2=1.0)
+"""Of the texture's frames: where noise prevails, the model that blurs most has the least error."""
 
 
 def texture_dn(zoom: float, seed: int = TEXTURE_SEED) -> FloatArray:
@@ -45,12 +48,12 @@ def bench_session(path: Path, target: str = "leaves") -> Session:
     with writer(path, plan=plan) as session:
         for entry in session.entries:
             if entry.kind == "edge":
-                clean = photograph_dn(entry.orientation_deg)
+                frames = averaged(photograph_dn(entry.orientation_deg), rng)
             else:
-                clean = texture_dn(entry.height_mm / HEIGHTS_MM[0])
+                frames = averaged(texture_dn(entry.height_mm / HEIGHTS_MM[0]), rng, LOW_NOISE)
             session.add_capture(
                 entry,
-                averaged(clean, rng),
+                frames,
                 settings=SETTINGS,
                 height_mm=entry.height_mm + 0.002,
                 focus_value=0.5,

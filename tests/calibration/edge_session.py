@@ -23,9 +23,11 @@ def photograph_dn(normal_deg: float) -> NDArray[np.float64]:
     return clean_photograph(normal_deg) / 16.0
 
 
-def averaged(clean: NDArray[np.float64], rng: np.random.Generator) -> AveragedFrames:
+def averaged(
+    clean: NDArray[np.float64], rng: np.random.Generator, noise: LevelNoise = FRAME_NOISE
+) -> AveragedFrames:
     """Mean and unbiased variance of FRAMES noisy frames of one clean image."""
-    spread = np.sqrt(FRAME_NOISE.variance_dn2(clean))
+    spread = np.sqrt(noise.variance_dn2(clean))
     frames = clean + rng.normal(size=(FRAMES, *clean.shape)) * spread
     return AveragedFrames(
         mean_dn=frames.mean(axis=0).astype(np.float32),

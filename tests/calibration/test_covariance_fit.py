@@ -58,6 +58,7 @@ def test_vertical_and_horizontal_edges_leave_the_correlation_open() -> None:
     assert fit.rho is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [9, 24, 60])
 def test_the_95_percent_intervals_contain_the_truth_95_times_of_100(count: int) -> None:
     rng = np.random.default_rng(count)

@@ -121,7 +121,7 @@ def test_no_edge_at_all_says_what_to_photograph() -> None:
 def test_saturated_edges_alone_say_to_shorten_the_exposure() -> None:
     image = np.minimum(edge_image(0.6, 4.0), 45_000.0)
     source = EdgeImage(name="bright.tif", image_dn=image, saturation_dn=45_000.0)
-    with pytest.raises(NoEdgeError, match="none of the 1 edges can be used .saturated: shorten"):
+    with pytest.raises(NoEdgeError, match=r"none of the 1 edges can be used .saturated: shorten"):
         calibrate_psf([source])
 
 
