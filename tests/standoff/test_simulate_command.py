@@ -102,3 +102,84 @@ def test_a_capture_of_a_session_is_simulated_from_its_mean(
     out = tmp_path / "far.tif"
     assert command("simulate", capture, "--zoom", 2, "--psf", psf_file, "--out", out).status == 0
     assert tifffile.imread(out).shape == (64, 80)
+
+
+def test_capture_options_act_in_the_order_light_noise_sharpening(
+    command: Command, image_file: Path, psf_file: Path, tmp_path: Path
+) -> None:
+    def simulated(*options: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        out = tmp_path / "far.tif"
+        done = command(
+            "simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", out, *options
+        )
+        assert done.status == 0, done.err
+        return np.asarray(tifffile.imread(out))
+
+    plain = simulated()
+    np.testing.assert_allclose(simulated("--exposure", 1.5), 1.5 * plain, rtol=1e-6)
+    np.testing.assert_allclose(simulated("--vignetting", 0.3)[0, 0], 0.7 * plain[0, 0], rtol=1e-5)
+    assert np.std(simulated("--sharpen", "1.0,1.5")) > 1.1 * np.std(plain)
+
+
+def test_noise_is_that_of_a_capture_and_follows_the_seed(
+    command: Command, psf_file: Path, tmp_path: Path
+) -> None:
+    flat = tmp_path / "flat.tif"
+    rng = np.random.default_rng(1)
+    # A noisy flat of 1000 DN at 4 e-/DN with 8 e- of read noise: (1000 / 4 + 2^2) DN^2.
+    variance = 1000.0 / 4.0 + (8.0 / 4.0) ** 2
+    tifffile.imwrite(flat, rng.normal(1000.0, np.sqrt(variance), (200, 240)).astype(np.float32))
+    noise = tmp_path / "noise.json"
+    noise.write_text(
+        '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "read_noise_e": 8.0,'
+        ' "black_level_dn": 0.0, "saturation_dn": 4095.0, "frames_averaged": 1}'
+    )
+
+    def simulated(seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        out = tmp_path / "far.tif"
+        done = command(
+            "simulate", flat, "--zoom", 2, "--psf", psf_file, "--noise", noise,
+            "--seed", seed, "--out", out,
+        )  # fmt: skip
+        assert done.status == 0, done.err
+        return np.asarray(tifffile.imread(out))
+
+    first = simulated(1)
+    assert np.var(first[4:-4, 4:-4]) == pytest.approx(variance, rel=0.06)  # 10 000 pixels
+    np.testing.assert_array_equal(simulated(1), first)
+    assert np.any(simulated(2) != first)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ('{"schema": "standoff.psf/1"}', "schema"),
+        ('{"schema": "standoff.noise/1", "gain_e_per_dn": null}', "gain_e_per_dn"),
+        (
+            '{"schema": "standoff.noise/1", "gain_e_per_dn": -4.0, "read_noise_e": 8.0,'
+            ' "black_level_dn": 0.0, "frames_averaged": 1}',
+            "gain_e_per_dn",
+        ),
+    ],
+)
+def test_a_noise_file_at_fault_is_named(
+    command: Command, image_file: Path, psf_file: Path, tmp_path: Path, text: str, name: str
+) -> None:
+    noise = tmp_path / "noise.json"
+    noise.write_text(text)
+    done = command(
+        "simulate", image_file, "--zoom", 2, "--psf", psf_file, "--noise", noise,
+        "--out", tmp_path / "far.tif",
+    )  # fmt: skip
+    assert done.status == 1
+    assert name in done.err
+    assert not (tmp_path / "far.tif").exists()
+
+
+@pytest.mark.parametrize("option", [("--sharpen", "much"), ("--seed", "-1")])
+def test_options_that_are_no_numbers_are_wrong_usage(
+    command: Command, image_file: Path, psf_file: Path, tmp_path: Path, option: tuple[str, str]
+) -> None:
+    out = tmp_path / "far.tif"
+    done = command("simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", out, *option)
+    assert done.status == 2
