@@ -1,10 +1,21 @@
 """What can go wrong between photographs and a calibration."""
 
-__all__ = ["CalibrationError", "NoEdgeError", "NoiseFileError", "PsfFileError", "RegistrationError"]
+__all__ = [
+    "CalibrationError",
+    "HomographyFileError",
+    "NoEdgeError",
+    "NoiseFileError",
+    "PsfFileError",
+    "RegistrationError",
+]
 
 
 class CalibrationError(Exception):
     """The photographs or files do not allow the measurement that was asked for."""
+
+
+class HomographyFileError(CalibrationError):
+    """An H.json cannot be read, or lacks a value that is needed."""
 
 
 class NoEdgeError(CalibrationError):

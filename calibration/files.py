@@ -1,27 +1,32 @@
-"""Reads and writes psf.json and reads noise.json: the only module here that touches them."""
+"""Reads and writes psf.json, reads noise.json and H.json: nothing else here touches them."""
 
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from acquisition.atomic_write import atomic_write
 from calibration.covariance_fit import Estimate
-from calibration.errors import CalibrationError, NoiseFileError, PsfFileError
+from calibration.errors import CalibrationError, HomographyFileError, NoiseFileError, PsfFileError
 from calibration.psf_calibration import EdgeMeasurement, PsfCalibration
 from simulation.capture_noise import CaptureNoise
 from simulation.psf import GaussianPsf
 
 __all__ = [
+    "HOMOGRAPHY_SCHEMA",
     "NOISE_SCHEMA",
     "PSF_SCHEMA",
     "StoredEdge",
+    "StoredHomography",
     "StoredPsf",
     "psf_document",
+    "read_homography",
     "read_noise",
     "read_psf",
     "write_psf",
@@ -29,6 +34,7 @@ __all__ = [
 
 PSF_SCHEMA = "standoff.psf/1"
 NOISE_SCHEMA = "standoff.noise/1"
+HOMOGRAPHY_SCHEMA = "standoff.homography/1"
 
 _Matrix = list[list[float]]
 
@@ -189,6 +195,41 @@ def read_noise(path: Path) -> CaptureNoise:
         )
     except ValueError as error:
         raise NoiseFileError(f"{path}: {error}") from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StoredHomography:
+    """What an H.json holds.
+
+    ``matrix``, shape (3, 3), takes follow-up pixel centres (x, y, 1) to reference pixel centres;
+    ``width_px`` and ``height_px`` are the follow-up's.
+    """
+
+    matrix: NDArray[np.float64]
+    width_px: int
+    height_px: int
+
+
+def read_homography(path: Path) -> StoredHomography:
+    """Read an H.json.
+
+    Raises
+    ------
+    HomographyFileError
+        If it cannot be read, is of another schema, or its matrix or size is none.
+    """
+    document = _document(path, HOMOGRAPHY_SCHEMA, HomographyFileError, "name an H.json")
+    matrix, size = document.get("matrix"), document.get("size")
+    try:
+        values = np.array(matrix, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise HomographyFileError(f"{path}: matrix is not 3 x 3 numbers") from error
+    if values.shape != (3, 3) or not np.all(np.isfinite(values)):
+        raise HomographyFileError(f"{path}: matrix is not 3 x 3 finite numbers")
+    match size:
+        case [int(width), int(height)] if width > 0 and height > 0:
+            return StoredHomography(matrix=values, width_px=width, height_px=height)
+    raise HomographyFileError(f"{path}: size is {size!r}, expected [width, height] in px")
 
 
 def _document(

@@ -5,15 +5,12 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from calibration.files import read_noise, read_psf
-from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_operator, zoom_out
-from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
-from simulation.capture_options import exposed, unsharp_masked, vignetted
+from simulation import MODELS, GaussianPsf, Model, zoom_out
 from simulation.gaussian_kernel import GaussianForm
-from simulation.zoom import FloatImage
 from standoff.errors import ApplicationError
+from standoff.followup import CaptureOptions, captured, own_variance
 from standoff.image_files import read_image, write_float_tiff
 from standoff.options import Json, checked_zoom
 from standoff.output import note, print_json, say
@@ -40,12 +37,10 @@ def simulate(
     sharpen: Annotated[
         str | None, typer.Option(help="Sharpen like a camera: AMOUNT or AMOUNT,SIGMA_PX.")
     ] = None,
-    exposure: Annotated[
-        float | None, typer.Option(help="Times the light of the reference.")
-    ] = None,
+    exposure: Annotated[float, typer.Option(min=0, help="Times the light of the reference.")] = 1.0,
     vignetting: Annotated[
-        float | None, typer.Option(help="Relative loss of light at the follow-up's corner.")
-    ] = None,
+        float, typer.Option(help="Relative loss of light at the follow-up's corner.")
+    ] = 0.0,
     noise: Annotated[
         Path | None, typer.Option(help="noise.json: give the follow-up a capture's noise.")
     ] = None,
@@ -58,21 +53,20 @@ def simulate(
     if gaussian == "sampled" and model != "paper":
         raise typer.BadParameter("sampled weights are for model paper", param_hint="--gaussian")
     total = None if psf is None else read_total_psf(psf)
-    camera = None if noise is None else read_noise(noise)
-    sharpening = None if sharpen is None else _sharpening(sharpen)
+    options = CaptureOptions(
+        exposure=exposure,
+        vignetting=vignetting,
+        sharpening=None if sharpen is None else _sharpening(sharpen),
+        noise=None if noise is None else read_noise(noise),
+        seed=seed,
+    )
     reference = read_image(image).colour_planes
-    black_dn = camera.black_level_dn if camera else 0.0
     try:
         followup = zoom_out(reference, zoom, total, model, gaussian=gaussian)
-        if exposure is not None:
-            followup = exposed(followup, exposure, black_dn)
-        if vignetting is not None:
-            followup = vignetted(followup, vignetting, black_dn)
-        if camera is not None:
-            light = 1.0 if exposure is None else exposure
-            followup = _noisy(followup, reference, zoom, total, model, camera, light, seed)
-        if sharpening is not None:
-            followup = unsharp_masked(followup, *sharpening)
+        own = None
+        if options.noise is not None:
+            own = own_variance(reference, zoom, total, model, options.noise)
+        followup = captured(followup, options, own)
     except ValueError as error:
         raise ApplicationError(f"{image}: {error}") from error
     description = f"standoff simulate: zoom {zoom!r}, model {model}, of {image.name}"
@@ -102,32 +96,6 @@ def _sharpening(text: str) -> tuple[float, float]:
         raise typer.BadParameter(
             f"expected AMOUNT or AMOUNT,SIGMA_PX, got {text}", param_hint="--sharpen"
         ) from error
-
-
-def _noisy(
-    followup: FloatImage,
-    reference: NDArray[np.generic],
-    zoom: float,
-    psf: GaussianPsf | None,
-    model: Model,
-    camera: CaptureNoise,
-    light: float,
-    seed: int,
-) -> FloatImage:
-    """Add what the follow-up lacks of a capture's noise; the reference is taken to have it."""
-    shape = reference.shape[0], reference.shape[1]
-    operator = zoom_operator(shape, SamplingGrid.centred(shape, zoom), psf, model)
-    rng = np.random.default_rng(seed)
-
-    def plane_noise(far: FloatImage, near: NDArray[np.generic]) -> FloatImage:
-        near_variance = camera.variance_dn2(near.astype(np.float64))
-        own = light**2 * propagated_variance(operator, near_variance)
-        return with_capture_noise(far, own, camera, rng)
-
-    if followup.ndim == 2:
-        return plane_noise(followup, reference)
-    planes = [plane_noise(followup[:, :, k], reference[:, :, k]) for k in range(followup.shape[2])]
-    return np.stack(planes, axis=-1)
 
 
 def read_total_psf(path: Path) -> GaussianPsf:
