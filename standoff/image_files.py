@@ -161,7 +161,7 @@ def _pillow_pixels(data: bytes, path: Path) -> NDArray[Any]:
                     order = [2, 1, 0, 3][: wide.shape[2]]
                     return np.asarray(wide[:, :, order])
             if image.mode in ("P", "PA", "CMYK", "YCbCr", "HSV", "LAB"):
-                image = image.convert("RGB")
+                return np.asarray(image.convert("RGB"))
             return np.asarray(image)
     except UnidentifiedImageError as error:
         raise ImageFileError(f"{path}: not an image (TIFF, PNG or JPEG expected)") from error
