@@ -9,8 +9,13 @@ from simulation import MODELS
 
 __all__ = ["MODEL_COLOURS", "plot_error_by_zoom", "plot_processed"]
 
-MODEL_COLOURS = {"bicubic": "#CC79A7", "paper": "#D55E00", "matched": "#0072B2"}
-_MARKERS = {"bicubic": "s", "paper": "^", "matched": "o"}
+MODEL_COLOURS = {
+    "bicubic": "#CC79A7",
+    "paper": "#D55E00",
+    "matched": "#0072B2",
+    "lmmse": "#009E73",
+}
+_MARKERS = {"bicubic": "s", "paper": "^", "matched": "o", "lmmse": "D"}
 
 
 @in_report_style

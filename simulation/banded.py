@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
-__all__ = ["BandedMatrix", "apply_separable"]
+__all__ = ["BandedMatrix", "add_separable", "apply_separable"]
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.floating[Any]]
@@ -131,12 +131,20 @@ def apply_separable(along_y: BandedMatrix, along_x: BandedMatrix, image: FloatIm
     ndarray of shape (along_y.rows, along_x.rows)
         In the image's dtype.
     """
+    out = np.zeros((along_y.rows, along_x.rows), dtype=image.dtype)
+    add_separable(along_y, along_x, image, out)
+    return out
+
+
+def add_separable(
+    along_y: BandedMatrix, along_x: BandedMatrix, image: FloatImage, out: FloatImage
+) -> None:
+    """Add ``along_y @ image @ along_x.T`` to ``out``, an image of the result's shape and dtype."""
     if image.shape != (along_y.columns, along_x.columns):
         expected = (along_y.columns, along_x.columns)
         raise ValueError(f"the operator takes images of {expected}, got {image.shape}")
     dtype = image.dtype
-    out = np.empty((along_y.rows, along_x.rows), dtype=dtype)
-    _apply(
+    _add(
         np.ascontiguousarray(image),
         along_y.starts,
         along_y.weights.astype(dtype),
@@ -144,7 +152,6 @@ def apply_separable(along_y: BandedMatrix, along_x: BandedMatrix, image: FloatIm
         along_x.weights.astype(dtype),
         out,
     )
-    return out
 
 
 def _compiled(function: Function) -> Function:
@@ -189,7 +196,7 @@ def _transpose(source: FloatImage, out: FloatImage) -> None:
 
 
 @_compiled
-def _apply(
+def _add(
     image: FloatImage,
     y_starts: NDArray[np.int64],
     y_weights: FloatImage,
@@ -218,4 +225,4 @@ def _apply(
             start = x_starts[j] * _STRIP_ROWS
             _add_weighted_rows(combined[j], flat[start:], _STRIP_ROWS, x_weights[j])
         _transpose(combined, result)
-        out[first : first + count] = result[:count, :m]
+        out[first : first + count] += result[:count, :m]

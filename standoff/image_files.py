@@ -17,7 +17,7 @@ from PIL import Image, UnidentifiedImageError
 from acquisition.atomic_write import atomic_write
 from standoff.errors import ImageFileError
 
-__all__ = ["ImageFile", "read_image", "tiff_bytes", "write_float_tiff"]
+__all__ = ["ImageFile", "read_image", "tiff_bytes", "write_float_tiff", "write_mask"]
 
 _TIFF_SUFFIXES = {".tif", ".tiff"}
 _PLATEAU_FRACTION = 0.002
@@ -96,6 +96,21 @@ def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -
     """
     try:
         atomic_write(path, tiff_bytes(image, description))
+    except OSError as error:
+        raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+def write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
+    """Write a mask as a PNG of 0 and 255, whole or not at all.
+
+    Raises
+    ------
+    ImageFileError
+        If the file cannot be written.
+    """
+    data = cv2.imencode(".png", mask.astype(np.uint8) * np.uint8(255))[1].tobytes()
+    try:
+        atomic_write(path, data)
     except OSError as error:
         raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
 

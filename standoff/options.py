@@ -38,8 +38,8 @@ def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
         raise typer.BadParameter(str(error)) from error
 
 
-def checked_zoom(zoom: float) -> float:
-    """Accept a zoom-out, which is finite and at least 1."""
-    if not (math.isfinite(zoom) and zoom >= 1):
+def checked_zoom(zoom: float | None) -> float | None:
+    """Accept a zoom-out, which is finite and at least 1, or none."""
+    if zoom is not None and not (math.isfinite(zoom) and zoom >= 1):
         raise typer.BadParameter(f"a zoom-out is a number of at least 1, got {zoom:g}")
     return zoom

@@ -6,12 +6,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from calibration.files import read_noise, read_psf
-from simulation import MODELS, GaussianPsf, Model, zoom_out
+from calibration.files import read_homography, read_noise, read_psf
+from simulation import MODELS, GaussianPsf, Model, simulate_pose, zoom_out
 from simulation.gaussian_kernel import GaussianForm
 from standoff.errors import ApplicationError
 from standoff.followup import CaptureOptions, captured, own_variance
-from standoff.image_files import read_image, write_float_tiff
+from standoff.image_files import read_image, write_float_tiff, write_mask
 from standoff.options import Json, checked_zoom
 from standoff.output import note, print_json, say
 
@@ -26,8 +26,16 @@ def simulate(
     *,
     out: Annotated[Path, typer.Option(help="Where to write the follow-up: float32 TIFF.")],
     zoom: Annotated[
-        float, typer.Option(help="How many times further away, at least 1.", callback=checked_zoom)
-    ],
+        float | None,
+        typer.Option(help="How many times further away, at least 1.", callback=checked_zoom),
+    ] = None,
+    homography: Annotated[
+        Path | None, typer.Option(help="H.json: any other pose, instead of --zoom.")
+    ] = None,
+    nearer: Annotated[
+        Path | None,
+        typer.Option(help="PNG mask of where the follow-up would be sharper (--homography)."),
+    ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
     model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
     gaussian: Annotated[
@@ -47,7 +55,13 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
     json: Json = False,
 ) -> None:
-    """Simulate how the scene of a photograph looks from ZOOM times further away."""
+    """Simulate how the scene of a photograph looks from further away or from another pose."""
+    if (zoom is None) == (homography is None):
+        raise typer.BadParameter("give either --zoom or --homography")
+    if homography is not None and (model != "matched" or noise is not None):
+        raise typer.BadParameter("--homography goes with model matched and without --noise")
+    if nearer is not None and homography is None:
+        raise typer.BadParameter("--nearer goes with --homography")
     if psf is None and model in _BLURRING_MODELS:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     if gaussian == "sampled" and model != "paper":
@@ -61,16 +75,35 @@ def simulate(
         seed=seed,
     )
     reference = read_image(image).colour_planes
+    pose = None if homography is None else read_homography(homography)
+    simulated = None
+    masks: dict[str, float] = {}
     try:
-        followup = zoom_out(reference, zoom, total, model, gaussian=gaussian)
-        own = None
-        if options.noise is not None:
-            own = own_variance(reference, zoom, total, model, options.noise)
+        if pose is not None:
+            simulated = simulate_pose(
+                reference, pose.matrix, (pose.width_px, pose.height_px), total
+            )
+            followup, own = simulated.image, None
+            masks = {
+                "nearer_fraction": float(simulated.nearer.mean()),
+                "outside_fraction": float(simulated.outside.mean()),
+            }
+        else:
+            followup = zoom_out(reference, zoom or 1.0, total, model, gaussian=gaussian)
+            own = None
+            if options.noise is not None:
+                own = own_variance(reference, zoom or 1.0, total, model, options.noise)
         followup = captured(followup, options, own)
     except ValueError as error:
-        raise ApplicationError(f"{image}: {error}") from error
-    description = f"standoff simulate: zoom {zoom!r}, model {model}, of {image.name}"
-    write_float_tiff(out, followup.astype(np.float32, copy=False), description)
+        raise ApplicationError(f"{homography or image}: {error}") from error
+    place = f"homography {homography.name}" if homography else f"zoom {zoom!r}"
+    write_float_tiff(
+        out,
+        followup.astype(np.float32, copy=False),
+        f"standoff simulate: {place}, model {model}, of {image.name}",
+    )
+    if nearer is not None and simulated is not None:
+        write_mask(nearer, simulated.nearer)
     rows, cols = followup.shape[:2]
     if json:
         print_json(
@@ -82,10 +115,16 @@ def simulate(
                 "size": [cols, rows],
                 "min": float(followup.min()),
                 "max": float(followup.max()),
+                **masks,
             }
         )
         return
-    say(f"wrote {out}: {cols} x {rows} px, {zoom:g} times further away, model {model}")
+    say(f"wrote {out}: {cols} x {rows} px, {place}, model {model}")
+    if masks:
+        say(
+            f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
+            f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
+        )
 
 
 def _sharpening(text: str) -> tuple[float, float]:

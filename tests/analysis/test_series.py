@@ -106,7 +106,7 @@ class TestComparisonFile:
         first, second = document["pairs"]
         assert (first["target"], first["followup_height_mm"]) == ("leaves", 150.002)
         assert second["zoom"] == comparison.pairs[1].comparison.registration.zoom
-        assert set(second["models"]) == {"bicubic", "paper", "matched"}
+        assert set(second["models"]) == {"bicubic", "paper", "matched", "lmmse"}
 
     @pytest.mark.parametrize(
         ("text", "message"),

@@ -1,0 +1,114 @@
+"""A PSF that changes over the frame."""
+
+from dataclasses import dataclass
+from math import hypot, isqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["PsfField"]
+
+FloatArray = NDArray[np.float64]
+
+_CHECKED_PLACES = 33
+"""Places per axis at which a field is checked, the corners among them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PsfField:
+    """The covariance of a Gaussian PSF as a polynomial over the frame of one camera.
+
+    With ``u = (x - (width - 1) / 2) / r`` and ``v = (y - (height - 1) / 2) / r``, where ``r`` is
+    the distance of the corner pixels' centres from the frame's centre, every element of the
+    covariance is ``sum_k c_k m_k(u, v)`` over the monomials by rising degree, within a degree by
+    rising power of v: ``1, u, v, u^2, u v, v^2, u^3, u^2 v, u v^2, v^3, ...``
+
+    Parameters
+    ----------
+    width_px, height_px
+        The frame that the field belongs to.
+    coefficients_px2
+        Shape ``(3, n)``: rows for the elements xx, xy, yy; n is 1, 3, 6, 10, ... for degree
+        0, 1, 2, 3, ...
+
+    Raises
+    ------
+    ValueError
+        If the frame or the shape is none of these, a coefficient is not finite, or the covariance
+        is not positive definite somewhere in the frame.
+    """
+
+    width_px: int
+    height_px: int
+    coefficients_px2: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.width_px < 2 or self.height_px < 2:
+            raise ValueError(
+                f"a field needs a frame of 2 x 2 pixels, got {self.width_px} x {self.height_px}"
+            )
+        coefficients = np.array(self.coefficients_px2, dtype=np.float64)
+        if coefficients.ndim != 2 or coefficients.shape[0] != 3:
+            raise ValueError(f"coefficients must be (3, n), got {coefficients.shape}")
+        count = coefficients.shape[1]
+        degree = _degree(count)
+        if count == 0 or (degree + 1) * (degree + 2) // 2 != count:
+            raise ValueError(f"a polynomial of two variables has 1, 3, 6, ... terms, got {count}")
+        if not np.isfinite(coefficients).all():
+            raise ValueError("the field holds NaN or infinite coefficients")
+        coefficients.setflags(write=False)
+        object.__setattr__(self, "coefficients_px2", coefficients)
+        self._check_positive()
+
+    def _check_positive(self) -> None:
+        x_px = np.linspace(0, self.width_px - 1, _CHECKED_PLACES)[None, :]
+        y_px = np.linspace(0, self.height_px - 1, _CHECKED_PLACES)[:, None]
+        least = np.linalg.eigvalsh(self.covariance_px2(x_px, y_px))[..., 0]
+        row, col = np.unravel_index(np.argmin(least), least.shape)
+        if not least[row, col] > 0:
+            raise ValueError(
+                f"the covariance is not positive definite at ({x_px[0, col]:.0f}, "
+                f"{y_px[row, 0]:.0f}) px: least eigenvalue {least[row, col]:.3g} px^2"
+            )
+
+    @property
+    def degree(self) -> int:
+        """Degree of the polynomials."""
+        return _degree(self.coefficients_px2.shape[1])
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Centre of the frame (x, y): u = v = 0."""
+        return (self.width_px - 1) / 2, (self.height_px - 1) / 2
+
+    @property
+    def corner_radius_px(self) -> float:
+        """Distance of the corner pixels' centres from the centre: u^2 + v^2 = 1."""
+        return hypot(*self.centre_px)
+
+    def covariance_px2(self, x_px: FloatArray | float, y_px: FloatArray | float) -> FloatArray:
+        """Covariance at places of the frame (pixel centres at integers).
+
+        Returns
+        -------
+        ndarray of float64, shape (..., 2, 2)
+            Order (x, y); the leading axes are those of ``x_px`` and ``y_px`` together.
+        """
+        centre_x, centre_y = self.centre_px
+        u = (np.asarray(x_px, dtype=np.float64) - centre_x) / self.corner_radius_px
+        v = (np.asarray(y_px, dtype=np.float64) - centre_y) / self.corner_radius_px
+        monomials = np.stack(
+            [
+                u ** (total - power) * v**power
+                for total in range(self.degree + 1)
+                for power in range(total + 1)
+            ],
+            axis=-1,
+        )
+        xx, xy, yy = (monomials @ row for row in self.coefficients_px2)
+        return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def _degree(count: int) -> int:
+    """Degree of the polynomial with ``count`` terms, if there is one."""
+    return (isqrt(8 * count + 1) - 3) // 2
