@@ -15,7 +15,11 @@ from scipy.ndimage import binary_dilation
 
 from simulation.banded import BandedMatrix, apply_separable
 from simulation.field import PsfField
-from simulation.gaussian_kernel import BlurCovariance, gaussian_terms
+from simulation.gaussian_kernel import (
+    MATCHED_TAIL_TOLERANCE,
+    BlurCovariance,
+    gaussian_terms,
+)
 from simulation.psf import GaussianPsf
 from simulation.spline_gaussian import SplineGaussianTable, spline_gaussian
 from simulation.warped_blur import BORDER_PX, render, survey
@@ -33,9 +37,6 @@ _TILE_PX = 512
 
 _SURVEY_PLACES = 65
 """Places per axis at which the missing blur is looked at beforehand."""
-
-_TAIL_TOLERANCE = 1e-3
-"""Cut of the kernel for the blur common to all places, as in ``zoom_out``."""
 
 _LEAST_HELD_PX2 = 0.02
 """A smaller common blur is left to the sampling."""
@@ -218,7 +219,7 @@ class _CommonBlur:
         xx, xy, yy = shares.held_px2.tolist()
         kernels = gaussian_terms(
             BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
-            tail_tolerance=_TAIL_TOLERANCE,
+            tail_tolerance=MATCHED_TAIL_TOLERANCE,
             spline_prefilter=True,
         )
         self._shape = shape

@@ -23,7 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulation.banded import BandedMatrix, add_separable
-from simulation.gaussian_kernel import BlurCovariance, GaussianForm, gaussian_terms
+from simulation.gaussian_kernel import (
+    MATCHED_TAIL_TOLERANCE,
+    BlurCovariance,
+    GaussianForm,
+    gaussian_terms,
+)
 from simulation.grid import SamplingGrid
 from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
 from simulation.psf import GaussianPsf
@@ -46,9 +51,8 @@ Model = Literal["bicubic", "paper", "matched", "lmmse"]
 MODELS: tuple[Model, ...] = get_args(Model)
 """Names of the models."""
 
-_TAIL_TOLERANCE: dict[Model, float] = {"bicubic": 0.0, "paper": 2.2e-4, "matched": 1e-3}
-"""Largest kernel weight cut off. ``paper``'s keeps photographs within 0.05 of 255 of the exact
-transfer function; ``matched``'s keeps two zooms in a row within 0.07 % of one."""
+_PAPER_TAIL_TOLERANCE = 2.2e-4
+"""Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
 
 _BORDER_SLACK_PX = 1e-6
 
@@ -271,7 +275,7 @@ def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: GaussianPsf) -> Se
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
     kernels = gaussian_terms(
         _scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1),
-        tail_tolerance=_TAIL_TOLERANCE["matched"],
+        tail_tolerance=MATCHED_TAIL_TOLERANCE,
         spline_prefilter=True,
     )
     return SeparableSum(
@@ -289,7 +293,7 @@ def _paper_blur(grid: SamplingGrid, psf: GaussianPsf, gaussian: GaussianForm) ->
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
     kernels = gaussian_terms(
         _scaled(psf, 1 - zoom_y**-2, 1 - zoom_x**-2, 1 - 1 / (zoom_y * zoom_x)),
-        tail_tolerance=_TAIL_TOLERANCE["paper"],
+        tail_tolerance=_PAPER_TAIL_TOLERANCE,
         form=gaussian,
     )
     return SeparableSum(
