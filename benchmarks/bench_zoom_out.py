@@ -2,14 +2,20 @@
 
 Everything here runs on one thread by itself; float32, weights cached. ``peer`` is ``Image.resize``
 with the same box, then ``gaussian_filter`` with the paper's width; ``memcpy`` copies the input.
+
+    python benchmarks/bench_zoom_out.py [--plot docs/images/zoom-out-cost.png]
+
+plots how the cost grows with image size and zoom as well.
 """
 
+import argparse
 import platform
 import sys
 import time
 from collections.abc import Callable
 from functools import partial
 from math import sqrt
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -19,11 +25,15 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from analysis.comparison_plots import MODEL_COLOURS
+from analysis.report_page import in_report_style, new_figure, png_bytes
 from simulation import MODELS, GaussianPsf, SamplingGrid, zoom_out
 
 SIGMA_PX = 0.935
 SHAPES = ((580, 780), (3000, 4000))
 ZOOMS = (1.3, 2.0, 3.0)
+GROWTH_MEGAPIXELS = (0.1, 0.3, 1.0, 3.0, 12.0, 24.0)
+GROWTH_ZOOMS = (1.05, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0)
 
 
 def best_s(call: Callable[[], object], seconds: float = 1.0) -> float:
@@ -50,7 +60,40 @@ def pillow_and_scipy(image: NDArray[np.float32], zoom: float) -> NDArray[np.floa
     return np.asarray(gaussian_filter(np.asarray(resized), SIGMA_PX * sqrt(1 - zoom**-2)))
 
 
+@in_report_style
+def plot_growth(path: Path) -> None:
+    psf = GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
+    rng = np.random.default_rng(0)
+    figure = new_figure(8.0, 3.4)
+    by_size, by_zoom = figure.subplots(1, 2)
+    calls: dict[str, Callable[..., object]] = {
+        model: partial(zoom_out, psf=psf, model=model) for model in MODELS
+    }
+    calls["Pillow + scipy"] = pillow_and_scipy
+    for name, call in calls.items():
+        colour = MODEL_COLOURS.get(name, "#1b1f24")
+        style = "-o" if name in MODEL_COLOURS else "--s"
+        costs = []
+        for megapixels in GROWTH_MEGAPIXELS:
+            side = round(sqrt(megapixels * 1e6))
+            image = rng.uniform(0, 255, (side, side)).astype(np.float32)
+            costs.append(best_s(partial(call, image, 2.0), 0.3) * 1e3)
+        by_size.plot(GROWTH_MEGAPIXELS, costs, style, color=colour, markersize=3, label=name)
+        image = rng.uniform(0, 255, (1732, 1732)).astype(np.float32)
+        costs = [best_s(partial(call, image, zoom), 0.3) * 1e3 for zoom in GROWTH_ZOOMS]
+        by_zoom.plot(GROWTH_ZOOMS, costs, style, color=colour, markersize=3)
+    by_size.set(xscale="log", yscale="log", xlabel="reference / megapixels", ylabel="time / ms")
+    by_size.set_title("by size, zoom 2")
+    by_zoom.set(yscale="log", xlabel="zoom-out z", ylabel="time / ms")
+    by_zoom.set_title("by zoom, 3 megapixels")
+    figure.legend(loc="outside lower center", ncols=5, fontsize=8)
+    path.write_bytes(png_bytes(figure))
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description="Speed of the zoom-out models.")
+    parser.add_argument("--plot", type=Path, help="also plot the cost by size and zoom")
+    plot = parser.parse_args().plot
     print(
         f"{platform.processor() or platform.machine()}, Python {sys.version.split()[0]}, "
         f"numpy {np.__version__}, numba {numba.__version__}, scipy {scipy.__version__}, "
@@ -75,6 +118,9 @@ def main() -> None:
                 )
         means = ", ".join(f"{model} {np.mean(ratios):.1f}" for model, ratios in speedups.items())
         print(f"  mean times faster: {means}")
+    if plot is not None:
+        plot_growth(plot)
+        print(f"\nwrote {plot}")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ second combination also runs along contiguous memory, and turns the result back.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
-__all__ = ["BandedMatrix", "add_separable", "apply_separable"]
+__all__ = ["BandedMatrix", "apply_separable", "put_separable"]
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.floating[Any]]
@@ -45,6 +45,15 @@ class BandedMatrix:
     starts: NDArray[np.int64]
     weights: FloatArray
     columns: int
+    single_weights: NDArray[np.float32] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        # Operators are cached and applied many times: rounding once is worth keeping.
+        object.__setattr__(self, "single_weights", self.weights.astype(np.float32))
+
+    def weights_as(self, dtype: "np.dtype[Any]") -> FloatImage:
+        """Weights in the dtype of an image."""
+        return self.single_weights if dtype == np.float32 else self.weights
 
     @classmethod
     def from_entries(
@@ -131,26 +140,34 @@ def apply_separable(along_y: BandedMatrix, along_x: BandedMatrix, image: FloatIm
     ndarray of shape (along_y.rows, along_x.rows)
         In the image's dtype.
     """
-    out = np.zeros((along_y.rows, along_x.rows), dtype=image.dtype)
-    add_separable(along_y, along_x, image, out)
+    out = np.empty((along_y.rows, along_x.rows), dtype=image.dtype)
+    put_separable(along_y, along_x, image, out, is_added=False)
     return out
 
 
-def add_separable(
-    along_y: BandedMatrix, along_x: BandedMatrix, image: FloatImage, out: FloatImage
+def put_separable(
+    along_y: BandedMatrix,
+    along_x: BandedMatrix,
+    image: FloatImage,
+    out: FloatImage,
+    *,
+    is_added: bool,
 ) -> None:
-    """Add ``along_y @ image @ along_x.T`` to ``out``, an image of the result's shape and dtype."""
+    """Put ``along_y @ image @ along_x.T`` into ``out``, or add it to what is there.
+
+    ``out`` has the result's shape and the image's dtype.
+    """
     if image.shape != (along_y.columns, along_x.columns):
         expected = (along_y.columns, along_x.columns)
         raise ValueError(f"the operator takes images of {expected}, got {image.shape}")
-    dtype = image.dtype
-    _add(
+    _put(
         np.ascontiguousarray(image),
         along_y.starts,
-        along_y.weights.astype(dtype),
+        along_y.weights_as(image.dtype),
         along_x.starts,
-        along_x.weights.astype(dtype),
+        along_x.weights_as(image.dtype),
         out,
+        is_added,
     )
 
 
@@ -196,13 +213,14 @@ def _transpose(source: FloatImage, out: FloatImage) -> None:
 
 
 @_compiled
-def _add(
+def _put(
     image: FloatImage,
     y_starts: NDArray[np.int64],
     y_weights: FloatImage,
     x_starts: NDArray[np.int64],
     x_weights: FloatImage,
     out: FloatImage,
+    is_added: bool,
 ) -> None:
     n, m = out.shape
     cols = image.shape[1]
@@ -225,4 +243,7 @@ def _add(
             start = x_starts[j] * _STRIP_ROWS
             _add_weighted_rows(combined[j], flat[start:], _STRIP_ROWS, x_weights[j])
         _transpose(combined, result)
-        out[first : first + count] += result[:count, :m]
+        if is_added:
+            out[first : first + count] += result[:count, :m]
+        else:
+            out[first : first + count] = result[:count, :m]

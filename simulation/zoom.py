@@ -22,7 +22,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.banded import BandedMatrix, add_separable
+from simulation.banded import BandedMatrix, put_separable
 from simulation.gaussian_kernel import (
     MATCHED_TAIL_TOLERANCE,
     BlurCovariance,
@@ -66,9 +66,9 @@ class SeparableSum:
     def apply(self, image: FloatImage) -> FloatImage:
         """Return the image behind the operator, in the dtype of ``image``, shape (rows, cols)."""
         shape = self.terms[0][0].rows, self.terms[0][1].rows
-        out = np.zeros(shape, dtype=image.dtype)
-        for y, x in self.terms:
-            add_separable(y, x, image, out)
+        out = np.empty(shape, dtype=image.dtype)
+        for place, (y, x) in enumerate(self.terms):
+            put_separable(y, x, image, out, is_added=place > 0)
         return out
 
     def transposed(self) -> "SeparableSum":
