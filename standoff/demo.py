@@ -22,7 +22,7 @@ from hil_mocks import BenchTruth
 from standoff.devices import open_bench, place_in_simulation
 from standoff.errors import ApplicationError
 from standoff.output import progress_bar
-from standoff.reports import RESULTS_FOLDER, write_file, write_page
+from standoff.reports import RESULTS_FOLDER, make_folder, write_file, write_page
 
 __all__ = ["DemoResult", "TruthRow", "run_demo"]
 
@@ -90,14 +90,10 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
         If a step fails; what the steps before it made stays.
     """
     session_path = out / "session"
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ApplicationError(f"cannot make {out}: {error.strerror}") from error
+    make_folder(out)
     _capture(session_path, config, plan)
     session = Session.open(session_path)
-    results = session_path / RESULTS_FOLDER
-    results.mkdir(exist_ok=True)
+    results = make_folder(session_path / RESULTS_FOLDER)
     calibration = _calibrate(session)
     write_psf(results / "psf.json", calibration)
     stored = read_psf(results / "psf.json")

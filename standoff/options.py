@@ -1,6 +1,7 @@
 """Options that several commands share, and how their values are checked."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import typer
 from acquisition.bench import BenchConfig, load_bench, parse_overrides
 from acquisition.errors import BenchConfigError
 
-__all__ = ["BenchFile", "BenchKeys", "Json", "checked_zoom", "read_bench"]
+__all__ = ["BenchFile", "BenchKeys", "Json", "checked_zoom", "read_bench", "refuse_overwriting"]
 
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")
@@ -43,3 +44,14 @@ def checked_zoom(zoom: float | None) -> float | None:
     if zoom is not None and not (math.isfinite(zoom) and zoom >= 1):
         raise typer.BadParameter(f"a zoom-out is a number of at least 1, got {zoom:g}")
     return zoom
+
+
+def refuse_overwriting(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
+    """Refuse a result that would take the place of an input, or two results in one file."""
+    taken = {path.resolve() for path in inputs if path is not None}
+    for path in outputs:
+        if path is None:
+            continue
+        if path.resolve() in taken:
+            raise typer.BadParameter(f"{path} is read or written already; name another file")
+        taken.add(path.resolve())

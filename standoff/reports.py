@@ -108,6 +108,21 @@ def write_page(path: Path, page: str) -> None:
     write_file(path, page.encode("utf-8"))
 
 
+def make_folder(path: Path) -> Path:
+    """Make a folder for results, unless it is there.
+
+    Raises
+    ------
+    ApplicationError
+        If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ApplicationError(f"cannot make the folder {path}: {error.strerror}") from error
+    return path
+
+
 def write_file(path: Path, data: bytes) -> None:
     """Write a result, whole or not at all.
 

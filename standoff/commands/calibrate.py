@@ -16,7 +16,7 @@ from calibration.files import psf_document, write_psf
 from calibration.linearise import Channel, luma_plane, srgb_to_linear
 from calibration.psf_calibration import EdgeImage, PsfCalibration, Region, calibrate_psf
 from standoff.image_files import ImageFile, read_image
-from standoff.options import Json
+from standoff.options import Json, refuse_overwriting
 from standoff.output import note, print_json, print_table, progress_bar, say
 from standoff.reports import write_calibration_report
 
@@ -54,6 +54,7 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Measure the camera's PSF from photographs of straight edges, at any angle."""
+    refuse_overwriting([out, report], images or [])
     chosen = _region_rule(region)
     if (session is None) == (not images):
         raise typer.BadParameter("give either photographs or --session DIR", param_hint="IMAGE...")

@@ -8,7 +8,7 @@ import typer
 from acquisition.session import Session
 from standoff.options import Json
 from standoff.output import note, print_json, say
-from standoff.reports import RESULTS_FOLDER, write_session_report
+from standoff.reports import RESULTS_FOLDER, make_folder, write_session_report
 
 __all__ = ["report"]
 
@@ -22,8 +22,7 @@ def report(
 ) -> None:
     """Write an HTML report of a session and of what was worked out from it so far."""
     session = Session.open(directory)
-    results = directory / RESULTS_FOLDER
-    results.mkdir(exist_ok=True)
+    results = make_folder(directory / RESULTS_FOLDER)
     page = out or results / "report.html"
     if not (results / "psf.json").is_file():
         note(

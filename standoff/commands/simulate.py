@@ -12,7 +12,7 @@ from simulation.gaussian_kernel import GaussianForm
 from standoff.errors import ApplicationError
 from standoff.followup import CaptureOptions, captured, own_variance
 from standoff.image_files import read_image, write_float_tiff, write_mask
-from standoff.options import Json, checked_zoom
+from standoff.options import Json, checked_zoom, refuse_overwriting
 from standoff.output import note, print_json, say
 
 __all__ = ["read_total_psf", "simulate"]
@@ -56,6 +56,7 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
+    refuse_overwriting([out, nearer], [image, psf, noise, homography])
     if (zoom is None) == (homography is None):
         raise typer.BadParameter("give either --zoom or --homography")
     if homography is not None and (model != "matched" or noise is not None):
@@ -93,13 +94,16 @@ def simulate(
             own = None
             if options.noise is not None:
                 own = own_variance(reference, zoom or 1.0, total, model, options.noise)
-        followup = captured(followup, options, own)
+        with np.errstate(over="ignore"):  # levels beyond float32 are refused below
+            followup = captured(followup, options, own).astype(np.float32, copy=False)
     except ValueError as error:
         raise ApplicationError(f"{homography or image}: {error}") from error
+    if not np.all(np.isfinite(followup)):
+        raise ApplicationError(f"{image}: the follow-up's levels leave float32; lower --exposure")
     place = f"homography {homography.name}" if homography else f"zoom {zoom!r}"
     write_float_tiff(
         out,
-        followup.astype(np.float32, copy=False),
+        followup,
         f"standoff simulate: {place}, model {model}, of {image.name}",
     )
     if nearer is not None and simulated is not None:

@@ -171,3 +171,47 @@ def test_the_installed_command_runs_in_a_process_of_its_own() -> None:
     script = Path(sys.executable).with_name("standoff")
     done = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"standoff {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["calibrate", "edge.tif", "--out", "edge.tif"],
+        ["calibrate", "edge.tif", "--out", "p.json", "--report", "p.json"],
+        ["simulate", "edge.tif", "--zoom", "2", "--model", "bicubic", "--out", "./edge.tif"],
+    ],
+)
+def test_a_result_never_takes_the_place_of_an_input_or_of_another_result(
+    command: Command,
+    arguments: list[str],
+    edge_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = edge_file.read_bytes()
+    monkeypatch.chdir(edge_file.parent)
+    done = command(*arguments)
+    assert done.status == 2
+    assert_one_line(done.err)
+    assert edge_file.read_bytes() == before
+
+
+def test_levels_beyond_float32_are_refused_before_anything_is_written(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "far.tif"
+    done = command(
+        "simulate", edge_file, "--zoom", 2, "--model", "bicubic", "--exposure", 1e36, "--out", out
+    )
+    assert done.status == 1
+    assert "exposure" in done.err
+    assert not out.exists()
+
+
+def test_a_file_where_the_results_folder_should_be_is_named(
+    command: Command, session_dir: Path
+) -> None:
+    (session_dir / "results").write_text("in the way")
+    done = command("report", session_dir)
+    assert done.status == 1
+    assert_one_line(done.err)
+    assert "results" in done.err
