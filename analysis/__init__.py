@@ -1,1 +1,1 @@
-"""Metrics, validation, detectability and reports."""
+"""Metrics, comparison with captures, and reports."""

@@ -1,1 +1,1 @@
-"""Edges to PSF, noise, registration and geometry."""
+"""Edges to PSF, noise and registration."""

@@ -35,7 +35,6 @@ __all__ = [
     "edge_profile",
     "edge_values",
     "levenberg_marquardt",
-    "mean_level",
 ]
 
 Array = NDArray[np.float64]
@@ -301,8 +300,3 @@ def edge_profile(
         return np.asarray(_profile(distances, sigma_px, 1.0, 0.0, False))
     a, b = abs(float(np.cos(normal_angle_rad))), abs(float(np.sin(normal_angle_rad)))
     return np.asarray(_profile(distances, sigma_px, a, b, True))
-
-
-def mean_level(parameters: Array) -> float:
-    """Level half-way between the low and the high side."""
-    return float(0.5 * (parameters[LOW] + parameters[HIGH]))

@@ -68,7 +68,7 @@ class StoredPsf(BaseModel):
     sigma without prefix is the total PSF. Only the total values need to be there.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="ignore")
 
     sigma_x_px: float | None = None
     sigma_y_px: float | None = None

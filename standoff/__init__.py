@@ -1,4 +1,4 @@
-"""The application: command line, demo and operator console."""
+"""The application: command line and demo."""
 
 __version__ = "0.1.0"
 
