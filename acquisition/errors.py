@@ -5,9 +5,12 @@ __all__ = [
     "CaptureError",
     "DeviceDisconnectedError",
     "DeviceError",
+    "DeviceProtocolError",
+    "DeviceResetError",
     "DeviceTimeoutError",
     "PlanError",
     "SessionError",
+    "StageAlarmError",
     "StageLimitError",
     "StageNotHomedError",
 ]
@@ -25,6 +28,14 @@ class DeviceDisconnectedError(DeviceError, ConnectionError):
     """A device is gone: cable, power or another program."""
 
 
+class DeviceProtocolError(DeviceError):
+    """A device answered what its protocol does not allow."""
+
+
+class DeviceResetError(DeviceError):
+    """A device started anew meanwhile; what it knew, its position too, is lost."""
+
+
 class CaptureError(DeviceError):
     """A capture could not be completed; nothing of it is kept."""
 
@@ -32,6 +43,14 @@ class CaptureError(DeviceError):
         super().__init__(message)
         self.frames_complete = frames_complete
         self.frames_asked = frames_asked
+
+
+class StageAlarmError(DeviceError):
+    """The stage is in alarm and takes no move until the alarm is cleared."""
+
+    def __init__(self, message: str, *, code: int | str | None = None) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 class StageLimitError(DeviceError, ValueError):
