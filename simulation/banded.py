@@ -2,7 +2,8 @@
 
 Every resampling and every blur of this package is such a pair. The compiled kernel works on strips
 of output rows: it combines input rows into a strip, turns the strip by 90 degrees so that the
-second combination also runs along contiguous memory, and turns the result back. Measured by
+second combination also runs along contiguous memory, and turns the result back. Rows are made two
+at a time, because neighbours read nearly the same input. Measured by
 ``benchmarks/bench_zoom_out.py``.
 """
 
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -21,11 +23,46 @@ FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.floating[Any]]
 Function = TypeVar("Function", bound=Callable[..., object])
 
-_UNROLL = 8
-"""Input rows combined in one go; bands are widened to a multiple of it."""
+_UNROLL = 4
+"""Input rows combined in one go; the bands of pairs are widened to a multiple of it."""
 
-_STRIP_ROWS = 64
-"""Output rows per strip: a multiple of 8; a strip of 4000 columns is 1 MB."""
+_STRIP_BYTES = 1 << 20
+"""A strip should stay in the second-level cache ..."""
+
+_STRIP_ROWS_MIN, _STRIP_ROWS_MAX = 64, 320
+"""... but the rows of its transpose cost more in set-up the shorter they are; even numbers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RowPairs:
+    """Rows 2 k and 2 k + 1 of a matrix over the same columns, zero where one has no weight.
+
+    ``starts`` has one column for each pair; a last row without a partner gets an empty one.
+    """
+
+    starts: NDArray[np.int64]
+    weights: FloatArray
+    single_weights: NDArray[np.float32]
+
+    def weights_as(self, dtype: "np.dtype[Any]") -> FloatImage:
+        """Weights in the dtype of an image."""
+        return self.single_weights if dtype == np.float32 else self.weights
+
+
+def _paired(starts: NDArray[np.int64], weights: FloatArray, columns: int) -> _RowPairs:
+    rows, band = weights.shape
+    if rows % 2:
+        starts = np.append(starts, starts[-1])
+        weights = np.concatenate([weights, np.zeros((1, band))])
+    by_pair = starts.reshape(-1, 2)
+    first = by_pair.min(axis=1)
+    widened = band + int(np.ptp(by_pair, axis=1).max())
+    widened = min(-(-widened // _UNROLL) * _UNROLL, columns)
+    first = np.clip(first, 0, columns - widened)
+    shared = np.zeros((len(starts), widened))
+    place = (starts - np.repeat(first, 2))[:, None] + np.arange(band)
+    np.put_along_axis(shared, place, weights, axis=1)
+    return _RowPairs(first, shared, shared.astype(np.float32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,15 +82,11 @@ class BandedMatrix:
     starts: NDArray[np.int64]
     weights: FloatArray
     columns: int
-    single_weights: NDArray[np.float32] = field(init=False, repr=False)
+    # Operators are cached and applied many times: pairing and rounding once is worth keeping.
+    pairs: _RowPairs = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # Operators are cached and applied many times: rounding once is worth keeping.
-        object.__setattr__(self, "single_weights", self.weights.astype(np.float32))
-
-    def weights_as(self, dtype: "np.dtype[Any]") -> FloatImage:
-        """Weights in the dtype of an image."""
-        return self.single_weights if dtype == np.float32 else self.weights
+        object.__setattr__(self, "pairs", _paired(self.starts, self.weights, self.columns))
 
     @classmethod
     def from_entries(
@@ -89,7 +122,6 @@ class BandedMatrix:
         np.minimum.at(first, row, column)
         np.maximum.at(last, row, column)
         band = max(int((last - first).max()) + 1, 1)
-        band = min(-(-band // _UNROLL) * _UNROLL, columns)
         starts = np.clip(first, 0, columns - band)
         weights = np.zeros((rows, band))
         weights[row, column - starts[row]] = matrix.data
@@ -107,6 +139,36 @@ class BandedMatrix:
     def elementwise(self, other: "BandedMatrix", factor: float = 1.0) -> "BandedMatrix":
         """Return the matrix of products of equal places, times ``factor``."""
         return self._from_sparse(self._sparse().multiply(other._sparse()).tocsr() * factor)
+
+    def trimmed(self, tolerance: float) -> "BandedMatrix":
+        """Return the matrix without the faint ends of its rows.
+
+        What each row makes of a constant and of a ramp stays as it was: its largest weight and
+        a neighbour take over.
+
+        Parameters
+        ----------
+        tolerance
+            Share of a row's absolute weights that may be cut off on either side.
+        """
+        band = self.weights.shape[1]
+        if band == 1:
+            return self
+        share = np.abs(self.weights)
+        share /= share.sum(axis=1, keepdims=True)
+        from_left, from_right = np.cumsum(share, axis=1), np.cumsum(share[:, ::-1], axis=1)
+        is_kept = (from_left > tolerance) & (from_right[:, ::-1] > tolerance)
+        row = np.arange(self.rows)
+        centre = np.minimum(np.argmax(share, axis=1), band - 2)
+        cut = np.where(is_kept, 0.0, self.weights)
+        moment = (cut * (np.arange(band) - centre[:, None])).sum(axis=1)
+        kept = self.weights - cut
+        kept[row, centre] += cut.sum(axis=1) - moment
+        kept[row, centre + 1] += moment
+        place = np.nonzero(kept)
+        return self.from_entries(
+            self.rows, self.columns, place[0], self.starts[place[0]] + place[1], kept[place]
+        )
 
     def transposed(self) -> "BandedMatrix":
         """Transpose: the adjoint of the operator along this axis."""
@@ -141,34 +203,56 @@ def apply_separable(along_y: BandedMatrix, along_x: BandedMatrix, image: FloatIm
         In the image's dtype.
     """
     out = np.empty((along_y.rows, along_x.rows), dtype=image.dtype)
-    put_separable(along_y, along_x, image, out, is_added=False)
+    put_separable(along_y, (along_x,), image, out, is_added=False)
     return out
 
 
 def put_separable(
     along_y: BandedMatrix,
-    along_x: BandedMatrix,
+    along_x: tuple[BandedMatrix, ...],
     image: FloatImage,
     out: FloatImage,
     *,
     is_added: bool,
 ) -> None:
-    """Put ``along_y @ image @ along_x.T`` into ``out``, or add it to what is there.
+    """Put the image, combined along y and then by each of ``along_x``, into ``out``, or add it.
 
-    ``out`` has the result's shape and the image's dtype.
+    ``out`` has the result's shape and the image's dtype. Without any ``along_x`` the image is
+    combined along y alone.
     """
-    if image.shape != (along_y.columns, along_x.columns):
-        expected = (along_y.columns, along_x.columns)
+    expected = along_y.columns, along_x[0].columns if along_x else out.shape[1]
+    if image.shape != expected:
         raise ValueError(f"the operator takes images of {expected}, got {image.shape}")
-    _put(
-        np.ascontiguousarray(image),
-        along_y.starts,
-        along_y.weights_as(image.dtype),
-        along_x.starts,
-        along_x.weights_as(image.dtype),
-        out,
-        is_added,
-    )
+    image = np.ascontiguousarray(image)
+    y = along_y.pairs
+    weights = y.weights_as(image.dtype)
+    fitting = _STRIP_BYTES // (image.shape[1] * image.itemsize) // 2 * 2
+    strip_rows = int(np.clip(fitting, _STRIP_ROWS_MIN, _STRIP_ROWS_MAX))
+    for first in range(0, along_y.rows, strip_rows):
+        count = min(strip_rows, along_y.rows - first)
+        pairs = slice(first // 2, (first + count + 1) // 2)
+        strip = _combined(image, y.starts[pairs], weights[2 * pairs.start : 2 * pairs.stop])
+        if along_x:
+            strip = _along_columns(strip, along_x)
+        target = out[first : first + count]
+        if is_added:
+            target += strip[:count]
+        else:
+            target[:] = strip[:count]
+
+
+def _along_columns(strip: FloatImage, along_x: tuple[BandedMatrix, ...]) -> FloatImage:
+    turned = cast("FloatImage", cv2.transpose(strip))
+    for matrix in along_x:
+        pairs = matrix.pairs
+        turned = _combined(turned, pairs.starts, pairs.weights_as(strip.dtype))[: matrix.rows]
+    return cast("FloatImage", cv2.transpose(turned))
+
+
+def _combined(image: FloatImage, starts: NDArray[np.int64], weights: FloatImage) -> FloatImage:
+    out = np.empty((len(weights), image.shape[1]), image.dtype)
+    _combine_rows(image, starts, weights, out)
+    return out
 
 
 def _compiled(function: Function) -> Function:
@@ -178,72 +262,43 @@ def _compiled(function: Function) -> Function:
 
 
 @_compiled
-def _add_weighted_rows(out: FloatImage, rows: FloatImage, stride: int, weights: FloatImage) -> None:
-    """Add rows that start every ``stride`` elements, times their weights, to ``out``."""
-    n = out.shape[0]
-    band = weights.shape[0]
-    whole = band - band % 8
-    for t in range(0, whole, 8):
-        w0, w1, w2, w3 = weights[t], weights[t + 1], weights[t + 2], weights[t + 3]
-        w4, w5, w6, w7 = weights[t + 4], weights[t + 5], weights[t + 6], weights[t + 7]
+def _combine_into_two(
+    first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
+) -> None:
+    """Put the sums of rows that start every ``stride`` elements, by two sets of weights."""
+    n = first.shape[0]
+    band = weights.shape[1]
+    whole = band - band % 4
+    first[:] = 0
+    second[:] = 0
+    for t in range(0, whole, 4):
+        a0, a1, a2, a3 = weights[0, t], weights[0, t + 1], weights[0, t + 2], weights[0, t + 3]
+        b0, b1, b2, b3 = weights[1, t], weights[1, t + 1], weights[1, t + 2], weights[1, t + 3]
         r = rows[t * stride :]
         r0, r1, r2, r3 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
-        r4, r5 = r[4 * stride :][:n], r[5 * stride :][:n]
-        r6, r7 = r[6 * stride :][:n], r[7 * stride :][:n]
         for j in range(n):
-            out[j] += ((w0 * r0[j] + w1 * r1[j]) + (w2 * r2[j] + w3 * r3[j])) + (
-                (w4 * r4[j] + w5 * r5[j]) + (w6 * r6[j] + w7 * r7[j])
-            )
+            x0, x1, x2, x3 = r0[j], r1[j], r2[j], r3[j]
+            first[j] += (a0 * x0 + a1 * x1) + (a2 * x2 + a3 * x3)
+            second[j] += (b0 * x0 + b1 * x1) + (b2 * x2 + b3 * x3)
     for t in range(whole, band):
-        w, r0 = weights[t], rows[t * stride :][:n]
+        a, b, r0 = weights[0, t], weights[1, t], rows[t * stride :][:n]
         for j in range(n):
-            out[j] += w * r0[j]
+            first[j] += a * r0[j]
+            second[j] += b * r0[j]
 
 
 @_compiled
-def _transpose(source: FloatImage, out: FloatImage) -> None:
-    """Write the transpose of ``source``, whose rows are a multiple of 8."""
-    for i in range(0, source.shape[0], 8):
-        s0, s1, s2, s3 = source[i], source[i + 1], source[i + 2], source[i + 3]
-        s4, s5, s6, s7 = source[i + 4], source[i + 5], source[i + 6], source[i + 7]
-        for j in range(source.shape[1]):
-            o = out[j, i : i + 8]
-            o[0], o[1], o[2], o[3] = s0[j], s1[j], s2[j], s3[j]
-            o[4], o[5], o[6], o[7] = s4[j], s5[j], s6[j], s7[j]
-
-
-@_compiled
-def _put(
-    image: FloatImage,
-    y_starts: NDArray[np.int64],
-    y_weights: FloatImage,
-    x_starts: NDArray[np.int64],
-    x_weights: FloatImage,
-    out: FloatImage,
-    is_added: bool,
+def _combine_rows(
+    image: FloatImage, starts: NDArray[np.int64], weights: FloatImage, out: FloatImage
 ) -> None:
-    n, m = out.shape
-    cols = image.shape[1]
+    """Put pairs of combined rows of ``image`` into ``out``, which has an even number of rows."""
+    stride = image.shape[1]
     pixels = image.reshape(-1)
-    strip = np.zeros((_STRIP_ROWS, cols), out.dtype)
-    turned = np.empty((cols, _STRIP_ROWS), out.dtype)
-    m8 = -(-m // 8) * 8
-    combined = np.zeros((m8, _STRIP_ROWS), out.dtype)
-    result = np.empty((_STRIP_ROWS, m8), out.dtype)
-    for first in range(0, n, _STRIP_ROWS):
-        count = min(_STRIP_ROWS, n - first)
-        for i in range(count):
-            strip[i, :] = 0
-            start = y_starts[first + i] * cols
-            _add_weighted_rows(strip[i], pixels[start:], cols, y_weights[first + i])
-        _transpose(strip, turned)
-        flat = turned.reshape(-1)
-        for j in range(m):
-            combined[j, :] = 0
-            start = x_starts[j] * _STRIP_ROWS
-            _add_weighted_rows(combined[j], flat[start:], _STRIP_ROWS, x_weights[j])
-        _transpose(combined, result)
-        if is_added:
-            out[first : first + count] += result[:count, :m]
-        else:
-            out[first : first + count] = result[:count, :m]
+    for k in range(out.shape[0] // 2):
+        _combine_into_two(
+            out[2 * k],
+            out[2 * k + 1],
+            pixels[starts[k] * stride :],
+            stride,
+            weights[2 * k : 2 * k + 2],
+        )

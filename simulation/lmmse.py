@@ -50,8 +50,8 @@ _REACH_MAX_PX = 16.0
 _TERM_TOLERANCE = 1e-5
 """A correlated PSF's expansion ends where its terms fall below this."""
 
-_TAPS_MULTIPLE = 8
-"""The compiled kernel combines eight rows at a time."""
+_TAPS_MULTIPLE = 4
+"""The compiled kernel combines four rows at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
