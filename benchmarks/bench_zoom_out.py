@@ -38,13 +38,20 @@ GROWTH_ZOOMS = (1.05, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0)
 
 def best_s(call: Callable[[], object], seconds: float = 1.0) -> float:
     """Shortest of as many runs as fit, after one that warms up."""
-    call()
-    best, end = np.inf, time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        start = time.perf_counter()
+    return shortest_s([call], seconds)[0]
+
+
+def shortest_s(calls: list[Callable[[], object]], seconds: float) -> list[float]:
+    """Shortest run of each, called in turn so that all of them meet the same machine."""
+    for call in calls:
         call()
-        best = min(best, time.perf_counter() - start)
-    return float(best)
+    best, end = [np.inf] * len(calls), time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        for place, call in enumerate(calls):
+            start = time.perf_counter()
+            call()
+            best[place] = min(best[place], time.perf_counter() - start)
+    return [float(time_s) for time_s in best]
 
 
 def pillow_and_scipy(image: NDArray[np.float32], zoom: float) -> NDArray[np.float32]:
@@ -108,9 +115,10 @@ def main() -> None:
         print("  zoom  model        ms   peer ms  times faster  memcpys")
         speedups: dict[str, list[float]] = {model: [] for model in MODELS}
         for zoom in ZOOMS:
-            peer_s = best_s(partial(pillow_and_scipy, image, zoom))
-            for model in MODELS:
-                own_s = best_s(partial(zoom_out, image, zoom, psf, model))
+            calls: list[Callable[[], object]] = [partial(pillow_and_scipy, image, zoom)]
+            calls += [partial(zoom_out, image, zoom, psf, model) for model in MODELS]
+            peer_s, *times_s = shortest_s(calls, 4.0)
+            for model, own_s in zip(MODELS, times_s, strict=True):
                 speedups[model].append(peer_s / own_s)
                 print(
                     f"  {zoom:4.1f}  {model:8s} {own_s * 1e3:7.2f} {peer_s * 1e3:8.2f}"

@@ -16,6 +16,7 @@ from calibration.covariance_fit import Estimate
 from calibration.errors import CalibrationError, HomographyFileError, NoiseFileError, PsfFileError
 from calibration.psf_calibration import EdgeMeasurement, PsfCalibration
 from simulation.capture_noise import CaptureNoise
+from simulation.field import PsfField
 from simulation.psf import GaussianPsf
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "NOISE_SCHEMA",
     "PSF_SCHEMA",
     "StoredEdge",
+    "StoredField",
     "StoredHomography",
     "StoredPsf",
     "psf_document",
@@ -62,6 +64,20 @@ class StoredEdge(BaseModel):
     flags: list[str]
 
 
+class StoredField(BaseModel):
+    """The PSF over the frame, in a psf.json: what ``PsfField`` takes, rows xx, xy and yy.
+
+    The coefficients without prefix are those of the total covariance.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    width_px: int
+    height_px: int
+    coefficients_px2: _Matrix
+    optical_coefficients_px2: _Matrix | None = None
+
+
 class StoredPsf(BaseModel):
     """What a psf.json holds; None for what its edges did not determine.
 
@@ -85,7 +101,7 @@ class StoredPsf(BaseModel):
     optical_rho_err: float | None = None
     optical_covariance_px2: _Matrix | None = None
     intervals_95: dict[str, tuple[float, float]] = {}
-    field: dict[str, Any] | list[Any] | None = None
+    field: StoredField | None = None
     method: str | None = None
     edges: list[StoredEdge] = []
 
@@ -111,6 +127,25 @@ class StoredPsf(BaseModel):
             )
         except ValueError as error:
             raise PsfFileError(f"{source}: {error}") from error
+
+    def total_field(self, source: str) -> PsfField | None:
+        """Return the total PSF over the frame, None where the file has none.
+
+        Raises
+        ------
+        PsfFileError
+            If its coefficients make no PSF; the message names ``source``.
+        """
+        if self.field is None:
+            return None
+        try:
+            return PsfField(
+                width_px=self.field.width_px,
+                height_px=self.field.height_px,
+                coefficients_px2=np.array(self.field.coefficients_px2, dtype=np.float64),
+            )
+        except ValueError as error:
+            raise PsfFileError(f"{source}: field: {error}") from error
 
 
 def psf_document(calibration: PsfCalibration) -> dict[str, Any]:
@@ -191,7 +226,7 @@ def read_noise(path: Path) -> CaptureNoise:
             gain_e_per_dn=values["gain_e_per_dn"],
             read_noise_e=values["read_noise_e"],
             black_level_dn=values["black_level_dn"],
-            frames_averaged=int(values["frames_averaged"]),
+            frames_averaged=_whole(values["frames_averaged"]),
         )
     except ValueError as error:
         raise NoiseFileError(f"{path}: {error}") from error
@@ -230,6 +265,12 @@ def read_homography(path: Path) -> StoredHomography:
         case [int(width), int(height)] if width > 0 and height > 0:
             return StoredHomography(matrix=values, width_px=width, height_px=height)
     raise HomographyFileError(f"{path}: size is {size!r}, expected [width, height] in px")
+
+
+def _whole(value: float) -> int:
+    if value != int(value):
+        raise ValueError(f"frames_averaged is {value}, expected a whole number")
+    return int(value)
 
 
 def _document(

@@ -21,6 +21,7 @@ __all__ = [
     "GaussianForm",
     "SeparableTerm",
     "gaussian_terms",
+    "spline_transfer",
 ]
 
 GaussianForm = Literal["transfer", "sampled"]
@@ -130,7 +131,7 @@ def _kernel_1d(
     freq: FloatArray = np.fft.fftfreq(size).astype(np.float64)
     transfer = np.exp(-2 * np.pi**2 * variance_px2 * freq**2)
     if spline_prefilter:
-        transfer = transfer / _spline_transfer(freq)
+        transfer = transfer / spline_transfer(freq)
     half = np.fft.ifft(transfer).real[: size // 2]
     radius = _cut_radius(half, sigma_px, tail_tolerance)
     if spline_prefilter:
@@ -165,7 +166,7 @@ def _correlated_terms(
         )
         # A pixel grid cannot tell +1/2 from -1/2 cycles/px: the real part is their mean.
         if spline_prefilter:
-            transfer = transfer / (_spline_transfer(fy) * _spline_transfer(fx))
+            transfer = transfer / (spline_transfer(fy) * spline_transfer(fx))
         full = np.fft.fftshift(np.fft.ifft2(transfer).real)
         radii = [
             len(_kernel_1d(v, tail_tolerance, spline_prefilter, form)) // 2
@@ -184,7 +185,7 @@ def _correlated_terms(
     return tuple(SeparableTerm(u[:, k] * gains[k], vt[k]) for k in range(count))
 
 
-def _spline_transfer(freq_cy_per_px: FloatArray) -> FloatArray:
+def spline_transfer(freq_cy_per_px: FloatArray) -> FloatArray:
     """Transfer function of the quintic B-spline sampled at the pixels (1, 26, 66, 26, 1)/120."""
     angle = 2 * np.pi * freq_cy_per_px
     return np.asarray((33 + 26 * np.cos(angle) + np.cos(2 * angle)) / 60)

@@ -6,7 +6,7 @@ spline through the result is point-sampled. The theory is in ``docs/theory-pose.
 """
 
 from dataclasses import dataclass
-from math import ceil, isfinite, sqrt
+from math import ceil, sqrt
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,13 @@ from simulation.gaussian_kernel import (
     BlurCovariance,
     gaussian_terms,
 )
+from simulation.pose_view import PoseView
 from simulation.psf import GaussianPsf
+from simulation.reference_image import reference_shape, refuse_non_finite
 from simulation.spline_gaussian import SplineGaussianTable, spline_gaussian
-from simulation.warped_blur import BORDER_PX, render, survey
+from simulation.warped_blur import BORDER_PX, render
 
-__all__ = ["NEARER_TOLERANCE_PX2", "SimulatedPose", "simulate_pose"]
+__all__ = ["NEARER_TOLERANCE_PX2", "SharedBlur", "SimulatedPose", "shared_blur", "simulate_pose"]
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.floating[Any]]
@@ -40,9 +42,6 @@ _SURVEY_PLACES = 65
 
 _LEAST_HELD_PX2 = 0.02
 """A smaller common blur is left to the sampling."""
-
-_SINGULAR = 1e-9
-"""Least determinant of a homography between frames scaled to unit squares, relative."""
 
 _LINE_SIGMAS = 4
 """Reach of the points that make a correlated blur."""
@@ -70,15 +69,7 @@ class SimulatedPose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Camera:
-    """PSF as the kernel takes it: polynomials and their frame's centre x, y and 1 / radius."""
-
-    coefficients_px2: FloatArray
-    frame: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Blur:
+class SharedBlur:
     """How the missing blur is shared between one for the whole image and one for each place."""
 
     held_px2: FloatArray
@@ -93,6 +84,8 @@ def simulate_pose(
     homography: NDArray[np.floating[Any]],
     size: tuple[int, int],
     psf: GaussianPsf | PsfField | None,
+    *,
+    origin_px: tuple[float, float] | None = None,
 ) -> SimulatedPose:
     """Image of the same plane from another pose of the same camera.
 
@@ -109,6 +102,9 @@ def simulate_pose(
     psf
         Total PSF (optics and pixel) of the camera. A field is taken at the place that each image
         has it: the reference's at the reference's pixel, the follow-up's at the follow-up's.
+    origin_px
+        Where the follow-up's pixel (0, 0) lies in the camera's frame, ``(x, y)``, if the
+        follow-up is a part of that frame; None: it is the whole. It matters for a field only.
 
     Returns
     -------
@@ -123,26 +119,20 @@ def simulate_pose(
         finite; if the PSF is missing or a field belongs to another frame; if the follow-up needs
         a blur that is too wide.
     """
-    rows, cols = _checked_shape(image)
-    width, height = _checked_size(size)
-    if psf is None:
-        raise ValueError("model 'matched' needs a PSF")
-    camera = _camera(psf, ((cols, rows), (width, height)))
-    matrix = _checked_homography(homography, (cols, rows), (width, height))
-    shares = _shared_blur(matrix, camera, (rows, cols), (height, width))
-    operator = _CommonBlur((rows, cols), shares)
+    view = PoseView.of(homography, reference_shape(image), size, psf, origin_px)
+    height, width = view.follow_up
+    shares = shared_blur(view)
+    operator = _CommonBlur(view.reference, shares)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
-    # The extremes are NaN or infinite if any value is.
-    if not (np.isfinite(planes.min()) and np.isfinite(planes.max())):
-        raise ValueError("the image holds NaN or infinite values")
+    refuse_non_finite(image)
     result = np.zeros((planes.shape[2], height, width), dtype=dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
     for top in range(0, height, _TILE_PX):
         for left in range(0, width, _TILE_PX):
             tile = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
-            window = _seen(matrix, (top, left), nearer[tile].shape, (rows, cols))
+            window = _seen(view, (top, left), nearer[tile].shape)
             if window is None:
                 continue
             for channel in range(planes.shape[2]):
@@ -151,10 +141,10 @@ def simulate_pose(
                     coefficients,
                     origin,
                     tuple(shares.held_px2.tolist()),
-                    (rows, cols),
-                    matrix,
-                    camera.coefficients_px2,
-                    camera.frame,
+                    view.reference,
+                    view.matrix,
+                    view.coefficients_px2,
+                    view.frame,
                     shares.table.weights,
                     shares.table.radii,
                     NEARER_TOLERANCE_PX2,
@@ -169,19 +159,16 @@ def simulate_pose(
     return SimulatedPose(image=pixels, nearer=nearer, outside=outside)
 
 
-def _shared_blur(
-    matrix: FloatArray, camera: _Camera, reference: tuple[int, int], follow_up: tuple[int, int]
-) -> _Blur:
+def shared_blur(view: PoseView) -> SharedBlur:
     """Find the largest blur that every place needs, and the widest rest."""
-    places = [np.unique(np.linspace(0, n - 1, min(n, _SURVEY_PLACES))) for n in follow_up]
-    seen = np.empty((len(places[0]), len(places[1]), 5))
-    survey(matrix, camera.coefficients_px2, camera.frame, places[0], places[1], seen)
+    places = [np.unique(np.linspace(0, n - 1, min(n, _SURVEY_PLACES))) for n in view.follow_up]
+    seen = view.survey(places[0], places[1])
     x, y = seen[..., 0], seen[..., 1]
     inside = (
         (x >= -BORDER_PX)
-        & (x <= reference[1] - 1 + BORDER_PX)
+        & (x <= view.reference[1] - 1 + BORDER_PX)
         & (y >= -BORDER_PX)
-        & (y <= reference[0] - 1 + BORDER_PX)
+        & (y <= view.reference[0] - 1 + BORDER_PX)
     )
     # The reference's border may lie between two places.
     counted = np.asarray(binary_dilation(inside, np.ones((3, 3), dtype=np.bool_)))
@@ -192,7 +179,7 @@ def _shared_blur(
     rest = blurs - held
     sigma_px = 1.05 * sqrt(max(float(rest[:, [0, 2]].max()), 0.0))
     table = spline_gaussian(sigma_px)
-    return _Blur(held, table, table.weights.shape[2] // 2 + ceil(_LINE_SIGMAS * sigma_px) + 2)
+    return SharedBlur(held, table, table.weights.shape[2] // 2 + ceil(_LINE_SIGMAS * sigma_px) + 2)
 
 
 def _common_blur(blurs_px2: FloatArray) -> FloatArray:
@@ -215,7 +202,7 @@ def _common_blur(blurs_px2: FloatArray) -> FloatArray:
 class _CommonBlur:
     """From pixels to the coefficients of the spline through the commonly blurred pixels."""
 
-    def __init__(self, shape: tuple[int, int], shares: _Blur) -> None:
+    def __init__(self, shape: tuple[int, int], shares: SharedBlur) -> None:
         xx, xy, yy = shares.held_px2.tolist()
         kernels = gaussian_terms(
             BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
@@ -273,87 +260,17 @@ def _blur_at(
 
 
 def _seen(
-    matrix: FloatArray,
-    first: tuple[int, int],
-    shape: tuple[int, int],
-    reference: tuple[int, int],
+    view: PoseView, first: tuple[int, int], shape: tuple[int, int]
 ) -> tuple[int, int, int, int] | None:
     """Reference pixels around what a tile sees: top, bottom, left, right, or None."""
     top, left = first
     bottom, right = top + shape[0] - 1, left + shape[1] - 1
     # Without the horizon in the frame, a homography keeps the tile convex.
-    x, y = _mapped(matrix, np.array([[left, right, left, right], [top, top, bottom, bottom]]))
+    x, y = view.mapped(np.array([[left, right, left, right], [top, top, bottom, bottom]]))
     bounds = []
-    for place, size in ((y, reference[0]), (x, reference[1])):
+    for place, size in ((y, view.reference[0]), (x, view.reference[1])):
         low, high = place.min(), place.max()
         if high < -BORDER_PX or low > size - 1 + BORDER_PX:
             return None
         bounds += [max(int(np.floor(low)), -1), min(int(np.ceil(high)), size)]
     return bounds[0], bounds[1], bounds[2], bounds[3]
-
-
-def _mapped(matrix: FloatArray, xy_px: FloatArray | NDArray[np.int64]) -> FloatArray:
-    places = matrix @ np.vstack([xy_px, np.ones(xy_px.shape[1])])
-    return np.asarray(places[:2] / places[2])
-
-
-def _camera(psf: GaussianPsf | PsfField, sizes: tuple[tuple[int, int], ...]) -> _Camera:
-    if isinstance(psf, GaussianPsf):
-        (xx, xy), (_, yy) = psf.covariance_px2.tolist()
-        return _Camera(np.array([[xx], [xy], [yy]]), np.zeros(3))
-    for name, size in zip(("reference", "follow-up"), sizes, strict=True):
-        if size != (psf.width_px, psf.height_px):
-            raise ValueError(
-                f"the PSF field belongs to frames of {psf.width_px} x {psf.height_px} px, "
-                f"the {name} has {size[0]} x {size[1]}"
-            )
-    return _Camera(
-        psf.coefficients_px2.copy(), np.array([*psf.centre_px, 1 / psf.corner_radius_px])
-    )
-
-
-def _checked_homography(
-    homography: NDArray[np.floating[Any]], reference: tuple[int, int], follow_up: tuple[int, int]
-) -> FloatArray:
-    """Homography with a positive denominator all over the follow-up; sizes (width, height)."""
-    matrix = np.array(homography, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise ValueError(f"a homography is a finite 3 x 3 matrix, got {homography!r}")
-    scaled = (
-        np.diag([1 / reference[0], 1 / reference[1], 1.0])
-        @ matrix
-        @ np.diag([follow_up[0], follow_up[1], 1.0])
-    )
-    norm = float(np.linalg.norm(scaled))
-    if not (norm > 0 and abs(np.linalg.det(scaled / norm)) > _SINGULAR):
-        raise ValueError("the homography is singular")
-    width, height = follow_up
-    corners = np.array(
-        [
-            [-0.5, width - 0.5, -0.5, width - 0.5],
-            [-0.5, -0.5, height - 0.5, height - 0.5],
-            [1.0, 1.0, 1.0, 1.0],
-        ]
-    )
-    denominators = matrix[2] @ corners
-    if denominators.min() < 0:
-        matrix, denominators = -matrix, -denominators
-    if not denominators.min() > 1e-6 * denominators.max():
-        raise ValueError("the plane's horizon lies inside the follow-up")
-    return matrix
-
-
-def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
-    width, height = size
-    for value in (width, height):
-        if not (isfinite(value) and int(value) == value and value >= 1):
-            raise ValueError(f"size must be (width, height) in whole pixels, got {size}")
-    return int(width), int(height)
-
-
-def _checked_shape(image: NDArray[np.generic]) -> tuple[int, int]:
-    if image.ndim not in (2, 3) or image.size == 0:
-        raise ValueError(f"an image is (rows, cols) or (rows, cols, channels), got {image.shape}")
-    if image.dtype.type not in (np.uint8, np.uint16, np.float32, np.float64):
-        raise ValueError(f"an image is uint8, uint16, float32 or float64, got {image.dtype}")
-    return image.shape[0], image.shape[1]

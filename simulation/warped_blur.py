@@ -52,7 +52,7 @@ def _compiled(function: Function) -> Function:
 def _covariance(
     psf: FloatArray, frame: FloatArray, x_px: float, y_px: float
 ) -> tuple[float, float, float]:
-    """Elements xx, xy, yy of a polynomial field: ``frame`` is its centre x, y and 1 / radius."""
+    """Elements xx, xy, yy of a field, whose centre x, y and 1 / radius ``frame`` begins with."""
     count = psf.shape[1]
     if count == 1:
         return psf[0, 0], psf[1, 0], psf[2, 0]
@@ -80,7 +80,7 @@ def _place(
     y = (matrix[1, 0] * col + matrix[1, 1] * row + matrix[1, 2]) / w
     a, b = (matrix[0, 0] - x * matrix[2, 0]) / w, (matrix[0, 1] - x * matrix[2, 1]) / w
     c, d = (matrix[1, 0] - y * matrix[2, 0]) / w, (matrix[1, 1] - y * matrix[2, 1]) / w
-    xx, xy, yy = _covariance(psf, frame, col, row)
+    xx, xy, yy = _covariance(psf, frame, col + frame[3], row + frame[4])
     own_xx, own_xy, own_yy = _covariance(psf, frame, x, y)
     return (
         x,
@@ -209,7 +209,8 @@ def render(
     matrix
         Homography from follow-up to reference pixels.
     psf, frame
-        Polynomial coefficients of the covariance, ``(3, n)``, and its centre x, y, 1 / radius.
+        Polynomial coefficients of the covariance, ``(3, n)``; its centre x, y, 1 / radius, and
+        where the follow-up's pixel (0, 0) lies in it, x, y.
     table, radii
         Of `SplineGaussianTable`.
     tolerance_px2

@@ -32,6 +32,7 @@ from simulation.gaussian_kernel import (
 from simulation.grid import SamplingGrid
 from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
 from simulation.psf import GaussianPsf
+from simulation.reference_image import reference_shape, refuse_non_finite
 from simulation.resampling import antialiased_cubic, blur, spline_sampling
 from simulation.transfer import CameraTransfer, Transfer
 
@@ -143,7 +144,7 @@ def zoom_out(
         If ``zoom`` is below 1 or not finite, the image is too small for it, of another kind or
         not finite, the model is unknown, or the PSF is missing.
     """
-    rows, cols = _checked_shape(image)
+    rows, cols = reference_shape(image)
     grid = SamplingGrid.centred((rows, cols), zoom)
     return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian)
 
@@ -165,11 +166,9 @@ def zoom_out_on_grid(
     ValueError
         As ``zoom_out``; or if the grid leaves the reference by more than half a pixel.
     """
-    shape = _checked_shape(image)
+    shape = reference_shape(image)
     operator = zoom_operator(shape, grid, psf, model, gaussian=gaussian)
-    # The extremes are NaN or infinite if any value is, and are found at memory speed.
-    if image.dtype.kind == "f" and not (np.isfinite(image.min()) and np.isfinite(image.max())):
-        raise ValueError("the image holds NaN or infinite values")
+    refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     if image.ndim == 2:
         return operator.apply(image.astype(dtype, copy=False))
@@ -327,11 +326,3 @@ def _needed(psf: GaussianPsf | None, model: Model) -> GaussianPsf:
     if psf is None:
         raise ValueError(f"model {model!r} needs a PSF")
     return psf
-
-
-def _checked_shape(image: NDArray[np.generic]) -> tuple[int, int]:
-    if image.ndim not in (2, 3) or image.size == 0:
-        raise ValueError(f"an image is (rows, cols) or (rows, cols, channels), got {image.shape}")
-    if image.dtype.type not in (np.uint8, np.uint16, np.float32, np.float64):
-        raise ValueError(f"an image is uint8, uint16, float32 or float64, got {image.dtype}")
-    return image.shape[0], image.shape[1]

@@ -1,16 +1,28 @@
 """A simulated follow-up with what a camera adds to it: light, noise, sharpening, in this order."""
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation import GaussianPsf, Model, SamplingGrid, zoom_operator
+from calibration.files import StoredHomography
+from simulation import (
+    GaussianPsf,
+    Model,
+    PsfField,
+    SamplingGrid,
+    simulate_pose,
+    zoom_operator,
+    zoom_out,
+)
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
 from simulation.capture_options import exposed, unsharp_masked, vignetted
+from simulation.gaussian_kernel import GaussianForm
+from simulation.pose_noise import pose_noise_gain
 from simulation.zoom import FloatImage
 
-__all__ = ["CaptureOptions", "captured", "own_variance"]
+__all__ = ["CaptureOptions", "FollowUp", "captured", "from_pose", "zoomed_out"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,28 +39,111 @@ class CaptureOptions:
     noise: CaptureNoise | None = None
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        if not (0 <= self.exposure < inf):
+            raise ValueError(f"an exposure factor is a number from 0, got {self.exposure}")
+        if not 0 <= self.vignetting < 1:
+            raise ValueError(f"a corner fall-off lies in [0, 1), got {self.vignetting}")
+        if self.sharpening is not None:
+            amount, sigma_px = self.sharpening
+            if not (0 <= amount < inf and 0 < sigma_px < inf):
+                raise ValueError(
+                    "sharpening is an amount from 0 and a width in px above 0, "
+                    f"got {amount:g},{sigma_px:g}"
+                )
 
-def captured(
-    followup: FloatImage, options: CaptureOptions, own_variance_dn2: NDArray[np.float64] | None
-) -> FloatImage:
-    """Follow-up as the camera delivers it.
 
-    Parameters
-    ----------
-    followup
-        The simulated image, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
-    options
-        What the camera does.
-    own_variance_dn2
-        Noise that the reference left in it, same shape; needed where noise is asked for.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FollowUp:
+    """What the capture model gives, before the camera adds its own.
+
+    ``own_variance_dn2`` is what the reference's noise left in it, of the image's shape; None
+    where no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows, cols), for
+    another pose only. ``is_field`` says that the PSF changed over the frame.
+    """
+
+    image: FloatImage
+    own_variance_dn2: NDArray[np.float64] | None
+    nearer: NDArray[np.bool_] | None = None
+    outside: NDArray[np.bool_] | None = None
+    is_field: bool = False
+
+
+def zoomed_out(
+    reference: NDArray[np.generic],
+    zoom: float,
+    psf: GaussianPsf | PsfField | None,
+    model: Model,
+    noise: CaptureNoise | None = None,
+    *,
+    gaussian: GaussianForm = "transfer",
+) -> FollowUp:
+    """Follow-up from ``zoom`` times further away; the reference is taken to have ``noise``.
 
     Raises
     ------
     ValueError
-        If an option is out of its range.
+        As ``zoom_out``; or if a field is given to another model than ``matched``.
     """
+    shape = reference.shape[0], reference.shape[1]
+    grid = SamplingGrid.centred(shape, zoom)
+    if isinstance(psf, PsfField):
+        if model != "matched":
+            raise ValueError(f"model {model!r} takes one PSF for the whole frame")
+        # The follow-up is the middle of the camera's frame.
+        origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
+        return _from_pose(reference, grid.matrix, (grid.cols, grid.rows), psf, noise, origin_px)
+    image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
+    own = None if noise is None else _own_variance(reference, grid, psf, model, noise)
+    return FollowUp(image=image, own_variance_dn2=own)
+
+
+def from_pose(
+    reference: NDArray[np.generic],
+    pose: StoredHomography,
+    psf: GaussianPsf | PsfField,
+    noise: CaptureNoise | None = None,
+) -> FollowUp:
+    """Follow-up from any pose; the reference is taken to have ``noise``.
+
+    Raises
+    ------
+    ValueError
+        As ``simulate_pose``.
+    """
+    return _from_pose(reference, pose.matrix, (pose.width_px, pose.height_px), psf, noise, None)
+
+
+def _from_pose(
+    reference: NDArray[np.generic],
+    matrix: NDArray[np.float64],
+    size: tuple[int, int],
+    psf: GaussianPsf | PsfField,
+    noise: CaptureNoise | None,
+    origin_px: tuple[float, float] | None,
+) -> FollowUp:
+    simulated = simulate_pose(reference, matrix, size, psf, origin_px=origin_px)
+    own = None
+    if noise is not None:
+        shape = reference.shape[0], reference.shape[1]
+        gain = pose_noise_gain(matrix, shape, size, psf, origin_px=origin_px)
+        # At an edge the reference's variance is taken as that of the blurred level.
+        planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
+        own = planes * noise.variance_dn2(simulated.image)
+    return FollowUp(
+        image=simulated.image,
+        own_variance_dn2=own,
+        nearer=simulated.nearer,
+        outside=simulated.outside,
+        is_field=isinstance(psf, PsfField),
+    )
+
+
+def captured(followup: FollowUp, options: CaptureOptions) -> FloatImage:
+    """Return the follow-up's image as the camera delivers it."""
     black_dn = options.noise.black_level_dn if options.noise else 0.0
-    image = _lit(followup, options, black_dn)
+    image = _lit(followup.image, options, black_dn)
+    own_variance_dn2 = followup.own_variance_dn2
     if options.noise is not None and own_variance_dn2 is not None:
         light = _lit(np.ones_like(own_variance_dn2), options, 0.0)
         rng = np.random.default_rng(options.seed)
@@ -58,21 +153,14 @@ def captured(
     return image
 
 
-def own_variance(
+def _own_variance(
     reference: NDArray[np.generic],
-    zoom: float,
+    grid: SamplingGrid,
     psf: GaussianPsf | None,
     model: Model,
     noise: CaptureNoise,
 ) -> NDArray[np.float64]:
-    """Variance that the reference's noise leaves in its follow-up; it is taken to have ``noise``.
-
-    Returns
-    -------
-    ndarray of float64, shape of the follow-up
-    """
-    shape = reference.shape[0], reference.shape[1]
-    operator = zoom_operator(shape, SamplingGrid.centred(shape, zoom), psf, model)
+    operator = zoom_operator((reference.shape[0], reference.shape[1]), grid, psf, model)
     variance = noise.variance_dn2(reference.astype(np.float64))
     if variance.ndim == 2:
         return propagated_variance(operator, variance)

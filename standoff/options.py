@@ -10,7 +10,15 @@ import typer
 from acquisition.bench import BenchConfig, load_bench, parse_overrides
 from acquisition.errors import BenchConfigError
 
-__all__ = ["BenchFile", "BenchKeys", "Json", "checked_zoom", "read_bench", "refuse_overwriting"]
+__all__ = [
+    "BenchFile",
+    "BenchKeys",
+    "Json",
+    "checked_zoom",
+    "read_bench",
+    "refuse_overwriting",
+    "refuse_suffix",
+]
 
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")
@@ -55,3 +63,10 @@ def refuse_overwriting(outputs: Sequence[Path | None], inputs: Sequence[Path | N
         if path.resolve() in taken:
             raise typer.BadParameter(f"{path} is read or written already; name another file")
         taken.add(path.resolve())
+
+
+def refuse_suffix(path: Path | None, option: str, suffixes: set[str]) -> None:
+    """Refuse a result's file name that promises another format than is written."""
+    if path is not None and path.suffix.lower() not in suffixes:
+        names = " or ".join(sorted(suffixes))
+        raise typer.BadParameter(f"{path} must end in {names}", param_hint=option)

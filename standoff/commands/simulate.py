@@ -7,12 +7,12 @@ import numpy as np
 import typer
 
 from calibration.files import read_homography, read_noise, read_psf
-from simulation import MODELS, GaussianPsf, Model, simulate_pose, zoom_out
+from simulation import MODELS, GaussianPsf, Model, PsfField
 from simulation.gaussian_kernel import GaussianForm
 from standoff.errors import ApplicationError
-from standoff.followup import CaptureOptions, captured, own_variance
+from standoff.followup import CaptureOptions, FollowUp, captured, from_pose, zoomed_out
 from standoff.image_files import read_image, write_float_tiff, write_mask
-from standoff.options import Json, checked_zoom, refuse_overwriting
+from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
 from standoff.output import note, print_json, say
 
 __all__ = ["read_total_psf", "simulate"]
@@ -57,45 +57,41 @@ def simulate(
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
     refuse_overwriting([out, nearer], [image, psf, noise, homography])
+    refuse_suffix(out, "--out", {".tif", ".tiff"})
+    refuse_suffix(nearer, "--nearer", {".png"})
     if (zoom is None) == (homography is None):
         raise typer.BadParameter("give either --zoom or --homography")
-    if homography is not None and (model != "matched" or noise is not None):
-        raise typer.BadParameter("--homography goes with model matched and without --noise")
+    if homography is not None and model != "matched":
+        raise typer.BadParameter("--homography goes with model matched")
     if nearer is not None and homography is None:
         raise typer.BadParameter("--nearer goes with --homography")
     if psf is None and model in _BLURRING_MODELS:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     if gaussian == "sampled" and model != "paper":
         raise typer.BadParameter("sampled weights are for model paper", param_hint="--gaussian")
-    total = None if psf is None else read_total_psf(psf)
-    options = CaptureOptions(
-        exposure=exposure,
-        vignetting=vignetting,
-        sharpening=None if sharpen is None else _sharpening(sharpen),
-        noise=None if noise is None else read_noise(noise),
-        seed=seed,
-    )
-    reference = read_image(image).colour_planes
-    pose = None if homography is None else read_homography(homography)
-    simulated = None
-    masks: dict[str, float] = {}
     try:
-        if pose is not None:
-            simulated = simulate_pose(
-                reference, pose.matrix, (pose.width_px, pose.height_px), total
-            )
-            followup, own = simulated.image, None
-            masks = {
-                "nearer_fraction": float(simulated.nearer.mean()),
-                "outside_fraction": float(simulated.outside.mean()),
-            }
+        options = CaptureOptions(
+            exposure=exposure,
+            vignetting=vignetting,
+            sharpening=None if sharpen is None else _sharpening(sharpen),
+            noise=None if noise is None else read_noise(noise),
+            seed=seed,
+        )
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    pose = None if homography is None else read_homography(homography)
+    reference = read_image(image).colour_planes
+    frame = (reference.shape[1], reference.shape[0])
+    is_same_frame = pose is None or (pose.width_px, pose.height_px) == frame
+    camera = None if psf is None else _camera_psf(psf, frame if is_same_frame else None, model)
+    try:
+        if pose is not None and camera is not None:
+            simulated = from_pose(reference, pose, camera, options.noise)
         else:
-            followup = zoom_out(reference, zoom or 1.0, total, model, gaussian=gaussian)
-            own = None
-            if options.noise is not None:
-                own = own_variance(reference, zoom or 1.0, total, model, options.noise)
+            assert zoom is not None
+            simulated = zoomed_out(reference, zoom, camera, model, options.noise, gaussian=gaussian)
         with np.errstate(over="ignore"):  # levels beyond float32 are refused below
-            followup = captured(followup, options, own).astype(np.float32, copy=False)
+            followup = captured(simulated, options).astype(np.float32, copy=False)
     except ValueError as error:
         raise ApplicationError(f"{homography or image}: {error}") from error
     if not np.all(np.isfinite(followup)):
@@ -106,9 +102,10 @@ def simulate(
         followup,
         f"standoff simulate: {place}, model {model}, of {image.name}",
     )
-    if nearer is not None and simulated is not None:
+    if nearer is not None and simulated.nearer is not None:
         write_mask(nearer, simulated.nearer)
     rows, cols = followup.shape[:2]
+    masks = _mask_fractions(simulated) if pose is not None else {}
     if json:
         print_json(
             {
@@ -116,6 +113,7 @@ def simulate(
                 "image": str(image),
                 "zoom": zoom,
                 "model": model,
+                "psf_field": simulated.is_field,
                 "size": [cols, rows],
                 "min": float(followup.min()),
                 "max": float(followup.max()),
@@ -129,6 +127,31 @@ def simulate(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+
+
+def _mask_fractions(simulated: FollowUp) -> dict[str, float]:
+    return {
+        f"{name}_fraction": float(mask.mean())
+        for name, mask in (("nearer", simulated.nearer), ("outside", simulated.outside))
+        if mask is not None
+    }
+
+
+def _camera_psf(path: Path, frame: tuple[int, int] | None, model: Model) -> GaussianPsf | PsfField:
+    """PSF of a psf.json: its field where the model and the frames allow it, else the one PSF."""
+    field = read_psf(path).total_field(str(path))
+    if field is None:
+        return read_total_psf(path)
+    if model != "matched":
+        note(f"{path}: model {model} takes the PSF of the whole frame, not its field")
+    elif frame != (field.width_px, field.height_px):
+        note(
+            f"{path}: its field belongs to frames of {field.width_px} x {field.height_px} px; "
+            "the PSF of the whole frame is taken"
+        )
+    else:
+        return field
+    return read_total_psf(path)
 
 
 def _sharpening(text: str) -> tuple[float, float]:

@@ -349,6 +349,21 @@ def test_a_shift_over_a_field_blurs_by_the_difference_of_its_two_places() -> Non
     assert back.nearer[~back.outside].all()
 
 
+def test_a_part_of_the_follow_up_has_the_psf_of_its_place_in_the_frame() -> None:
+    coefficients = np.zeros((3, 6))
+    coefficients[[0, 2], 0] = 0.5
+    coefficients[[0, 2], 1:] = 0.1, -0.05, 0.2, 0.0, 0.3
+    field = PsfField(width_px=280, height_px=200, coefficients_px2=coefficients)
+    matrix = tilted(300.0, (280, 200), 10.0, 1.2)
+    whole = simulate_pose(PHOTOGRAPH, matrix, (280, 200), field).image
+    moved = matrix @ np.array([[1.0, 0, 60], [0, 1, 30], [0, 0, 1]])
+    part = simulate_pose(PHOTOGRAPH, moved, (150, 120), field, origin_px=(60.0, 30.0)).image
+    # The common blur is chosen for what is seen, and its kernel is cut off at 1e-3 of 255.
+    assert part == pytest.approx(whole[30:150, 60:210], abs=0.6)
+    wrong = simulate_pose(PHOTOGRAPH, moved, (150, 120), field, origin_px=(0.0, 0.0)).image
+    assert abs(wrong - whole[30:150, 60:210]).max() > 1
+
+
 @pytest.mark.parametrize(
     ("homography", "message"),
     [
@@ -384,3 +399,5 @@ def test_wrong_images_sizes_and_psfs_are_refused() -> None:
         simulate_pose(image, IDENTITY, (60, 40), constant_field(61, 40, PSF))
     with pytest.raises(ValueError, match="follow-up has 30 x 20"):
         simulate_pose(image, IDENTITY, (30, 20), constant_field(60, 40, PSF))
+    with pytest.raises(ValueError, match=r"30 x 20, its first pixel at \(31, 0\)"):
+        simulate_pose(image, IDENTITY, (30, 20), constant_field(60, 40, PSF), origin_px=(31, 0))

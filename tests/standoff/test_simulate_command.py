@@ -1,11 +1,14 @@
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
+from numpy.typing import NDArray
 
-from simulation import GaussianPsf, zoom_out
+from simulation import GaussianPsf, PsfField, zoom_out
+from standoff.followup import zoomed_out
 from standoff.image_files import read_image
 from tests.standoff.conftest import Command
 
@@ -17,6 +20,21 @@ def psf_file(tmp_path: Path) -> Path:
     path = tmp_path / "psf.json"
     path.write_text(
         json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8, "rho": 0.1})
+    )
+    return path
+
+
+FLAT_DN = 1000.0
+FLAT_VARIANCE_DN2 = FLAT_DN / 4.0 + (8.0 / 4.0) ** 2
+"""Of one frame of a flat without black level, at 4 e-/DN and 8 e- of read noise."""
+
+
+@pytest.fixture
+def noise_file(tmp_path: Path) -> Path:
+    path = tmp_path / "noise.json"
+    path.write_text(
+        '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "read_noise_e": 8.0,'
+        ' "black_level_dn": 0.0, "saturation_dn": 4095.0, "frames_averaged": 1}'
     )
     return path
 
@@ -123,30 +141,24 @@ def test_capture_options_act_in_the_order_light_noise_sharpening(
 
 
 def test_noise_is_that_of_a_capture_and_follows_the_seed(
-    command: Command, psf_file: Path, tmp_path: Path
+    command: Command, psf_file: Path, noise_file: Path, tmp_path: Path
 ) -> None:
     flat = tmp_path / "flat.tif"
     rng = np.random.default_rng(1)
-    # A noisy flat of 1000 DN at 4 e-/DN with 8 e- of read noise: (1000 / 4 + 2^2) DN^2.
-    variance = 1000.0 / 4.0 + (8.0 / 4.0) ** 2
-    tifffile.imwrite(flat, rng.normal(1000.0, np.sqrt(variance), (200, 240)).astype(np.float32))
-    noise = tmp_path / "noise.json"
-    noise.write_text(
-        '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "read_noise_e": 8.0,'
-        ' "black_level_dn": 0.0, "saturation_dn": 4095.0, "frames_averaged": 1}'
-    )
+    pixels = rng.normal(FLAT_DN, np.sqrt(FLAT_VARIANCE_DN2), (200, 240))
+    tifffile.imwrite(flat, pixels.astype(np.float32))
 
     def simulated(seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
         out = tmp_path / "far.tif"
         done = command(
-            "simulate", flat, "--zoom", 2, "--psf", psf_file, "--noise", noise,
+            "simulate", flat, "--zoom", 2, "--psf", psf_file, "--noise", noise_file,
             "--seed", seed, "--out", out,
         )  # fmt: skip
         assert done.status == 0, done.err
         return np.asarray(tifffile.imread(out))
 
     first = simulated(1)
-    assert np.var(first[4:-4, 4:-4]) == pytest.approx(variance, rel=0.06)  # 10 000 pixels
+    assert np.var(first[4:-4, 4:-4]) == pytest.approx(FLAT_VARIANCE_DN2, rel=0.06)  # 10 000 pixels
     np.testing.assert_array_equal(simulated(1), first)
     assert np.any(simulated(2) != first)
 
@@ -156,6 +168,11 @@ def test_noise_is_that_of_a_capture_and_follows_the_seed(
     [
         ('{"schema": "standoff.psf/1"}', "schema"),
         ('{"schema": "standoff.noise/1", "gain_e_per_dn": null}', "gain_e_per_dn"),
+        (
+            '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "read_noise_e": 8.0,'
+            ' "black_level_dn": 0.0, "frames_averaged": 1.9}',
+            "frames_averaged",
+        ),
         (
             '{"schema": "standoff.noise/1", "gain_e_per_dn": -4.0, "read_noise_e": 8.0,'
             ' "black_level_dn": 0.0, "frames_averaged": 1}',
@@ -177,7 +194,18 @@ def test_a_noise_file_at_fault_is_named(
     assert not (tmp_path / "far.tif").exists()
 
 
-@pytest.mark.parametrize("option", [("--sharpen", "much"), ("--seed", "-1")])
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--sharpen", "much"),
+        ("--sharpen", "nan"),
+        ("--sharpen", "0.8,0"),
+        ("--exposure", "inf"),
+        ("--vignetting", "3"),
+        ("--seed", "-1"),
+        ("--out", "far.png"),
+    ],
+)
 def test_options_that_are_no_numbers_are_wrong_usage(
     command: Command, image_file: Path, psf_file: Path, tmp_path: Path, option: tuple[str, str]
 ) -> None:
@@ -253,7 +281,6 @@ def test_a_homography_at_fault_is_named(
         (),
         ("--zoom", 2, "--homography", "H.json"),
         ("--homography", "H.json", "--model", "paper"),
-        ("--homography", "H.json", "--noise", "noise.json"),
         ("--zoom", 2, "--nearer", "mask.png"),
     ],
 )
@@ -263,3 +290,65 @@ def test_zoom_and_homography_exclude_each_other(
     out = tmp_path / "far.tif"
     done = command("simulate", image_file, "--psf", psf_file, "--out", out, *options)
     assert done.status == 2
+
+
+def test_a_follow_up_from_another_pose_gets_the_noise_of_a_capture(
+    command: Command, psf_file: Path, noise_file: Path, tmp_path: Path
+) -> None:
+    image, out = tmp_path / "flat.tif", tmp_path / "far.tif"
+    rng = np.random.default_rng(4)
+    pixels = rng.normal(FLAT_DN, np.sqrt(FLAT_VARIANCE_DN2), (200, 220))
+    tifffile.imwrite(image, pixels.astype(np.float32))
+    pose = _homography_file(
+        tmp_path / "H.json", [[1.4, 0.2, 5], [-0.1, 1.5, 20], [0, 1e-4, 1]], [120, 100]
+    )
+    done = command(
+        "simulate", image, "--homography", pose, "--psf", psf_file, "--noise", noise_file,
+        "--out", out,
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    inner = tifffile.imread(out)[5:-5, 5:-5]
+    # 9 900 pixels, correlated: the variance scatters by about 2 %.
+    assert np.var(inner) == pytest.approx(FLAT_VARIANCE_DN2, rel=0.06)
+
+
+def test_the_field_of_a_psf_file_is_used_where_it_fits(
+    command: Command, psf_file: Path, tmp_path: Path
+) -> None:
+    document = json.loads(psf_file.read_text(encoding="utf-8"))
+    document["field"] = {
+        "width_px": 120,
+        "height_px": 90,
+        "coefficients_px2": [[0.5, 0, 0, 2, 0, 2], [0, 0, 0, 0, 0, 0], [0.5, 0, 0, 2, 0, 2]],
+    }
+    field_file = tmp_path / "field.json"
+    field_file.write_text(json.dumps(document))
+    image, other = tmp_path / "image.tif", tmp_path / "other.tif"
+    pixels = np.random.default_rng(0).uniform(0, 255, (90, 120)).astype(np.float32)
+    tifffile.imwrite(image, pixels)
+    tifffile.imwrite(other, pixels[1:])
+
+    def simulate(source: Path, psf: Path, *options: object) -> tuple[bool, str, NDArray[Any]]:
+        out = tmp_path / "far.tif"
+        done = command(
+            "simulate", source, "--zoom", 1.5, "--psf", psf, "--out", out, "--json", *options
+        )
+        assert done.status == 0, done.err
+        return json.loads(done.out)["psf_field"], done.err, tifffile.imread(out)
+
+    is_field, _, with_field = simulate(image, field_file)
+    assert is_field
+    field = PsfField(
+        width_px=120,
+        height_px=90,
+        coefficients_px2=np.array(document["field"]["coefficients_px2"], dtype=np.float64),
+    )
+    np.testing.assert_array_equal(with_field, zoomed_out(pixels, 1.5, field, "matched").image)
+    for source, options, message in (
+        (other, (), "belongs to frames of 120 x 90 px"),
+        (image, ("--model", "paper"), "model paper takes the PSF of the whole frame"),
+    ):
+        is_field, notes, plain = simulate(source, field_file, *options)
+        assert not is_field
+        assert message in notes
+        np.testing.assert_array_equal(plain, simulate(source, psf_file, *options)[2])

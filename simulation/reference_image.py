@@ -1,0 +1,29 @@
+"""What every model asks of a reference image."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["reference_shape", "refuse_non_finite"]
+
+
+def reference_shape(image: NDArray[np.generic]) -> tuple[int, int]:
+    """Return rows and columns of an image that a model takes.
+
+    Raises
+    ------
+    ValueError
+        If it is not ``(rows, cols)`` or ``(rows, cols, channels)``, is empty, or is not uint8,
+        uint16, float32 or float64.
+    """
+    if image.ndim not in (2, 3) or image.size == 0:
+        raise ValueError(f"an image is (rows, cols) or (rows, cols, channels), got {image.shape}")
+    if image.dtype.type not in (np.uint8, np.uint16, np.float32, np.float64):
+        raise ValueError(f"an image is uint8, uint16, float32 or float64, got {image.dtype}")
+    return image.shape[0], image.shape[1]
+
+
+def refuse_non_finite(image: NDArray[np.generic]) -> None:
+    """Raise ``ValueError`` if a value is NaN or infinite."""
+    # The extremes are NaN or infinite if any value is, and are found at memory speed.
+    if image.dtype.kind == "f" and not (np.isfinite(image.min()) and np.isfinite(image.max())):
+        raise ValueError("the image holds NaN or infinite values")
