@@ -1,11 +1,21 @@
 """What the residuals of an edge fit tell: outliers, sharpening, a PSF that is not Gaussian."""
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
-from scipy.ndimage import median_filter
+from math import sqrt
+from typing import NamedTuple
 
-__all__ = ["noise_part", "outlier_weights", "profile_flags", "robust_variance"]
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+__all__ = [
+    "ProfileFigures",
+    "noise_part",
+    "outlier_weights",
+    "profile_figures",
+    "profile_flags",
+    "robust_variance",
+]
 
 Array = NDArray[np.float64]
 
@@ -15,48 +25,137 @@ _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast: smaller ones do not matter and may be structure
 _TUKEY_SIGMAS = 6.0  # 0.998 efficient on Gaussian noise
 _BIN_PX = 0.5
+_BIN_PIXELS = 8  # fewer make no mean
 _SHARPENED_LEAST = 0.02  # overshoot of both sides, of the contrast
 _NON_GAUSSIAN_P = 1e-5
 _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
 
 
+@njit(cache=True)
 def noise_part(residuals: Array, distances: Array) -> Array:
     """Residuals less the running median over pixels at nearly the same distance.
 
     What depends on the distance from the edge alone (a PSF that is not the model's) is
     structure; what is left is noise and outliers.
     """
-    order = np.argsort(distances, kind="stable")
-    ordered = residuals[order]
-    noise = np.empty_like(ordered)
-    noise[order] = ordered - median_filter(ordered, size=_NEIGHBOURS, mode="nearest")
+    order = _by_distance(distances)
+    noise = np.empty_like(residuals)
+    noise[order] = _without_running_median(residuals[order])
     return noise
 
 
-def outlier_weights(noise: Array, spread: Array, contrast: float) -> Array | None:
-    """Tukey biweights where single pixels stand out of the ``noise_part``, else None.
+@njit(cache=True)
+def _by_distance(distances: Array) -> NDArray[np.int64]:
+    """Indices in the order of the distances: by counting into steps, then by insertion."""
+    n = len(distances)
+    least = distances.min()
+    per_step = (n - 1) / max(distances.max() - least, 1e-300)
+    first = np.zeros(n + 1, np.int64)
+    for d in distances:
+        first[int((d - least) * per_step) + 1] += 1
+    first = np.cumsum(first)
+    order = np.empty(n, np.int64)
+    for i in range(n):
+        step = int((distances[i] - least) * per_step)
+        order[first[step]] = i
+        first[step] += 1
+    for i in range(1, n):
+        index, d = order[i], distances[order[i]]
+        k = i
+        while k > 0 and distances[order[k - 1]] > d:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = index
+    return order
+
+
+@njit(cache=True)
+def _without_running_median(values: Array) -> Array:
+    """Values less the median of the ``_NEIGHBOURS`` around each; the ends count on."""
+    half = _NEIGHBOURS // 2
+    last = len(values) - 1
+    window = np.empty(_NEIGHBOURS)
+    for k in range(_NEIGHBOURS):
+        window[k] = values[min(max(k - half, 0), last)]
+    window.sort()
+    rest = np.empty_like(values)
+    for i in range(len(values)):
+        rest[i] = values[i] - window[half]
+        leaving = values[max(i - half, 0)]
+        entering = values[min(i + half + 1, last)]
+        k = np.searchsorted(window, leaving)
+        # The window stays sorted: what is between the two moves up by one place.
+        while k < _NEIGHBOURS - 1 and window[k + 1] < entering:
+            window[k] = window[k + 1]
+            k += 1
+        while k > 0 and window[k - 1] > entering:
+            window[k] = window[k - 1]
+            k -= 1
+        window[k] = entering
+    return rest
+
+
+@njit(cache=True, error_model="numpy")
+def outlier_weights(noise: Array, spread: Array, contrast: float) -> tuple[bool, Array]:
+    """Whether single pixels stand out of the ``noise_part``, and Tukey biweights.
 
     ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
     the pixels of the dark side would else set the scale.
     """
-    ratio = noise / spread
-    scale = float(np.median(np.abs(ratio))) / _MAD_PER_SIGMA
+    scale = np.median(np.abs(noise / spread)) / _MAD_PER_SIGMA
     least = _OUTLIER_LEAST * contrast
-    if not np.any(np.abs(noise) > np.maximum(_OUTLIER_SIGMAS * scale * spread, least)):
-        return None
-    reach = noise / np.maximum(_TUKEY_SIGMAS * scale * spread, least)
-    return np.where(np.abs(reach) < 1, (1 - reach**2) ** 2, 0.0)
+    found = False
+    weights = np.empty_like(noise)
+    for i in range(len(noise)):
+        found |= abs(noise[i]) > max(_OUTLIER_SIGMAS * scale * spread[i], least)
+        reach = noise[i] / max(_TUKEY_SIGMAS * scale * spread[i], least)
+        weights[i] = (1 - reach**2) ** 2 if abs(reach) < 1 else 0.0
+    return found, weights
 
 
+@njit(cache=True)
 def robust_variance(noise: Array) -> float:
     """Variance of Gaussian noise from its median absolute deviation: outliers do not count."""
-    return (float(np.median(np.abs(noise))) / _MAD_PER_SIGMA) ** 2
+    return float((np.median(np.abs(noise)) / _MAD_PER_SIGMA) ** 2)
 
 
-def profile_flags(
-    *, values: Array, residuals: Array, distances: Array, sigma_px: float, contrast: float
-) -> tuple[str, ...]:
+class ProfileFigures(NamedTuple):
+    """Figures of the profile across an edge, binned by the distance from it.
+
+    ``overshoot`` is the smaller of the two sides', in DN; ``scatter`` the variance within the
+    bins. Of the ``bins`` near the edge, ``chi2`` is the sum of count times squared mean residual
+    over ``scatter`` and ``mean_square`` the mean of the squared means, DN^2.
+    """
+
+    overshoot: float
+    scatter: float
+    chi2: float
+    mean_square: float
+    bins: int
+    pixels: int
+
+
+def profile_flags(figures: ProfileFigures, contrast: float) -> tuple[str, ...]:
     """Flags ``sharpened`` and ``non_gaussian``, from the profile across the edge.
+
+    ``contrast`` is the high minus the low level.
+    """
+    flags = []
+    unsure = 6 * sqrt(figures.scatter / max(figures.pixels / 6, 1))
+    if figures.overshoot > max(_SHARPENED_LEAST * contrast, unsure):
+        flags.append("sharpened")
+    if figures.bins > 4 and figures.scatter > 0:
+        is_surprising = chdtrc(figures.bins - 4, figures.chi2) < _NON_GAUSSIAN_P
+        if is_surprising and sqrt(figures.mean_square) > _NON_GAUSSIAN_LEAST * contrast:
+            flags.append("non_gaussian")
+    return tuple(flags)
+
+
+@njit(cache=True, error_model="numpy")
+def profile_figures(
+    values: Array, residuals: Array, distances: Array, sigma_px: float
+) -> ProfileFigures:
+    """Bin the profile across the edge.
 
     Parameters
     ----------
@@ -64,47 +163,65 @@ def profile_flags(
         Level, level minus model and signed distance (px) of each pixel, shape ``(n,)``.
     sigma_px
         Total width of the edge.
-    contrast
-        High minus low level.
     """
-    place = np.floor(distances / _BIN_PX).astype(np.int64)
-    place -= place.min()
-    count = np.bincount(place)
-    used = count >= 8
-    mean = np.bincount(place, residuals)[used] / count[used]
-    centre = np.bincount(place, distances)[used] / count[used]
-    within = residuals - (np.bincount(place, residuals) / np.maximum(count, 1))[place]
-    scatter = float(np.sum(within**2)) / max(values.size - int(np.count_nonzero(count)), 1)
-    flags = []
-    if _overshoot(values, distances, sigma_px, contrast) > max(
-        _SHARPENED_LEAST, 6 * np.sqrt(scatter / max(values.size / 6, 1)) / contrast
-    ):
-        flags.append("sharpened")
-    near = np.abs(centre) < 5 * sigma_px + 1
-    bins = int(np.count_nonzero(near))
-    if bins > 4 and scatter > 0:
-        chi2 = float(np.sum(count[used][near] * mean[near] ** 2)) / scatter
-        rms = float(np.sqrt(np.mean(mean[near] ** 2))) / contrast
-        if stats.chi2.sf(chi2, bins - 4) < _NON_GAUSSIAN_P and rms > _NON_GAUSSIAN_LEAST:
-            flags.append("non_gaussian")
-    return tuple(flags)
+    first = np.floor(distances.min() / _BIN_PX)
+    size = int(np.floor(distances.max() / _BIN_PX) - first) + 1
+    count, total, place = np.zeros(size), np.zeros(size), np.zeros(size)
+    squares = 0.0
+    for i in range(len(values)):
+        k = int(np.floor(distances[i] / _BIN_PX) - first)
+        count[k] += 1
+        total[k] += residuals[i]
+        place[k] += distances[i]
+        squares += residuals[i] ** 2
+    filled = bins = 0
+    chi2 = mean_squares = 0.0
+    for k in range(size):
+        if count[k] == 0:
+            continue
+        filled += 1
+        mean = total[k] / count[k]
+        squares -= count[k] * mean * mean
+        if count[k] >= _BIN_PIXELS and abs(place[k] / count[k]) < 5 * sigma_px + 1:
+            bins += 1
+            chi2 += count[k] * mean * mean
+            mean_squares += mean * mean
+    scatter = max(squares, 0.0) / max(len(values) - filled, 1)
+    overshoot = min(
+        _overshoot(values, distances, -1.0, sigma_px), _overshoot(values, distances, 1.0, sigma_px)
+    )
+    return ProfileFigures(
+        overshoot,
+        scatter,
+        chi2 / scatter if scatter > 0 else 0.0,
+        mean_squares / max(bins, 1),
+        bins,
+        len(values),
+    )
 
 
-def _overshoot(values: Array, distances: Array, sigma_px: float, contrast: float) -> float:
-    """Smaller of the overshoots of the two sides, of the contrast; 0 where a side is missing."""
+@njit(cache=True, error_model="numpy")
+def _overshoot(values: Array, distances: Array, side: float, sigma_px: float) -> float:
+    """How far the profile of one side goes beyond its far level; 0 where the side is missing."""
     inner, outer = 1.2 * sigma_px + 0.5, 3.0 * sigma_px + 1.5
-    overshoots = []
-    for side in (-1.0, 1.0):
-        d = side * distances
-        near = (d > inner) & (d <= outer)
-        far = d > outer
-        if np.count_nonzero(near) < 10 or np.count_nonzero(far) < 10:
-            return 0.0
-        far_level = float(np.median(values[far]))
-        place = np.floor((d[near] - inner) / _BIN_PX).astype(np.int64)
-        count = np.bincount(place)
-        level = np.bincount(place, values[near])[count >= 5] / count[count >= 5]
-        if level.size == 0:
-            return 0.0
-        overshoots.append(float(np.max(side * (level - far_level))) / contrast)
-    return min(overshoots)
+    size = int(np.floor((outer - inner) / _BIN_PX)) + 1
+    count, total = np.zeros(size), np.zeros(size)
+    far = np.empty(len(values))
+    n_far = 0
+    for i in range(len(values)):
+        d = side * distances[i]
+        if d > outer:
+            far[n_far] = values[i]
+            n_far += 1
+        elif d > inner:
+            k = int(np.floor((d - inner) / _BIN_PX))
+            count[k] += 1
+            total[k] += values[i]
+    if n_far < 10 or count.sum() < 10:
+        return 0.0
+    far_level = np.median(far[:n_far])
+    highest = -np.inf
+    for k in range(size):
+        if count[k] >= 5:
+            highest = max(highest, side * (total[k] / count[k] - far_level))
+    return highest if np.isfinite(highest) else 0.0

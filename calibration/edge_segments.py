@@ -1,11 +1,20 @@
 """Where an edge lies in an image, and the raw pixels around it."""
 
 from dataclasses import dataclass, replace
+from math import ceil, floor
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["EdgeSegment", "EdgeWindow", "edge_window"]
+__all__ = [
+    "EdgeSegment",
+    "EdgeWindow",
+    "band_half_width",
+    "band_pixels",
+    "edge_window",
+    "side_level",
+]
 
 Array = NDArray[np.float64]
 
@@ -82,31 +91,18 @@ def edge_window(image_dn: Array, segment: EdgeSegment, sigma_px: float) -> EdgeW
         ``smooth_levels`` is a noise-free guess of each pixel's level, for the noise weights;
         ``is_clipped`` says that another edge limits the band.
     """
-    rows, cols = image_dn.shape
-    half_width = _BAND_SIGMAS * sigma_px + _BAND_EXTRA_PX
+    half_width = band_half_width(sigma_px)
     is_clipped = half_width > segment.clearance_px
     half_width = min(half_width, segment.clearance_px)
     half_length = 0.5 * segment.length_px
-    c, s = float(np.cos(segment.normal_rad)), float(np.sin(segment.normal_rad))
-    reach_x = half_width * abs(c) + half_length * abs(s)
-    reach_y = half_width * abs(s) + half_length * abs(c)
-    left = max(int(np.ceil(segment.x_px - reach_x)), 0)
-    right = min(int(np.floor(segment.x_px + reach_x)), cols - 1)
-    top = max(int(np.ceil(segment.y_px - reach_y)), 0)
-    bottom = min(int(np.floor(segment.y_px + reach_y)), rows - 1)
-    x = np.arange(left, right + 1) - segment.x_px
-    y = (np.arange(top, bottom + 1) - segment.y_px)[:, None]
-    across = c * x + s * y
-    along = -s * x + c * y
-    inside = (np.abs(across) <= half_width) & (np.abs(along) <= half_length)
-    picked_rows, picked_cols = np.nonzero(inside)
-    values = image_dn[top : bottom + 1, left : right + 1][inside].astype(np.float64)
-    across = across[inside]
-    low, high = _side_levels(values, across, sigma_px)
+    x, y, values, across = band_pixels(
+        image_dn, segment.x_px, segment.y_px, segment.normal_rad, half_width, half_length
+    )
+    low, high = side_level(values, -across, sigma_px), side_level(values, across, sigma_px)
     rise = np.clip(0.5 + across / (4.0 * max(sigma_px, 0.3)), 0.0, 1.0)
     return EdgeWindow(
-        x=x[picked_cols],
-        y=y[picked_rows, 0],
+        x=x,
+        y=y,
         values=values,
         centre_x_px=segment.x_px,
         centre_y_px=segment.y_px,
@@ -118,11 +114,57 @@ def edge_window(image_dn: Array, segment: EdgeSegment, sigma_px: float) -> EdgeW
     )
 
 
-def _side_levels(values: Array, across: Array, sigma_px: float) -> tuple[float, float]:
-    levels = []
-    for side in (-across, across):
-        far = values[side > 1.5 * sigma_px]
-        if far.size == 0:
-            far = values[side > 0]
-        levels.append(float(np.mean(far)) if far.size else 0.0)
-    return levels[0], levels[1]
+@njit(cache=True)
+def band_half_width(sigma_px: float) -> float:
+    """How far from an edge of this total width its pixels are used, in px."""
+    return _BAND_SIGMAS * sigma_px + _BAND_EXTRA_PX
+
+
+@njit(cache=True, error_model="numpy")
+def band_pixels(
+    image_dn: Array,
+    x_px: float,
+    y_px: float,
+    normal_rad: float,
+    half_width: float,
+    half_length: float,
+) -> tuple[Array, Array, Array, Array]:
+    """Pixels of a turned rectangle: x and y from its middle, level, distance from the line."""
+    rows, cols = image_dn.shape
+    c, s = np.cos(normal_rad), np.sin(normal_rad)
+    reach_x = half_width * abs(c) + half_length * abs(s)
+    reach_y = half_width * abs(s) + half_length * abs(c)
+    top, bottom = max(ceil(y_px - reach_y), 0), min(floor(y_px + reach_y), rows - 1)
+    left, right = max(ceil(x_px - reach_x), 0), min(floor(x_px + reach_x), cols - 1)
+    n = max(bottom - top + 1, 0) * max(right - left + 1, 0)
+    # A rectangle that leans fills a part of its box; its own area, with a margin, is enough.
+    n = min(n, int(4 * (half_width + 2) * (half_length + 2)) + 16)
+    x, y, values, distance = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    count = 0
+    for row in range(top, bottom + 1):
+        dy = row - y_px
+        for col in range(left, right + 1):
+            dx = col - x_px
+            across = c * dx + s * dy
+            if abs(across) <= half_width and abs(-s * dx + c * dy) <= half_length:
+                x[count], y[count] = dx, dy
+                values[count], distance[count] = image_dn[row, col], across
+                count += 1
+    return x[:count], y[:count], values[:count], distance[:count]
+
+
+@njit(cache=True)
+def side_level(values: Array, outwards: Array, sigma_px: float) -> float:
+    """Mean level on one side, away from the edge where there are such pixels."""
+    far = near = 0.0
+    n_far = n_near = 0
+    for i in range(len(values)):
+        if outwards[i] > 1.5 * sigma_px:
+            far += values[i]
+            n_far += 1
+        elif outwards[i] > 0:
+            near += values[i]
+            n_near += 1
+    if n_far:
+        return far / n_far
+    return near / n_near if n_near else 0.0

@@ -8,6 +8,7 @@ from scipy.special import ndtr
 from calibration.edge_residuals import (
     noise_part,
     outlier_weights,
+    profile_figures,
     profile_flags,
     robust_variance,
 )
@@ -32,13 +33,8 @@ def gaussian_noise(scale_dn: float, seed: int = 2) -> Array:
 def flags_of(unit_edge: Array, distance: Array, noise_dn: float = 3.0) -> tuple[str, ...]:
     """Flags of this edge against the Gaussian one of SIGMA_PX."""
     values = CONTRAST_DN * unit_edge + gaussian_noise(noise_dn)
-    return profile_flags(
-        values=values,
-        residuals=values - CONTRAST_DN * point_edge(distance, SIGMA_PX),
-        distances=distance,
-        sigma_px=SIGMA_PX,
-        contrast=CONTRAST_DN,
-    )
+    residuals = values - CONTRAST_DN * point_edge(distance, SIGMA_PX)
+    return profile_flags(profile_figures(values, residuals, distance, SIGMA_PX), CONTRAST_DN)
 
 
 def test_what_depends_on_the_distance_alone_is_no_noise() -> None:
@@ -60,14 +56,14 @@ def test_the_order_of_the_pixels_does_not_matter(order_seed: int) -> None:
 def test_gaussian_noise_holds_no_outliers() -> None:
     # Beyond 6 sigma lie 2e-9 of all pixels.
     for seed in range(20):
-        assert outlier_weights(gaussian_noise(10.0, seed), EVEN, CONTRAST_DN) is None
+        assert not outlier_weights(gaussian_noise(10.0, seed), EVEN, CONTRAST_DN)[0]
 
 
 def test_an_outlier_weighs_nothing_and_its_neighbours_nearly_all() -> None:
     noise = gaussian_noise(3.0)
     noise[17] = 200.0
-    weights = outlier_weights(noise, EVEN, CONTRAST_DN)
-    assert weights is not None
+    found, weights = outlier_weights(noise, EVEN, CONTRAST_DN)
+    assert found
     assert weights[17] == 0.0
     # Tukey's (1 - (r / 6 sigma)^2)^2 averages 1 - 2 / 36 + 3 / 36^2 over a Gaussian.
     assert np.mean(np.delete(weights, 17)) == pytest.approx(1 - 2 / 36 + 3 / 36**2, abs=0.005)
@@ -76,14 +72,14 @@ def test_an_outlier_weighs_nothing_and_its_neighbours_nearly_all() -> None:
 def test_a_deviation_below_one_percent_of_the_contrast_is_no_outlier() -> None:
     noise = gaussian_noise(0.01)
     noise[17] = 9.0
-    assert outlier_weights(noise, EVEN, CONTRAST_DN) is None
+    assert not outlier_weights(noise, EVEN, CONTRAST_DN)[0]
 
 
 def test_the_noisier_side_of_an_edge_is_not_taken_for_outliers() -> None:
     spread = np.where(np.arange(PIXELS) < PIXELS // 5, 10.0, 1.0)
     noise = 5.0 * spread * gaussian_noise(1.0)
-    assert outlier_weights(noise, spread, CONTRAST_DN) is None
-    assert outlier_weights(noise, EVEN, CONTRAST_DN) is not None
+    assert not outlier_weights(noise, spread, CONTRAST_DN)[0]
+    assert outlier_weights(noise, EVEN, CONTRAST_DN)[0]
 
 
 def test_the_robust_variance_is_that_of_gaussian_noise_without_its_outliers() -> None:
@@ -139,11 +135,5 @@ def test_noise_is_not_mistaken_for_a_psf_that_is_not_gaussian() -> None:
         rng = np.random.default_rng(seed)
         values = CONTRAST_DN * point_edge(d, SIGMA_PX) + rng.normal(0.0, 50.0, PIXELS)
         residuals = values - CONTRAST_DN * point_edge(d, SIGMA_PX)
-        flags = profile_flags(
-            values=values,
-            residuals=residuals,
-            distances=d,
-            sigma_px=SIGMA_PX,
-            contrast=CONTRAST_DN,
-        )
-        assert "non_gaussian" not in flags
+        figures = profile_figures(values, residuals, d, SIGMA_PX)
+        assert "non_gaussian" not in profile_flags(figures, CONTRAST_DN)
