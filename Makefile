@@ -27,7 +27,8 @@ lint: $(FULL)
 	$(BIN)/lint-imports
 
 bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
-	for file in benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
+	for file in benchmarks/bench_*.py; do \
+		$(BIN)/python -m benchmarks.$$(basename $$file .py) || exit 1; done
 
 clean:
 	rm -rf $(VENV) demo-output

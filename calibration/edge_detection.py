@@ -51,7 +51,7 @@ def find_edges(image_dn: Array, *, cell_px: float = _CELL_PX) -> list[EdgeSegmen
     if min(rows, cols) < SHORTEST_REGION_PX or not np.ptp(image_dn) > 0:
         return []
     gradient = Gradient.of(image_dn)
-    ridges = find_ridges(gradient)
+    ridges = find_ridges(gradient, image_dn)
     lines = [
         EdgeSegment(
             x_px=x,

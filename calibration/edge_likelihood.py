@@ -30,6 +30,7 @@ from calibration.edge_residuals import (
     robust_variance,
 )
 from calibration.edge_segments import band_half_width, band_pixels, side_level
+from calibration.edge_shading import without_slopes_across
 
 __all__ = ["LikelyEdge", "maximise"]
 
@@ -126,10 +127,30 @@ def maximise(
         if abs(sigma - before) <= _WINDOW_AGREES * before or is_clipped:
             break
     levels, distances, edges = edge_values(x, y, rough, normal_rad, half_length, False)
+    contrast = rough[HIGH] - rough[LOW]
+    is_shaded = without_slopes_across(
+        image_dn,
+        x_px,
+        y_px,
+        normal_rad,
+        half_length,
+        half_width,
+        clearance_px,
+        contrast,
+        sigma,
+        distances,
+        values,
+    )
+    if is_shaded:
+        rough, _, _, steps = levenberg_marquardt(
+            x, y, values, weights, rough, normal_rad, half_length, False, _ROUGH, _MAX_STEPS
+        )
+        if steps < 0 or not np.all(np.isfinite(rough)):
+            return _none()
+        levels, distances, edges = edge_values(x, y, rough, normal_rad, half_length, False)
     scatter = noise_part(values - levels, distances)
     if len(noise_line) == 0:
         _weigh_sides(scatter, edges, weights)
-    contrast = rough[HIGH] - rough[LOW]
     has_outliers, outliers = outlier_weights(scatter, 1.0 / np.sqrt(weights), contrast)
     if has_outliers:
         weights *= outliers
@@ -154,7 +175,7 @@ def maximise(
     levels, distances, edges = edge_values(x, y, flat, normal_rad, half_length, is_square)
     gain = slopes_gain(x, y, values - levels, edges, weights, normal_rad, half_length)
     freedom = pixels - SHADED_PARAMETERS
-    is_shaded = False
+    has_slopes = False
     # The score tells beforehand what the slopes could gain; mostly that is the end of it.
     if freedom > 0 and _p_of_two_more(gain, flat_squares - gain, freedom) <= _SHADING_SCORE_P:
         start = np.zeros(SHADED_PARAMETERS)
@@ -172,7 +193,7 @@ def maximise(
                 x, y, values, weights, start, normal_rad, half_length, False, _FINE, _MAX_STEPS
             )
             if steps >= 0 and np.all(np.isfinite(shaded)):
-                is_shaded = True
+                is_shaded = has_slopes = True
                 total, total_squares = shaded, squares
                 total_variance = _log_sigma_variance(hessian)
                 start[:FLAT_PARAMETERS] = optical if has_optical else total[:FLAT_PARAMETERS]
@@ -184,7 +205,7 @@ def maximise(
                 optical_variance, optical_squares = _log_sigma_variance(hessian), squares
                 is_square = bool(has_optical and optical_squares < total_squares)
 
-    if is_shaded:
+    if has_slopes:
         best = optical if is_square else total
         levels, distances, edges = edge_values(x, y, best, normal_rad, half_length, is_square)
     counted = weights > 0

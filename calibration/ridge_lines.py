@@ -32,6 +32,8 @@ SHORTEST_REGION_PX = 8
 _RAYLEIGH_MEDIAN = 1.1774100225154747  # median of |gradient| over its sigma, in pure noise
 _NOISE_HIGH = 5.0
 _NOISE_LOW = 2.5
+_NOISE_MEAN = 4.0  # of a region's mean gradient
+_NOISE_RANGES, _NOISE_PIXELS, _NOISE_SPREAD = 4, 100, 5.0
 _SAMPLED_PX = 100_000  # of which the noise is taken
 _LEAST_OF_STRONGEST = 0.04
 _DIRECTION_COSINE = cos(pi / 8)
@@ -48,11 +50,15 @@ class Gradient:
     """Gradient of the smoothed image, whose levels are scaled to 0 to 1.
 
     ``ridge`` is not 0 where the gradient is largest across itself; all of shape ``(rows, cols)``.
+    Bright places can be noisier than dark ones: ``noise`` is the gradient's noise in each range
+    of levels of the image, and ``levels_dn`` what separates the ranges.
     """
 
     x: Image32
     y: Image32
     ridge: NDArray[np.uint8]
+    levels_dn: Array
+    noise: Array
 
     @classmethod
     def of(cls, image_dn: Array) -> "Gradient":
@@ -70,7 +76,9 @@ class Gradient:
         cv2.Scharr(first, cv2.CV_32F, 0, 1, dst=gy, scale=1 / 32, borderType=border)
         magnitude = cv2.magnitude(gx, gy, second)
         step = max(int(sqrt(magnitude.size / _SAMPLED_PX)), 1)
-        noise = float(np.median(magnitude[::step, ::step])) / _RAYLEIGH_MEDIAN
+        sampled = magnitude[::step, ::step]
+        noise = float(np.median(sampled)) / _RAYLEIGH_MEDIAN
+        levels_dn, noise_by_level = _noise_by_level(image_dn[::step, ::step], sampled, noise)
         strongest = float(magnitude.max())
         high = max(_NOISE_HIGH * noise, _LEAST_OF_STRONGEST * strongest)
         low = max(_NOISE_LOW * noise, 0.4 * high)
@@ -82,7 +90,20 @@ class Gradient:
             high * to_int16,
             L2gradient=True,
         )
-        return cls(gx, gy, cast("NDArray[np.uint8]", ridge))
+        return cls(gx, gy, cast("NDArray[np.uint8]", ridge), levels_dn, noise_by_level)
+
+
+def _noise_by_level(levels_dn: Array, magnitude: Image32, overall: float) -> tuple[Array, Array]:
+    """Noise of the gradient in ranges of equally many levels, and what separates them."""
+    separators = np.quantile(levels_dn, np.arange(1, _NOISE_RANGES) / _NOISE_RANGES)
+    place = np.searchsorted(separators, levels_dn, side="right")
+    noise = np.full(_NOISE_RANGES, overall)
+    for k in range(_NOISE_RANGES):
+        chosen = magnitude[place == k]
+        if chosen.size >= _NOISE_PIXELS:
+            noise[k] = float(np.median(chosen)) / _RAYLEIGH_MEDIAN
+    # A range that holds edges and little else knows nothing of the noise.
+    return separators, np.clip(noise, overall, _NOISE_SPREAD * overall)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,12 +119,18 @@ class Ridges:
     points: Array
 
 
-def find_ridges(gradient: Gradient) -> Ridges:
+def find_ridges(gradient: Gradient, image_dn: Array) -> Ridges:
     """Group the ridge pixels into regions and put a line through each."""
     rows, cols, starts = _regions(gradient.ridge, gradient.x, gradient.y)
-    lines = _lines(gradient.x, gradient.y, rows, cols, starts)
     sizes = np.diff(starts)
-    solid = np.repeat(sizes >= _SMALLEST_NEIGHBOUR_PX, sizes)
+    if sizes.size == 0:
+        return Ridges(np.empty((0, 4)), np.empty((0, 2)))
+    magnitude = np.hypot(gradient.x[rows, cols], gradient.y[rows, cols])
+    level_dn = np.add.reduceat(image_dn[rows, cols], starts[:-1]) / sizes
+    noise = gradient.noise[np.searchsorted(gradient.levels_dn, level_dn, side="right")]
+    is_real = np.add.reduceat(magnitude, starts[:-1]) / sizes >= _NOISE_MEAN * noise
+    lines = _lines(gradient.x, gradient.y, rows, cols, starts, is_real)
+    solid = np.repeat((sizes >= _SMALLEST_NEIGHBOUR_PX) & is_real, sizes)
     solid_rows, solid_cols = rows[solid], cols[solid]
     from_top = np.argsort(solid_rows, kind="stable")
     points = np.column_stack([solid_cols[from_top], solid_rows[from_top]]).astype(np.float64)
@@ -163,12 +190,19 @@ def _regions(
 
 
 @njit(cache=True, error_model="numpy")
-def _lines(gx: Image32, gy: Image32, rows: Indices, cols: Indices, starts: Indices) -> Array:
+def _lines(
+    gx: Image32,
+    gy: Image32,
+    rows: Indices,
+    cols: Indices,
+    starts: Indices,
+    is_real: NDArray[np.bool_],
+) -> Array:
     lines = np.empty((len(starts), 4))
     count = 0
     for k in range(len(starts) - 1):
         first, last = starts[k], starts[k + 1]
-        if last - first < SHORTEST_REGION_PX:
+        if last - first < SHORTEST_REGION_PX or not is_real[k]:
             continue
         if _line(gx, gy, rows[first:last], cols[first:last], lines[count]):
             count += 1

@@ -89,3 +89,15 @@ def test_a_band_between_two_edges_limits_the_window() -> None:
     assert len(segments) == 2
     for segment in segments:
         assert 8.0 < segment.clearance_px < 18.0
+
+
+@pytest.mark.parametrize("normal_deg", [3.0, 40.0, 200.0])
+def test_shot_noise_on_the_bright_side_is_no_second_edge(normal_deg: float) -> None:
+    # 15 times the variance of the dark side, whose pixels set the scale of the noise.
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        clean = edge_image(0.8, normal_deg, shape=(100, 100))
+        variance = np.interp(clean, [8_000.0, 52_000.0], [520.0**2, 15 * 520.0**2])
+        segments = find_edges(clean + rng.normal(0, np.sqrt(variance)), cell_px=1000.0)
+        assert len(segments) == 1
+        assert segments[0].clearance_px == np.inf

@@ -1,0 +1,44 @@
+"""Drops compiled code that is older than its sources.
+
+numba keeps compiled functions beside their module, and looks at that module's file alone to tell
+whether they are out of date. A function that calls one of another module holds a copy of it, which
+stays as it was when the other module changes.
+"""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+__all__ = ["COMPILED_PACKAGES", "drop_stale_code"]
+
+COMPILED_PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks")
+
+
+def drop_stale_code(packages: tuple[str, ...] = COMPILED_PACKAGES) -> int:
+    """Remove a package's compiled functions where any of its modules is newer; return how many.
+
+    A folder that cannot be written keeps what it has: then nobody changes its sources either.
+    """
+    dropped = 0
+    for name in packages:
+        spec = find_spec(name)
+        for folder in (spec.submodule_search_locations or []) if spec else []:
+            dropped += _drop(Path(folder))
+    return dropped
+
+
+def _drop(folder: Path) -> int:
+    indices = list(folder.rglob("__pycache__/*.nbi"))
+    if not indices:
+        return 0
+    oldest = min(path.stat().st_mtime for path in indices)
+    newest = max(path.stat().st_mtime for path in folder.rglob("*.py"))
+    if newest < oldest:
+        return 0
+    dropped = 0
+    for path in [*indices, *folder.rglob("__pycache__/*.nbc")]:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError:
+            return dropped
+        dropped += 1
+    return dropped
