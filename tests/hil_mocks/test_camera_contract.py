@@ -7,15 +7,20 @@ import pytest
 
 from acquisition.devices import Camera
 from acquisition.errors import DeviceError
+from tests.acquisition.aravis_bench import needs_aravis, opened
 from tests.hil_mocks.benches import homed_bench
+from tests.hil_mocks.gige_bench import gige_bench
 
 
-@pytest.fixture(params=["simulated"])
+@pytest.fixture(params=["simulated", pytest.param("aravis", marks=needs_aravis)])
 def camera(request: pytest.FixtureRequest) -> Iterator[Camera]:
-    assert request.param == "simulated"
-    opened: Camera = homed_bench().camera
-    yield opened
-    opened.close()
+    if request.param == "simulated":
+        simulated: Camera = homed_bench().camera
+        yield simulated
+        simulated.close()
+    else:
+        with gige_bench() as bench, opened(bench) as camera:
+            yield camera
 
 
 def test_it_is_a_camera(camera: Camera) -> None:

@@ -1,6 +1,6 @@
 """What every stage does, through the `Stage` contract alone."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import inf, nan
 
 import pytest
@@ -11,21 +11,37 @@ from acquisition.devices import Stage
 from acquisition.errors import StageLimitError, StageNotHomedError
 from hil_mocks import SimulatedClock, SimulatedStage
 from tests.hil_mocks.benches import bench_config
+from tests.hil_mocks.stage_rigs import grbl_rig, manual_stage, zaber_rig
 
 TOLERANCE_MM = 0.01
 
 
-@pytest.fixture(params=["simulated"])
+def _simulated() -> Stage:
+    return SimulatedStage(bench_config().stage, clock=SimulatedClock())
+
+
+STAGES: dict[str, Callable[[], Stage]] = {
+    "simulated": _simulated,
+    "grbl": lambda: grbl_rig("grbl").stage,
+    "grblhal": lambda: grbl_rig("grblhal").stage,
+    "grbl homing upwards": lambda: (
+        grbl_rig(settings={23: 0}, high_switch_mm=400.5, approach="from_above").stage
+    ),
+    "zaber": lambda: zaber_rig().stage,
+    "manual": lambda: manual_stage()[0],
+}
+
+
+@pytest.fixture(params=STAGES)
 def stage(request: pytest.FixtureRequest) -> Iterator[Stage]:
-    assert request.param == "simulated"
-    opened: Stage = SimulatedStage(bench_config().stage, clock=SimulatedClock())
+    opened = STAGES[request.param]()
     yield opened
     opened.close()
 
 
 @pytest.fixture
 def homed(stage: Stage) -> Stage:
-    stage.home(60)
+    stage.home(90)
     return stage
 
 
@@ -70,7 +86,7 @@ def test_both_limits_can_be_reached(homed: Stage) -> None:
         assert homed.move_to(limit_mm, 60) == pytest.approx(limit_mm, abs=TOLERANCE_MM)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
 @given(heights_mm=st.lists(st.floats(-50, 500), max_size=8))
 def test_it_never_stands_outside_its_limits(homed: Stage, heights_mm: list[float]) -> None:
     low, high = homed.limits_mm
@@ -96,7 +112,7 @@ def test_an_emergency_stop_voids_the_position_until_homed_again(homed: Stage) ->
     homed.clear_alarm()
     with pytest.raises(StageNotHomedError):
         homed.move_to(100.0, 60)
-    homed.home(60)
+    homed.home(90)
     assert homed.move_to(100.0, 60) == pytest.approx(100.0, abs=TOLERANCE_MM)
 
 

@@ -1,0 +1,219 @@
+"""The thread of the simulated GigE camera that takes frames: free, triggered, or a few."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Condition, RLock, Thread
+from time import monotonic
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_mocks.camera import following_frame_id
+from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.frame_source import FrameRequest, FrameSource
+from hil_mocks.gige.gvsp import ImageLeader
+from hil_mocks.gige.pixels import PixelLayout, wire_bytes
+from hil_mocks.gige.registers import RegisterMap, StreamTarget
+from hil_mocks.gige.settings import CameraState, software_triggers, trigger_waits
+from hil_mocks.gige.stream import Block, StreamSender
+from hil_mocks.sensor import ADC_MAX_DN
+
+__all__ = ["Acquisition"]
+
+CONTINUOUS, SINGLE_FRAME = 0, 1
+POLL_WHILE_STALLED_S = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Exposure:
+    """The settings of one frame, as they were when it began."""
+
+    request: FrameRequest
+    block_id: int
+    timestamp_ticks: int
+    layout: PixelLayout
+    region: tuple[slice, slice]
+    gamma: float | None
+    target: StreamTarget
+    bandwidth_bps: float
+
+
+class Acquisition:
+    """Takes a frame a period, or one a trigger, from the source and hands it to the sender.
+
+    Block ids begin at 1 with every start.
+
+    Parameters
+    ----------
+    source
+        Makes the frames.
+    state, registers, lock
+        The camera's settings and what guards them.
+    sender
+        Sends the frames.
+    faults
+        Those of this moment.
+    """
+
+    def __init__(
+        self,
+        source: FrameSource,
+        state: CameraState,
+        registers: RegisterMap,
+        lock: RLock,
+        sender: StreamSender,
+        faults: Callable[[], GigeFaults],
+    ) -> None:
+        self._source = source
+        self._state = state
+        self._registers = registers
+        self._sender = sender
+        self._faults = faults
+        self._changed = Condition(lock)
+        self._is_closing = False
+        self._acquisitions = 0
+        self._frames = 0
+        self._frames_left: int | None = None
+        self._triggers: list[float] = []
+        self._due_s = 0.0
+        self.first_block_id = 1
+        self._block_id = 0
+        self._thread = Thread(target=self._run, name="gige-stream", daemon=True)
+
+    @property
+    def acquisitions(self) -> int:
+        """Starts since power-up."""
+        return self._acquisitions
+
+    def open(self) -> None:
+        """Begin to wait for a start."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, at the latest when the frame that it sends is out."""
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    def start(self) -> None:
+        """Take frames from now on."""
+        with self._changed:
+            if self._state.is_acquiring:
+                return
+            mode = int(self._state.value("AcquisitionMode"))
+            self._frames_left = None
+            if mode != CONTINUOUS:
+                count = int(self._state.value("AcquisitionFrameCount"))
+                self._frames_left = 1 if mode == SINGLE_FRAME else count
+            self._acquisitions += 1
+            self._frames = 0
+            self._triggers.clear()
+            self._block_id = self.first_block_id
+            self._sender.forget()
+            self._due_s = monotonic() + self._state.value("ExposureTimeAbs") * 1e-6
+            self._state.is_acquiring = True
+            self._changed.notify_all()
+
+    def stop(self) -> None:
+        """Take no more frames."""
+        with self._changed:
+            self._state.is_acquiring = False
+            self._changed.notify_all()
+
+    def trigger(self) -> None:
+        """Take one frame, if frames wait for the software trigger and none is being exposed."""
+        with self._changed:
+            takes = self._state.is_acquiring and software_triggers(self._state.values)
+            if takes and not self._triggers:
+                self._triggers.append(monotonic())
+                self._changed.notify_all()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                if not self._wait_for_frame():
+                    return
+                exposure = self._expose()
+            self._deliver(exposure)
+
+    def _wait_for_frame(self) -> bool:
+        """Wait until the next frame is due; False if the camera closes."""
+        while not self._is_closing:
+            if not self._state.is_acquiring:
+                self._changed.wait()
+            elif self._faults().is_stalled or self._faults().is_dead:
+                self._changed.wait(POLL_WHILE_STALLED_S)
+                self._due_s = monotonic()
+            elif trigger_waits(self._state.values):
+                if not self._triggers:
+                    self._changed.wait()
+                elif self._has_come(self._triggers[0] + self._exposure_s):
+                    self._triggers.pop(0)
+                    return True
+            elif self._has_come(self._due_s):
+                # A frame that is late does not hurry those that follow.
+                self._due_s = max(self._due_s + self._state.frame_period_s, monotonic())
+                return True
+        return False
+
+    def _has_come(self, moment_s: float) -> bool:
+        left_s = moment_s - monotonic()
+        if left_s > 0:
+            self._changed.wait(left_s)
+        return left_s <= 0
+
+    @property
+    def _exposure_s(self) -> float:
+        return self._state.value("ExposureTimeAbs") * 1e-6
+
+    def _expose(self) -> _Exposure:
+        block_id = self._block_id
+        exposure = _Exposure(
+            request=self._state.request(self._acquisitions, self._frames),
+            block_id=block_id,
+            timestamp_ticks=self._registers.now_ticks,
+            layout=self._state.layout,
+            region=self._state.region,
+            gamma=self._state.gamma,
+            target=self._registers.stream_target,
+            bandwidth_bps=self._state.value("StreamBytesPerSecond"),
+        )
+        self._frames += 1
+        self._block_id = following_frame_id(block_id)
+        if self._frames_left is not None:
+            self._frames_left -= 1
+            self._state.is_acquiring = self._frames_left > 0
+        return exposure
+
+    def _deliver(self, exposure: _Exposure) -> None:
+        level_dn = self._source.levels_dn(exposure.request)
+        rows, cols = exposure.region
+        rows = slice(rows.start, max(rows.start + 1, rows.stop - self._faults().missing_rows))
+        level_dn = level_dn[rows, cols]
+        if self._state.is_automatic:
+            with self._changed:
+                self._state.regulate(float(level_dn.mean()))
+        if exposure.gamma is not None:
+            level_dn = _gamma_table(exposure.gamma)[level_dn]
+        leader = ImageLeader(
+            timestamp_ticks=exposure.timestamp_ticks,
+            pixel_format=exposure.layout.code,
+            width=level_dn.shape[1],
+            height=level_dn.shape[0],
+            offset_x=cols.start,
+            offset_y=rows.start,
+        )
+        block = Block.of_image(
+            exposure.block_id,
+            leader,
+            wire_bytes(level_dn, exposure.layout),
+            exposure.target.packet_size_bytes,
+        )
+        self._sender.send_block(block, exposure.target, exposure.bandwidth_bps)
+
+
+def _gamma_table(gamma: float) -> NDArray[np.uint16]:
+    """Level after gamma for each level of 12 bits."""
+    levels = np.arange(ADC_MAX_DN + 1) / ADC_MAX_DN
+    return np.rint(ADC_MAX_DN * levels**gamma).astype(np.uint16)

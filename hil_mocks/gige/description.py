@@ -1,0 +1,149 @@
+"""The GenICam description (XML) of the simulated GigE camera, written from its feature table.
+
+References
+----------
+GenICam Standard, GenApi 2.1.1, EMVA, 2018: node types and their elements.
+"""
+
+from collections.abc import Iterable
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+from hil_mocks.gige.feature import Feature
+
+__all__ = ["DESCRIPTION_FILE", "describe"]
+
+DESCRIPTION_FILE = "standoff_gige_camera.xml"
+NAMESPACE = "http://www.genicam.org/GenApi/Version_1_1"
+
+STRINGS = (
+    ("DeviceVendorName", 0x0048, 32),
+    ("DeviceModelName", 0x0068, 32),
+    ("DeviceVersion", 0x0088, 32),
+    ("DeviceFirmwareVersion", 0x0088, 32),
+    ("DeviceID", 0x00D8, 16),
+    ("DeviceSerialNumber", 0x00D8, 16),
+    ("DeviceUserID", 0x00E8, 16),
+)
+"""Names of the device in the bootstrap registers: feature, address and length."""
+
+WRITABLE_STRINGS = ("DeviceUserID",)
+
+
+def describe(features: Iterable[Feature], *, vendor: str, model: str) -> bytes:
+    """Return the XML document that describes a camera with these features."""
+    features = tuple(features)
+    root = Element(
+        "RegisterDescription",
+        {
+            "xmlns": NAMESPACE,
+            "ModelName": _identifier(model),
+            "VendorName": _identifier(vendor),
+            "StandardNameSpace": "GEV",
+            "SchemaMajorVersion": "1",
+            "SchemaMinorVersion": "1",
+            "SchemaSubMinorVersion": "0",
+            "MajorVersion": "1",
+            "MinorVersion": "0",
+            "SubMinorVersion": "0",
+            "ProductGuid": "5b0b38c0-6a75-4f0e-a9e6-0f3f6f0d9a11",
+            "VersionGuid": "5b0b38c0-6a75-4f0e-a9e6-0f3f6f0d9a12",
+        },
+    )
+    _categories(root, features)
+    for name, address, length in STRINGS:
+        node = SubElement(root, "StringReg", Name=name)
+        _add(node, "Address", f"{address:#x}")
+        _add(node, "Length", str(length))
+        _add(node, "AccessMode", "RW" if name in WRITABLE_STRINGS else "RO")
+        _add(node, "pPort", "Device")
+    for feature in features:
+        _feature(root, feature)
+        _register(root, feature)
+    SubElement(root, "Port", Name="Device")
+    document: bytes = tostring(root, encoding="utf-8")
+    return b'<?xml version="1.0" encoding="utf-8"?>\n' + document
+
+
+def _categories(root: Element, features: tuple[Feature, ...]) -> None:
+    members: dict[str, list[str]] = {"DeviceControl": [name for name, _, _ in STRINGS]}
+    for feature in features:
+        members.setdefault(feature.category, []).append(feature.name)
+    top = SubElement(root, "Category", Name="Root")
+    for category in members:
+        _add(top, "pFeature", category)
+    for category, names in members.items():
+        node = SubElement(root, "Category", Name=category)
+        for name in names:
+            _add(node, "pFeature", name)
+
+
+def _feature(root: Element, feature: Feature) -> None:
+    tag = {
+        "integer": "Integer",
+        "masked": "Integer",
+        "float": "Float",
+        "enumeration": "Enumeration",
+        "boolean": "Boolean",
+        "flag": "Boolean",
+        "command": "Command",
+    }[feature.kind]
+    node = SubElement(root, tag, Name=feature.name)
+    _add(node, "Description", feature.description)
+    if feature.is_locked_while_acquiring:
+        _add(node, "pIsLocked", "AcquisitionActive")
+    for name, value in feature.entries:
+        entry = SubElement(node, "EnumEntry", Name=name)
+        _add(entry, "Value", str(value))
+    if tag == "Boolean":
+        _add(node, "pValue", f"{feature.name}Reg")
+        _add(node, "OnValue", "1")
+        _add(node, "OffValue", "0")
+        return
+    _add(node, "pValue", f"{feature.name}Reg")
+    if feature.kind == "command":
+        _add(node, "CommandValue", "1")
+        return
+    for element, limit in (("Min", feature.minimum), ("Max", feature.maximum)):
+        if isinstance(limit, str):
+            _add(node, f"p{element}", limit)
+        elif limit is not None:
+            _add(node, element, _number(limit))
+    if feature.increment is not None:
+        _add(node, "Inc", _number(feature.increment))
+    if feature.unit:
+        _add(node, "Unit", feature.unit)
+
+
+def _register(root: Element, feature: Feature) -> None:
+    tag = "FloatReg" if feature.kind == "float" else "IntReg"
+    if feature.bits is not None:
+        tag = "MaskedIntReg"
+    node = SubElement(root, tag, Name=f"{feature.name}Reg")
+    _add(node, "Address", f"{feature.address:#x}")
+    _add(node, "Length", str(feature.length))
+    _add(node, "AccessMode", feature.access)
+    _add(node, "pPort", "Device")
+    _add(node, "Cachable", "NoCache")
+    if feature.bits is not None:
+        lsb, msb = feature.bits
+        if lsb == msb:
+            _add(node, "Bit", str(lsb))
+        else:
+            _add(node, "LSB", str(lsb))
+            _add(node, "MSB", str(msb))
+    if tag != "FloatReg":
+        _add(node, "Sign", "Unsigned")
+    _add(node, "Endianess", "BigEndian")
+
+
+def _add(node: Element, tag: str, text: str) -> None:
+    SubElement(node, tag).text = text
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if float(value).is_integer() else repr(float(value))
+
+
+def _identifier(text: str) -> str:
+    """The text as an XML name: what is no letter or digit becomes an underscore."""
+    return "".join(letter if letter.isalnum() else "_" for letter in text)

@@ -1,0 +1,91 @@
+"""What goes wrong with the simulated GigE camera, on demand and while it runs."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+__all__ = ["GigeFaults"]
+
+RATES = ("packet_loss_rate", "duplicate_rate", "reorder_rate")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GigeFaults:
+    """What goes wrong from now on; a restart and a loss of control are calls of the device.
+
+    Parameters
+    ----------
+    seed
+        Of the three rates.
+    packet_loss_rate
+        Share of the stream's packets that do not arrive; packets sent again can be lost too.
+    duplicate_rate, reorder_rate
+        Share of the packets that come twice, or after the one that follows them.
+    resend_disabled
+        The device does not know the command for sending packets again.
+    is_stalled
+        No frame is taken.
+    is_dead
+        Nothing answers and nothing is sent: no power, or the cable is pulled.
+    heartbeat_lost
+        Commands no longer keep control alive: it expires after the heartbeat timeout.
+    corrupt_leader
+        Leaders come with a payload type that does not exist.
+    missing_rows
+        The image comes with so many rows less than was set.
+    refused_registers
+        Names of features whose register refuses every write.
+    slow_writes_s
+        A write is answered so much later, and the device asks for patience if it may.
+    temperature_present
+        The description has a DeviceTemperature, unlike a Manta's.
+    """
+
+    seed: int = 0
+    packet_loss_rate: float = 0.0
+    duplicate_rate: float = 0.0
+    reorder_rate: float = 0.0
+    resend_disabled: bool = False
+    is_stalled: bool = False
+    is_dead: bool = False
+    heartbeat_lost: bool = False
+    corrupt_leader: bool = False
+    missing_rows: int = 0
+    refused_registers: frozenset[str] = frozenset()
+    slow_writes_s: float = 0.0
+    temperature_present: bool = False
+
+    def __post_init__(self) -> None:
+        for name in RATES:
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be from 0 to 1, got {getattr(self, name)}")
+        for name in ("seed", "missing_rows", "slow_writes_s"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+
+    @property
+    def disturbs_packets(self) -> bool:
+        """Whether the packets of a block do not simply follow each other."""
+        return any(getattr(self, name) > 0 for name in RATES)
+
+    def order_of_arrival(self, packet_count: int, draw: int) -> list[int]:
+        """Return which of the packets 0 to ``packet_count - 1`` arrive, in that order.
+
+        Parameters
+        ----------
+        packet_count
+            Packets that are sent.
+        draw
+            Number of the occasion: the same seed and occasion give the same order.
+        """
+        rng = np.random.default_rng([self.seed, draw])
+        lost, twice, late = (rng.random(packet_count) < getattr(self, name) for name in RATES)
+        places = np.arange(packet_count, dtype=np.float64)
+        places[late] += 1.5
+        arriving = np.repeat(np.flatnonzero(~lost), np.where(twice[~lost], 2, 1))
+        return [int(packet) for packet in arriving[np.argsort(places[arriving], kind="stable")]]
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of the faults."""
+        return tuple(field.name for field in fields(cls))

@@ -1,0 +1,54 @@
+"""One feature of the simulated GigE camera: its register, its limits, its description."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["Feature", "FeatureKind"]
+
+FeatureKind = Literal["integer", "float", "enumeration", "boolean", "command", "masked", "flag"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Feature:
+    """One feature that has a register.
+
+    Parameters
+    ----------
+    name, category, kind, description
+        As the description shows them.
+    address
+        Of its register; floats take eight bytes, everything else four, big endian.
+    access
+        ``RW``, ``RO`` or ``WO``.
+    minimum, maximum
+        Limits; a name is that of the feature that holds the limit.
+    increment
+        Of integers; what a float is rounded to.
+    unit
+        As the description shows it.
+    entries
+        Names and values of an enumeration.
+    bits
+        ``(lsb, msb)`` of a part of a register (kinds masked and flag), bit 0 the highest.
+    is_locked_while_acquiring
+        Whether it can only be written while the camera stands.
+    """
+
+    name: str
+    category: str
+    kind: FeatureKind
+    address: int
+    description: str
+    access: Literal["RW", "RO", "WO"] = "RW"
+    minimum: float | str | None = None
+    maximum: float | str | None = None
+    increment: float | None = None
+    unit: str = ""
+    entries: tuple[tuple[str, int], ...] = ()
+    bits: tuple[int, int] | None = None
+    is_locked_while_acquiring: bool = False
+
+    @property
+    def length(self) -> int:
+        """Bytes of its register."""
+        return 8 if self.kind == "float" else 4

@@ -1,0 +1,226 @@
+"""Wire format of GVSP, the stream protocol of GigE Vision: leader, payload and trailer packets.
+
+Standard packets: block ids of 16 bits, of which 0 is reserved, and packet ids of 24 bits. A block
+is a leader with packet id 0, payload packets from 1 on, and a trailer with the id that follows.
+
+References
+----------
+GigE Vision, Video Streaming and Device Control over Ethernet Standard, version 2.0, AIA, 2011,
+sections 23 to 25.
+"""
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "GVSP_HEADER_BYTES",
+    "IP_UDP_HEADER_BYTES",
+    "GvspError",
+    "GvspHeader",
+    "GvspPacket",
+    "ImageLeader",
+    "PacketFormat",
+    "encode_header",
+    "encode_leader",
+    "encode_payload_packets",
+    "encode_trailer",
+    "parse_leader",
+    "parse_packet",
+    "parse_trailer",
+    "payload_bytes_per_packet",
+]
+
+IP_UDP_HEADER_BYTES = 28
+"""IPv4 and UDP headers: GevSCPSPacketSize counts them too."""
+
+GVSP_HEADER_BYTES = 8
+PAYLOAD_TYPE_IMAGE = 0x0001
+EXTENDED_IDS = 0x80
+LEADER_BODY = struct.Struct(">HHIIIIIIIHH")
+TRAILER_BODY = struct.Struct(">HHI")
+
+
+class PacketFormat(IntEnum):
+    """What a packet is."""
+
+    LEADER = 1
+    TRAILER = 2
+    PAYLOAD = 3
+
+
+class GvspError(Exception):
+    """A datagram that is no packet of a standard GVSP stream."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GvspHeader:
+    """The first eight bytes of a packet."""
+
+    status: int = 0
+    block_id: int
+    packet_format: PacketFormat
+    packet_id: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GvspPacket:
+    """One packet: header and what follows."""
+
+    header: GvspHeader
+    body: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageLeader:
+    """What a leader says of the image that follows."""
+
+    timestamp_ticks: int
+    pixel_format: int
+    width: int
+    height: int
+    offset_x: int = 0
+    offset_y: int = 0
+
+
+def payload_bytes_per_packet(packet_size_bytes: int) -> int:
+    """Image bytes in one packet of a size that counts the IP and UDP headers."""
+    return packet_size_bytes - IP_UDP_HEADER_BYTES - GVSP_HEADER_BYTES
+
+
+def encode_header(header: GvspHeader) -> bytes:
+    """Return the eight bytes of a header."""
+    return struct.pack(
+        ">HHI",
+        header.status,
+        header.block_id,
+        header.packet_format << 24 | header.packet_id,
+    )
+
+
+def parse_packet(datagram: bytes) -> GvspPacket:
+    """Read one packet.
+
+    Raises
+    ------
+    GvspError
+        If it is too short, has extended ids or a format of another payload.
+    """
+    if len(datagram) < GVSP_HEADER_BYTES:
+        raise GvspError(f"{len(datagram)} bytes are no GVSP packet")
+    status, block_id, word = struct.unpack_from(">HHI", datagram)
+    if word >> 24 & EXTENDED_IDS:
+        raise GvspError("the packet has extended ids")
+    try:
+        packet_format = PacketFormat(word >> 24 & 0x0F)
+    except ValueError as error:
+        raise GvspError(f"unknown packet format {word >> 24 & 0x0F}") from error
+    header = GvspHeader(
+        status=status, block_id=block_id, packet_format=packet_format, packet_id=word & 0xFFFFFF
+    )
+    return GvspPacket(header=header, body=datagram[GVSP_HEADER_BYTES:])
+
+
+def encode_leader(block_id: int, leader: ImageLeader) -> bytes:
+    """Return the leader packet of an image."""
+    header = GvspHeader(block_id=block_id, packet_format=PacketFormat.LEADER, packet_id=0)
+    return encode_header(header) + LEADER_BODY.pack(
+        0,
+        PAYLOAD_TYPE_IMAGE,
+        leader.timestamp_ticks >> 32 & 0xFFFFFFFF,
+        leader.timestamp_ticks & 0xFFFFFFFF,
+        leader.pixel_format,
+        leader.width,
+        leader.height,
+        leader.offset_x,
+        leader.offset_y,
+        0,
+        0,
+    )
+
+
+def parse_leader(body: bytes) -> ImageLeader:
+    """Read what follows the header of a leader.
+
+    Raises
+    ------
+    GvspError
+        If it is too short or of no image.
+    """
+    if len(body) < LEADER_BODY.size:
+        raise GvspError(f"a leader of {len(body)} bytes")
+    _, payload_type, high, low, pixel_format, width, height, x, y, _, _ = LEADER_BODY.unpack_from(
+        body
+    )
+    if payload_type != PAYLOAD_TYPE_IMAGE:
+        raise GvspError(f"payload type {payload_type:#06x} is no image")
+    return ImageLeader(
+        timestamp_ticks=high << 32 | low,
+        pixel_format=pixel_format,
+        width=width,
+        height=height,
+        offset_x=x,
+        offset_y=y,
+    )
+
+
+def encode_trailer(block_id: int, packet_id: int, height: int) -> bytes:
+    """Return the trailer packet of an image of ``height`` rows."""
+    header = GvspHeader(block_id=block_id, packet_format=PacketFormat.TRAILER, packet_id=packet_id)
+    return encode_header(header) + TRAILER_BODY.pack(0, PAYLOAD_TYPE_IMAGE, height)
+
+
+def parse_trailer(body: bytes) -> int:
+    """Return the number of rows that a trailer says were sent.
+
+    Raises
+    ------
+    GvspError
+        If it is too short or of no image.
+    """
+    if len(body) < TRAILER_BODY.size:
+        raise GvspError(f"a trailer of {len(body)} bytes")
+    _, payload_type, height = TRAILER_BODY.unpack_from(body)
+    if payload_type != PAYLOAD_TYPE_IMAGE:
+        raise GvspError(f"payload type {payload_type:#06x} is no image")
+    return int(height)
+
+
+def encode_payload_packets(
+    block_id: int, image_bytes: NDArray[np.uint8], payload_bytes: int
+) -> NDArray[np.uint8]:
+    """Lay an image out as payload packets that follow each other in memory.
+
+    Parameters
+    ----------
+    image_bytes
+        The image as it goes over the wire, shape ``(n,)``.
+    payload_bytes
+        Image bytes in each packet but the last, which takes the rest.
+
+    Returns
+    -------
+    ndarray of uint8
+        Headers and payload; packet ``i`` (its id is ``i + 1``) begins at
+        ``i * (8 + payload_bytes)``.
+    """
+    whole, rest = divmod(image_bytes.size, payload_bytes)
+    count = whole + (rest > 0)
+    stride = GVSP_HEADER_BYTES + payload_bytes
+    packets = np.empty(image_bytes.size + count * GVSP_HEADER_BYTES, np.uint8)
+    headers = np.zeros((count, 2), ">u4")
+    headers[:, 0] = block_id
+    headers[:, 1] = (PacketFormat.PAYLOAD << 24) + np.arange(1, count + 1)
+    header_bytes = headers.view(np.uint8)
+    table = packets[: whole * stride].reshape(whole, stride)
+    table[:, :GVSP_HEADER_BYTES] = header_bytes[:whole]
+    table[:, GVSP_HEADER_BYTES:] = image_bytes[: whole * payload_bytes].reshape(
+        whole, payload_bytes
+    )
+    if rest:
+        packets[whole * stride : whole * stride + GVSP_HEADER_BYTES] = header_bytes[whole]
+        packets[whole * stride + GVSP_HEADER_BYTES :] = image_bytes[whole * payload_bytes :]
+    return packets

@@ -1,0 +1,189 @@
+"""The practice bench: the simulated GigE camera over a stage that lives in real time."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import isfinite
+from threading import Lock
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.bench import BenchConfig
+from acquisition.errors import BenchConfigError
+from hil_mocks.gige.device import ETHERNET_MTU_BYTES, GigeDevice
+from hil_mocks.gige.frame_source import BenchFrameSource
+from hil_mocks.pinhole import CameraPose
+from hil_mocks.targets import TARGETS, scene_of
+from hil_mocks.truth import BenchTruth
+
+__all__ = ["HandStage", "PracticeBench", "StageEmulator"]
+
+
+class StageEmulator(Protocol):
+    """What a stage on a serial port shows the practice bench."""
+
+    @property
+    def port(self) -> str | None:
+        """Path of its serial port; None if it has none."""
+        ...
+
+    @property
+    def true_height_mm(self) -> float:
+        """Where the camera really is at this moment."""
+        ...
+
+
+class HandStage:
+    """A stand without motor or port, which a person moves; it begins in the middle.
+
+    Parameters
+    ----------
+    limits_mm
+        Its lowest and highest place.
+    """
+
+    def __init__(self, limits_mm: tuple[float, float]) -> None:
+        self._limits_mm = limits_mm
+        self._height_mm = sum(limits_mm) / 2
+
+    @property
+    def port(self) -> str | None:
+        """See `StageEmulator.port`."""
+        return None
+
+    @property
+    def true_height_mm(self) -> float:
+        """See `StageEmulator.true_height_mm`."""
+        return self._height_mm
+
+    def move_to(self, height_mm: float) -> None:
+        """Move the stand.
+
+        Raises
+        ------
+        ValueError
+            If the height is outside its limits.
+        """
+        low, high = self._limits_mm
+        if not low <= height_mm <= high:
+            raise ValueError(f"the stand goes from {low:g} to {high:g} mm, not to {height_mm:g}")
+        self._height_mm = height_mm
+
+
+NEAREST_MM = 1.0
+"""Least distance of the entrance pupil: a stage that goes further down stands on the plane."""
+
+HEIGHT_STEP_MM = 0.001
+"""Heights are rounded to it: a stage that trembles by less does not cost a rendering a frame."""
+
+
+class PracticeBench:
+    """A GigE camera that looks down from a stage on a target that an operator exchanges.
+
+    To begin with, black and white paper lie there, their edge horizontal. The first frame after
+    the stage or the target has moved is late by the time of its rendering.
+
+    Parameters
+    ----------
+    config
+        A bench with a ``[simulated]`` section, which holds the truth.
+    height_mm
+        The stage's true height at this moment.
+    address
+        Of the camera, in 127.0.0.0/8.
+    bayer_order
+        Colour filter of the camera, such as ``RG``; None for a monochrome one.
+    link_mtu_bytes
+        Largest packet that the link to the camera carries.
+
+    Raises
+    ------
+    BenchConfigError
+        If the bench has no ``[simulated]`` section, or one that no bench can have.
+    ValueError
+        If the address is not one of the loopback network.
+    """
+
+    def __init__(
+        self,
+        config: BenchConfig,
+        *,
+        height_mm: Callable[[], float],
+        address: str = "127.0.0.1",
+        bayer_order: str | None = None,
+        link_mtu_bytes: int = ETHERNET_MTU_BYTES,
+    ) -> None:
+        if config.simulated is None:
+            raise BenchConfigError("the bench has no [simulated] section")
+        self.truth = BenchTruth(config)
+        self._height_mm = height_mm
+        self._lock = Lock()
+        self._target, self._orientation_deg = "edge", 0.0
+        self._mounting = CameraPose(height_mm=0.0)
+        self.source = BenchFrameSource(
+            self.truth.sensor,
+            self._look,
+            seed=config.simulated.seed,
+            bayer_order=bayer_order,
+        )
+        self.camera = GigeDevice(
+            self.source,
+            address=address,
+            bayer_order=bayer_order,
+            black_level_dn=self.truth.black_level_dn,
+            link_mtu_bytes=link_mtu_bytes,
+        )
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Names that `place` takes."""
+        return tuple(TARGETS)
+
+    @property
+    def target(self) -> str:
+        """What lies under the camera."""
+        return self._target
+
+    @property
+    def orientation_deg(self) -> float:
+        """How the target is turned, from +x towards +y."""
+        return self._orientation_deg
+
+    @property
+    def pose(self) -> CameraPose:
+        """Where the camera truly is, its height to a micrometre and above the plane."""
+        height_mm = round(self._height_mm() / HEIGHT_STEP_MM) * HEIGHT_STEP_MM
+        lowest_mm = NEAREST_MM - self.truth.camera.pupil_offset_mm
+        return replace(self._mounting, height_mm=max(height_mm, lowest_mm))
+
+    def place(self, target: str, orientation_deg: float = 0.0) -> None:
+        """Lay a target under the camera; see `SimulatedBench.place`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such target (the message lists them), or no such angle.
+        """
+        scene_of(target)
+        if not isfinite(orientation_deg):
+            raise ValueError(f"a target is turned by a finite angle, got {orientation_deg}")
+        with self._lock:
+            self._target, self._orientation_deg = target, orientation_deg
+
+    def __enter__(self) -> Self:
+        self.camera.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.camera.close()
+
+    def _look(self) -> NDArray[np.float32]:
+        with self._lock:
+            return self.truth.irradiance(self._target, self._orientation_deg, self.pose)

@@ -1,0 +1,118 @@
+"""``standoff mock``: the simulated bench as a GigE camera, to practise without hardware."""
+
+import json as json_format
+import os
+import select
+import signal
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil_mocks.gige.device import checked_loopback_address
+from hil_mocks.practice_bench import HandStage, PracticeBench, StageEmulator
+from hil_mocks.serial_stage import SerialStage, StageProtocol
+from standoff.options import BenchKeys, Json, read_bench
+from standoff.output import ERRORS, say
+from standoff.practice import PracticeCommandError, PracticeConsole
+from standoff.shipped_configs import shipped_config
+
+__all__ = ["mock"]
+
+READ_BYTES = 4096
+
+
+def _checked_address(address: str) -> str:
+    try:
+        return checked_loopback_address(address)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def mock(
+    address: Annotated[
+        str,
+        typer.Option(help="Loopback address of the camera: 127.x.y.z.", callback=_checked_address),
+    ] = "127.0.0.1",
+    bench: Annotated[
+        Path | None, typer.Option(help="Bench file (TOML) with a [simulated] section.")
+    ] = None,
+    settings: BenchKeys = None,
+    target: Annotated[str, typer.Option(help="What lies under the camera.")] = "edge",
+    orientation: Annotated[float, typer.Option(help="Turn of the target, in degrees.")] = 0.0,
+    stage_protocol: Annotated[
+        StageProtocol | None,
+        typer.Option(help="Serve a stage on a serial port that speaks it; absent: a stand."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Serve the simulated bench as a GigE Vision camera, and its stage, until Ctrl-C.
+
+    Lines typed meanwhile change it: place TARGET [DEGREES], height MM, fault NAME=VALUE,
+    fault none, restart, drop-control, status.
+    """
+    config = read_bench(bench or shipped_config("simulated.toml"), settings)
+    serial_stage = None if stage_protocol is None else SerialStage(stage_protocol)
+    stage: StageEmulator = serial_stage or HandStage(config.stage.limits_mm)
+    practice = PracticeBench(config, height_mm=lambda: stage.true_height_mm, address=address)
+    try:
+        practice.place(target, orientation)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    with ExitStack() as served:
+        ended = served.enter_context(_ended_by_signals())
+        if serial_stage is not None:
+            served.enter_context(serial_stage)
+        served.enter_context(practice)
+        if json:
+            ready = {"camera_address": practice.camera.address, "stage_port": stage.port}
+            typer.echo(json_format.dumps(ready))
+        else:
+            port = "no stage port" if stage.port is None else f"stage on {stage.port}"
+            say(f"camera at {practice.camera.address}; {port}; Ctrl-C ends")
+        sys.stdout.flush()
+        console = PracticeConsole(practice, stage)
+        for line in _lines(ended):
+            try:
+                ERRORS.print(console.execute(line), markup=False)
+            except PracticeCommandError as error:
+                ERRORS.print(f"standoff: {error}", markup=False)
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[socket.socket]:
+    """Yield a socket that has something to read once Ctrl-C or SIGTERM came."""
+    ended, wake = socket.socketpair()
+    with ended, wake:
+        wake.setblocking(False)
+        kept = {
+            number: signal.signal(number, lambda *_: None)
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        kept_wake = signal.set_wakeup_fd(wake.fileno())
+        try:
+            yield ended
+        finally:
+            signal.set_wakeup_fd(kept_wake)
+            for number, handler in kept.items():
+                signal.signal(number, handler)
+
+
+def _lines(ended: socket.socket) -> Iterator[str]:
+    """Lines from the standard input until a signal; the end of the input ends nothing."""
+    sources: list[int] = [ended.fileno(), sys.stdin.fileno()]
+    rest = b""
+    while True:
+        ready, _, _ = select.select(sources, [], [])
+        if sources[0] in ready:
+            return
+        read = os.read(sources[1], READ_BYTES)
+        if not read:
+            del sources[1]
+            continue
+        *lines, rest = (rest + read).split(b"\n")
+        yield from (line.decode("utf-8", "replace") for line in lines if line.strip())

@@ -1,0 +1,212 @@
+"""Real drivers over simulated controllers, in a time that passes only while somebody waits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from acquisition.bench import StageConfig
+from acquisition.grbl_stage import GrblStage
+from acquisition.manual_stage import ManualStage
+from acquisition.serial_link import SerialLink
+from acquisition.zaber_stage import ZaberStage
+from hil_mocks import SimulatedClock
+from hil_mocks.grbl_firmware import GrblFirmware
+from hil_mocks.plant import StagePlant
+from hil_mocks.serial_line import SerialLine
+from hil_mocks.virtual_port import VirtualPort
+from hil_mocks.zaber_firmware import ZaberFirmware
+
+MICROSTEP_UM = 0.49609375
+
+STAGE_KEYS: dict[str, Any] = {
+    "limits_mm": [10.0, 400.0],
+    "feed_mm_per_min": 1200.0,
+    "settle_s": 0.5,
+    "port": "virtual",
+}
+
+
+class EventClock(SimulatedClock):
+    """Lets things happen at planned times."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._events: list[tuple[float, Callable[[], object]]] = []
+
+    def at(self, in_s: float, event: Callable[[], object]) -> None:
+        self._events.append((self.now_s + in_s, event))
+        self._events.sort(key=lambda planned: planned[0])
+
+    def advance(self, duration_s: float) -> None:
+        end_s = self.now_s + duration_s
+        while self._events and self._events[0][0] <= end_s:
+            when_s, event = self._events.pop(0)
+            super().advance(max(when_s - self.now_s, 0.0))
+            event()
+        super().advance(max(end_s - self.now_s, 0.0))
+
+
+@dataclass(kw_only=True)
+class GrblRig:
+    """A Grbl stage, its controller, its mechanics and the cable between."""
+
+    stage: GrblStage
+    firmware: GrblFirmware
+    plant: StagePlant
+    line: SerialLine
+    clock: EventClock
+    config: StageConfig
+
+    def in_mid_move(self, event: Callable[[], object], in_s: float = 2.0) -> None:
+        """Plan something for a moment when the stage moves."""
+
+        def happen() -> None:
+            self.line.pass_time(self.clock.now_s)
+            event()
+
+        self.clock.at(in_s, happen)
+
+    def wait(self, seconds: float) -> None:
+        self.clock.advance(seconds)
+        self.line.pass_time(self.clock.now_s)
+
+    def reopen(self, *, reset: bool = False) -> GrblStage:
+        """A new connection, as another process would make it."""
+        self.stage = _grbl_stage(self.config, self.line, self.clock)
+        self.stage.connect(reset=reset)
+        return self.stage
+
+
+@dataclass(kw_only=True)
+class ZaberRig:
+    """A Zaber stage, its controller, its mechanics and the cable between."""
+
+    stage: ZaberStage
+    firmware: ZaberFirmware
+    plant: StagePlant
+    line: SerialLine
+    clock: EventClock
+    config: StageConfig
+
+    def in_mid_move(self, event: Callable[[], object], in_s: float = 2.0) -> None:
+        """Plan something for a moment when the stage moves."""
+
+        def happen() -> None:
+            self.line.pass_time(self.clock.now_s)
+            event()
+
+        self.clock.at(in_s, happen)
+
+    def wait(self, seconds: float) -> None:
+        self.clock.advance(seconds)
+        self.line.pass_time(self.clock.now_s)
+
+    def reopen(self) -> ZaberStage:
+        """A new connection, as another process would make it."""
+        self.stage = _zaber_stage(self.config, self.line, self.clock)
+        self.stage.connect()
+        return self.stage
+
+
+def grbl_rig(
+    dialect: Literal["grbl", "grblhal"] = "grbl",
+    *,
+    settings: dict[int, float] | None = None,
+    work_offset_mm: float = 0.0,
+    boots: bool = True,
+    connect: bool = True,
+    high_switch_mm: float = 409.5,
+    **keys: object,
+) -> GrblRig:
+    """A stage with 400 mm of travel, homing to its lower switch unless ``settings`` say else."""
+    clock = EventClock()
+    plant = StagePlant(low_switch_mm=high_switch_mm - 400, high_switch_mm=high_switch_mm)
+    firmware = GrblFirmware(
+        plant, dialect=dialect, settings=settings, work_offset_mm=work_offset_mm
+    )
+    if boots:
+        firmware.power_cycle()
+    line = SerialLine(firmware)
+    table = {**STAGE_KEYS, "driver": "grbl", "home_offset_mm": high_switch_mm, **keys}
+    config = StageConfig.model_validate(table)
+    rig = GrblRig(
+        stage=_grbl_stage(config, line, clock),
+        firmware=firmware,
+        plant=plant,
+        line=line,
+        clock=clock,
+        config=config,
+    )
+    if connect:
+        rig.stage.connect()
+    return rig
+
+
+def homed_grbl(dialect: Literal["grbl", "grblhal"] = "grbl", **keys: Any) -> GrblRig:
+    rig = grbl_rig(dialect, **keys)
+    rig.stage.home(120)
+    return rig
+
+
+def zaber_rig(*, connect: bool = True, **keys: object) -> ZaberRig:
+    clock = EventClock()
+    plant = StagePlant(low_switch_mm=10.0, high_switch_mm=410.0)
+    firmware = ZaberFirmware(plant, microstep_um=MICROSTEP_UM)
+    line = SerialLine(firmware)
+    table = {
+        **STAGE_KEYS,
+        "driver": "zaber",
+        "microstep_um": MICROSTEP_UM,
+        "home_offset_mm": 10.0,
+        **keys,
+    }
+    config = StageConfig.model_validate(table)
+    rig = ZaberRig(
+        stage=_zaber_stage(config, line, clock),
+        firmware=firmware,
+        plant=plant,
+        line=line,
+        clock=clock,
+        config=config,
+    )
+    if connect:
+        rig.stage.connect()
+    return rig
+
+
+def homed_zaber(**keys: Any) -> ZaberRig:
+    rig = zaber_rig(**keys)
+    rig.stage.home(120)
+    return rig
+
+
+class Operator:
+    """Sets what is asked for and confirms it; ``answers`` come first."""
+
+    def __init__(self, *answers: str) -> None:
+        self.answers = list(answers)
+        self.questions: list[str] = []
+
+    def __call__(self, question: str) -> str:
+        self.questions.append(question)
+        if self.answers:
+            return self.answers.pop(0)
+        return "150" if question.startswith("Height") else ""
+
+
+def manual_stage(*answers: str, **keys: object) -> tuple[ManualStage, Operator]:
+    operator = Operator(*answers)
+    config = StageConfig.model_validate({**STAGE_KEYS, "driver": "manual", **keys})
+    return ManualStage(config, ask=operator), operator
+
+
+def _grbl_stage(config: StageConfig, line: SerialLine, clock: EventClock) -> GrblStage:
+    return GrblStage(config, _link(line, clock), clock=lambda: clock.now_s, sleep=clock.advance)
+
+
+def _zaber_stage(config: StageConfig, line: SerialLine, clock: EventClock) -> ZaberStage:
+    return ZaberStage(config, _link(line, clock), clock=lambda: clock.now_s, sleep=clock.advance)
+
+
+def _link(line: SerialLine, clock: EventClock) -> SerialLink:
+    return SerialLink(VirtualPort(line, clock=clock), name="the stage", clock=lambda: clock.now_s)

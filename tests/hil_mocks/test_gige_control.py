@@ -1,0 +1,385 @@
+"""The control channel of the running device, spoken to with bytes."""
+
+import socket
+import threading
+from collections.abc import Iterator
+from time import monotonic
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from acquisition.errors import DeviceError
+from hil_mocks.gige import GigeDevice, GigeFaults
+from hil_mocks.gige.bootstrap import BootstrapAddress, Capability
+from hil_mocks.gige.gvcp import (
+    CommandCode,
+    GvcpStatus,
+    RegisterWrite,
+    encode_command,
+    encode_read_memory,
+    encode_read_registers,
+    encode_write_registers,
+)
+from hil_mocks.practice_bench import PracticeBench
+from tests.hil_mocks.gige_bench import gige_bench
+from tests.hil_mocks.gige_client import RawClient, wait_for
+
+FUZZED = 3000
+CCP = BootstrapAddress.CONTROL_PRIVILEGE
+HEARTBEAT = BootstrapAddress.HEARTBEAT_TIMEOUT
+
+
+@pytest.fixture
+def bench() -> Iterator[PracticeBench]:
+    with gige_bench() as bench:
+        yield bench
+
+
+@pytest.fixture
+def client(bench: PracticeBench) -> Iterator[RawClient]:
+    with RawClient(bench.camera.address) as client:
+        yield client
+
+
+def description_of(client: RawClient) -> bytes:
+    url = client.read_memory(BootstrapAddress.FIRST_URL, 512).rstrip(b"\0").decode()
+    place, _, rest = url.removeprefix("Local:").partition(";")
+    assert place.endswith(".xml")
+    address, length = (int(number, 16) for number in rest.split(";"))
+    data = b"".join(
+        client.read_memory(at, min(512, -(-(address + length - at) // 4) * 4))
+        for at in range(address, address + length, 512)
+    )
+    return data[:length]
+
+
+def test_discovery_says_who_the_camera_is(client: RawClient, bench: PracticeBench) -> None:
+    payload = client.ask(CommandCode.DISCOVERY).payload
+    assert len(payload) == 0xF8
+    assert payload[0x24:0x28] == socket.inet_aton(bench.camera.address)
+    assert payload[0x48:0x68].rstrip(b"\0") == b"standoff"
+    assert payload[0xD8:0xE8].rstrip(b"\0") == b"SIM-1"
+
+
+def test_the_description_is_where_the_url_says(client: RawClient) -> None:
+    root = ElementTree.fromstring(description_of(client))
+    names = {node.get("Name") for node in root.iter()}
+    for name in (
+        "Width", "Height", "OffsetX", "OffsetY", "SensorWidth", "SensorHeight", "PixelFormat",
+        "ExposureTimeAbs", "ExposureAuto", "Gain", "GainAuto", "AcquisitionFrameRateAbs",
+        "AcquisitionFrameRateLimit", "GevSCPSPacketSize", "StreamBytesPerSecond", "TriggerMode",
+        "TriggerSource", "TriggerSoftware", "TriggerSelector", "AcquisitionMode",
+        "AcquisitionStart", "AcquisitionStop", "Gamma", "GammaEnable", "LUTEnable",
+        "BinningHorizontal", "BinningVertical", "BlackLevel", "PayloadSize", "DeviceVendorName",
+        "DeviceModelName", "DeviceID",
+    ):  # fmt: skip
+        assert name in names, name
+    assert "DeviceTemperature" not in names
+
+
+def test_memory_beyond_the_description_is_padded(client: RawClient) -> None:
+    length = len(description_of(client))
+    end = 0x20000 + -(-length // 4) * 4
+    assert client.read_memory(end - 4, 536)[4:] == bytes(532)
+
+
+def test_a_temperature_is_described_once_it_is_asked_for(
+    client: RawClient, bench: PracticeBench
+) -> None:
+    bench.camera.faults = GigeFaults(temperature_present=True)
+    assert b"DeviceTemperature" in description_of(client)
+    assert client.get("DeviceTemperature") == 41.5
+    bench.camera.faults = GigeFaults()
+    assert b"DeviceTemperature" not in description_of(client)
+
+
+def test_power_up_is_that_of_a_manta(client: RawClient) -> None:
+    assert client.get("GevSCPSPacketSize") == 8228
+    assert client.get("StreamBytesPerSecond") == 124_000_000
+    assert client.get("ExposureAuto") == client.get("GainAuto") == client.get("TriggerMode") == 0
+    assert (client.get("Width"), client.get("Height")) == (96, 64)
+    assert client.get("PayloadSize") == 96 * 64
+
+
+def test_only_the_client_in_control_writes(bench: PracticeBench, client: RawClient) -> None:
+    assert client.set("Gain", 3) == GvcpStatus.ACCESS_DENIED
+    assert client.take_control() == GvcpStatus.SUCCESS
+    assert client.set("Gain", 3) == GvcpStatus.SUCCESS
+    with RawClient(bench.camera.address) as other:
+        assert other.take_control() == GvcpStatus.ACCESS_DENIED
+        assert other.set("Gain", 6) == GvcpStatus.ACCESS_DENIED
+        assert other.get("Gain") == 3
+        assert client.write(CCP, 0) == GvcpStatus.SUCCESS
+        assert other.take_control() == GvcpStatus.SUCCESS
+    assert client.set("Gain", 6) == GvcpStatus.ACCESS_DENIED
+
+
+def test_an_exclusive_client_keeps_others_from_reading(
+    bench: PracticeBench, client: RawClient
+) -> None:
+    assert client.write(CCP, 1) == GvcpStatus.SUCCESS
+    with RawClient(bench.camera.address) as other:
+        read = other.ask(CommandCode.READREG, encode_read_registers([CCP]))
+        assert read.status == GvcpStatus.ACCESS_DENIED
+        assert other.is_answered()  # a discovery
+
+
+def test_control_expires_without_a_heartbeat_and_the_stream_ends(
+    bench: PracticeBench, client: RawClient
+) -> None:
+    client.start(AcquisitionFrameRateAbs=50)
+    client.block()
+    assert client.write(HEARTBEAT, 500) == GvcpStatus.SUCCESS
+    silent_s = monotonic()
+    wait_for(lambda: bench.camera.controller is None)
+    assert 0.45 < monotonic() - silent_s < 1.5
+    assert bench.camera.value("AcquisitionActive") == 0
+    with RawClient(bench.camera.address) as other:
+        assert other.take_control() == GvcpStatus.SUCCESS
+        assert other.read(BootstrapAddress.STREAM_PORT) == 0
+
+
+def test_commands_keep_control_alive(bench: PracticeBench, client: RawClient) -> None:
+    client.take_control()
+    client.write(HEARTBEAT, 500)
+    begun_s = monotonic()
+    while monotonic() - begun_s < 1.2:
+        assert client.read(CCP) == 2
+    assert bench.camera.controller is not None
+
+
+def test_heartbeats_can_get_lost(bench: PracticeBench, client: RawClient) -> None:
+    client.take_control()
+    client.write(HEARTBEAT, 500)
+    bench.camera.faults = GigeFaults(heartbeat_lost=True)
+    wait_for(lambda: client.read(CCP) == 0)
+    assert client.set("Gain", 3) == GvcpStatus.ACCESS_DENIED
+
+
+def test_control_can_be_taken_away(bench: PracticeBench, client: RawClient) -> None:
+    client.start()
+    bench.camera.drop_control()
+    assert client.set("Gain", 3) == GvcpStatus.ACCESS_DENIED
+    assert client.read(BootstrapAddress.STREAM_PORT) == 0
+
+
+def test_a_restart_loses_control_and_settings(bench: PracticeBench, client: RawClient) -> None:
+    client.start(Gain=6, GevSCPSPacketSize=1500)
+    client.block()
+    bench.camera.restart()
+    assert client.set("Gain", 3) == GvcpStatus.ACCESS_DENIED
+    assert client.get("Gain") == 0
+    assert client.get("GevSCPSPacketSize") == 8228
+    assert bench.camera.value("AcquisitionActive") == 0
+
+
+def test_a_dead_camera_answers_nothing_until_it_is_back(
+    bench: PracticeBench, client: RawClient
+) -> None:
+    client.start(AcquisitionFrameRateAbs=50)
+    client.block()
+    bench.camera.faults = GigeFaults(is_dead=True)
+    assert not client.is_answered()
+    list(client.packets())
+    assert not client.is_streamed_to()
+    bench.camera.faults = GigeFaults()
+    wait_for(client.is_answered)
+
+
+def test_a_refused_register_refuses_and_others_do_not(
+    bench: PracticeBench, client: RawClient
+) -> None:
+    client.take_control()
+    bench.camera.faults = GigeFaults(refused_registers=frozenset({"Gain", "AcquisitionStart"}))
+    assert client.set("Gain", 3) == GvcpStatus.WRITE_PROTECT
+    assert client.set("AcquisitionStart", 1) == GvcpStatus.WRITE_PROTECT
+    assert client.set("ExposureTimeAbs", 500) == GvcpStatus.SUCCESS
+    assert client.get("Gain") == 0
+
+
+def test_a_slow_write_is_announced_to_clients_that_understand_it(
+    bench: PracticeBench, client: RawClient
+) -> None:
+    client.take_control()
+    bench.camera.faults = GigeFaults(slow_writes_s=0.05)
+    assert client.set("Gain", 3) == GvcpStatus.SUCCESS  # no word of patience before
+    assert client.write(BootstrapAddress.GVCP_CONFIGURATION, 0x4) == GvcpStatus.SUCCESS
+    payload = encode_write_registers(
+        [RegisterWrite(address=client.features["TriggerMode"].address, value=1)]
+    )
+    pending = client.ask_raw(encode_command(CommandCode.WRITEREG, 999, payload))
+    assert (pending.code, pending.request_id) == (0x89, 999)
+    assert int.from_bytes(pending.payload[2:], "big") >= 50
+    done = client.acknowledge()
+    assert (done.code, done.status) == (0x83, GvcpStatus.SUCCESS)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kept"),
+    [
+        ("ExposureTimeAbs", 20.0, 15_000.0),
+        ("ExposureTimeAbs", float("nan"), 15_000.0),
+        ("ExposureTimeAbs", float("inf"), 15_000.0),
+        ("Gain", 31.5, 0.0),
+        ("Width", 97, 96),
+        ("Width", 17, 96),  # steps of 2
+        ("OffsetX", 2, 0),  # the region fills the sensor
+        ("PixelFormat", 0x12345678, 0x01080001),
+        ("GammaEnable", 2, 0),
+        ("AcquisitionFrameRateAbs", 70.0, 30.0),
+        ("StreamBytesPerSecond", 125_000_000, 124_000_000),
+    ],
+)
+def test_what_is_out_of_range_is_refused_and_nothing_changes(
+    client: RawClient, name: str, value: float, kept: float
+) -> None:
+    client.take_control()
+    assert client.set(name, value) == GvcpStatus.INVALID_PARAMETER
+    assert client.get(name) == kept
+
+
+def test_the_limits_of_the_region_follow_its_offset(client: RawClient) -> None:
+    client.take_control()
+    for name, value in (("Width", 32), ("OffsetX", 20)):
+        assert client.set(name, value) == GvcpStatus.SUCCESS
+    assert (client.get("WidthMax"), client.get("WidthLimit")) == (96, 76)
+    assert client.get("OffsetXMax") == 64
+    assert client.set("Width", 78) == GvcpStatus.INVALID_PARAMETER
+    assert client.set("Width", 76) == GvcpStatus.SUCCESS
+
+
+def test_values_are_rounded_to_the_step_of_the_camera(client: RawClient) -> None:
+    client.take_control()
+    for name, asked, got in (("ExposureTimeAbs", 99.6, 100.0), ("Gain", 2.4, 2.0)):
+        assert client.set(name, asked) == GvcpStatus.SUCCESS
+        assert client.get(name) == got
+
+
+def test_a_packet_size_that_it_cannot_have_becomes_the_nearest_below(client: RawClient) -> None:
+    client.take_control()
+    for asked, got in ((9000, 8228), (1502, 1500), (100, 500)):
+        assert client.write(BootstrapAddress.STREAM_PACKET_SIZE, asked) == GvcpStatus.SUCCESS
+        assert client.get("GevSCPSPacketSize") == got
+
+
+def test_the_geometry_is_locked_while_frames_are_taken(client: RawClient) -> None:
+    client.start(AcquisitionFrameRateAbs=50)
+    assert client.set("Width", 32) == GvcpStatus.WRITE_PROTECT
+    assert client.set("ExposureTimeAbs", 5000) == GvcpStatus.SUCCESS
+    client.set("AcquisitionStop", 1)
+    assert client.set("Width", 32) == GvcpStatus.SUCCESS
+
+
+def test_wrong_addresses_have_the_status_of_the_standard(client: RawClient) -> None:
+    client.take_control()
+    assert client.write(0x0938 + 2, 0) == GvcpStatus.BAD_ALIGNMENT
+    assert client.write(0x0000, 0) == GvcpStatus.WRITE_PROTECT
+    assert client.write(0x7000_0000, 0) == GvcpStatus.INVALID_ADDRESS
+    read = client.ask(CommandCode.READMEM, encode_read_memory(0x7000_0000, 4))
+    assert read.status == GvcpStatus.INVALID_ADDRESS
+    assert client.ask(0x0100).status == GvcpStatus.NOT_IMPLEMENTED  # ACTION
+
+
+def test_force_ip_and_commands_without_acknowledge_are_not_answered(client: RawClient) -> None:
+    for datagram in (
+        encode_command(CommandCode.FORCEIP, 5, bytes(56)),
+        encode_command(CommandCode.READREG, 6, encode_read_registers([0]), flags=0),
+    ):
+        with pytest.raises(TimeoutError):
+            client.ask_raw(datagram, 0.2)
+    assert client.is_answered()
+
+
+def test_a_repeated_command_is_answered_again_but_done_once(
+    bench: PracticeBench, client: RawClient
+) -> None:
+    client.take_control()
+    payload = encode_write_registers(
+        [RegisterWrite(address=client.features["AcquisitionStart"].address, value=1)]
+    )
+    start = encode_command(CommandCode.WRITEREG, 77, payload)
+    assert client.ask_raw(start).status == GvcpStatus.SUCCESS
+    client.set("AcquisitionStop", 1)
+    again = client.ask_raw(start)
+    assert (again.status, again.request_id) == (GvcpStatus.SUCCESS, 77)
+    assert client.ask_raw(start).status == GvcpStatus.SUCCESS
+    assert bench.camera.acquisitions == 2  # another command lay between the first two
+    assert client.set("Gain", 1) == GvcpStatus.SUCCESS
+
+
+def test_the_capabilities_follow_the_fault(bench: PracticeBench, client: RawClient) -> None:
+    place = BootstrapAddress.CAPABILITY
+    assert client.read(place) & Capability.PACKETRESEND
+    bench.camera.faults = GigeFaults(resend_disabled=True)
+    assert not client.read(place) & Capability.PACKETRESEND
+
+
+def test_the_user_name_can_be_written_and_read(client: RawClient) -> None:
+    client.take_control()
+    name = b"left".ljust(16, b"\0")
+    payload = BootstrapAddress.USER_NAME.to_bytes(4, "big") + name
+    assert client.ask(CommandCode.WRITEMEM, payload).status == GvcpStatus.SUCCESS
+    assert client.read_memory(BootstrapAddress.USER_NAME, 16) == name
+
+
+def test_arbitrary_datagrams_do_not_end_the_camera(bench: PracticeBench, client: RawClient) -> None:
+    rng = np.random.default_rng(3)
+    client.take_control()
+    codes = [int(code) for code in CommandCode]
+    for number in range(FUZZED):
+        payload = rng.bytes(int(rng.integers(0, 60)))
+        if number % 3 == 0:
+            datagram = payload
+        else:
+            code = codes[number % len(codes)] if number % 2 else int(rng.integers(0, 65536))
+            if number % 5 == 0:  # near the registers, where something happens
+                payload = int(rng.choice([0x0A00, 0x0D00, 0x0D04, 0xA010, 0xA108])).to_bytes(
+                    4, "big"
+                ) + rng.bytes(4 * int(rng.integers(1, 4)))
+            datagram = encode_command(code, int(rng.integers(1, 65536)), payload)
+        client.control.sendto(datagram, client.camera)
+    bench.camera.drop_control()
+    with RawClient(bench.camera.address) as other:
+        assert other.is_answered(5.0)
+        wait_for(lambda: other.take_control() == GvcpStatus.SUCCESS)
+        assert other.set("Gain", 5) == GvcpStatus.SUCCESS
+        bench.camera.restart()
+        other.start(AcquisitionFrameRateAbs=50)
+        assert other.block().leader.width == 96
+
+
+def test_closing_leaves_no_thread_and_no_socket() -> None:
+    threads = threading.active_count()
+    with gige_bench() as bench:
+        camera = bench.camera
+    for _ in range(30):
+        with camera, RawClient(camera.address) as client:
+            client.start(AcquisitionFrameRateAbs=60)
+            client.block()
+        assert threading.active_count() == threads
+        camera.close()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.bind((camera.address, 3956))
+
+
+def test_an_address_in_use_is_named_in_one_line() -> None:
+    with gige_bench() as bench:
+        other = GigeDevice(bench.source, address=bench.camera.address)
+        with pytest.raises(DeviceError, match=rf"{bench.camera.address}.*in use"):
+            other.open()
+
+
+@pytest.mark.parametrize("address", ["192.0.2.1", "0.0.0.0", "bench", "::1"])
+def test_an_address_outside_the_loopback_network_is_refused(address: str) -> None:
+    with gige_bench() as bench, pytest.raises(ValueError, match=address):
+        GigeDevice(bench.source, address=address)
+
+
+def test_two_cameras_live_side_by_side() -> None:
+    with gige_bench() as left, gige_bench() as right:
+        assert left.camera.address != right.camera.address
+        with RawClient(left.camera.address) as one, RawClient(right.camera.address) as two:
+            for client in (one, two):
+                client.start(AcquisitionFrameRateAbs=50)
+            assert one.block().leader.width == two.block().leader.width == 96
