@@ -7,17 +7,21 @@ sessions imports the module: ``acquisition.devices``, ``acquisition.runner``, ..
 from acquisition.capture_file import CaptureImages, read_capture
 from acquisition.errors import (
     BenchConfigError,
+    CameraFeatureError,
     CaptureError,
     DeviceDisconnectedError,
     DeviceError,
+    DeviceInUseError,
     DeviceProtocolError,
     DeviceResetError,
     DeviceTimeoutError,
+    DriverMissingError,
     PlanError,
     SessionError,
     StageAlarmError,
     StageLimitError,
     StageNotHomedError,
+    StreamInterruptedError,
 )
 from acquisition.plan import CaptureKind, CapturePlan, PlanEntry, load_plan, plan_entries
 from acquisition.record import CaptureRecord
@@ -25,6 +29,7 @@ from acquisition.session import FileCheck, Session, SessionCapture, VerifyReport
 
 __all__ = [
     "BenchConfigError",
+    "CameraFeatureError",
     "CaptureError",
     "CaptureImages",
     "CaptureKind",
@@ -32,9 +37,11 @@ __all__ = [
     "CaptureRecord",
     "DeviceDisconnectedError",
     "DeviceError",
+    "DeviceInUseError",
     "DeviceProtocolError",
     "DeviceResetError",
     "DeviceTimeoutError",
+    "DriverMissingError",
     "FileCheck",
     "PlanEntry",
     "PlanError",
@@ -44,6 +51,7 @@ __all__ = [
     "StageAlarmError",
     "StageLimitError",
     "StageNotHomedError",
+    "StreamInterruptedError",
     "VerifyReport",
     "load_plan",
     "plan_entries",

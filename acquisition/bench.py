@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from acquisition.camera_address import address_fault
 from acquisition.errors import BenchConfigError
 
 __all__ = [
@@ -33,12 +34,42 @@ class CameraConfig(_Section):
     """``[camera]``: which camera, and how it is set."""
 
     driver: Literal["aravis", "simulated", "files"]
-    address: str | None = Field(None, description="IP address of a GigE Vision camera")
+    address: str | None = Field(
+        None, description="IP address or host name of a GigE Vision camera; aravis needs it"
+    )
     pixel_format: str = Field(description="GenICam PFNC name, such as Mono12")
     exposure_us: Positive
     gain_db: NonNegative
     frame_rate_hz: Positive
-    packet_size_bytes: int | None = Field(None, ge=220, le=16000)
+    region_px: tuple[int, int, int, int] | None = Field(
+        None, description="left, top, width, height on the sensor; absent: all of it"
+    )
+    packet_size_bytes: int | None = Field(
+        None, ge=220, le=16000, description="absent: the largest that gets through"
+    )
+    bandwidth_limit_bytes_per_s: int | None = Field(
+        None, gt=0, description="where cameras share a cable; absent: as the camera has it"
+    )
+    reconnect_timeout_s: NonNegative = Field(
+        30.0, description="how long a lost camera is waited for; 0: not at all"
+    )
+
+    @model_validator(mode="after")
+    def _aravis_has_an_address(self) -> "CameraConfig":
+        if self.address is None and self.driver == "aravis":
+            raise ValueError("camera.address is missing; driver 'aravis' needs it")
+        fault = None if self.address is None else address_fault(self.address)
+        if fault is not None:
+            raise ValueError(f"camera.address: {fault}")
+        return self
+
+    @model_validator(mode="after")
+    def _region_is_on_a_sensor(self) -> "CameraConfig":
+        if self.region_px is not None:
+            left, top, width, height = self.region_px
+            if min(left, top) < 0 or min(width, height) < 1:
+                raise ValueError(f"region_px is left, top, width, height, got {self.region_px}")
+        return self
 
 
 class StageConfig(_Section):
@@ -52,13 +83,38 @@ class StageConfig(_Section):
     settle_s: NonNegative = 0.5
     tolerance_mm: Positive = 0.01
     approach: Literal["from_below", "from_above"] = "from_below"
-    home_offset_mm: float = 0.0
+    backlash_mm: NonNegative = Field(
+        0.5, description="how far past its target a move from the wrong side goes first"
+    )
+    home_offset_mm: float = Field(0.0, description="height where the controller reads 0")
+    direction: Literal["up", "down"] = Field(
+        "up", description="where the camera goes when the controller counts up"
+    )
     park_mm: float | None = None
+    axis: Literal["X", "Y", "Z"] = Field("Z", description="Grbl axis that moves the camera")
+    homing: Literal["all_axes", "single_axis"] = Field(
+        "all_axes", description="whether Grbl homes with $H or with that of the axis, such as $HZ"
+    )
+    device_address: int = Field(1, ge=1, le=99, description="Zaber device in the chain")
+    axis_number: int = Field(1, ge=1, le=9, description="Zaber axis of the device")
+    microstep_um: Positive | None = Field(None, description="travel of one Zaber microstep")
+    expected_settings: dict[str, float] = Field(
+        default_factory=dict,
+        description='settings the controller must have, such as "$102" or "resolution"',
+    )
+    wire_log: str | None = Field(None, description="file that logs every line on the wire")
 
     @model_validator(mode="after")
-    def _limits_ascend(self) -> "StageConfig":
-        if not self.limits_mm[0] < self.limits_mm[1]:
+    def _keys_fit(self) -> "StageConfig":
+        low_mm, high_mm = self.limits_mm
+        if not low_mm < high_mm:
             raise ValueError(f"limits_mm must ascend, got {list(self.limits_mm)}")
+        if self.park_mm is not None and not low_mm <= self.park_mm <= high_mm:
+            raise ValueError(f"park_mm must be within limits_mm, got {self.park_mm:g}")
+        if self.driver in ("grbl", "zaber") and not self.port:
+            raise ValueError(f"port: the {self.driver} driver needs it")
+        if self.driver == "zaber" and self.microstep_um is None:
+            raise ValueError("microstep_um: the zaber driver needs it")
         return self
 
 

@@ -2,17 +2,21 @@
 
 __all__ = [
     "BenchConfigError",
+    "CameraFeatureError",
     "CaptureError",
     "DeviceDisconnectedError",
     "DeviceError",
+    "DeviceInUseError",
     "DeviceProtocolError",
     "DeviceResetError",
     "DeviceTimeoutError",
+    "DriverMissingError",
     "PlanError",
     "SessionError",
     "StageAlarmError",
     "StageLimitError",
     "StageNotHomedError",
+    "StreamInterruptedError",
 ]
 
 
@@ -26,6 +30,26 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 class DeviceDisconnectedError(DeviceError, ConnectionError):
     """A device is gone: cable, power or another program."""
+
+
+class StreamInterruptedError(DeviceDisconnectedError):
+    """A camera's stream broke off; the next start opens the camera anew, so try once more."""
+
+
+class DeviceInUseError(DeviceError):
+    """Another program controls the device."""
+
+
+class DriverMissingError(DeviceError, ImportError):
+    """A library that the driver needs is not installed."""
+
+
+class CameraFeatureError(DeviceError):
+    """A camera does not take a setting, or does not keep it."""
+
+    def __init__(self, message: str, *, feature: str) -> None:
+        super().__init__(message)
+        self.feature = feature
 
 
 class DeviceProtocolError(DeviceError):

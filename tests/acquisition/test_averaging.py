@@ -71,6 +71,16 @@ def test_full_scale_sixteen_bit_sums_stay_exact_over_a_thousand_frames() -> None
     assert averaged.variance_dn2 == pytest.approx(0.25 * 1000 / 999, rel=1e-7)  # closed form
 
 
+@pytest.mark.parametrize("level", [4094, 65534])
+def test_sums_of_squares_beyond_32_bits_are_carried(level: int) -> None:
+    # Full twelve bits pass 2^32 after 256 frames; 65534 is beyond the format of the settings.
+    levels = [level + i % 2 for i in range(700)]
+    camera = ScriptedCamera(frame(dn, i) for i, dn in enumerate([0, *levels], 1))
+    averaged = average(camera, 700)
+    assert averaged.mean_dn == pytest.approx(level + 0.5, abs=0)
+    assert averaged.variance_dn2 == pytest.approx(0.25 * 700 / 699, rel=1e-7)  # closed form
+
+
 @given(stacks, st.integers(0, 2**32))
 def test_the_order_of_the_frames_does_not_matter(stack: Stack, seed: int) -> None:
     shuffled = np.random.default_rng(seed).permutation(stack)

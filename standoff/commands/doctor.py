@@ -1,0 +1,58 @@
+"""``standoff doctor`` and ``standoff cameras``: is the bench ready, which cameras are there."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquisition.aravis_discovery import list_cameras
+from standoff.doctor import examine
+from standoff.options import BenchKeys, Json, read_bench
+from standoff.output import print_json, print_table, say
+
+__all__ = ["cameras", "doctor"]
+
+
+def doctor(
+    *,
+    bench: Annotated[
+        Path | None, typer.Option("--bench", help="Bench file (TOML); absent: the computer alone.")
+    ] = None,
+    settings: BenchKeys = None,
+    json: Json = False,
+) -> None:
+    """Check that this computer, the camera and the stage are ready, and say what to do."""
+    if bench is None and settings:
+        raise typer.BadParameter("--set needs --bench")
+    config = None if bench is None else read_bench(bench, settings)
+    checks = examine(config, Path.cwd())
+    failed = [check for check in checks if check.status == "fail"]
+    if json:
+        print_json({"ok": not failed, "checks": [asdict(check) for check in checks]})
+    else:
+        for check in checks:
+            say(f"{check.status:4}  {check.name}: {check.found}")
+            if check.remedy:
+                say(f"      -> {check.remedy}")
+    if failed:
+        raise typer.Exit(1)
+
+
+def cameras(*, json: Json = False) -> None:
+    """Search for GigE cameras; this BROADCASTS on every network interface of this computer."""
+    found = list_cameras()
+    if json:
+        print_json({"cameras": [asdict(camera) for camera in found]})
+        return
+    if not found:
+        say(
+            "no camera answered; check power, cable and firewall, and that the network card has "
+            "an address in the camera's subnet"
+        )
+        return
+    print_table(
+        f"{len(found)} cameras",
+        ["address", "vendor", "model", "serial number", "hardware address"],
+        [[c.address, c.vendor, c.model, c.serial_number, c.hardware_address] for c in found],
+    )

@@ -1,0 +1,271 @@
+"""Is this computer ready for its bench: one check a question, each with what to do about it."""
+
+import os
+import shutil
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from acquisition.aravis_configuration import Bounds
+from acquisition.aravis_library import AravisLibrary, load_aravis
+from acquisition.aravis_probe import CameraProbe, probe_camera
+from acquisition.aravis_stream import SOCKET_BUFFER_BYTES
+from acquisition.bench import BenchConfig, CameraConfig, StageConfig
+from acquisition.camera_address import resolve_address
+from acquisition.errors import DeviceError, DriverMissingError
+from acquisition.network_route import NetworkRoute, receive_buffer_limit_bytes, route_to
+
+__all__ = [
+    "Check",
+    "CheckStatus",
+    "check_camera",
+    "check_camera_limits",
+    "check_disk",
+    "check_libraries",
+    "check_mtu",
+    "check_receive_buffer",
+    "check_route",
+    "check_stage_port",
+    "examine",
+]
+
+CheckStatus = Literal["ok", "warn", "fail"]
+
+JUMBO_MTU_BYTES = 9000
+SCARCE_BYTES = 2 * 10**9
+"""About 500 captures of 780x580 without raw frames."""
+
+TOO_FEW_BYTES = 100 * 10**6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """What one check found; ``remedy`` is empty where nothing need be done."""
+
+    name: str
+    status: CheckStatus
+    found: str
+    remedy: str = ""
+
+
+def examine(bench: BenchConfig | None, directory: Path) -> tuple[Check, ...]:
+    """All checks of a bench, or those of the computer alone where there is none.
+
+    Parameters
+    ----------
+    bench
+        Its camera is opened and given back, but not set; its stage is not touched.
+    directory
+        Where sessions are going to be written.
+    """
+    needs_aravis = bench is not None and bench.camera.driver == "aravis"
+    checks = [check_libraries(needed=needs_aravis), check_receive_buffer()]
+    if bench is not None and bench.camera.driver == "aravis":
+        checks += _network_and_camera(bench.camera)
+    elif bench is not None:
+        checks.append(
+            Check(name="camera", status="ok", found=f"driver {bench.camera.driver!r}: no device")
+        )
+    if bench is not None:
+        checks.append(check_stage_port(bench.stage))
+    checks.append(check_disk(directory))
+    return tuple(checks)
+
+
+def check_libraries(*, needed: bool, load: Callable[[], AravisLibrary] = load_aravis) -> Check:
+    """Whether Aravis and PyGObject are there; a failure only where the bench needs them."""
+    try:
+        library = load()
+    except DriverMissingError as error:
+        return Check(
+            name="libraries",
+            status="fail" if needed else "warn",
+            found="Aravis is not usable",
+            remedy=str(error),
+        )
+    return Check(
+        name="libraries",
+        status="ok",
+        found=f"Aravis {library.aravis_version}, PyGObject {library.pygobject_version}",
+    )
+
+
+def check_receive_buffer(
+    read: Callable[[], int | None] = receive_buffer_limit_bytes,
+) -> Check:
+    """Whether the kernel may buffer as much as the driver asks for."""
+    limit_bytes = read()
+    if limit_bytes is None:
+        return Check(
+            name="receive buffer",
+            status="warn",
+            found="the limit cannot be read here",
+            remedy=f"see that net.core.rmem_max is at least {SOCKET_BUFFER_BYTES} on the host",
+        )
+    if limit_bytes >= SOCKET_BUFFER_BYTES:
+        return Check(name="receive buffer", status="ok", found=f"{limit_bytes} bytes")
+    return Check(
+        name="receive buffer",
+        status="warn",
+        found=f"limited to {limit_bytes} bytes: frames will be lost",
+        remedy=(
+            f"sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}; to keep it, write "
+            f"net.core.rmem_max={SOCKET_BUFFER_BYTES} to /etc/sysctl.d/60-standoff.conf"
+        ),
+    )
+
+
+def check_route(route: NetworkRoute) -> Check:
+    """Which interface leads to the camera."""
+    return Check(
+        name="network",
+        status="ok",
+        found=f"{route.address} through {route.interface or 'an interface'} ({route.own_address})",
+    )
+
+
+def check_mtu(route: NetworkRoute) -> Check:
+    """Whether jumbo packets fit through the interface."""
+    name = route.interface or "INTERFACE"
+    if route.mtu_bytes >= JUMBO_MTU_BYTES:
+        return Check(name="MTU", status="ok", found=f"{route.mtu_bytes} bytes: jumbo packets fit")
+    return Check(
+        name="MTU",
+        status="warn",
+        found=f"{route.mtu_bytes} bytes: small packets cost more processor time",
+        remedy=(
+            f"sudo ip link set {name} mtu {JUMBO_MTU_BYTES}, where network card and switch can; "
+            "the driver then takes larger packets by itself"
+        ),
+    )
+
+
+def check_camera(probe: CameraProbe) -> Check:
+    """Whether we may control the camera."""
+    who = f"{probe.vendor} {probe.model} at {probe.ip_address}"
+    if probe.is_controllable:
+        return Check(name="camera", status="ok", found=who)
+    return Check(
+        name="camera",
+        status="fail",
+        found=f"{who} is in use by another program",
+        remedy="close the other program; one that was killed holds the camera for some seconds",
+    )
+
+
+def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check, ...]:
+    """What the camera can do, and whether that covers what the bench file asks for."""
+    rate = probe.frame_rate_hz
+    formats = ", ".join(probe.pixel_formats)
+    return (
+        _within("exposure", "camera.exposure_us", config.exposure_us, probe.exposure_us, "us"),
+        _within("gain", "camera.gain_db", config.gain_db, probe.gain_db, "dB"),
+        Check(
+            name="frame rate",
+            status="ok",
+            found=f"up to {rate.high:.1f} Hz at the camera's present settings",
+        ),
+        Check(name="pixel formats", status="ok", found=formats)
+        if config.pixel_format in probe.pixel_formats
+        else Check(
+            name="pixel formats",
+            status="fail",
+            found=f"{formats}; not {config.pixel_format}",
+            remedy="set camera.pixel_format in the bench file to one of these",
+        ),
+        Check(
+            name="temperature",
+            status="ok",
+            found=(
+                "the camera has no DeviceTemperature"
+                if probe.temperature_c is None
+                else f"{probe.temperature_c:.1f} C"
+            ),
+        ),
+    )
+
+
+def check_stage_port(config: StageConfig) -> Check:
+    """Whether the stage's serial port is there and this user may open it.
+
+    It is not opened: that resets controllers of the Grbl kind, and with them the position.
+    """
+    if config.port is None:
+        found = f"driver {config.driver!r}: no port"
+        return Check(name="stage", status="ok", found=found)
+    if "://" in config.port:
+        return Check(name="stage", status="ok", found=f"{config.port}: tried when it is used")
+    path = Path(config.port)
+    try:
+        is_port = stat.S_ISCHR(path.stat().st_mode)
+    except OSError as error:
+        return Check(
+            name="stage",
+            status="fail",
+            found=f"{config.port}: {error.strerror}",
+            remedy="plug the stage in, switch it on, and see ls -l /dev/serial/by-id",
+        )
+    if not is_port:
+        return Check(
+            name="stage",
+            status="fail",
+            found=f"{config.port} is no serial port",
+            remedy="set stage.port in the bench file to one under /dev/serial/by-id",
+        )
+    if not os.access(path, os.R_OK | os.W_OK):
+        return Check(
+            name="stage",
+            status="fail",
+            found=f"{config.port} is there, but this user may not open it",
+            remedy="sudo usermod -aG dialout $USER, then log in again",
+        )
+    return Check(name="stage", status="ok", found=f"{config.port} may be opened")
+
+
+def check_disk(
+    directory: Path, free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
+) -> Check:
+    """Whether sessions have room in ``directory``."""
+    free = free_bytes(directory)
+    status: CheckStatus = "ok"
+    if free < SCARCE_BYTES:
+        status = "fail" if free < TOO_FEW_BYTES else "warn"
+    return Check(
+        name="disk",
+        status=status,
+        found=f"{free / 1e9:.1f} GB free in {directory}",
+        remedy="" if status == "ok" else "make room, or write the session to another disk",
+    )
+
+
+def _network_and_camera(config: CameraConfig) -> list[Check]:
+    checks: list[Check] = []
+    name = "network"
+    try:
+        route = route_to(resolve_address(config.address or ""))
+        checks += [check_route(route), check_mtu(route)]
+        name = "camera"
+        probe = probe_camera(config.address or "")
+    except DriverMissingError:
+        return checks  # said already, among the libraries
+    except DeviceError as error:
+        remedy = (
+            "check power, cable and firewall (UDP), and that camera.address is right: "
+            "standoff cameras searches for it"
+        )
+        return [*checks, Check(name=name, status="fail", found=str(error), remedy=remedy)]
+    return [*checks, check_camera(probe), *check_camera_limits(probe, config)]
+
+
+def _within(name: str, key: str, wanted: float, bounds: Bounds, unit: str) -> Check:
+    found = f"{bounds.low:g} to {bounds.high:g} {unit}"
+    if bounds.low <= wanted <= bounds.high:
+        return Check(name=name, status="ok", found=found)
+    return Check(
+        name=name,
+        status="fail",
+        found=f"{found}; {key} is {wanted:g}",
+        remedy=f"set {key} in the bench file to a value within",
+    )

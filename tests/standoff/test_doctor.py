@@ -1,0 +1,246 @@
+import json
+import stat
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import standoff.commands.doctor
+import standoff.doctor
+from acquisition.aravis_camera import AravisCamera
+from acquisition.aravis_configuration import Bounds
+from acquisition.aravis_discovery import FoundCamera
+from acquisition.aravis_library import AravisLibrary
+from acquisition.aravis_probe import CameraProbe
+from acquisition.bench import BenchConfig
+from acquisition.errors import DriverMissingError
+from acquisition.network_route import NetworkRoute
+from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.practice_bench import PracticeBench
+from standoff.doctor import (
+    Check,
+    check_camera,
+    check_camera_limits,
+    check_disk,
+    check_libraries,
+    check_mtu,
+    check_receive_buffer,
+    check_stage_port,
+    examine,
+)
+from tests.acquisition.aravis_bench import camera_config, needs_aravis
+from tests.acquisition.session_fixtures import bench_of
+from tests.hil_mocks.gige_bench import gige_bench
+from tests.standoff.conftest import Command
+
+PROBE = CameraProbe(
+    vendor="Allied Vision",
+    model="Manta G-046B",
+    ip_address="192.168.10.46",
+    is_controllable=True,
+    exposure_us=Bounds(low=21.0, high=6e7),
+    gain_db=Bounds(low=0.0, high=31.0),
+    frame_rate_hz=Bounds(low=0.1, high=67.5),
+    pixel_formats=("Mono8", "Mono12"),
+    packet_size_bytes=1500,
+    temperature_c=None,
+)
+ROUTE = NetworkRoute(
+    address="192.168.10.46", own_address="192.168.10.1", interface="eth1", mtu_bytes=1500
+)
+
+
+@pytest.fixture
+def practice_bench() -> Iterator[PracticeBench]:
+    with gige_bench() as bench:
+        yield bench
+
+
+def bench_with(address: str, **camera: object) -> BenchConfig:
+    return bench_of(driver="aravis", address=address, **camera).model_copy(
+        update={"stage": bench_of().stage.model_copy(update={"driver": "manual"})}
+    )
+
+
+def bench_file(folder: Path, address: str) -> Path:
+    path = folder / "bench.toml"
+    path.write_text(
+        f"""
+[camera]
+driver = "aravis"
+address = "{address}"
+pixel_format = "Mono12"
+exposure_us = 4000.0
+gain_db = 0.0
+frame_rate_hz = 60.0
+
+[stage]
+driver = "manual"
+limits_mm = [0.0, 300.0]
+
+[optics]
+focal_length_mm = 8.0
+pixel_pitch_um = 8.3
+"""
+    )
+    return path
+
+
+def status_of(checks: tuple[Check, ...], name: str) -> str:
+    return next(check.status for check in checks if check.name == name)
+
+
+def test_missing_libraries_fail_only_a_bench_that_needs_them() -> None:
+    def missing() -> AravisLibrary:
+        raise DriverMissingError("install gir1.2-aravis-0.8")
+
+    needed = check_libraries(needed=True, load=missing)
+    assert (needed.status, needed.remedy) == ("fail", "install gir1.2-aravis-0.8")
+    assert check_libraries(needed=False, load=missing).status == "warn"
+
+
+@pytest.mark.parametrize(
+    ("limit_bytes", "status"), [(212992, "warn"), (4194304, "ok"), (None, "warn")]
+)
+def test_a_small_receive_buffer_is_a_warning_with_the_command_that_mends_it(
+    limit_bytes: int | None, status: str
+) -> None:
+    check = check_receive_buffer(lambda: limit_bytes)
+    assert check.status == status
+    assert ("4194304" in check.remedy) == (status == "warn")
+
+
+def test_an_mtu_of_1500_is_a_warning_that_names_the_interface() -> None:
+    assert check_mtu(replace(ROUTE, mtu_bytes=9000)).status == "ok"
+    small = check_mtu(ROUTE)
+    assert small.status == "warn"
+    assert "eth1 mtu 9000" in small.remedy
+
+
+def test_a_camera_in_use_fails() -> None:
+    assert check_camera(PROBE).status == "ok"
+    assert check_camera(replace(PROBE, is_controllable=False)).status == "fail"
+
+
+def test_what_the_bench_asks_for_beyond_the_camera_fails_and_names_the_key() -> None:
+    good = check_camera_limits(PROBE, camera_config("192.168.10.46"))
+    assert {check.status for check in good} == {"ok"}
+    assert "no DeviceTemperature" in next(c.found for c in good if c.name == "temperature")
+    asked = camera_config("192.168.10.46", exposure_us=10.0, gain_db=40.0, pixel_format="BayerRG12")
+    bad = {check.name: check for check in check_camera_limits(PROBE, asked)}
+    assert "camera.exposure_us" in bad["exposure"].remedy
+    assert "camera.gain_db" in bad["gain"].remedy
+    assert "camera.pixel_format" in bad["pixel formats"].remedy
+    assert {bad[name].status for name in ("exposure", "gain", "pixel formats")} == {"fail"}
+
+
+def test_a_stage_port_is_there_and_may_be_opened(tmp_path: Path) -> None:
+    stage = bench_of().stage
+    assert check_stage_port(stage).status == "ok"
+    missing = stage.model_copy(update={"port": str(tmp_path / "ttyUSB9")})
+    assert check_stage_port(missing).status == "fail"
+    (tmp_path / "file").write_text("")
+    assert (
+        "no serial port"
+        in check_stage_port(stage.model_copy(update={"port": str(tmp_path / "file")})).found
+    )
+    assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
+    assert check_stage_port(stage.model_copy(update={"port": "/dev/null"})).status == "ok"
+
+
+def test_a_port_of_another_group_says_which_group_to_join(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)
+    port = bench_of().stage.model_copy(update={"port": "/dev/null"})
+    assert "dialout" in check_stage_port(port).remedy
+
+
+@pytest.mark.parametrize(
+    ("free_bytes", "status"), [(10**8 - 1, "fail"), (10**9, "warn"), (10**10, "ok")]
+)
+def test_a_full_disk_is_told_early(tmp_path: Path, free_bytes: int, status: str) -> None:
+    assert check_disk(tmp_path, lambda _: free_bytes).status == status
+
+
+@needs_aravis
+def test_a_camera_that_is_ready_passes(practice_bench: PracticeBench, tmp_path: Path) -> None:
+    checks = examine(bench_with(practice_bench.camera.address), tmp_path)
+    assert {check.status for check in checks} <= {"ok", "warn"}
+    assert status_of(checks, "camera") == status_of(checks, "exposure") == "ok"
+    assert practice_bench.camera.controller is None
+
+
+@needs_aravis
+def test_a_thermometer_is_read_where_there_is_one(
+    practice_bench: PracticeBench, tmp_path: Path
+) -> None:
+    practice_bench.camera.faults = GigeFaults(temperature_present=True)
+    checks = examine(bench_with(practice_bench.camera.address), tmp_path)
+    assert "41.5 C" in next(check.found for check in checks if check.name == "temperature")
+
+
+@needs_aravis
+def test_a_camera_in_other_hands_fails_the_command(
+    practice_bench: PracticeBench, tmp_path: Path, command: Command
+) -> None:
+    address = practice_bench.camera.address
+    path = bench_file(tmp_path, address)
+    assert command("doctor", "--bench", path).status == 0
+    with closing(AravisCamera.open(camera_config(address))):
+        done = command("doctor", "--bench", path)
+    assert done.status == 1
+    assert "in use by another program" in done.out
+    assert "-> close the other program" in done.out
+
+
+@needs_aravis
+@pytest.mark.slow
+def test_a_silent_address_fails_in_one_check_of_the_document(
+    tmp_path: Path, command: Command
+) -> None:
+    done = command("doctor", "--bench", bench_file(tmp_path, "127.255.1.1"), "--json")
+    assert done.status == 1
+    document = json.loads(done.out)
+    assert document["ok"] is False
+    failed = [check for check in document["checks"] if check["status"] == "fail"]
+    assert [check["name"] for check in failed] == ["camera"]
+
+
+def test_without_a_bench_only_the_computer_is_examined(command: Command) -> None:
+    document = json.loads(command("doctor", "--json").out)
+    assert [check["name"] for check in document["checks"]] == [
+        "libraries",
+        "receive buffer",
+        "disk",
+    ]
+    assert command("doctor", "--set", "camera.gain_db=1").status == 2
+
+
+def test_the_cameras_found_are_listed(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = FoundCamera(
+        address="10.0.0.7",
+        vendor="Allied Vision",
+        model="Manta G-046B",
+        serial_number="S1",
+        hardware_address="00:0f:31:00:00:01",
+    )
+    monkeypatch.setattr(standoff.commands.doctor, "list_cameras", lambda: (found,))
+    assert "10.0.0.7" in command("cameras").out
+    assert json.loads(command("cameras", "--json").out)["cameras"][0]["model"] == "Manta G-046B"
+    monkeypatch.setattr(standoff.commands.doctor, "list_cameras", lambda: ())
+    assert "no camera answered" in command("cameras").out
+
+
+def test_the_help_of_cameras_says_that_it_broadcasts(command: Command) -> None:
+    assert "BROADCASTS" in command("cameras", "--help").out
+
+
+def test_nothing_but_the_command_that_says_so_searches(
+    monkeypatch: pytest.MonkeyPatch, command: Command
+) -> None:
+    def never() -> tuple[FoundCamera, ...]:
+        raise AssertionError("a search was made")
+
+    monkeypatch.setattr(standoff.commands.doctor, "list_cameras", never)
+    assert command("doctor").status == 0
