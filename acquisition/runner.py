@@ -7,16 +7,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from acquisition.averaging import average_frames
-from acquisition.bench import BenchConfig, StageConfig
+from acquisition.averaging import AveragedFrames, average_frames
+from acquisition.bench import BenchConfig
 from acquisition.device_snapshot import camera_snapshot, stage_snapshot
 from acquisition.devices import Camera, FrameImage, Stage
-from acquisition.errors import DeviceError, SessionError, StageLimitError
+from acquisition.errors import DeviceError, SessionError, StageLimitError, StreamInterruptedError
 from acquisition.focus import focus_value
 from acquisition.journal import new_uid, utc_now
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.record import CaptureRecord
 from acquisition.session_writer import SessionWriter
+from acquisition.stage_travel import home_timeout_s, move_timeout_s
 
 __all__ = ["CaptureProgress", "Placement", "RunSummary", "run_plan"]
 
@@ -81,7 +82,8 @@ def run_plan(
         If the session is in use, was made otherwise, or the disk is full.
     DeviceError
         If a device fails. What was captured until then is kept, and the error is journaled;
-        so is a stop by the keyboard.
+        so is a stop by the keyboard. A capture whose stream broke off is begun once more, from
+        its first frame; the journal has an ``error`` of that, too.
     """
     _refuse_beyond_travel(plan, stage)
     with SessionWriter(
@@ -107,6 +109,16 @@ def run_plan(
             facts = {"index": run.index, "error": type(error).__name__, "message": str(error)}
             _journal_or_note(session, "error", facts, error)
             raise
+
+
+@dataclass(frozen=True, slots=True)
+class _Exposed:
+    """One average, and when it was made."""
+
+    averaged: AveragedFrames
+    raw_frames: list[FrameImage]
+    started: datetime
+    finished: datetime
 
 
 class _Run:
@@ -177,16 +189,23 @@ class _Run:
 
     def _capture(self, entry: PlanEntry) -> CaptureRecord:
         self._approach(entry.height_mm)
-        raw_frames: list[FrameImage] = []
-        started = self._utc_now()
-        averaged = average_frames(
-            self._camera,
-            self._frames_asked,
-            keep_frame=raw_frames.append if self._keep_frames else None,
-            clock=self._clock,
-        )
-        finished = self._utc_now()
-        # Read back after the exposure: a stage that crept away spoils the capture.
+        self._require_still()
+        try:
+            exposed = self._expose()
+        except StreamInterruptedError as error:
+            # Starting again opens the camera anew; what was averaged until then is gone.
+            self._session.journal(
+                "error",
+                {
+                    "index": entry.index,
+                    "error": type(error).__name__,
+                    "message": f"{error}; the capture is begun once more",
+                },
+            )
+            exposed = self._expose()
+        averaged = exposed.averaged
+        # Asked after the exposure: a stage that moved or crept away spoils the capture.
+        self._require_still()
         height_mm = self._checked(entry.height_mm, self._stage.position_mm())
         settings = self._camera.settings
         focus = None
@@ -202,19 +221,39 @@ class _Run:
             settings=settings,
             height_mm=height_mm,
             focus_value=focus,
-            started=started,
-            finished=finished,
-            raw_frames=raw_frames,
+            started=exposed.started,
+            finished=exposed.finished,
+            raw_frames=exposed.raw_frames,
         )
+
+    def _expose(self) -> "_Exposed":
+        raw_frames: list[FrameImage] = []
+        started = self._utc_now()
+        averaged = average_frames(
+            self._camera,
+            self._frames_asked,
+            keep_frame=raw_frames.append if self._keep_frames else None,
+            clock=self._clock,
+        )
+        return _Exposed(averaged, raw_frames, started, self._utc_now())
 
     def _approach(self, height_mm: float) -> None:
         if self._approached_mm == height_mm:
             return
         if not self._stage.is_homed:
-            self._stage.home(_home_timeout_s(self._bench.stage))
+            self._stage.home(home_timeout_s(self._bench.stage))
         self._approached_mm = None
-        self._checked(height_mm, self._stage.move_to(height_mm, _move_timeout_s(self._bench.stage)))
+        self._checked(height_mm, self._stage.move_to(height_mm, move_timeout_s(self._bench.stage)))
         self._approached_mm = height_mm
+
+    def _require_still(self) -> None:
+        """Refuse a capture that overlaps a move, whoever moves the stage."""
+        state = self._stage.state
+        if state != "idle":
+            raise DeviceError(
+                f"the stage is not at rest but {state} during a capture; nothing of it is kept. "
+                "Stop whatever moves it and run again"
+            )
 
     def _checked(self, asked_mm: float, read_back_mm: float) -> float:
         """Give the height read back, if it is where the stage was sent."""
@@ -236,17 +275,6 @@ def _refuse_beyond_travel(plan: CapturePlan, stage: Stage) -> None:
                 f"the plan asks for a height of {entry.height_mm:g} mm (capture {entry.index}), "
                 f"the stage goes from {low_mm:g} to {high_mm:g} mm; nothing moved"
             )
-
-
-def _move_timeout_s(stage: StageConfig) -> float:
-    """Twice the whole travel at the feed, for ramps and backlash moves, and the settling."""
-    travel_mm = stage.limits_mm[1] - stage.limits_mm[0]
-    return 10.0 + stage.settle_s + 2.0 * 60.0 * travel_mm / stage.feed_mm_per_min
-
-
-def _home_timeout_s(stage: StageConfig) -> float:
-    """Homing crosses the travel once at full speed and the switch twice, slowly."""
-    return 30.0 + _move_timeout_s(stage)
 
 
 def _journal_or_note(

@@ -1,17 +1,25 @@
 """Opens the devices that a bench file names."""
 
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from typing import Literal
 
-from acquisition.bench import BenchConfig
+import typer
+
+from acquisition.aravis_camera import AravisCamera
+from acquisition.bench import BenchConfig, CameraConfig, StageConfig
 from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, PlanError
+from acquisition.grbl_stage import GrblStage, open_grbl_stage
+from acquisition.manual_stage import ManualStage
 from acquisition.plan import PlanEntry
 from acquisition.runner import Placement
+from acquisition.zaber_stage import ZaberStage, open_zaber_stage
 from hil_mocks import SimulatedBench
 
-__all__ = ["OpenBench", "open_bench", "place_in_simulation"]
+__all__ = ["OpenBench", "open_bench", "open_camera", "open_stage", "place_in_simulation"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,12 +27,14 @@ class OpenBench:
     """Camera and stage, opened; ``simulated`` is the bench behind them where it is simulated.
 
     ``clock`` gives the seconds in which both live: the bench's own where it is simulated.
+    ``warnings`` are what the operator should know, one line each.
     """
 
     camera: Camera
     stage: Stage
     clock: Callable[[], float]
     simulated: SimulatedBench | None
+    warnings: tuple[str, ...] = ()
 
 
 @contextmanager
@@ -36,13 +46,21 @@ def open_bench(config: BenchConfig) -> Iterator[OpenBench]:
     BenchConfigError
         If a driver is named that this version does not have, or the simulated camera and
         stage are not used together.
+    DeviceError
+        If a device cannot be opened.
     """
-    drivers = (config.camera.driver, config.stage.driver)
-    if drivers != ("simulated", "simulated"):
+    simulated = [config.camera.driver, config.stage.driver].count("simulated")
+    if simulated == 1:
         raise BenchConfigError(
-            f"camera.driver {drivers[0]!r} with stage.driver {drivers[1]!r} is not supported "
-            "yet; use 'simulated' for both"
+            f"camera.driver {config.camera.driver!r} with stage.driver {config.stage.driver!r}: "
+            "the simulated camera sees the simulated stage only; use 'simulated' for both or none"
         )
+    with _simulated_bench(config) if simulated else _real_bench(config) as opened:
+        yield opened
+
+
+@contextmanager
+def _simulated_bench(config: BenchConfig) -> Iterator[OpenBench]:
     bench = SimulatedBench(config)
     try:
         yield OpenBench(
@@ -54,6 +72,74 @@ def open_bench(config: BenchConfig) -> Iterator[OpenBench]:
     finally:
         bench.camera.close()
         bench.stage.close()
+
+
+@contextmanager
+def _real_bench(config: BenchConfig) -> Iterator[OpenBench]:
+    with closing(open_stage(config.stage)) as stage, closing(open_camera(config.camera)) as camera:
+        yield OpenBench(
+            camera=camera,
+            stage=stage,
+            clock=time.monotonic,
+            simulated=None,
+            warnings=camera.warnings,
+        )
+
+
+def open_camera(config: CameraConfig) -> AravisCamera:
+    """Open the real camera that a bench file names.
+
+    Raises
+    ------
+    BenchConfigError
+        If its driver is not one for a real camera.
+    DeviceError
+        If it cannot be opened or set.
+    """
+    if config.driver != "aravis":
+        raise BenchConfigError(
+            f"camera.driver {config.driver!r} opens no camera; use 'aravis', or 'simulated' for "
+            "camera and stage"
+        )
+    return AravisCamera.open(config)
+
+
+def open_stage(
+    config: StageConfig, *, first: Literal["nothing", "stop", "reset"] = "nothing"
+) -> GrblStage | ZaberStage | ManualStage:
+    """Open the real stage that a bench file names; moves nothing.
+
+    Parameters
+    ----------
+    config
+        The stage's section.
+    first
+        What to send before the dialogue begins: ``stop`` ends a move that another program left
+        running, ``reset`` ends a state in which a Grbl controller answers no question.
+
+    Raises
+    ------
+    BenchConfigError
+        If its driver is not one for a real stage.
+    DeviceError
+        If it cannot be opened.
+    """
+    match config.driver:
+        case "grbl":
+            return open_grbl_stage(config, first=first)
+        case "zaber":
+            return open_zaber_stage(config, first="stop" if first == "stop" else "nothing")
+        case "manual":
+            return ManualStage(config, ask=_ask_operator)
+        case "simulated":
+            raise BenchConfigError(
+                "stage.driver 'simulated' opens no stage; use 'grbl', 'zaber' or 'manual'"
+            )
+
+
+def _ask_operator(question: str) -> str:
+    answer: str = typer.prompt(question, default="", show_default=False, err=True)
+    return answer
 
 
 def place_in_simulation(bench: SimulatedBench) -> Callable[[PlanEntry], Placement]:

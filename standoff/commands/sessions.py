@@ -52,6 +52,8 @@ def capture(
                 f"{entry.target} {entry.orientation_deg:g} deg at {entry.height_mm:g} mm",
             )
 
+        for warning in devices.warnings:
+            note(warning)
         place = _placement(devices.simulated, yes)
         summary = run_plan(
             out,

@@ -14,6 +14,7 @@ from acquisition.errors import (
     DeviceTimeoutError,
     SessionError,
     StageLimitError,
+    StreamInterruptedError,
 )
 from acquisition.plan import CapturePlan, PlanEntry
 from acquisition.runner import CaptureProgress, Placement, RunSummary, run_plan
@@ -201,6 +202,26 @@ def test_a_stage_that_creeps_during_the_exposure_ends_the_run(path: Path) -> Non
     assert Session.open(path).records == ()
 
 
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_capture_that_overlaps_a_move_is_refused(path: Path, when: str) -> None:
+    stage = ScriptedStage()
+
+    class Jogged(ScriptedCamera):
+        """Somebody moves the stage while it exposes."""
+
+        def stop(self) -> None:
+            super().stop()
+            stage.state = "moving"
+
+    if when == "before":
+        stage.state = "moving"
+    camera = ScriptedCamera() if when == "before" else Jogged()
+    with pytest.raises(DeviceError, match="not at rest but moving"):
+        run(path, camera=camera, stage=stage)
+    assert Session.open(path).records == ()
+    assert camera.starts == (0 if when == "before" else 1)
+
+
 def test_a_plan_beyond_the_travel_moves_nothing_and_makes_no_session(path: Path) -> None:
     stage = ScriptedStage(limits_mm=(0.0, 105.0))
     with pytest.raises(
@@ -242,6 +263,45 @@ def test_an_error_is_journaled_with_its_name_and_message(path: Path) -> None:
         "error": "DeviceDisconnectedError",
         "message": "cable out",
     }
+
+
+def test_a_capture_whose_stream_broke_off_is_begun_once_more_from_its_first_frame(
+    path: Path,
+) -> None:
+    def script() -> Iterator[Frame | BaseException]:
+        for _ in range(6):  # a capture, then the skipped frame and one of the next
+            yield frame(4000, next(ids))
+        yield StreamInterruptedError("no frame for 1.0 s")
+        while True:
+            yield frame(100, next(ids))
+
+    ids = iter(range(1, 1000))
+    assert run(path, camera=ScriptedCamera(script())) == RunSummary(
+        captured=6, already_captured=0, skipped=0
+    )
+    session = Session.open(path)
+    assert kinds(path)[:5] == ["start", "plan", "capture", "error", "capture"]
+    error = next(event for event in session.events if event.kind == "error")
+    assert error.facts["index"] == 1
+    assert error.facts["error"] == "StreamInterruptedError"
+    assert "begun once more" in str(error.facts["message"])
+    # Nothing of the broken average is in the new one: its frames were at 4000.
+    assert (session.records[1].min_dn, session.records[1].max_dn) == (100, 100)
+    assert verify(path).is_ok
+
+
+def test_a_capture_whose_stream_breaks_off_twice_ends_the_run(path: Path) -> None:
+    ids = iter(range(1, 1000))
+
+    def script() -> Iterator[Frame | BaseException]:
+        for count in (6, 2):
+            for _ in range(count):
+                yield frame(100, next(ids))
+            yield StreamInterruptedError("no frame for 1.0 s")
+
+    with pytest.raises(StreamInterruptedError):
+        run(path, camera=ScriptedCamera(script()))
+    assert kinds(path) == ["start", "plan", "capture", "error", "error"]
 
 
 def test_a_keyboard_interrupt_in_mid_move_stops_the_stage(path: Path) -> None:

@@ -1,0 +1,180 @@
+"""Lines over a serial port: time limits, silence, lengths, and the log of the wire."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from acquisition.errors import DeviceDisconnectedError, DeviceProtocolError, DeviceTimeoutError
+from acquisition.wire_log import WireLog
+
+__all__ = ["BytePort", "SerialLink"]
+
+MAX_LINE_BYTES = 1024
+"""No message of the protocols we speak is longer."""
+
+
+class BytePort(Protocol):
+    """An open port; it raises the errors of `acquisition.errors`."""
+
+    def read(self) -> bytes:
+        """Return what is there, waiting a moment for the first byte."""
+        ...
+
+    def read_waiting(self) -> bytes:
+        """Return what is there, without waiting."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Write all of it."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back."""
+        ...
+
+
+class SerialLink:
+    """One connection; it knows lines, not what they mean.
+
+    Parameters
+    ----------
+    port
+        Open port.
+    name
+        What errors call it.
+    clock
+        Monotonic time in seconds, the same that passes while the port reads.
+    log
+        Where every line is logged.
+    """
+
+    def __init__(
+        self,
+        port: BytePort,
+        *,
+        name: str,
+        clock: Callable[[], float],
+        log: WireLog | None = None,
+    ) -> None:
+        self.name = name
+        self._port = port
+        self._clock = clock
+        self._log = log
+        self._is_open = True
+        self._partial = b""
+        self._lines: deque[bytes] = deque()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nobody has closed it."""
+        return self._is_open
+
+    def write(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises
+        ------
+        DeviceTimeoutError, DeviceDisconnectedError
+            If they cannot be sent.
+        """
+        self._check_open()
+        if self._log:
+            self._log.sent(data)
+        self._port.write(data)
+
+    def read_line(self, timeout_s: float) -> bytes:
+        """Wait for the next line that is not empty, and return it without its end.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If there is none within ``timeout_s``.
+        DeviceProtocolError
+            If a line does not end.
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        deadline = self._clock() + timeout_s
+        while not self._lines:
+            self._receive()
+            if not self._lines and self._clock() >= deadline:
+                raise DeviceTimeoutError(f"{self.name} did not answer within {timeout_s:g} s")
+        return self._lines.popleft()
+
+    def waiting_lines(self) -> list[bytes]:
+        """Return the lines that came unasked until now."""
+        self._receive(wait=False)
+        lines = list(self._lines)
+        self._lines.clear()
+        return lines
+
+    def drain(self, quiet_s: float, timeout_s: float) -> list[bytes]:
+        """Listen until nothing has come for ``quiet_s``; return what came, cut into lines.
+
+        Raises
+        ------
+        DeviceProtocolError
+            If it does not fall silent within ``timeout_s``.
+        """
+        deadline = self._clock() + timeout_s
+        heard = list(self._lines)
+        self._lines.clear()
+        quiet_since = self._clock()
+        while self._clock() - quiet_since < quiet_s:
+            try:
+                got = self._receive()
+            except DeviceProtocolError:
+                got = True
+            if got:
+                quiet_since = self._clock()
+                heard += self._lines
+                self._lines.clear()
+            if self._clock() >= deadline:
+                raise DeviceProtocolError(
+                    f"{self.name} talks without being asked and does not stop; "
+                    "is this the right port and baud rate?"
+                )
+        if self._partial:
+            heard.append(self._cut_partial())
+        return heard
+
+    def remark(self, text: str) -> None:
+        """Write a remark to the log."""
+        if self._log:
+            self._log.remark(text)
+
+    def close(self) -> None:
+        """Close port and log; closing twice is harmless."""
+        self._is_open = False
+        self._port.close()
+        if self._log:
+            self._log.close()
+
+    def _receive(self, *, wait: bool = True) -> bool:
+        """Read once; whether anything came."""
+        self._check_open()
+        data = self._port.read() if wait else self._port.read_waiting()
+        if not data:
+            return False
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        for line in lines:
+            # NULs are what a cable or a power-up leaves; no protocol of ours sends them.
+            clean = line.strip(b"\r\0 ")
+            if clean:
+                if self._log:
+                    self._log.received(clean)
+                self._lines.append(clean)
+        if len(self._partial) > MAX_LINE_BYTES:
+            start = self._cut_partial()[:40]
+            raise DeviceProtocolError(f"{self.name} sent a line without an end: {start!r}...")
+        return True
+
+    def _cut_partial(self) -> bytes:
+        cut, self._partial = self._partial, b""
+        if self._log:
+            self._log.received(cut)
+        return cut
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceDisconnectedError(f"{self.name} is closed")

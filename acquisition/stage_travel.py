@@ -1,0 +1,63 @@
+"""What every height stage has in common: limits, the side of approach, time limits."""
+
+from math import isfinite
+
+from acquisition.bench import StageConfig
+from acquisition.errors import StageLimitError
+
+__all__ = ["approach_heights_mm", "home_timeout_s", "move_timeout_s", "refuse_beyond_limits"]
+
+
+def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> None:
+    """Do nothing for a height that a stage may go to.
+
+    Raises
+    ------
+    StageLimitError
+        If it is no number or outside the limits.
+    """
+    low_mm, high_mm = limits_mm
+    if not (isfinite(height_mm) and low_mm <= height_mm <= high_mm):
+        raise StageLimitError(
+            f"the stage goes from {low_mm:g} to {high_mm:g} mm, not to {height_mm:g} mm; "
+            "nothing moved"
+        )
+
+
+def approach_heights_mm(
+    config: StageConfig, *, start_mm: float, target_mm: float, is_flank_taken: bool
+) -> list[float]:
+    """Heights to go to in turn, so that the target is reached from the configured side.
+
+    Parameters
+    ----------
+    config
+        Side, play and limits.
+    start_mm, target_mm
+        Where the stage is and where it shall go.
+    is_flank_taken
+        Whether the last travel came from the configured side already.
+
+    Returns
+    -------
+    list of float
+        One or two heights; a target at the very limit may have no room before it.
+    """
+    side = 1.0 if config.approach == "from_below" else -1.0
+    needed_mm = 0.0 if is_flank_taken else config.backlash_mm
+    if side * (target_mm - start_mm) >= needed_mm:
+        return [target_mm]
+    low_mm, high_mm = config.limits_mm
+    before_mm = min(max(target_mm - side * config.backlash_mm, low_mm), high_mm)
+    return [target_mm] if before_mm == target_mm else [before_mm, target_mm]
+
+
+def move_timeout_s(config: StageConfig) -> float:
+    """Twice the whole travel at the feed, for ramps and backlash moves, and the settling."""
+    travel_mm = config.limits_mm[1] - config.limits_mm[0]
+    return 10.0 + config.settle_s + 2.0 * 60.0 * travel_mm / config.feed_mm_per_min
+
+
+def home_timeout_s(config: StageConfig) -> float:
+    """Homing crosses the travel once at full speed and the switch twice, slowly."""
+    return 30.0 + move_timeout_s(config)

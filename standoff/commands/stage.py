@@ -1,0 +1,120 @@
+"""``standoff stage``: the height stage by hand."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict
+from typing import Annotated, Literal
+
+import typer
+
+from acquisition.bench import BenchConfig, StageConfig
+from acquisition.devices import Stage
+from acquisition.errors import DeviceError, DeviceInUseError, StageNotHomedError
+from acquisition.grbl_stage import GrblStage
+from acquisition.stage_travel import home_timeout_s, move_timeout_s
+from acquisition.zaber_stage import ZaberStage
+from hil_mocks import SimulatedBench
+from standoff.devices import open_stage
+from standoff.options import BenchFile, BenchKeys, Json, read_bench
+from standoff.output import note, print_json, say
+
+__all__ = ["stage"]
+
+Action = Literal["status", "home", "move", "stop", "unlock"]
+
+
+def stage(
+    action: Annotated[Action, typer.Argument(help="What to do.", show_default=False)],
+    height_mm: Annotated[
+        float | None, typer.Argument(help="Height to move to.", metavar="[MM]", show_default=False)
+    ] = None,
+    *,
+    bench: BenchFile,
+    home: Annotated[
+        bool, typer.Option("--home", help="Home first if the stage does not know its height.")
+    ] = False,
+    settings: BenchKeys = None,
+    json: Json = False,
+) -> None:
+    """Show, home, move, stop or unlock the height stage.
+
+    Ctrl-C stops it under control.
+    """
+    if (height_mm is None) == (action == "move"):
+        raise typer.BadParameter("move takes one height in mm, the other actions take none")
+    if home and action != "move":
+        raise typer.BadParameter("--home goes with move")
+    config = read_bench(bench, settings)
+    with _opened(config, action) as opened:
+        try:
+            _act(opened, config.stage, action, height_mm, home=home)
+        except KeyboardInterrupt as interrupt:
+            try:
+                opened.stop()
+            except DeviceError as error:
+                interrupt.add_note(str(error))
+                note(f"stopping the stage failed: {error}")
+            raise
+        _show(opened, action, json=json)
+
+
+def _act(
+    opened: Stage, config: StageConfig, action: Action, height_mm: float | None, *, home: bool
+) -> None:
+    if action == "home":
+        opened.home(home_timeout_s(config))
+    elif action == "move" and height_mm is not None:
+        if home and not opened.is_homed:
+            opened.home(home_timeout_s(config))
+        try:
+            opened.move_to(height_mm, move_timeout_s(config))
+        except StageNotHomedError as error:
+            raise StageNotHomedError(f"{error}; run `standoff stage home` or add --home") from error
+    elif action == "unlock":
+        opened.clear_alarm()
+
+
+@contextmanager
+def _opened(config: BenchConfig, action: Action) -> Iterator[Stage]:
+    if config.stage.driver == "simulated":
+        yield SimulatedBench(config).stage
+        return
+    first: Literal["nothing", "stop", "reset"] = "nothing"
+    if action in ("stop", "unlock"):
+        first = "stop" if action == "stop" else "reset"
+    try:
+        real = open_stage(config.stage, first=first)
+    except DeviceInUseError as error:
+        raise DeviceInUseError(
+            f"{error}. The stage obeys the program that has its port: press Ctrl-C there, "
+            "or the emergency stop"
+        ) from error
+    with closing(real):
+        yield real
+
+
+def _show(opened: Stage, action: Action, *, json: bool) -> None:
+    state = opened.state
+    try:
+        position_mm = opened.position_mm()
+    except StageNotHomedError:
+        position_mm = None
+    warnings = list(opened.warnings) if isinstance(opened, GrblStage | ZaberStage) else []
+    if json:
+        print_json(
+            {
+                "action": action,
+                "state": state,
+                "position_mm": position_mm,
+                "is_homed": opened.is_homed,
+                "limits_mm": list(opened.limits_mm),
+                "info": asdict(opened.info),
+                "warnings": warnings,
+            }
+        )
+        return
+    for warning in warnings:
+        note(warning)
+    low_mm, high_mm = opened.limits_mm
+    where = "height unknown, not homed" if position_mm is None else f"at {position_mm:.3f} mm"
+    say(f"{opened.info.model}: {state}, {where}; limits {low_mm:g} to {high_mm:g} mm")
