@@ -1,0 +1,223 @@
+"""How a camera above a plane sees it: lens distortion, tilt, distance, turn and place.
+
+Pixels ``(x, y)`` become *slopes*: the offset of the plane point from the foot of the
+perpendicular through the entrance pupil, in units of the pupil's distance from the plane. In
+slopes every capture of a plane differs from every other by a scale, a turn and a shift alone.
+"""
+
+from dataclasses import dataclass, replace
+from math import hypot, sqrt
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LENS_SIZE", "SHARED_SIZE", "CapturePose", "PlaneLens"]
+
+FloatArray = NDArray[np.float64]
+
+LENS_SIZE = 4
+"""Parameters of the lens: k1, k2 and the two offsets of the principal point."""
+
+SHARED_SIZE = LENS_SIZE + 2
+"""Parameters that all captures of one series share: the lens and two tilts."""
+
+_NEWTON_STEPS = 12
+_TILT_STEP = 1e-5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaneLens:
+    """Lens and inclination: what stays when the stage moves.
+
+    Parameters
+    ----------
+    width_px, height_px
+        Size of the image.
+    focal_length_px
+        Focal length. Where it is wrong, tilts come out wrong by the same factor.
+    k1, k2
+        Radial distortion: an ideal point at the radius r from the principal point, 1 at the image
+        corner, is seen at ``r (1 + k1 r^2 + k2 r^4)``. Negative is barrel.
+    principal_x_px, principal_y_px
+        Offset of the principal point from the middle of the image.
+    tilt_x_rad, tilt_y_rad
+        Inclination that makes the optical axis meet the plane further along the image's +x, +y.
+    """
+
+    width_px: int
+    height_px: int
+    focal_length_px: float
+    k1: float = 0.0
+    k2: float = 0.0
+    principal_x_px: float = 0.0
+    principal_y_px: float = 0.0
+    tilt_x_rad: float = 0.0
+    tilt_y_rad: float = 0.0
+
+    @property
+    def principal_px(self) -> FloatArray:
+        """Principal point (x, y) in the image."""
+        return np.array(
+            [
+                (self.width_px - 1) / 2 + self.principal_x_px,
+                (self.height_px - 1) / 2 + self.principal_y_px,
+            ]
+        )
+
+    @property
+    def corner_radius_px(self) -> float:
+        """Distance of the corner pixels' centres from the middle of the image."""
+        return hypot(self.width_px - 1, self.height_px - 1) / 2
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Shape (6,): k1, k2, principal x and y in px, tilts x and y in rad."""
+        return np.array(
+            [
+                self.k1,
+                self.k2,
+                self.principal_x_px,
+                self.principal_y_px,
+                self.tilt_x_rad,
+                self.tilt_y_rad,
+            ]
+        )
+
+    def with_parameters(self, values: FloatArray) -> Self:
+        """Return the same camera with other ``parameters``."""
+        k1, k2, x_px, y_px, tilt_x, tilt_y = (float(value) for value in values)
+        return replace(
+            self,
+            k1=k1,
+            k2=k2,
+            principal_x_px=x_px,
+            principal_y_px=y_px,
+            tilt_x_rad=tilt_x,
+            tilt_y_rad=tilt_y,
+        )
+
+    def slopes(self, points_px: FloatArray) -> FloatArray:
+        """Slopes of seen pixels, shape (n, 2)."""
+        seen = (points_px - self.principal_px) / self.corner_radius_px
+        ideal, _ = self._ideal_radius(np.hypot(seen[:, 0], seen[:, 1]))
+        plane = self._rays(seen, ideal) @ self._inclination().T
+        return np.asarray(plane[:, :2] / plane[:, 2:])
+
+    def pixels(self, slopes: FloatArray) -> FloatArray:
+        """Pixels at which slopes are seen, shape (n, 2)."""
+        ray = np.column_stack([slopes, np.ones(len(slopes))]) @ self._inclination()
+        ideal = ray[:, :2] / ray[:, 2:] * (self.focal_length_px / self.corner_radius_px)
+        square = np.sum(ideal**2, axis=1)
+        factor = 1 + square * (self.k1 + square * self.k2)
+        return np.asarray(self.principal_px + self.corner_radius_px * ideal * factor[:, None])
+
+    def slope_changes(self, points_px: FloatArray) -> FloatArray:
+        """Derivatives of ``slopes`` by ``parameters``, shape (n, 2, 6)."""
+        seen = (points_px - self.principal_px) / self.corner_radius_px
+        radius = np.hypot(seen[:, 0], seen[:, 1])
+        ideal, steepness = self._ideal_radius(radius)
+        ray = self._rays(seen, ideal)
+        turn = self._inclination()
+        plane = ray @ turn.T
+        slopes = plane[:, :2] / plane[:, 2:]
+        # By the ideal place, shape (n, 2, 2).
+        by_place = (turn[:2, :2] - slopes[:, :, None] * turn[2, :2]) / plane[:, 2, None, None]
+        square = ideal**2
+        factor = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 0)
+        outwards = np.divide(seen, radius[:, None], out=np.zeros_like(seen), where=seen != 0)
+        stretch = np.eye(2) * factor[:, None, None] + (1 / steepness - factor)[:, None, None] * (
+            outwards[:, :, None] * outwards[:, None, :]
+        )
+        place = np.empty((len(points_px), 2, LENS_SIZE))
+        place[:, :, 0] = -ray[:, :2] * (square / steepness)[:, None]
+        place[:, :, 1] = -ray[:, :2] * (square**2 / steepness)[:, None]
+        place[:, :, 2:] = -stretch / self.corner_radius_px
+        changes = np.empty((len(points_px), 2, SHARED_SIZE))
+        changes[:, :, :LENS_SIZE] = by_place @ place
+        for number, (x, y) in enumerate(((_TILT_STEP, 0.0), (0.0, _TILT_STEP))):
+            above, below = (
+                replace(
+                    self,
+                    tilt_x_rad=self.tilt_x_rad + sign * x,
+                    tilt_y_rad=self.tilt_y_rad + sign * y,
+                )._inclination()
+                for sign in (1, -1)
+            )
+            moved = ray @ (above - below).T / (2 * _TILT_STEP)
+            changes[:, :, LENS_SIZE + number] = (moved[:, :2] - slopes * moved[:, 2:]) / plane[
+                :, 2:
+            ]
+        return changes
+
+    def _ideal_radius(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Ideal radius of a seen one, and how fast the latter grows with it; both 1 at the corner.
+
+        Beyond the fold of a strong barrel the seen radius stops growing; no real lens reaches it.
+        """
+        ideal = radius.copy()
+        for _ in range(_NEWTON_STEPS):
+            square = ideal**2
+            excess = ideal * (1 + square * (self.k1 + square * self.k2)) - radius
+            step = excess / self._steepness(ideal)
+            ideal = ideal - step
+            if np.abs(step).max(initial=0.0) < 1e-12:
+                break
+        return ideal, self._steepness(ideal)
+
+    def _steepness(self, ideal: FloatArray) -> FloatArray:
+        square = ideal**2
+        return np.maximum(1 + square * (3 * self.k1 + 5 * square * self.k2), 0.1)
+
+    def _rays(self, seen: FloatArray, ideal: FloatArray) -> FloatArray:
+        """Directions in camera axes, shape (n, 3), the corner's radius as unit of length."""
+        radius = np.hypot(seen[:, 0], seen[:, 1])
+        factor = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 0)
+        depth = np.full(len(seen), self.focal_length_px / self.corner_radius_px)
+        return np.column_stack([seen * factor[:, None], depth])
+
+    def _inclination(self) -> FloatArray:
+        """Rotation from camera axes to plane axes (Rodrigues' formula), shape (3, 3)."""
+        x, y = self.tilt_x_rad, self.tilt_y_rad
+        angle = sqrt(x * x + y * y)
+        cross = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+        half = np.sinc(angle / 2 / np.pi)
+        return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * cross @ cross)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CapturePose:
+    """Where one capture was taken: a plane point is ``place + exp(log_distance) turn(slope)``.
+
+    Lengths are in mm, or in units of the first capture's distance where no size is known. The
+    turn is from +x towards +y.
+    """
+
+    log_distance: float = 0.0
+    turn_rad: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+
+    @property
+    def distance(self) -> float:
+        """Distance of the entrance pupil from the plane."""
+        return float(np.exp(self.log_distance))
+
+    @property
+    def place(self) -> FloatArray:
+        """Foot of the perpendicular through the entrance pupil, (x, y)."""
+        return np.array([self.x, self.y])
+
+    @property
+    def turn(self) -> FloatArray:
+        """Rotation by ``turn_rad``, shape (2, 2)."""
+        c, s = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        return np.array([[c, -s], [s, c]])
+
+    def plane(self, slopes: FloatArray) -> FloatArray:
+        """Plane points of slopes, shape (n, 2)."""
+        return np.asarray(self.place + self.distance * slopes @ self.turn.T)
+
+    def slopes(self, plane: FloatArray) -> FloatArray:
+        """Slopes of plane points, shape (n, 2)."""
+        return np.asarray((plane - self.place) @ self.turn / self.distance)

@@ -1,0 +1,122 @@
+"""``standoff geometry``: scale, pupil offset, zooms, distortion and squareness of a session."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquisition.session import Session
+from calibration.board import DEFAULT_BOARD, CharucoBoard
+from calibration.files import geometry_document, write_geometry
+from calibration.geometry import GeometryCalibration, GeometryOptions, Measured
+from calibration.geometry_calibration import calibrate_geometry
+from calibration.geometry_captures import geometry_captures, geometry_records, nominal_focal_px
+from standoff.geometry_page import write_geometry_report
+from standoff.options import Json, refuse_overwriting
+from standoff.output import note, print_json, print_table, progress_bar, say
+
+__all__ = ["geometry"]
+
+_SOURCES = {
+    "board": "the board {board}",
+    "given": "the scale that was given",
+    "bench": "the focal length and pixel pitch of the bench file, taken as exact",
+}
+
+
+def geometry(
+    *,
+    session: Annotated[
+        Path, typer.Option(help="Capture session with a board, chart or texture at two heights.")
+    ],
+    out: Annotated[Path, typer.Option(help="Where to write geometry.json.")],
+    board: Annotated[
+        str,
+        typer.Option(
+            metavar="COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]", help="The ChArUco board."
+        ),
+    ] = str(DEFAULT_BOARD),
+    scale: Annotated[
+        float | None,
+        typer.Option(help="Scale in px/mm at the lowest height, measured by other means."),
+    ] = None,
+    focal_length_px: Annotated[
+        float | None, typer.Option(help="Focal length in px, in place of the bench file's.")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Also write an HTML report.")] = None,
+    json: Json = False,
+) -> None:
+    """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
+    refuse_overwriting([out, report], [])
+    try:
+        layout = CharucoBoard.from_text(board)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--board") from error
+    for option, value in (("--scale", scale), ("--focal-length-px", focal_length_px)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise typer.BadParameter(
+                f"expected a positive number, got {value:g}", param_hint=option
+            )
+    opened = Session.open(session)
+    records = geometry_records(opened)
+    with progress_bar("matching captures", len(records)) as bar:
+        found = calibrate_geometry(
+            list(geometry_captures(opened)),
+            GeometryOptions(
+                nominal_focal_px=focal_length_px or nominal_focal_px(opened),
+                scale_px_per_mm=scale,
+                board=layout,
+            ),
+            bar.advance_to,
+        )
+    write_geometry(out, found)
+    for name, reason in found.excluded:
+        note(f"{name} is left out: {reason}")
+    for text in found.notes:
+        note(text)
+    if found.scale_source == "board":
+        note(f"the scale rests on {_SOURCES['board'].format(board=layout)}; --board names another")
+    if report is not None:
+        write_geometry_report(report, found, str(session))
+    if json:
+        print_json(geometry_document(found))
+        return
+    _print(found, layout)
+    say(f"wrote {out}" + (f" and {report}" if report else ""))
+
+
+def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
+    pupil = found.pupil
+    print_table(
+        "Geometry",
+        ["", "value", "standard error"],
+        [
+            ["entrance pupil above height 0 / mm", f"{pupil.pupil_offset_mm:.3f}",
+             f"{pupil.pupil_offset_err_mm:.3f}"],
+            ["focal length / px", *_cells(found.focal_length_px, 2)],
+            ["k1, at the image corner", *_cells(found.k1, 5)],
+            ["k2, at the image corner", *_cells(found.k2, 5)],
+            ["tilt of target to sensor / deg", *_cells(found.tilt_deg, 4)],
+            ["drift of the axis / (px/mm)", *_cells(found.axis_drift_px_per_mm, 5)],
+        ],
+    )  # fmt: skip
+    if found.scales is not None and found.scale_source is not None:
+        lowest = found.heights_mm[0]
+        print_table(
+            f"Heights (scale by {_SOURCES[found.scale_source].format(board=board)})",
+            ["height / mm", "scale / (px/mm)", "standard error", f"zoom from {lowest:g} mm"],
+            [
+                [f"{height:g}", f"{s.value:.5f}", f"{s.err:.5f}",
+                 f"{pupil.zoom(lowest, height)[0]:.5f}"]
+                for height, s in zip(found.heights_mm, found.scales, strict=True)
+            ],
+        )  # fmt: skip
+    for name, reason in found.undetermined.items():
+        say(f"{name} is not determined: {reason}")
+
+
+def _cells(measured: Measured | None, digits: int) -> list[str]:
+    if measured is None:
+        return ["not determined", ""]
+    return [f"{measured.value:.{digits}f}", f"{measured.err:.{digits}f}"]

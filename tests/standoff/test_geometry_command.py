@@ -1,0 +1,79 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.standoff.conftest import SMALL_BENCH, Command
+
+PLAN = """
+schema = "standoff.plan/1"
+name = "geometry"
+heights_mm = [160.0, 220.0, 300.0]
+frames_per_capture = 4
+
+[[targets]]
+kind = "board"
+target = "board"
+orientations_deg = [5.0]
+"""
+
+
+def board_session(command: Command, folder: Path) -> Path:
+    """Three captures of the board by a small camera."""
+    bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
+    wider = SMALL_BENCH.replace("width_px = 160", "width_px = 320").replace(
+        "height_px = 128", "height_px = 240\npupil_offset_mm = 12.5"
+    )
+    bench.write_text(wider.replace("pixel_pitch_um = 8.3", "pixel_pitch_um = 20.0"))
+    plan.write_text(PLAN)
+    done = command("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
+    assert done.status == 0, done.err
+    return path
+
+
+@pytest.mark.slow
+def test_a_board_session_gives_its_geometry_and_a_report(command: Command, tmp_path: Path) -> None:
+    session = board_session(command, tmp_path)
+    out, page = tmp_path / "geometry.json", tmp_path / "report.html"
+    done = command("geometry", "--session", session, "--out", out, "--report", page, "--json")
+    assert done.status == 0, done.err
+    document = json.loads(done.out)
+    assert document == json.loads(out.read_text())
+    assert document["heights_mm"] == [160.0, 220.0, 300.0]
+    assert document["pupil_offset_mm"] == pytest.approx(12.5, abs=0.3)
+    # 8 mm over 20 um, and the distance from the entrance pupil.
+    assert document["scale_px_per_mm"][0] == pytest.approx(400 / 172.5, rel=1e-3)
+    assert "--board" in done.err
+    text = page.read_text()
+    assert "Squareness" in text
+    assert 'src="http' not in text
+
+    table = command("geometry", "--session", session, "--out", out)
+    assert table.status == 0
+    assert "entrance pupil" in table.out
+
+    wrong = command("geometry", "--session", session, "--out", out, "--board", "5x5:12:9:5X5_50")
+    assert wrong.status == 1
+    assert wrong.err.count("\n") == 1
+    assert "corners" in wrong.err
+    assert "--board" in wrong.err
+
+
+def test_a_session_of_edges_alone_is_refused_in_one_line(
+    command: Command, session_dir: Path, tmp_path: Path
+) -> None:
+    done = command("geometry", "--session", session_dir, "--out", tmp_path / "g.json")
+    assert done.status == 1
+    assert "no capture of kind board, chart, texture" in done.err
+    assert not (tmp_path / "g.json").exists()
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--board", "eleven"), ("--scale", "-1"), ("--focal-length-px", "nan")]
+)
+def test_wrong_options_are_wrong_usage(
+    command: Command, tmp_path: Path, wrong: tuple[str, str]
+) -> None:
+    done = command("geometry", "--session", tmp_path, "--out", tmp_path / "g.json", *wrong)
+    assert done.status == 2
+    assert wrong[0] in done.err
