@@ -1,4 +1,4 @@
-"""Figures of a PSF calibration: edges on the image, profiles, widths, MTF."""
+"""Figures of measured edges: on their photograph, across each, and their widths by angle."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,17 +7,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from analysis.report_page import in_report_style, new_figure
 from calibration.edge_model import edge_profile
 from calibration.files import StoredEdge, StoredPsf
 
 __all__ = [
+    "ORIENTATION_COLOURS",
     "plot_edges",
-    "plot_mtf",
     "plot_profile",
     "plot_widths_by_angle",
-    "plot_widths_by_height",
 ]
 
 Image = NDArray[np.floating[Any]]
@@ -36,6 +36,7 @@ _PROFILE_BIN_PX = 0.25
 def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset[str]) -> Figure:
     """Draw the measured edges on their photograph; rejected ones dashed."""
     rows, cols = image_dn.shape
+    image_dn = _filled(image_dn)
     figure = new_figure(4.4, 4.4 * rows / cols + 0.5)
     axes = figure.subplots()
     low, high = np.percentile(image_dn, [0.5, 99.5])
@@ -131,63 +132,11 @@ def plot_widths_by_angle(psf: StoredPsf, rejected: frozenset[str]) -> Figure:
     return figure
 
 
-@in_report_style
-def plot_widths_by_height(psf: StoredPsf, rejected: frozenset[str]) -> Figure | None:
-    """Plot the width across every edge against the camera height; None for one height only."""
-    heights = [edge.height_mm for edge in psf.edges]
-    known = [height for height in heights if height is not None]
-    if len(known) < len(heights) or len(set(known)) < 2:
-        return None
-    figure = new_figure(6.4, 3.2)
-    axes = figure.subplots()
-    _draw_widths(axes, psf, rejected, known)
-    axes.set(xlabel="camera height / mm", ylabel="sigma across the edge / px")
-    figure.legend(loc="outside upper center", ncols=4, fontsize=8)
-    return figure
-
-
-@in_report_style
-def plot_mtf(psf: StoredPsf) -> Figure | None:
-    """Plot the fitted MTF along x and y, with the frequency of half contrast."""
-    curves = [
-        (name, total, optical)
-        for name, total, optical in (
-            ("vertical", psf.sigma_x_px, psf.optical_sigma_x_px),
-            ("horizontal", psf.sigma_y_px, psf.optical_sigma_y_px),
-        )
-        if total is not None
-    ]
-    if not curves:
-        return None
-    figure = new_figure(6.4, 3.0)
-    axes = figure.subplots()
-    frequency = np.linspace(0, 1, 501)
-    for name, total, optical in curves:
-        transfer = (
-            np.exp(-2 * (np.pi * total * frequency) ** 2)
-            if optical is None
-            else np.exp(-2 * (np.pi * optical * frequency) ** 2) * np.sinc(frequency)
-        )
-        half = float(np.interp(-0.5, -transfer, frequency))
-        axis = "x" if name == "vertical" else "y"
-        axes.plot(
-            frequency,
-            transfer,
-            color=ORIENTATION_COLOURS[name],
-            label=f"along {axis}: MTF50 {half:.3f} cy/px",
-        )
-        axes.plot([half], [0.5], "o", color=ORIENTATION_COLOURS[name], markersize=4)
-    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
-    axes.text(0.505, 0.6, "Nyquist", fontsize=8, va="top")
-    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast left")
-    axes.legend(loc="upper right")
-    return figure
-
-
 def _draw_widths(
     axes: Axes, psf: StoredPsf, rejected: frozenset[str], places: Sequence[float]
 ) -> None:
     labels = set()
+    shown: list[float] = []
     for edge, place in zip(psf.edges, places, strict=True):
         if rejected & set(edge.flags):
             continue
@@ -197,6 +146,7 @@ def _draw_widths(
         ):
             if width is None or err is None:
                 continue
+            shown.append(width)
             colour = ORIENTATION_COLOURS[edge.orientation]
             axes.errorbar(
                 place,
@@ -210,6 +160,19 @@ def _draw_widths(
                 label=None if name in labels else name,
             )
             labels.add(name)
+    if shown:  # a width that is hardly known must not set the scale by its error
+        room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
+        axes.set_ylim(min(shown) - room, max(shown) + room)
+
+
+def _filled(image_dn: Image) -> Image:
+    """The image with pixels that are NaN (of other colours in a mosaic) taken from beside."""
+    known = np.isfinite(image_dn)
+    if known.all():
+        return image_dn
+    sums = uniform_filter(np.where(known, image_dn, 0.0).astype(np.float64), 3, mode="nearest")
+    share = uniform_filter(known.astype(np.float64), 3, mode="nearest")
+    return np.where(known, image_dn, sums / np.maximum(share, 1e-9))
 
 
 def _edge_pixels(
@@ -224,7 +187,7 @@ def _edge_pixels(
     y, x = np.mgrid[:rows, :cols]
     u = (x - edge.x_px) * across[0] + (y - edge.y_px) * across[1]
     v = (x - edge.x_px) * along[0] + (y - edge.y_px) * along[1]
-    inside = (np.abs(u) <= band) & (np.abs(v) <= 0.5 * edge.length_px)
+    inside = (np.abs(u) <= band) & (np.abs(v) <= 0.5 * edge.length_px) & np.isfinite(image_dn)
     distances = u[inside].astype(np.float64)
     values = np.asarray(image_dn[inside], dtype=np.float64)
     far = 3 * edge.sigma_px + 1

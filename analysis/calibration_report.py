@@ -8,13 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.calibration_plots import (
-    plot_edges,
-    plot_mtf,
-    plot_profile,
-    plot_widths_by_angle,
-    plot_widths_by_height,
-)
+from analysis.calibration_plots import plot_edges, plot_profile
+from analysis.psf_change_sections import field_section, widths_section, with_err
+from analysis.psf_plots import plot_mtf
 from analysis.report_page import ReportFigure, ReportSection, ReportTable, Verdict
 from calibration.files import StoredEdge, StoredPsf
 from calibration.psf_calibration import REJECTING_FLAGS
@@ -36,7 +32,7 @@ def calibration_verdicts(psf: StoredPsf) -> tuple[Verdict, ...]:
         Verdict(
             name=name,
             value=_figure(value, unit),
-            remark=_interval(psf, key, value),
+            remark=_remark(psf, key, value),
         )
         for name, key, value, unit in (
             ("total sigma x", "sigma_x_px", psf.sigma_x_px, " px"),
@@ -50,7 +46,9 @@ def calibration_verdicts(psf: StoredPsf) -> tuple[Verdict, ...]:
     return tuple(verdicts)
 
 
-def calibration_sections(psf: StoredPsf, load_image: ImageLoader) -> tuple[ReportSection, ...]:
+def calibration_sections(
+    psf: StoredPsf, load_image: ImageLoader, images: frozenset[str] | None = None
+) -> tuple[ReportSection, ...]:
     """Return the sections on a PSF but for the list of edges.
 
     Parameters
@@ -59,12 +57,34 @@ def calibration_sections(psf: StoredPsf, load_image: ImageLoader) -> tuple[Repor
         What psf.json holds.
     load_image
         Gives the linear image that an edge was measured on, shape ``(rows, cols)``.
+    images
+        Names of the photographs that are at hand, None for all. Edges of others are in the
+        widths and tables, but cannot be drawn; the report says so.
     """
     sections = [_psf_section(psf)]
     if psf.edges:
-        sections += [_edges_section(psf, load_image), _profiles_section(psf, load_image)]
-        sections.append(_widths_section(psf))
+        drawn = [edge for edge in psf.edges if images is None or edge.image in images]
+        missing = len(psf.edges) - len(drawn)
+        if drawn:
+            sections += [
+                _edges_section(drawn, load_image, missing),
+                _profiles_section(drawn, load_image),
+            ]
+        else:
+            sections.append(ReportSection(title="Edges", text=_missing_text(missing)))
+        sections.append(widths_section(psf))
+    if (field := field_section(psf)) is not None:
+        sections.append(field)
     return tuple(sections)
+
+
+def _missing_text(missing: int) -> tuple[str, ...]:
+    if missing == 0:
+        return ()
+    return (
+        f"{missing} edges of this psf.json are on photographs that are not at hand here: they "
+        "count in the widths and stand in the tables, but are not drawn.",
+    )
 
 
 def _psf_section(psf: StoredPsf) -> ReportSection:
@@ -83,26 +103,73 @@ def _psf_section(psf: StoredPsf) -> ReportSection:
     figures = []
     if mtf is not None:
         figures.append(
-            ReportFigure.of(mtf, "Contrast left at each frequency, optics and pixel together.")
+            ReportFigure.of(
+                mtf,
+                "Contrast left at each frequency, optics and pixel together. The e-SFR is "
+                "measured without a model, the median over edges; where it leaves the Gaussian, "
+                "the PSF is not one.",
+            )
         )
     return ReportSection(
         title="Point spread function",
         text=(
             "Total is what the image shows: optics and square pixel together, the Sigma of the "
             "capture model. Optical is the lens alone.",
+            *_origin(psf),
         ),
         tables=(
             ReportTable(
                 columns=("", "total", "95 % interval", "optical", "95 % interval"),
                 rows=tuple(rows),
             ),
+            *_channels_table(psf),
         ),
         figures=tuple(figures),
     )
 
 
-def _edges_section(psf: StoredPsf, load_image: ImageLoader) -> ReportSection:
-    by_image = {name: list(edges) for name, edges in groupby(psf.edges, lambda e: e.image)}
+def _origin(psf: StoredPsf) -> tuple[str, ...]:
+    lines = []
+    if psf.method == "paper":
+        lines.append(
+            "Method paper: medians of Gaussians fitted to binned line spread functions. It is "
+            "biased by +5 % at 0.5 px and +1.3 % at 1 px, and knows no optical width and no rho."
+        )
+    if psf.region is not None:
+        lines.append(f"Only the part {psf.region} of the frame was used.")
+    if psf.channel is not None:
+        lines.append(f"Colour: {psf.channel}.")
+    return tuple(lines)
+
+
+def _channels_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
+    if not psf.channels:
+        return ()
+    rows = tuple(
+        (
+            name,
+            with_err(one.sigma_x_px, one.sigma_x_err_px),
+            with_err(one.sigma_y_px, one.sigma_y_err_px),
+            with_err(one.optical_sigma_x_px, one.optical_sigma_x_err_px),
+            with_err(one.optical_sigma_y_px, one.optical_sigma_y_err_px),
+        )
+        for name, one in psf.channels.items()
+    )
+    columns = (
+        "colour",
+        "total sigma x / px",
+        "total sigma y / px",
+        "optical sigma x / px",
+        "optical sigma y / px",
+    )
+    return (ReportTable(columns=columns, rows=rows, caption="Colours of the mosaic."),)
+
+
+def _edges_section(found: list[StoredEdge], load_image: ImageLoader, missing: int) -> ReportSection:
+    by_image = {
+        name: list(edges)
+        for name, edges in groupby(sorted(found, key=lambda e: e.image), lambda e: e.image)
+    }
     # Photographs whose edges point in other directions than those already shown.
     by_direction = {_directions(edges): name for name, edges in reversed(by_image.items())}
     shown = sorted(by_direction.values())[:_IMAGES_SHOWN]
@@ -114,6 +181,7 @@ def _edges_section(psf: StoredPsf, load_image: ImageLoader) -> ReportSection:
     text = ["Every straight edge that was found and fitted; long ones are cut into pieces."]
     if len(by_image) > len(shown):
         text.append(f"{len(shown)} of {len(by_image)} photographs are shown.")
+    text += _missing_text(missing)
     return ReportSection(title="Edges", text=tuple(text), figures=tuple(figures))
 
 
@@ -121,12 +189,12 @@ def _directions(edges: list[StoredEdge]) -> frozenset[int]:
     return frozenset(round(edge.angle_deg / _DIRECTION_STEP_DEG) for edge in edges)
 
 
-def _profiles_section(psf: StoredPsf, load_image: ImageLoader) -> ReportSection:
+def _profiles_section(found: list[StoredEdge], load_image: ImageLoader) -> ReportSection:
     figures = []
     for orientation in ("vertical", "horizontal", "diagonal"):
         edges = [
             edge
-            for edge in psf.edges
+            for edge in found
             if edge.orientation == orientation and not REJECTING_FLAGS & set(edge.flags)
         ]
         if not edges:
@@ -149,21 +217,6 @@ def _profiles_section(psf: StoredPsf, load_image: ImageLoader) -> ReportSection:
     )
 
 
-def _widths_section(psf: StoredPsf) -> ReportSection:
-    figures = [
-        ReportFigure.of(
-            plot_widths_by_angle(psf, REJECTING_FLAGS),
-            "Width across each edge with its standard error; the curve is the fitted covariance.",
-        )
-    ]
-    by_height = plot_widths_by_height(psf, REJECTING_FLAGS)
-    if by_height is not None:
-        figures.append(
-            ReportFigure.of(by_height, "The same widths against the height of the camera.")
-        )
-    return ReportSection(title="Width by angle and height", figures=tuple(figures))
-
-
 def edge_table_section(psf: StoredPsf) -> ReportSection:
     """List every edge in figures, folded."""
     rows = tuple(
@@ -173,8 +226,12 @@ def edge_table_section(psf: StoredPsf) -> ReportSection:
             f"{edge.length_px:.0f}",
             "over 9999" if edge.snr is None or edge.snr > 9999 else f"{edge.snr:.0f}",
             f"{edge.sigma_px:.4f} ± {edge.sigma_err_px:.4f}",
-            _with_err(edge.optical_sigma_px, edge.optical_sigma_err_px),
+            with_err(edge.optical_sigma_px, edge.optical_sigma_err_px),
             f"{edge.mtf50_cy_per_px:.3f}",
+            _optional(edge.esfr_mtf50_cy_per_px, ".3f"),
+            _optional(edge.contrast, ".2f"),
+            _optional(edge.roughness_px, ".3f"),
+            _percent(edge.clipped_fraction),
             "" if edge.chi2_reduced is None else f"{edge.chi2_reduced:.2f}",
             ", ".join(flag.replace("_", " ") for flag in edge.flags),
         )
@@ -188,6 +245,10 @@ def edge_table_section(psf: StoredPsf) -> ReportSection:
         "total sigma / px",
         "optical sigma / px",
         "MTF50 / (cy/px)",
+        "e-SFR MTF50 / (cy/px)",
+        "contrast",
+        "roughness / px",
+        "clipped / %",
         "reduced chi²",
         "remarks",
     )
@@ -205,8 +266,17 @@ def _figure(value: float | None, unit: str) -> str:
     return "not determined" if value is None else f"{value:.4f}{unit}"
 
 
-def _with_err(value: float | None, err: float | None) -> str:
-    return "" if value is None or err is None else f"{value:.4f} ± {err:.4f}"
+def _optional(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
+
+
+def _percent(fraction: float | None) -> str:
+    return "" if fraction is None else f"{100 * fraction:.2f}"
+
+
+def _remark(psf: StoredPsf, key: str, value: float | None) -> str:
+    interval = _interval(psf, key, value)
+    return f"95 %: {interval}" if interval else ""
 
 
 def _interval(psf: StoredPsf, key: str, value: float | None) -> str:

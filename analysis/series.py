@@ -39,10 +39,14 @@ class SeriesPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeriesComparison:
-    """All pairs of a session, and the means over them: the paper's Table II."""
+    """All pairs of a session, and the means over them: the paper's Table II.
+
+    ``left_out`` says which pairs could not be compared, and why.
+    """
 
     pairs: tuple[SeriesPair, ...]
     means: dict[Model, ModelMean]
+    left_out: tuple[str, ...] = ()
 
 
 def series_of(session: Session) -> list[list[CaptureRecord]]:
@@ -72,11 +76,12 @@ def compare_series(
     Raises
     ------
     AnalysisError
-        If there is no such series, or two captures of one cannot be aligned.
+        If there is no such series, or not two captures of one can be aligned.
     SessionError
         If a capture file is missing or changed.
     """
     pairs: list[SeriesPair] = []
+    left_out: list[str] = []
     for nearest, *others in series_of(session):
         reference = session.load(nearest).mean_dn
         for record in others:
@@ -85,15 +90,18 @@ def compare_series(
             try:
                 comparison = compare_pair(reference, session.load(record).mean_dn, psf)
             except AnalysisError as error:
-                raise AnalysisError(f"{nearest.file} and {record.file}: {error}") from error
+                left_out.append(f"{nearest.file} and {record.file}: {error}")
+                continue
             pairs.append(SeriesPair(reference=nearest, followup=record, comparison=comparison))
             progress(len(pairs))
+    if left_out and not pairs:
+        raise AnalysisError(left_out[0])
     if not pairs:
         raise AnalysisError(
             f"{session.path}: no target of kind texture or chart was captured at two heights"
         )
     means = {model: mean_metrics([p.comparison.metrics[model] for p in pairs]) for model in MODELS}
-    return SeriesComparison(pairs=tuple(pairs), means=means)
+    return SeriesComparison(pairs=tuple(pairs), means=means, left_out=tuple(left_out))
 
 
 def write_comparison(path: Path, comparison: SeriesComparison) -> None:
@@ -108,6 +116,7 @@ def write_comparison(path: Path, comparison: SeriesComparison) -> None:
         "schema": COMPARISON_SCHEMA,
         "table_2": {model: asdict(mean) for model, mean in comparison.means.items()},
         "pairs": [_pair_document(pair) for pair in comparison.pairs],
+        "left_out": list(comparison.left_out),
     }
     try:
         atomic_write(path, (json.dumps(document, indent=1) + "\n").encode("utf-8"))

@@ -11,19 +11,18 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CovarianceFit", "Estimate", "fit_covariance", "orientation_of"]
+from calibration.variance_fit import RESAMPLES, VarianceFit, fit_variances
+
+__all__ = ["CovarianceFit", "Estimate", "fit_covariance", "median_width", "orientation_of"]
 
 Array = NDArray[np.float64]
 
 ORIENTATION_TOLERANCE_DEG = 22.5
 _NORMAL_95 = 1.959963984540054
+_MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
+_MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
 _RHO_ERR_MOST = 0.25  # a correlation known worse than this is not determined
 _WIDTH_ERR_MOST = 0.25  # relative
-_TUKEY_SIGMAS = 5.0
-_ROUNDS = 12
-_BOOTSTRAP_EDGES = 12  # fewer edges cannot be resampled: the interval is the normal one
-_RESAMPLES = 2000
-_BOOTSTRAP_SEED = 20190906
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +33,27 @@ class Estimate:
     err: float
     low: float
     high: float
+
+
+def median_width(sigma_px: Array, sigma_err_px: Array) -> Estimate:
+    """Median of widths, its error from their scatter; a single width keeps its own error.
+
+    Raises
+    ------
+    ValueError
+        If there is no width.
+    """
+    widths = np.asarray(sigma_px, dtype=np.float64)
+    if widths.size == 0:
+        raise ValueError("a median needs at least one width")
+    value = float(np.median(widths))
+    err = float(sigma_err_px[0])
+    if widths.size > 1:
+        scatter = float(np.median(np.abs(widths - value))) / _MAD_PER_SIGMA
+        err = _MEDIAN_ERR * scatter / sqrt(widths.size)
+    return Estimate(
+        value=value, err=err, low=value - _NORMAL_95 * err, high=value + _NORMAL_95 * err
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +132,7 @@ def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> C
     for name, chosen in (("vertical", vertical), ("horizontal", horizontal)):
         if chosen.any():
             ones = np.ones((int(chosen.sum()), 1))
-            fit = _least_squares(ones, sigma[chosen], err[chosen])
+            fit = fit_variances(ones, sigma[chosen], err[chosen])
             fits[name] = _width(fit, 0)
             weights[chosen] = fit.weights
             scatter = fit.scatter_px
@@ -126,98 +146,8 @@ def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> C
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Solution:
-    values: Array
-    covariance: Array
-    replicates: Array | None
-    scatter_px: float
-    weights: Array
-
-
-def _least_squares(design: Array, sigma: Array, err: Array) -> _Solution:
-    """Robust weighted least squares of ``sigma**2``, scatter beyond the errors included."""
-    count, unknowns = design.shape
-    squares = sigma**2
-    centre = sigma.copy()  # each width's model value, once there is one
-    trust = np.ones(count)
-    scatter2 = 0.0
-    values: Array = np.zeros(unknowns)
-    weight = np.ones(count)
-    for round_ in range(_ROUNDS):
-        spread = 2 * centre * np.sqrt(err**2 + scatter2)
-        weight = trust / spread**2
-        normal = design.T @ (weight[:, None] * design)
-        values = np.asarray(
-            np.linalg.solve(normal, design.T @ (weight * squares)), dtype=np.float64
-        )
-        model = design @ values
-        centre = np.sqrt(np.maximum(model, 0.25 * squares))
-        deviation = (squares - model) / (2 * centre)
-        freedom = trust.sum() - unknowns
-        if freedom >= 1:
-            scatter2 = _excess_variance(deviation, err, trust, freedom)
-            if count >= 6 and round_ > 0:
-                robust = np.median(np.abs(deviation / np.sqrt(err**2 + scatter2)))
-                scale = max(robust / 0.6745, 1.0)
-                ratio = deviation / (_TUKEY_SIGMAS * scale * np.sqrt(err**2 + scatter2))
-                trust = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
-                trust = np.where(np.abs(ratio) < 0.5, 1.0, trust)
-    covariance: Array = np.asarray(
-        np.linalg.inv(design.T @ (weight[:, None] * design)), dtype=np.float64
-    )
-    return _Solution(
-        values=values,
-        covariance=covariance,
-        replicates=_bootstrap(design, squares, weight),
-        scatter_px=sqrt(scatter2),
-        weights=trust,
-    )
-
-
-def _excess_variance(deviation: Array, err: Array, trust: Array, freedom: float) -> float:
-    """Variance beyond the errors that makes the weighted squares equal their expectation.
-
-    Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
-    """
-    low, high = 0.0, float(np.max(deviation**2)) * 2 + 1e-30
-
-    def surplus(variance: float) -> float:
-        return float(np.sum(trust * deviation**2 / (err**2 + variance))) - freedom
-
-    if surplus(0.0) <= 0:
-        return 0.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if surplus(middle) > 0:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
-
-
-def _bootstrap(design: Array, squares: Array, weight: Array) -> Array | None:
-    """Solutions of resampled edges, shape ``(resamples, unknowns)``; None for few edges.
-
-    The replicates are widened by sqrt(n / (n - p)): resampled residuals are too small.
-    """
-    count, unknowns = design.shape
-    if count < _BOOTSTRAP_EDGES:
-        return None
-    rng = np.random.default_rng(_BOOTSTRAP_SEED)
-    copies = rng.multinomial(count, np.full(count, 1 / count), size=_RESAMPLES)
-    w = copies * weight
-    normal = np.einsum("rn,ni,nj->rij", w, design, design, optimize=True)
-    right = np.einsum("rn,ni->ri", w * squares, design, optimize=True)
-    # A resample without one of the directions has no solution: its row is left out.
-    usable = np.linalg.cond(normal) < 1e10
-    solved = np.linalg.solve(normal[usable], right[usable][:, :, None])[:, :, 0]
-    middle = np.linalg.solve(design.T @ (weight[:, None] * design), design.T @ (weight * squares))
-    return np.asarray(middle + (solved - middle) * sqrt(count / (count - unknowns)))
-
-
 def _estimate(value: float, err: float, replicates: Array | None) -> Estimate:
-    if replicates is not None and replicates.size >= _RESAMPLES // 2:
+    if replicates is not None and replicates.size >= RESAMPLES // 2:
         low, high = np.quantile(replicates, [0.025, 0.975])
         return Estimate(value=value, err=err, low=float(low), high=float(high))
     return Estimate(
@@ -225,7 +155,7 @@ def _estimate(value: float, err: float, replicates: Array | None) -> Estimate:
     )
 
 
-def _width(fit: _Solution, place: int) -> Estimate | None:
+def _width(fit: VarianceFit, place: int) -> Estimate | None:
     """Square root of a variance, with its error; None where the variance is not positive."""
     variance = float(fit.values[place])
     if not variance > 0:
@@ -241,7 +171,7 @@ def _width(fit: _Solution, place: int) -> Estimate | None:
 def _determined_fully(design: Array, sigma: Array, err: Array) -> CovarianceFit | None:
     if sigma.size < 3 or np.linalg.matrix_rank(design, tol=1e-3) < 3:
         return None
-    fit = _least_squares(design, sigma, err)
+    fit = fit_variances(design, sigma, err)
     xx, xy, yy = fit.values.tolist()
     if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
         return None
@@ -270,7 +200,7 @@ def _determined_fully(design: Array, sigma: Array, err: Array) -> CovarianceFit 
 def _axis_aligned(
     design: Array, sigma: Array, err: Array, axial: NDArray[np.bool_]
 ) -> CovarianceFit:
-    fit = _least_squares(design[axial], sigma[axial], err[axial])
+    fit = fit_variances(design[axial], sigma[axial], err[axial])
     weights = np.zeros(sigma.size)
     weights[axial] = fit.weights
     return CovarianceFit(

@@ -21,6 +21,7 @@ _ZONE_LEAST_PX = 8.0
 _ZONE_PIXELS = 30
 _STRIDE_PX = 2  # along rows and columns: a quarter of the pixels is enough
 _SLOPE_ERRORS = 5.0
+_FAR_ERRORS = 4.0  # a tail has faded there: the slope has to be seen in the far zone alone
 _AGREE_ERRORS = 3.0
 _AGREE_SHARE = 0.25  # of the slope: vignetting is not quite straight
 _SLOPE_LEAST = 5e-4  # of the contrast over half the band: less does not move sigma by 0.1 %
@@ -66,7 +67,8 @@ def without_slopes_across(
         far, far_error = _slope(sums[side, 1])
         slope, error = _slope(sums[side, 0] + sums[side, 1])
         apart = _AGREE_ERRORS * sqrt(near_error**2 + far_error**2)
-        if abs(near - far) > max(apart, _AGREE_SHARE * abs(slope)):
+        is_tail = abs(near - far) > max(apart, _AGREE_SHARE * abs(slope))
+        if is_tail or abs(far) <= _FAR_ERRORS * far_error:
             continue
         if abs(slope) * half_width > _SLOPE_LEAST * contrast and abs(slope) > _SLOPE_ERRORS * error:
             slopes[side] = slope

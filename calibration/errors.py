@@ -2,6 +2,8 @@
 
 __all__ = [
     "CalibrationError",
+    "GeometryError",
+    "GeometryFileError",
     "HomographyFileError",
     "NoEdgeError",
     "NoiseFileError",
@@ -12,6 +14,14 @@ __all__ = [
 
 class CalibrationError(Exception):
     """The photographs or files do not allow the measurement that was asked for."""
+
+
+class GeometryError(CalibrationError):
+    """The captures do not tell the geometry of camera and stage."""
+
+
+class GeometryFileError(CalibrationError):
+    """A geometry.json cannot be read or written, or lacks a value that is needed."""
 
 
 class HomographyFileError(CalibrationError):

@@ -1,190 +1,64 @@
-"""Reads and writes psf.json, reads noise.json and H.json: nothing else here touches them."""
+"""Reads and writes psf.json and geometry.json, reads noise.json and H.json: nothing else does."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from acquisition.atomic_write import atomic_write
-from calibration.covariance_fit import Estimate
-from calibration.errors import CalibrationError, HomographyFileError, NoiseFileError, PsfFileError
-from calibration.psf_calibration import EdgeMeasurement, PsfCalibration
+from calibration.errors import (
+    CalibrationError,
+    GeometryFileError,
+    HomographyFileError,
+    NoiseFileError,
+    PsfFileError,
+)
+from calibration.geometry import GeometryCalibration
+from calibration.geometry_document import GEOMETRY_SCHEMA, StoredGeometry, geometry_document
+from calibration.psf_calibration import PsfCalibration
+from calibration.psf_document import PSF_SCHEMA, PsfOrigin, psf_document
+from calibration.stored_psf import StoredEdge, StoredField, StoredPsf
 from simulation.capture_noise import CaptureNoise
-from simulation.field import PsfField
-from simulation.psf import GaussianPsf
 
 __all__ = [
+    "GEOMETRY_SCHEMA",
     "HOMOGRAPHY_SCHEMA",
     "NOISE_SCHEMA",
     "PSF_SCHEMA",
+    "PsfOrigin",
     "StoredEdge",
     "StoredField",
+    "StoredGeometry",
     "StoredHomography",
     "StoredPsf",
+    "geometry_document",
     "psf_document",
+    "read_geometry",
     "read_homography",
     "read_noise",
     "read_psf",
+    "write_geometry",
     "write_psf",
 ]
 
-PSF_SCHEMA = "standoff.psf/1"
 NOISE_SCHEMA = "standoff.noise/1"
 HOMOGRAPHY_SCHEMA = "standoff.homography/1"
 
-_Matrix = list[list[float]]
 
-
-class StoredEdge(BaseModel):
-    """One edge of a psf.json."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    image: str
-    capture: int | None
-    height_mm: float | None
-    x_px: float
-    y_px: float
-    angle_deg: float
-    orientation: Literal["vertical", "horizontal", "diagonal"]
-    length_px: float
-    snr: float | None
-    sigma_px: float
-    sigma_err_px: float
-    optical_sigma_px: float | None
-    optical_sigma_err_px: float | None
-    mtf50_cy_per_px: float
-    chi2_reduced: float | None
-    flags: list[str]
-
-
-class StoredField(BaseModel):
-    """The PSF over the frame, in a psf.json: what ``PsfField`` takes, rows xx, xy and yy.
-
-    The coefficients without prefix are those of the total covariance.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    width_px: int
-    height_px: int
-    coefficients_px2: _Matrix
-    optical_coefficients_px2: _Matrix | None = None
-
-
-class StoredPsf(BaseModel):
-    """What a psf.json holds; None for what its edges did not determine.
-
-    sigma without prefix is the total PSF. Only the total values need to be there.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    sigma_x_px: float | None = None
-    sigma_y_px: float | None = None
-    rho: float | None = None
-    covariance_px2: _Matrix | None = None
-    sigma_x_err_px: float | None = None
-    sigma_y_err_px: float | None = None
-    rho_err: float | None = None
-    optical_sigma_x_px: float | None = None
-    optical_sigma_y_px: float | None = None
-    optical_sigma_x_err_px: float | None = None
-    optical_sigma_y_err_px: float | None = None
-    optical_rho: float | None = None
-    optical_rho_err: float | None = None
-    optical_covariance_px2: _Matrix | None = None
-    intervals_95: dict[str, tuple[float, float]] = {}
-    field: StoredField | None = None
-    method: str | None = None
-    edges: list[StoredEdge] = []
-
-    def total_psf(self, source: str) -> GaussianPsf:
-        """Return the total PSF; a correlation that is not given is taken as none.
-
-        Raises
-        ------
-        PsfFileError
-            If a width is null; the message names ``source`` and the width.
-        """
-        for name, edges in (("sigma_x_px", "vertical"), ("sigma_y_px", "horizontal")):
-            if getattr(self, name) is None:
-                raise PsfFileError(
-                    f"{source}: {name} is null: its edges do not determine it; "
-                    f"calibrate with {edges} edges as well"
-                )
-        try:
-            return GaussianPsf(
-                sigma_x_px=float(self.sigma_x_px or 0.0),
-                sigma_y_px=float(self.sigma_y_px or 0.0),
-                rho=self.rho or 0.0,
-            )
-        except ValueError as error:
-            raise PsfFileError(f"{source}: {error}") from error
-
-    def total_field(self, source: str) -> PsfField | None:
-        """Return the total PSF over the frame, None where the file has none.
-
-        Raises
-        ------
-        PsfFileError
-            If its coefficients make no PSF; the message names ``source``.
-        """
-        if self.field is None:
-            return None
-        try:
-            return PsfField(
-                width_px=self.field.width_px,
-                height_px=self.field.height_px,
-                coefficients_px2=np.array(self.field.coefficients_px2, dtype=np.float64),
-            )
-        except ValueError as error:
-            raise PsfFileError(f"{source}: field: {error}") from error
-
-
-def psf_document(calibration: PsfCalibration) -> dict[str, Any]:
-    """Return the content of psf.json as plain lists and numbers."""
-    widths = {
-        name: getattr(calibration, name)
-        for name in (
-            "sigma_x_px",
-            "sigma_y_px",
-            "rho",
-            "optical_sigma_x_px",
-            "optical_sigma_y_px",
-            "optical_rho",
-        )
-    }
-    document: dict[str, Any] = {"schema": PSF_SCHEMA}
-    for name, estimate in widths.items():
-        document[name] = _value(estimate)
-        error_name = name.replace("_px", "_err_px") if name.endswith("_px") else f"{name}_err"
-        document[error_name] = estimate.err if estimate else None
-    for name in ("covariance_px2", "optical_covariance_px2"):
-        matrix = getattr(calibration, name)
-        document[name] = None if matrix is None else np.asarray(matrix).tolist()
-    document["intervals_95"] = {n: [e.low, e.high] for n, e in widths.items() if e is not None}
-    document["field"] = None
-    document["method"] = calibration.method
-    document["edges"] = [_edge_document(edge) for edge in calibration.edges]
-    return document
-
-
-def write_psf(path: Path, calibration: PsfCalibration) -> None:
-    """Write psf.json, whole or not at all.
+def write_psf(path: Path, calibration: PsfCalibration, origin: PsfOrigin | None = None) -> None:
+    """Write psf.json, whole or not at all; ``origin`` says of which camera, and when.
 
     Raises
     ------
     PsfFileError
         If the file cannot be written.
     """
-    text = json.dumps(psf_document(calibration), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(psf_document(calibration, origin), indent=1, allow_nan=False) + "\n"
     try:
         atomic_write(path, text.encode("utf-8"))
     except OSError as error:
@@ -204,6 +78,38 @@ def read_psf(path: Path) -> StoredPsf:
         return StoredPsf.model_validate(document)
     except ValidationError as error:
         raise PsfFileError(f"{path}: {_first_fault(error.errors())}") from error
+
+
+def write_geometry(path: Path, geometry: GeometryCalibration) -> None:
+    """Write geometry.json, whole or not at all.
+
+    Raises
+    ------
+    GeometryFileError
+        If the file cannot be written.
+    """
+    text = json.dumps(geometry_document(geometry), indent=1, allow_nan=False) + "\n"
+    try:
+        atomic_write(path, text.encode("utf-8"))
+    except OSError as error:
+        raise GeometryFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+def read_geometry(path: Path) -> StoredGeometry:
+    """Read a geometry.json.
+
+    Raises
+    ------
+    GeometryFileError
+        If it cannot be read, is of another schema or lacks a value.
+    """
+    document = _document(
+        path, GEOMETRY_SCHEMA, GeometryFileError, "write it with standoff geometry"
+    )
+    try:
+        return StoredGeometry.model_validate(document)
+    except ValidationError as error:
+        raise GeometryFileError(f"{path}: {_first_fault(error.errors())}") from error
 
 
 def read_noise(path: Path) -> CaptureNoise:
@@ -293,29 +199,3 @@ def _document(
 def _first_fault(faults: Sequence[Any]) -> str:
     place = ".".join(str(part) for part in faults[0]["loc"])
     return f"{place}: {faults[0]['msg']}"
-
-
-def _value(estimate: Estimate | None) -> float | None:
-    return estimate.value if estimate else None
-
-
-def _edge_document(edge: EdgeMeasurement) -> dict[str, Any]:
-    fit = edge.fit
-    return {
-        "image": edge.image,
-        "capture": edge.capture,
-        "height_mm": edge.height_mm,
-        "x_px": fit.x_px,
-        "y_px": fit.y_px,
-        "angle_deg": fit.angle_deg,
-        "orientation": edge.orientation,
-        "length_px": fit.length_px,
-        "snr": fit.snr if math.isfinite(fit.snr) else None,
-        "sigma_px": fit.sigma_px,
-        "sigma_err_px": fit.sigma_err_px,
-        "optical_sigma_px": fit.optical_sigma_px,
-        "optical_sigma_err_px": fit.optical_sigma_err_px,
-        "mtf50_cy_per_px": edge.mtf50_cy_per_px,
-        "chi2_reduced": fit.chi2_reduced,
-        "flags": list(edge.flags),
-    }

@@ -1,99 +1,53 @@
 """From photographs of edges to the PSF of the camera: the whole measurement, without files."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.covariance_fit import CovarianceFit, Estimate, fit_covariance, orientation_of
-from calibration.edge_detection import find_edges
-from calibration.edge_fit import EdgeFit, fit_edge
+from calibration.covariance_fit import (
+    CovarianceFit,
+    Estimate,
+    fit_covariance,
+    median_width,
+)
+from calibration.edge_measurement import (
+    REJECTING_FLAGS,
+    EdgeImage,
+    EdgeMeasurement,
+    Method,
+    Region,
+    measure_edges,
+)
 from calibration.errors import NoEdgeError
-from calibration.mtf import gaussian_mtf50, pixel_mtf50
-from calibration.noise_model import LevelNoise
+from calibration.height_trend import HeightTrend, fit_height_trend
+from calibration.measured_transfer import MeasuredTransfer, mean_transfer
+from calibration.psf_field import FieldEdges, FieldFit, fit_psf_field
 
 __all__ = [
     "REJECTING_FLAGS",
     "EdgeImage",
     "EdgeMeasurement",
+    "Method",
     "PsfCalibration",
     "Region",
     "calibrate_psf",
     "measure_edges",
+    "psf_of_edges",
+    "why_no_edge",
 ]
 
-REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
-"""Flags of edges that do not count; the others are remarks."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Region:
-    """Part of an image that is used, in px: left, top, width and height."""
-
-    x_px: int
-    y_px: int
-    width_px: int
-    height_px: int
-
-    @classmethod
-    def centre(cls, rows: int, cols: int) -> "Region":
-        """Return the central half along both axes, which the paper's PSF stands for."""
-        return cls(
-            x_px=cols // 4,
-            y_px=rows // 4,
-            width_px=cols - 2 * (cols // 4),
-            height_px=rows - 2 * (rows // 4),
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeImage:
-    """One photograph with edges: a plane linear in light, and what is known about it."""
-
-    name: str
-    image_dn: NDArray[np.float64]
-    capture: int | None = None
-    height_mm: float | None = None
-    noise: LevelNoise | None = None
-    saturation_dn: float | None = None
-    is_jpeg: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeMeasurement:
-    """The fit of one edge, and where it comes from."""
-
-    image: str
-    capture: int | None
-    height_mm: float | None
-    fit: EdgeFit
-    flags: tuple[str, ...]
-
-    @property
-    def orientation(self) -> str:
-        """Name of the edge's direction: vertical, horizontal or diagonal."""
-        return orientation_of(self.fit.angle_deg)
-
-    @property
-    def is_used(self) -> bool:
-        """Whether the edge counts in the PSF."""
-        return not REJECTING_FLAGS & set(self.flags)
-
-    @property
-    def mtf50_cy_per_px(self) -> float:
-        """Frequency of half contrast across the edge, of the fitted Gaussian with its pixel."""
-        if self.fit.optical_sigma_px is None:
-            return gaussian_mtf50(self.fit.sigma_px)
-        return pixel_mtf50(self.fit.optical_sigma_px, self.fit.normal_rad)
+_LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PsfCalibration:
     """The PSF of a camera: total and optical, None for what the edges do not determine.
 
-    Total is optics and pixel together, what equation (1) of the paper calls Sigma.
+    Total is optics and pixel together, what equation (1) of the paper calls Sigma. ``field``
+    and ``optical_field`` are None where one PSF holds for the whole frame, as far as the edges
+    tell. ``channels`` holds the calibrations of the colours of a mosaic by name.
     """
 
     sigma_x_px: Estimate | None
@@ -104,8 +58,13 @@ class PsfCalibration:
     optical_sigma_y_px: Estimate | None
     optical_rho: Estimate | None
     optical_covariance_px2: NDArray[np.float64] | None
-    method: Literal["all-angles"] = "all-angles"
-    edges: tuple[EdgeMeasurement, ...] = field(default=())
+    method: Method = "all-angles"
+    edges: tuple[EdgeMeasurement, ...] = ()
+    field: FieldFit | None = None
+    optical_field: FieldFit | None = None
+    height_trend: HeightTrend | None = None
+    transfer: MeasuredTransfer | None = None
+    channels: "dict[str, PsfCalibration] | None" = None
 
     @property
     def edges_used(self) -> tuple[EdgeMeasurement, ...]:
@@ -113,53 +72,10 @@ class PsfCalibration:
         return tuple(edge for edge in self.edges if edge.is_used)
 
 
-def measure_edges(source: EdgeImage, region: Region | None = None) -> list[EdgeMeasurement]:
-    """Find and fit every straight edge of one photograph.
-
-    Parameters
-    ----------
-    source
-        The photograph.
-    region
-        Only pixels inside it are used; places are given in the whole image.
-
-    Raises
-    ------
-    ValueError
-        If the region does not lie inside the image.
-    """
-    rows, cols = source.image_dn.shape
-    image = source.image_dn
-    left = top = 0
-    if region is not None:
-        left, top = region.x_px, region.y_px
-        right, bottom = left + region.width_px, top + region.height_px
-        if not (0 <= left < right <= cols and 0 <= top < bottom <= rows):
-            raise ValueError(f"region {region} does not lie inside {source.name} ({cols}x{rows})")
-        image = image[top:bottom, left:right]
-    measurements = []
-    for segment in find_edges(image):
-        fit = fit_edge(image, segment, noise=source.noise, saturation_dn=source.saturation_dn)
-        if fit is not None:
-            measurements.append(_measurement(source, fit, left, top))
-    return measurements
-
-
-def _measurement(source: EdgeImage, fit: EdgeFit, left: int, top: int) -> EdgeMeasurement:
-    moved = fit.moved(left, top)
-    flags = (*fit.flags, "jpeg") if source.is_jpeg else fit.flags
-    return EdgeMeasurement(
-        image=source.name,
-        capture=source.capture,
-        height_mm=source.height_mm,
-        fit=moved,
-        flags=flags,
-    )
-
-
 def calibrate_psf(
     sources: Iterable[EdgeImage],
     *,
+    method: Method = "all-angles",
     region: Callable[[EdgeImage], Region | None] = lambda _: None,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
@@ -169,6 +85,9 @@ def calibrate_psf(
     ----------
     sources
         The photographs, read one at a time.
+    method
+        ``paper`` is the paper's own way: medians over vertical and horizontal edges of
+        Gaussians fitted to binned line spread functions.
     region
         Gives the part of each photograph that is used; None for all of it.
     progress
@@ -181,23 +100,40 @@ def calibrate_psf(
     """
     edges: list[EdgeMeasurement] = []
     names: list[str] = []
+    frames: set[tuple[int, int]] = set()
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
-        edges.extend(measure_edges(source, region(source)))
+        frames.add(source.frame)
+        edges.extend(measure_edges(source, region(source), method))
         progress(done)
     used = [edge for edge in edges if edge.is_used]
     if not used:
-        raise NoEdgeError(_why_none(names, edges))
-    total = _fit(used, [(e.fit.sigma_px, e.fit.sigma_err_px) for e in used])
-    resolved = [
-        (e, e.fit.optical_sigma_px, e.fit.optical_sigma_err_px)
-        for e in used
-        if e.fit.optical_sigma_px is not None and e.fit.optical_sigma_err_px is not None
-    ]
+        raise NoEdgeError(why_no_edge(names, edges))
+    return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
+
+
+def psf_of_edges(
+    edges: Sequence[EdgeMeasurement],
+    method: Method = "all-angles",
+    frame: tuple[int, int] | None = None,
+) -> PsfCalibration:
+    """Work out the PSF from measured edges, one of which at least counts.
+
+    Parameters
+    ----------
+    edges
+        All edges; those that do not count are kept in the list.
+    method
+        How they were measured.
+    frame
+        Rows and columns of the photographs; None where they differ, and there is no field.
+    """
+    used = [edge for edge in edges if edge.is_used]
+    total = _medians(used) if method == "paper" else _fit(used, is_optical=False)
     optical = None
-    if resolved:
-        optical = _fit([e for e, _, _ in resolved], [(s, err) for _, s, err in resolved])
-    return PsfCalibration(
+    if resolved := [edge for edge in used if edge.fit.optical_sigma_px is not None]:
+        optical = _fit(resolved, is_optical=True)
+    calibration = PsfCalibration(
         sigma_x_px=total.sigma_x_px,
         sigma_y_px=total.sigma_y_px,
         rho=total.rho,
@@ -206,19 +142,103 @@ def calibrate_psf(
         optical_sigma_y_px=optical.sigma_y_px if optical else None,
         optical_rho=optical.rho if optical else None,
         optical_covariance_px2=optical.covariance_px2 if optical else None,
+        method=method,
         edges=tuple(edges),
+        height_trend=_height_trend(used, total),
+        transfer=_transfer(used),
+    )
+    if method == "paper" or frame is None:
+        return calibration
+    rows, cols = frame
+    whole = fit_psf_field(_field_edges(used, is_optical=False), cols, rows)
+    if whole is None:
+        return calibration
+    lens = None
+    if resolved:
+        lens = fit_psf_field(_field_edges(resolved, is_optical=True), cols, rows, is_asked=False)
+    return replace(calibration, field=whole, optical_field=lens)
+
+
+def _widths(
+    edges: Sequence[EdgeMeasurement], *, is_optical: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    pairs = [
+        (edge.fit.optical_sigma_px or 0.0, edge.fit.optical_sigma_err_px or 0.0)
+        if is_optical
+        else (edge.fit.sigma_px, edge.fit.sigma_err_px)
+        for edge in edges
+    ]
+    sigma, err = np.array(pairs).T
+    return sigma, np.maximum(err, _LEAST_ERR_PX)
+
+
+def _angles(edges: Sequence[EdgeMeasurement]) -> NDArray[np.float64]:
+    return np.array([edge.fit.angle_deg for edge in edges])
+
+
+def _fit(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> CovarianceFit:
+    return fit_covariance(_angles(edges), *_widths(edges, is_optical=is_optical))
+
+
+def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
+    medians = {}
+    for orientation in ("vertical", "horizontal"):
+        chosen = [edge for edge in edges if edge.orientation == orientation]
+        medians[orientation] = median_width(*_widths(chosen, is_optical=False)) if chosen else None
+    return CovarianceFit(
+        sigma_x_px=medians["vertical"],
+        sigma_y_px=medians["horizontal"],
+        rho=None,
+        covariance_px2=None,
+        scatter_px=0.0,
+        weights=np.array([float(edge.orientation != "diagonal") for edge in edges]),
     )
 
 
-def _fit(edges: list[EdgeMeasurement], widths: list[tuple[float, float]]) -> CovarianceFit:
-    return fit_covariance(
-        np.array([edge.fit.angle_deg for edge in edges]),
-        np.array([width for width, _ in widths]),
-        np.array([max(err, 1e-9) for _, err in widths]),
+def _field_edges(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> FieldEdges:
+    sigma, err = _widths(edges, is_optical=is_optical)
+    return FieldEdges(
+        x_px=np.array([edge.fit.x_px for edge in edges]),
+        y_px=np.array([edge.fit.y_px for edge in edges]),
+        angle_deg=_angles(edges),
+        sigma_px=sigma,
+        sigma_err_px=err,
     )
 
 
-def _why_none(names: list[str], edges: list[EdgeMeasurement]) -> str:
+def _transfer(edges: Sequence[EdgeMeasurement]) -> MeasuredTransfer:
+    curves = {
+        orientation: mean_transfer(
+            [e.esfr for e in edges if e.orientation == orientation and e.esfr is not None]
+        )
+        for orientation in ("vertical", "horizontal")
+    }
+    return MeasuredTransfer(x=curves["vertical"], y=curves["horizontal"])
+
+
+def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> HeightTrend | None:
+    heights, widths, errs = [], [], []
+    for edge in edges:
+        expected = _expected_width(edge, total)
+        if edge.height_mm is None or expected is None:
+            continue
+        heights.append(edge.height_mm)
+        widths.append(edge.fit.sigma_px / expected)
+        errs.append(max(edge.fit.sigma_err_px, _LEAST_ERR_PX) / expected)
+    return fit_height_trend(np.array(heights), np.array(widths), np.array(errs))
+
+
+def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None:
+    """Width of the whole calibration across this edge's direction."""
+    if total.covariance_px2 is not None:
+        normal = np.array([np.cos(edge.fit.normal_rad), np.sin(edge.fit.normal_rad)])
+        return float(np.sqrt(normal @ total.covariance_px2 @ normal))
+    axis = {"vertical": total.sigma_x_px, "horizontal": total.sigma_y_px}.get(edge.orientation)
+    return None if axis is None else axis.value
+
+
+def why_no_edge(names: list[str], edges: list[EdgeMeasurement]) -> str:
+    """Return the line that says why none of the edges of these photographs counts."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
         return f"{where}: no straight edge found; photograph a sharp edge of dark on white"

@@ -6,7 +6,7 @@ from math import hypot, isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PsfField"]
+__all__ = ["PsfField", "field_monomials"]
 
 FloatArray = NDArray[np.float64]
 
@@ -94,19 +94,33 @@ class PsfField:
         ndarray of float64, shape (..., 2, 2)
             Order (x, y); the leading axes are those of ``x_px`` and ``y_px`` together.
         """
-        centre_x, centre_y = self.centre_px
-        u = (np.asarray(x_px, dtype=np.float64) - centre_x) / self.corner_radius_px
-        v = (np.asarray(y_px, dtype=np.float64) - centre_y) / self.corner_radius_px
-        monomials = np.stack(
-            [
-                u ** (total - power) * v**power
-                for total in range(self.degree + 1)
-                for power in range(total + 1)
-            ],
-            axis=-1,
-        )
+        monomials = field_monomials(self.width_px, self.height_px, self.degree, x_px, y_px)
         xx, xy, yy = (monomials @ row for row in self.coefficients_px2)
         return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def field_monomials(
+    width_px: int,
+    height_px: int,
+    degree: int,
+    x_px: FloatArray | float,
+    y_px: FloatArray | float,
+) -> FloatArray:
+    """Monomials of a ``PsfField`` at places of its frame, in the order of its coefficients.
+
+    Returns
+    -------
+    ndarray of float64, shape (..., n)
+        The leading axes are those of ``x_px`` and ``y_px`` together.
+    """
+    centre_x, centre_y = (width_px - 1) / 2, (height_px - 1) / 2
+    radius = hypot(centre_x, centre_y)
+    u = (np.asarray(x_px, dtype=np.float64) - centre_x) / radius
+    v = (np.asarray(y_px, dtype=np.float64) - centre_y) / radius
+    terms = [
+        u ** (total - power) * v**power for total in range(degree + 1) for power in range(total + 1)
+    ]
+    return np.stack(terms, axis=-1)
 
 
 def _degree(count: int) -> int:

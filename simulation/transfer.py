@@ -29,6 +29,10 @@ class Transfer(Protocol):
         """Return the transfer at frequencies of at least 0, in cycles per pixel."""
         ...
 
+    def __hash__(self) -> int:
+        """Equal transfers have equal hashes: operators are cached by them."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaussianTransfer:

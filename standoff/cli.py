@@ -11,11 +11,16 @@ from typer.exceptions import TyperException
 
 from standoff import __version__
 from standoff.commands.calibrate import calibrate
+from standoff.commands.compare import compare
 from standoff.commands.demo import demo
+from standoff.commands.doctor import cameras, doctor
+from standoff.commands.geometry import geometry
+from standoff.commands.mock import mock
 from standoff.commands.report import report
 from standoff.commands.sessions import capture, verify
 from standoff.commands.simulate import simulate
 from standoff.commands.sr_pairs import sr_pairs
+from standoff.commands.stage import stage
 from standoff.errors import REPORTED_ERRORS
 from standoff.output import ERRORS
 
@@ -58,7 +63,21 @@ def standoff(
         raise typer.Exit(EXIT_USAGE)
 
 
-for command in (demo, capture, verify, calibrate, simulate, sr_pairs, report):
+for command in (
+    demo,
+    capture,
+    verify,
+    calibrate,
+    compare,
+    geometry,
+    simulate,
+    sr_pairs,
+    report,
+    mock,
+    doctor,
+    cameras,
+    stage,
+):
     app.command(command.__name__.replace("_", "-"))(command)
 
 

@@ -20,6 +20,7 @@ from calibration.files import read_psf, write_psf
 from calibration.psf_calibration import PsfCalibration, calibrate_psf
 from hil_mocks import BenchTruth
 from standoff.devices import open_bench, place_in_simulation
+from standoff.edge_sources import Reading, from_session
 from standoff.errors import ApplicationError
 from standoff.output import progress_bar
 from standoff.reports import RESULTS_FOLDER, make_folder, write_file, write_page
@@ -95,7 +96,7 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     session = Session.open(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
     calibration = _calibrate(session)
-    write_psf(results / "psf.json", calibration)
+    write_psf(results / "psf.json", calibration, from_session(session, Reading()).origin)
     stored = read_psf(results / "psf.json")
     with progress_bar("simulating", sum(len(s) - 1 for s in series_of(session))) as bar:
         comparison = compare_series(session, stored.total_psf("psf.json"), bar.advance_to)

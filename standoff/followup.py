@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 from calibration.files import StoredHomography
 from simulation import (
+    CameraTransfer,
     GaussianPsf,
     Model,
     PsfField,
     SamplingGrid,
+    ZoomOperator,
+    lmmse_operator,
     simulate_pose,
     zoom_operator,
     zoom_out,
@@ -20,9 +23,17 @@ from simulation.capture_noise import CaptureNoise, propagated_variance, with_cap
 from simulation.capture_options import exposed, unsharp_masked, vignetted
 from simulation.gaussian_kernel import GaussianForm
 from simulation.pose_noise import pose_noise_gain
+from simulation.reference_image import reference_shape
 from simulation.zoom import FloatImage
 
-__all__ = ["CaptureOptions", "FollowUp", "captured", "from_pose", "zoomed_out"]
+__all__ = [
+    "CaptureOptions",
+    "FollowUp",
+    "captured",
+    "from_pose",
+    "zoomed_out",
+    "zoomed_out_as_measured",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,8 +105,35 @@ def zoomed_out(
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
         return _from_pose(reference, grid.matrix, (grid.cols, grid.rows), psf, noise, origin_px)
     image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
-    own = None if noise is None else _own_variance(reference, grid, psf, model, noise)
+    own = None
+    if noise is not None:
+        own = _own_variance(reference, zoom_operator(shape, grid, psf, model), noise)
     return FollowUp(image=image, own_variance_dn2=own)
+
+
+def zoomed_out_as_measured(
+    reference: NDArray[np.generic],
+    zoom: float,
+    transfer: CameraTransfer,
+    noise: CaptureNoise | None = None,
+) -> FollowUp:
+    """Follow-up by model ``lmmse`` with the transfer functions that edges showed.
+
+    Raises
+    ------
+    ValueError
+        As ``zoom_out``.
+    """
+    shape = reference_shape(reference)
+    grid = SamplingGrid.centred(shape, zoom)
+    operator = lmmse_operator(shape, grid, transfer.along_y, transfer.along_x)
+    dtype = np.float64 if reference.dtype == np.float64 else np.float32
+    planes = reference[:, :, None] if reference.ndim == 2 else reference
+    image = np.stack(
+        [operator.apply(planes[:, :, k].astype(dtype)) for k in range(planes.shape[2])], axis=-1
+    )
+    own = None if noise is None else _own_variance(reference, operator, noise)
+    return FollowUp(image=image[:, :, 0] if reference.ndim == 2 else image, own_variance_dn2=own)
 
 
 def from_pose(
@@ -154,13 +192,8 @@ def captured(followup: FollowUp, options: CaptureOptions) -> FloatImage:
 
 
 def _own_variance(
-    reference: NDArray[np.generic],
-    grid: SamplingGrid,
-    psf: GaussianPsf | None,
-    model: Model,
-    noise: CaptureNoise,
+    reference: NDArray[np.generic], operator: ZoomOperator, noise: CaptureNoise
 ) -> NDArray[np.float64]:
-    operator = zoom_operator((reference.shape[0], reference.shape[1]), grid, psf, model)
     variance = noise.variance_dn2(reference.astype(np.float64))
     if variance.ndim == 2:
         return propagated_variance(operator, variance)

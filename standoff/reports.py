@@ -1,6 +1,6 @@
-"""Writes the HTML reports, whole or not at all."""
+"""Writes the reports, as HTML or PDF, whole or not at all."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -8,27 +8,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.atomic_write import atomic_write
-from acquisition.session import Session
+from acquisition.manifest import MANIFEST_NAME
+from acquisition.session import JOURNAL_NAME, Session, file_sha256
+from analysis.bench_sections import (
+    captures_section,
+    device_rows,
+    noise_section,
+    stage_section,
+)
 from analysis.calibration_report import (
     calibration_sections,
     calibration_verdicts,
     edge_table_section,
 )
-from analysis.report_page import render_report
+from analysis.errors import AnalysisError
+from analysis.report_page import ReportSection, render_report
 from analysis.series import compare_series, series_of, write_comparison
 from analysis.session_report import render_session_report, versions
-from calibration.files import StoredEdge, StoredPsf, psf_document, read_psf
-from calibration.psf_calibration import PsfCalibration
+from calibration.errors import PsfFileError
+from calibration.files import StoredEdge, StoredPsf, read_psf
 from standoff.errors import ApplicationError
-from standoff.output import progress_bar
+from standoff.output import note, progress_bar
+from standoff.pdf import pdf_bytes, require_pdf
 
 __all__ = [
     "RESULTS_FOLDER",
+    "make_folder",
+    "require_writable",
     "write_calibration_report",
     "write_file",
     "write_page",
     "write_session_report",
 ]
+
+_HASHES_LISTED = 50
 
 RESULTS_FOLDER = "results"
 """Folder of a session that holds what was worked out from it."""
@@ -36,38 +49,59 @@ RESULTS_FOLDER = "results"
 
 def write_calibration_report(
     path: Path,
-    calibration: PsfCalibration,
+    document: dict[str, Any],
     load_image: Callable[[str], NDArray[np.floating[Any]]],
+    session: Session | None = None,
 ) -> None:
-    """Write the report of a PSF calibration.
+    """Write the report of a PSF calibration, as HTML or PDF.
 
     Parameters
     ----------
     path
-        The HTML file.
-    calibration
-        What was measured.
+        The file; its suffix says which.
+    document
+        What psf.json holds of it.
     load_image
         Gives the linear image of a name that stands in the calibration.
+    session
+        The session it was made from; its captures, noise and stage are reported too.
 
     Raises
     ------
     ApplicationError
         If the file cannot be written.
     """
-    stored = StoredPsf.model_validate(psf_document(calibration))
+    stored = StoredPsf.model_validate(document)
 
     def load(edge: StoredEdge) -> NDArray[np.floating[Any]]:
         return load_image(edge.image)
 
-    names = dict.fromkeys(edge.image for edge in stored.edges)
-    subtitle = next(iter(names)) if len(names) == 1 else f"{len(names)} photographs"
+    names = list(dict.fromkeys(edge.image for edge in stored.edges))
+    subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"
+    before: list[ReportSection] = []
+    after: list[ReportSection] = []
+    if session is None:
+        hashes = [(name, f"sha256 {file_sha256(Path(name))}") for name in names[:_HASHES_LISTED]]
+    else:
+        subtitle = f"Session {session.plan.name}: {subtitle}"
+        before = [captures_section(session)]
+        after = [s for s in (noise_section(session, stored), stage_section(session)) if s]
+        hashes = [
+            ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
+            ("journal", f"sha256 {file_sha256(session.path / JOURNAL_NAME)}"),
+            *device_rows(session),
+        ]
     page = render_report(
         title="PSF calibration",
         subtitle=subtitle,
         verdicts=calibration_verdicts(stored),
-        sections=(*calibration_sections(stored, load), edge_table_section(stored)),
-        provenance=(("method", calibration.method), *versions()),
+        sections=(
+            *before,
+            *calibration_sections(stored, load),
+            *after,
+            edge_table_section(stored),
+        ),
+        provenance=(("method", stored.method or ""), *hashes, *versions()),
     )
     write_page(path, page)
 
@@ -82,30 +116,59 @@ def write_session_report(session: Session, path: Path) -> None:
     ------
     ApplicationError
         If a file cannot be written.
-    CalibrationError, AnalysisError, SessionError
-        If the results or captures cannot be read or compared.
+    CalibrationError, SessionError
+        If the results or captures cannot be read.
     """
     results = session.path / RESULTS_FOLDER
     psf_path = results / "psf.json"
     psf = read_psf(psf_path) if psf_path.is_file() else None
     comparison = None
     pairs = sum(len(records) - 1 for records in series_of(session))
+    remarks: list[str] = []
     if psf is not None and pairs:
-        with progress_bar("comparing heights", pairs) as bar:
-            comparison = compare_series(session, psf.total_psf(str(psf_path)), bar.advance_to)
+        try:
+            total = psf.total_psf(str(psf_path))
+            with progress_bar("comparing heights", pairs) as bar:
+                comparison = compare_series(session, total, bar.advance_to)
+        except (AnalysisError, PsfFileError) as error:
+            remarks.append(f"The comparison of captured with simulated follow-ups: {error}.")
+            note(f"the report leaves out the comparison of heights: {error}")
+    if comparison is not None:
+        for reason in comparison.left_out:
+            note(f"the report leaves out a pair: {reason}")
         write_comparison(results / "comparison.json", comparison)
-    write_page(path, render_session_report(session, psf, comparison))
+    write_page(path, render_session_report(session, psf, comparison, tuple(remarks)))
 
 
 def write_page(path: Path, page: str) -> None:
-    """Write one HTML page.
+    """Write one page: as PDF where the file's suffix says so, else as HTML.
 
     Raises
     ------
     ApplicationError
-        If the file cannot be written.
+        If the file cannot be written, or PDF cannot be made here.
     """
-    write_file(path, page.encode("utf-8"))
+    is_pdf = path.suffix.lower() == ".pdf"
+    write_file(path, pdf_bytes(page) if is_pdf else page.encode("utf-8"))
+
+
+def require_writable(paths: Iterable[Path | None]) -> None:
+    """Check, before long work, that results have a folder to go to and that PDF can be made.
+
+    Raises
+    ------
+    ApplicationError
+        If one has not; the message names it.
+    """
+    for path in paths:
+        if path is None:
+            continue
+        if not path.parent.is_dir():
+            raise ApplicationError(f"cannot write {path}: {path.parent} is no folder")
+        if path.is_dir():
+            raise ApplicationError(f"cannot write {path}: it is a folder")
+        if path.suffix.lower() == ".pdf":
+            require_pdf()
 
 
 def make_folder(path: Path) -> Path:

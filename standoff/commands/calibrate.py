@@ -1,29 +1,28 @@
 """``standoff calibrate``: the PSF from photographs of edges."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from acquisition.session import Session
 from calibration.covariance_fit import Estimate
-from calibration.edge_captures import edge_images, edge_records
 from calibration.errors import CalibrationError
 from calibration.files import psf_document, write_psf
-from calibration.linearise import Channel, luma_plane, srgb_to_linear
-from calibration.psf_calibration import EdgeImage, PsfCalibration, Region, calibrate_psf
-from standoff.image_files import ImageFile, read_image
-from standoff.options import Json, refuse_overwriting
+from calibration.linearise import Channel
+from calibration.mosaic import Pattern
+from calibration.mosaic_calibration import calibrate_mosaic
+from calibration.psf_calibration import EdgeImage, Method, PsfCalibration, Region, calibrate_psf
+from standoff.edge_sources import Reading, from_files, from_session
+from standoff.edge_table import edge_csv
+from standoff.options import Json, refuse_overwriting, refuse_suffix
 from standoff.output import note, print_json, print_table, progress_bar, say
-from standoff.reports import write_calibration_report
+from standoff.reports import require_writable, write_calibration_report, write_file
 
 __all__ = ["calibrate"]
 
-
-Method = Literal["all-angles"]
 
 _REMARKS = {
     "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
@@ -42,51 +41,84 @@ def calibrate(
     session: Annotated[
         Path | None, typer.Option(help="Capture session whose edge captures are used.")
     ] = None,
-    method: Annotated[Method, typer.Option(help="How to measure.")] = "all-angles",
+    method: Annotated[
+        Method, typer.Option(help="All edges at any angle, or as in the paper.")
+    ] = "all-angles",
     region: Annotated[
         str | None, typer.Option(help="Part of the image to use: centre, or X,Y,W,H in px.")
     ] = None,
     srgb: Annotated[
         bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take as linear.")
     ] = False,
-    channel: Annotated[Channel, typer.Option(help="Plane of colour photographs.")] = "luma",
-    report: Annotated[Path | None, typer.Option(help="Also write an HTML report.")] = None,
+    channel: Annotated[
+        Channel | None,
+        typer.Option(help="Plane of colour photographs; luma, or green with --bayer."),
+    ] = None,
+    bayer: Annotated[
+        Pattern | None,
+        typer.Option(help="Raw mosaics of this pattern: each colour on its own plane."),
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="Also write a table of all edges, with their SFR.")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Also write a report: HTML or PDF.")] = None,
     json: Json = False,
 ) -> None:
     """Measure the camera's PSF from photographs of straight edges, at any angle."""
-    refuse_overwriting([out, report], images or [])
-    chosen = _region_rule(region)
+    refuse_overwriting([out, csv, report], images or [])
+    refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
+    rule = _region_rule(region)
     if (session is None) == (not images):
         raise typer.BadParameter("give either photographs or --session DIR", param_hint="IMAGE...")
-    if session is not None:
-        opened = Session.open(session)
-        records = {record.file: record for record in edge_records(opened)}
-        count = len(records)
-        sources = edge_images(opened)
-
-        def load_image(name: str) -> NDArray[np.floating[Any]]:
-            return opened.load(records[name]).mean_dn
-
-    else:
-        paths = images or []
-        count = len(paths)
-        sources = _photographs(paths, srgb=srgb, channel=channel)
-
-        def load_image(name: str) -> NDArray[np.floating[Any]]:
-            return _edge_image(read_image(Path(name)), srgb=srgb, channel=channel).image_dn
-
-    with progress_bar("measuring edges", count) as bar:
+    if session is not None and (srgb or (channel is not None and bayer is None)):
+        raise typer.BadParameter("captures are linear and grey; --bayer is for raw mosaics")
+    if bayer is not None and channel == "luma":
+        raise typer.BadParameter("a mosaic has red, green and blue", param_hint="--channel")
+    if bayer is not None and srgb:
+        raise typer.BadParameter("raw mosaics are linear", param_hint="--srgb")
+    require_writable([out, csv, report])
+    reading = Reading(
+        is_srgb=srgb, channel=channel or ("luma" if bayer is None else "green"), pattern=bayer
+    )
+    sources = (
+        from_files(images or [], reading)
+        if session is None
+        else from_session(Session.open(session), reading)
+    )
+    with progress_bar("measuring edges", sources.count) as bar:
         try:
-            calibration = calibrate_psf(sources, region=chosen, progress=bar.advance_to)
+            if bayer is None:
+                calibration = calibrate_psf(
+                    sources.images, method=method, region=rule, progress=bar.advance_to
+                )
+            else:
+                calibration = calibrate_mosaic(
+                    sources.images,
+                    bayer,
+                    reading.channel,
+                    method=method,
+                    region=rule,
+                    progress=bar.advance_to,
+                )
         except ValueError as error:
             raise CalibrationError(str(error)) from error
-    write_psf(out, calibration)
+    origin = replace(sources.origin, region=region)
+    write_psf(out, calibration, origin)
+    document = psf_document(calibration, origin)
+    if csv is not None:
+        write_file(csv, edge_csv(calibration).encode("utf-8"))
     _print_remarks(calibration)
     if report is not None:
-        write_calibration_report(report, calibration, load_image)
+        write_calibration_report(report, document, sources.load, sources.session)
     if json:
-        print_json(psf_document(calibration))
+        print_json(document)
         return
+    _print_result(calibration)
+    written = ", ".join(str(path) for path in (out, csv, report) if path is not None)
+    say(f"wrote {written}")
+
+
+def _print_result(calibration: PsfCalibration) -> None:
     used = calibration.edges_used
     say(f"{len(used)} of {len(calibration.edges)} edges used")
     print_table(
@@ -101,7 +133,25 @@ def calibrate(
             )
         ],
     )
-    say(f"wrote {out}" + (f" and {report}" if report else ""))
+    if calibration.channels is not None:
+        print_table(
+            "Colours",
+            ["", "total sigma_x / px", "total sigma_y / px", "edges"],
+            [
+                [
+                    name,
+                    _cells(one.sigma_x_px)[0],
+                    _cells(one.sigma_y_px)[0],
+                    str(len(one.edges_used)),
+                ]
+                for name, one in calibration.channels.items()
+            ],
+        )
+    if calibration.field is not None:
+        say(
+            "the PSF changes over the frame: psf.json holds its field, no width less sure than "
+            f"{100 * calibration.field.worst_err:.1f} %"
+        )
 
 
 def _cells(estimate: Estimate | None) -> list[str]:
@@ -110,33 +160,11 @@ def _cells(estimate: Estimate | None) -> list[str]:
     return [f"{estimate.value:.4f}", f"{estimate.low:.4f} to {estimate.high:.4f}"]
 
 
-def _photographs(paths: list[Path], *, srgb: bool, channel: Channel) -> Iterator[EdgeImage]:
-    for path in paths:
-        file = read_image(path)
-        if channel == "luma" and file.is_colour:
-            note(f"{path}: colour read as Rec. 601 luma; --channel picks one colour")
-        yield _edge_image(file, srgb=srgb, channel=channel)
-
-
-def _edge_image(file: ImageFile, *, srgb: bool, channel: Channel) -> EdgeImage:
-    pixels = srgb_to_linear(file.pixels, file.full_scale_dn or 1.0) if srgb else file.pixels
-    try:
-        plane = luma_plane(pixels, channel)
-    except ValueError as error:
-        raise CalibrationError(f"{file.path}: {error}") from error
-    return EdgeImage(
-        name=str(file.path),
-        image_dn=plane,
-        saturation_dn=file.saturation_dn,
-        is_jpeg=file.is_jpeg,
-    )
-
-
 def _region_rule(text: str | None) -> Callable[[EdgeImage], Region | None]:
     if text is None:
         return lambda _: None
     if text == "centre":
-        return lambda source: Region.centre(*source.image_dn.shape)
+        return lambda source: Region.centre(*source.frame)
     try:
         x, y, width, height = (int(part) for part in text.split(","))
     except ValueError as error:
@@ -153,3 +181,9 @@ def _print_remarks(calibration: PsfCalibration) -> None:
         count = sum(flag in edge.flags for edge in used)
         if count:
             note(text.format(n=count, total=len(used)))
+    trend = calibration.height_trend
+    if trend is not None and trend.is_drift:
+        note(
+            f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
+            "or the target is too rough for the nearest one; calibrate at one height or refocus"
+        )

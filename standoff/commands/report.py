@@ -1,4 +1,4 @@
-"""``standoff report``: one HTML page about a capture session."""
+"""``standoff report``: one page about a capture session, as HTML or PDF."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,9 +6,14 @@ from typing import Annotated
 import typer
 
 from acquisition.session import Session
-from standoff.options import Json
+from standoff.options import Json, refuse_suffix
 from standoff.output import note, print_json, say
-from standoff.reports import RESULTS_FOLDER, make_folder, write_session_report
+from standoff.reports import (
+    RESULTS_FOLDER,
+    make_folder,
+    require_writable,
+    write_session_report,
+)
 
 __all__ = ["report"]
 
@@ -16,14 +21,17 @@ __all__ = ["report"]
 def report(
     directory: Annotated[Path, typer.Argument(help="Session directory.", show_default=False)],
     out: Annotated[
-        Path | None, typer.Option(help="HTML file; DIRECTORY/results/report.html by default.")
+        Path | None,
+        typer.Option(help="HTML or PDF file; DIRECTORY/results/report.html by default."),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Write an HTML report of a session and of what was worked out from it so far."""
+    """Write a report of a session and of what was worked out from it so far."""
+    refuse_suffix(out, "--out", {".html", ".htm", ".pdf"})
     session = Session.open(directory)
     results = make_folder(directory / RESULTS_FOLDER)
     page = out or results / "report.html"
+    require_writable([page])
     if not (results / "psf.json").is_file():
         note(
             f"{results / 'psf.json'} is not there: the report shows the captures alone; "

@@ -1,7 +1,7 @@
 """``standoff simulate``: a photograph as the same camera would take it from further away."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -10,12 +10,21 @@ from calibration.files import read_homography, read_noise, read_psf
 from simulation import MODELS, GaussianPsf, Model, PsfField
 from simulation.gaussian_kernel import GaussianForm
 from standoff.errors import ApplicationError
-from standoff.followup import CaptureOptions, FollowUp, captured, from_pose, zoomed_out
+from standoff.followup import (
+    CaptureOptions,
+    FollowUp,
+    captured,
+    from_pose,
+    zoomed_out,
+    zoomed_out_as_measured,
+)
 from standoff.image_files import read_image, write_float_tiff, write_mask
 from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
 from standoff.output import note, print_json, say
 
 __all__ = ["read_total_psf", "simulate"]
+
+TransferForm = Literal["gaussian", "measured"]
 
 _SHARPENING_SIGMA_PX = 1.0
 _BLURRING_MODELS = tuple(name for name in MODELS if name != "bicubic")
@@ -38,6 +47,10 @@ def simulate(
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
     model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
+    transfer: Annotated[
+        TransferForm,
+        typer.Option(help="Take the PSF as a Gaussian, or its e-SFR from psf.json (lmmse)."),
+    ] = "gaussian",
     gaussian: Annotated[
         GaussianForm,
         typer.Option(help="Blur by the exact transfer function, or by sampled weights."),
@@ -69,6 +82,8 @@ def simulate(
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     if gaussian == "sampled" and model != "paper":
         raise typer.BadParameter("sampled weights are for model paper", param_hint="--gaussian")
+    if transfer == "measured" and (model != "lmmse" or zoom is None):
+        raise typer.BadParameter("a measured transfer is for model lmmse", param_hint="--transfer")
     try:
         options = CaptureOptions(
             exposure=exposure,
@@ -83,9 +98,15 @@ def simulate(
     reference = read_image(image).colour_planes
     frame = (reference.shape[1], reference.shape[0])
     is_same_frame = pose is None or (pose.width_px, pose.height_px) == frame
-    camera = None if psf is None else _camera_psf(psf, frame if is_same_frame else None, model)
+    camera, measured = None, None
+    if psf is not None and transfer == "measured":
+        measured = read_psf(psf).measured_transfer(str(psf))
+    elif psf is not None:
+        camera = _camera_psf(psf, frame if is_same_frame else None, model)
     try:
-        if pose is not None and camera is not None:
+        if measured is not None and zoom is not None:
+            simulated = zoomed_out_as_measured(reference, zoom, measured, options.noise)
+        elif pose is not None and camera is not None:
             simulated = from_pose(reference, pose, camera, options.noise)
         else:
             assert zoom is not None
@@ -113,6 +134,7 @@ def simulate(
                 "image": str(image),
                 "zoom": zoom,
                 "model": model,
+                "transfer": transfer,
                 "psf_field": simulated.is_field,
                 "size": [cols, rows],
                 "min": float(followup.min()),

@@ -2,16 +2,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from acquisition.session import Session
-from analysis.calibration_plots import (
-    plot_edges,
-    plot_mtf,
-    plot_profile,
-    plot_widths_by_angle,
-    plot_widths_by_height,
-)
+from analysis.calibration_plots import plot_edges, plot_profile, plot_widths_by_angle
 from calibration.files import StoredEdge, StoredPsf
-from calibration.mtf import gaussian_mtf50, pixel_mtf50
 from tests.calibration.closed_form import edge_image
 
 NONE: frozenset[str] = frozenset()
@@ -110,30 +102,23 @@ def test_rejected_edges_have_no_width_to_show(psf: StoredPsf) -> None:
     assert len(figure.axes[0].containers) == 2 * (len(psf.edges) - 1)
 
 
-def test_widths_by_height_need_two_heights(psf: StoredPsf, session: Session) -> None:
-    figure = plot_widths_by_height(psf, NONE)
-    assert figure is not None
-    assert len({edge.height_mm for edge in psf.edges}) == 3
-    one = [edge for edge in psf.edges if edge.height_mm == psf.edges[0].height_mm]
-    assert plot_widths_by_height(psf.model_copy(update={"edges": one}), NONE) is None
-    unknown = [edge.model_copy(update={"height_mm": None}) for edge in psf.edges]
-    assert plot_widths_by_height(psf.model_copy(update={"edges": unknown}), NONE) is None
+def test_a_mosaic_is_drawn_and_its_profile_taken_from_its_own_colour_alone() -> None:
+    image = edge_image(0.7, 5.0)
+    red = np.full(image.shape, np.nan)
+    red[::2, 1::2] = image[::2, 1::2]
+    edge = edge_of(95.0, x_px=54.5 + 0.37, y_px=44.5, optical_sigma_px=None)
+    drawn = plot_edges(red, [edge], NONE).axes[0].get_images()[0].get_array()
+    assert drawn is not None
+    assert np.isfinite(np.asarray(drawn)).all()
+    upper, _ = plot_profile(red, edge).axes
+    levels = np.asarray(upper.get_lines()[0].get_ydata())
+    assert np.isfinite(levels).all()
+    # A pixel in four of a band of about 14.4 by 60 px.
+    assert levels.size == pytest.approx(60 * 2 * (6 * 0.7 + 3) / 4, rel=0.05)
 
 
-def test_the_mtf_names_its_frequency_of_half_contrast() -> None:
-    stored = StoredPsf(
-        sigma_x_px=0.8, sigma_y_px=0.7, optical_sigma_x_px=None, optical_sigma_y_px=0.6
-    )
-    figure = plot_mtf(stored)
-    assert figure is not None
-    assert legend_of(figure) == [
-        f"along x: MTF50 {gaussian_mtf50(0.8):.3f} cy/px",
-        f"along y: MTF50 {pixel_mtf50(0.6, 0.0):.3f} cy/px",
-    ]
-
-
-def test_without_a_width_there_is_no_mtf() -> None:
-    assert plot_mtf(StoredPsf()) is None
-    figure = plot_mtf(StoredPsf(sigma_y_px=0.7))
-    assert figure is not None
-    assert len(legend_of(figure)) == 1
+def test_an_edge_that_is_hardly_known_does_not_set_the_scale() -> None:
+    psf = StoredPsf(edges=[edge_of(), edge_of(93.0, sigma_px=0.8, sigma_err_px=500.0)])
+    low, high = plot_widths_by_angle(psf, NONE).axes[0].get_ylim()
+    assert 0.5 < low < 0.64
+    assert 0.8 < high < 0.9

@@ -72,11 +72,13 @@ def test_progress_counts_the_pairs(session: Session) -> None:
     assert seen == [1, 2]
 
 
-def test_captures_that_do_not_show_one_target_are_named(tmp_path: Path) -> None:
-    plan = plan_of(heights_mm=[100.0, 150.0], targets=[{"kind": "chart", "target": "mixed"}])
+def chart_session(path: Path, *seeds: int) -> Session:
+    """Captures of a chart, one height further away each; another seed is another chart."""
+    heights = [100.0 * 1.25**k for k in range(len(seeds))]
+    plan = plan_of(heights_mm=heights, targets=[{"kind": "chart", "target": "mixed"}])
     now, rng = FakeUtc(), np.random.default_rng(1)
-    with writer(tmp_path / "s", plan=plan) as open_session:
-        for entry, seed in zip(open_session.entries, (3, 77), strict=True):
+    with writer(path, plan=plan) as open_session:
+        for entry, seed in zip(open_session.entries, seeds, strict=True):
             open_session.add_capture(
                 entry,
                 averaged(texture_dn(entry.height_mm / 100.0, seed), rng),
@@ -86,10 +88,24 @@ def test_captures_that_do_not_show_one_target_are_named(tmp_path: Path) -> None:
                 started=now(),
                 finished=now(),
             )
-    session = Session.open(tmp_path / "s")
+    return Session.open(path)
+
+
+def test_captures_that_do_not_show_one_target_are_named(tmp_path: Path) -> None:
+    session = chart_session(tmp_path / "s", 3, 77)
     first, second = (record.file for record in session.records)
     with pytest.raises(AnalysisError, match=f"{first} and {second}: the captures cannot be"):
         compare_series(session, PSF)
+
+
+def test_one_pair_that_cannot_be_aligned_is_left_out_and_said(tmp_path: Path) -> None:
+    session = chart_session(tmp_path / "s", 3, 3, 77)
+    compared = compare_series(session, PSF)
+    assert len(compared.pairs) == 1
+    [reason] = compared.left_out
+    assert session.records[2].file in reason
+    write_comparison(tmp_path / "c.json", compared)
+    assert read_comparison(tmp_path / "c.json")["left_out"] == [reason]
 
 
 class TestComparisonFile:

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,10 @@ def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
         "Edges",
         "Edge profiles",
         "Width by angle and height",
+        "From centre to corner",
         "Simulated against captured follow-ups",
+        "Noise",
+        "Stage",
         "All edges",
         "Where this comes from",
     ]
@@ -31,8 +35,9 @@ def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
 
 def test_the_report_is_one_file_with_its_figures_in_it(page: Page) -> None:
     assert page.fetched == []
-    # MTF, three profiles, widths by angle and height, error by zoom; photographs as PNG.
-    assert page.tags.count("svg") == 7
+    # MTF, three profiles, widths by angle and height, error by zoom, noise, stage; photographs
+    # as PNG.
+    assert page.tags.count("svg") == 9
     assert page.tags.count("img") == 5
 
 
@@ -62,7 +67,7 @@ def test_the_figures_of_the_report_are_those_of_the_results(
 def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
     whole_session(tmp_path / "s")
     page = Page(render_session_report(Session.open(tmp_path / "s"), None, None))
-    assert page.headings == ["Session small", "Captures", "Where this comes from"]
+    assert page.headings == ["Session small", "Captures", "Stage", "Where this comes from"]
     assert "6 of 6 planned; complete." in page.texts
 
 
@@ -75,3 +80,14 @@ def test_edges_of_other_photographs_are_left_out_of_the_drawings(
     # The list of all edges names it, no figure is drawn of it.
     assert "photo.tif" in page.texts
     assert page.tags.count("img") == 1
+    assert "1 edges of this psf.json are on photographs that are not at hand here" in page.text
+
+
+def test_what_is_left_out_stands_first_with_its_reason(
+    session: Session, comparison: SeriesComparison
+) -> None:
+    lame = replace(comparison, left_out=("a.tif and b.tif: no common detail",))
+    page = Page(render_session_report(session, None, lame, ("The PSF: sigma_y_px is null.",)))
+    assert page.headings[:3] == ["Session small", "Left out", "Captures"]
+    assert "The PSF: sigma_y_px is null." in page.texts
+    assert "Left out: a.tif and b.tif: no common detail." in page.texts

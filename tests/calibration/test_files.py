@@ -49,6 +49,12 @@ DOCUMENTED_EDGE_KEYS = {
     "mtf50_cy_per_px",
     "chi2_reduced",
     "flags",
+    "esfr_mtf50_cy_per_px",
+    "esfr_mtf50_err_cy_per_px",
+    "esfr_mtf20_cy_per_px",
+    "contrast",
+    "roughness_px",
+    "clipped_fraction",
 }
 
 

@@ -1,10 +1,12 @@
 from dataclasses import replace
 from math import sqrt
+from typing import Any
 
 import numpy as np
 import pytest
 
 from calibration.covariance_fit import Estimate
+from calibration.edge_fit import EdgeFit, fit_edge
 from calibration.errors import NoEdgeError
 from calibration.psf_calibration import EdgeImage, Region, calibrate_psf, measure_edges
 from tests.calibration.closed_form import edge_image
@@ -154,3 +156,19 @@ def test_an_edge_knows_its_photograph_capture_and_height() -> None:
 def test_without_photographs_there_is_no_edge() -> None:
     with pytest.raises(NoEdgeError, match="0 images"):
         calibrate_psf([])
+
+
+@pytest.mark.parametrize(("optical_only", "edges"), [(False, 0), (True, 1)])
+def test_a_width_less_sure_than_itself_is_no_width(
+    monkeypatch: pytest.MonkeyPatch, optical_only: bool, edges: int
+) -> None:
+    def unsure(*args: Any, **options: Any) -> EdgeFit | None:
+        fit = fit_edge(*args, **options)
+        assert fit is not None
+        infinite = replace(fit, optical_sigma_err_px=np.inf)
+        return infinite if optical_only else replace(infinite, sigma_err_px=np.inf)
+
+    monkeypatch.setattr("calibration.edge_measurement.fit_edge", unsure)
+    found = measure_edges(photographs([4.0])[0])
+    assert len(found) == edges
+    assert all(edge.fit.optical_sigma_px is None for edge in found)

@@ -94,6 +94,7 @@ def test_a_region_leaves_out_what_lies_beside_it(command: Command, tmp_path: Pat
     )
     document = json.loads(done.out)
     assert document["sigma_x_px"] == pytest.approx(1.4, rel=1e-3)
+    assert document["region"] == "110,0,110,90"
     assert all(edge["x_px"] > 110 for edge in document["edges"])
 
 

@@ -352,3 +352,41 @@ def test_the_field_of_a_psf_file_is_used_where_it_fits(
         assert not is_field
         assert message in notes
         np.testing.assert_array_equal(plain, simulate(source, psf_file, *options)[2])
+
+
+def test_the_measured_transfer_takes_the_place_of_the_gaussian(
+    command: Command, tmp_path: Path
+) -> None:
+    freq = np.linspace(0, 1, 51)
+    # What model lmmse takes a total width of 0.7 px for: a Gaussian of 0.49 - 1/12, and a pixel.
+    curve = np.exp(-2 * np.pi**2 * (0.49 - 1 / 12) * freq**2) * np.sinc(freq)
+    one_axis = {"freq_cy_per_px": freq.tolist(), "mtf": curve.tolist()}
+    psf = tmp_path / "psf.json"
+    content = {"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7, "rho": 0.0}
+    psf.write_text(json.dumps({**content, "transfer": {"x": one_axis, "y": one_axis}}))
+    image = tmp_path / "scene.tif"
+    rng = np.random.default_rng(1)
+    tifffile.imwrite(image, rng.integers(500, 3000, (60, 80)).astype(np.uint16))
+    outputs = {}
+    for transfer in ("gaussian", "measured"):
+        out = tmp_path / f"{transfer}.tif"
+        arguments = ("--zoom", "1.5", "--psf", psf, "--model", "lmmse", "--transfer", transfer)
+        done = command("simulate", image, *arguments, "--out", out, "--json")
+        assert json.loads(done.out)["transfer"] == transfer
+        outputs[transfer] = tifffile.imread(out)
+    # The samples are joined by cubics, and end at 1 cy/px where 1e-4 is left.
+    spread = float(outputs["gaussian"].std())
+    assert np.abs(outputs["measured"] - outputs["gaussian"]).max() < 0.01 * spread
+
+
+def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
+    command: Command, tmp_path: Path
+) -> None:
+    psf, image, out = tmp_path / "psf.json", tmp_path / "scene.tif", tmp_path / "o.tif"
+    psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7}')
+    tifffile.imwrite(image, np.full((60, 80), 7, dtype=np.uint16))
+    arguments = ("--zoom", "1.5", "--psf", psf, "--transfer", "measured", "--out", out)
+    done = command("simulate", image, *arguments, "--model", "lmmse")
+    assert done.status == 1
+    assert "it holds no transfer function along y; calibrate with horizontal edges" in done.err
+    assert command("simulate", image, *arguments).status == 2

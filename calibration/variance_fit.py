@@ -1,0 +1,129 @@
+"""Weighted least squares of squared widths: robust, with the scatter beyond the errors.
+
+Serves every model that is linear in the elements of a covariance: one PSF, or a PSF field.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["RESAMPLES", "VarianceFit", "excess_variance", "fit_variances"]
+
+Array = NDArray[np.float64]
+
+RESAMPLES = 2000
+_TUKEY_SIGMAS = 5.0
+_ROUNDS = 12
+_BOOTSTRAP_EDGES = 12  # fewer edges cannot be resampled: the interval is the normal one
+_BOOTSTRAP_SEED = 20190906
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VarianceFit:
+    """Elements of a covariance as a linear model of squared widths gives them.
+
+    ``covariance`` is that of ``values``; ``replicates`` holds solutions of resampled edges,
+    shape ``(resamples, unknowns)``, None for few edges. ``scatter_px`` is what the widths
+    scatter beyond their errors, ``weights`` in [0, 1] how far each edge was trusted.
+    """
+
+    values: Array
+    covariance: Array
+    replicates: Array | None
+    scatter_px: float
+    weights: Array
+
+
+def fit_variances(
+    design: Array, sigma: Array, err: Array, *, is_resampled: bool = True
+) -> VarianceFit:
+    """Robust weighted least squares of ``sigma**2``, scatter beyond the errors included.
+
+    Parameters
+    ----------
+    design
+        Shape ``(n, unknowns)``, of full rank.
+    sigma, err
+        Widths and their standard errors, in px, positive; shape ``(n,)``.
+    is_resampled
+        Whether the edges are resampled for intervals.
+    """
+    count, unknowns = design.shape
+    squares = sigma**2
+    centre = sigma.copy()  # each width's model value, once there is one
+    trust = np.ones(count)
+    scatter2 = 0.0
+    values: Array = np.zeros(unknowns)
+    weight = np.ones(count)
+    for round_ in range(_ROUNDS):
+        spread = 2 * centre * np.sqrt(err**2 + scatter2)
+        weight = trust / spread**2
+        normal = design.T @ (weight[:, None] * design)
+        values = np.asarray(
+            np.linalg.solve(normal, design.T @ (weight * squares)), dtype=np.float64
+        )
+        model = design @ values
+        centre = np.sqrt(np.maximum(model, 0.25 * squares))
+        deviation = (squares - model) / (2 * centre)
+        freedom = trust.sum() - unknowns
+        if freedom >= 1:
+            scatter2 = excess_variance(deviation, err, trust, freedom)
+            if count >= 6 and round_ > 0:
+                robust = np.median(np.abs(deviation / np.sqrt(err**2 + scatter2)))
+                scale = max(robust / 0.6745, 1.0)
+                ratio = deviation / (_TUKEY_SIGMAS * scale * np.sqrt(err**2 + scatter2))
+                trust = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
+                trust = np.where(np.abs(ratio) < 0.5, 1.0, trust)
+    covariance: Array = np.asarray(
+        np.linalg.inv(design.T @ (weight[:, None] * design)), dtype=np.float64
+    )
+    return VarianceFit(
+        values=values,
+        covariance=covariance,
+        replicates=_bootstrap(design, squares, weight) if is_resampled else None,
+        scatter_px=sqrt(scatter2),
+        weights=trust,
+    )
+
+
+def excess_variance(deviation: Array, err: Array, trust: Array, freedom: float) -> float:
+    """Variance beyond the errors that makes the weighted squares equal their expectation.
+
+    Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
+    """
+    low, high = 0.0, float(np.max(deviation**2)) * 2 + 1e-30
+
+    def surplus(variance: float) -> float:
+        return float(np.sum(trust * deviation**2 / (err**2 + variance))) - freedom
+
+    if surplus(0.0) <= 0:
+        return 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if surplus(middle) > 0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _bootstrap(design: Array, squares: Array, weight: Array) -> Array | None:
+    """Solutions of resampled edges, shape ``(resamples, unknowns)``; None for few edges.
+
+    The replicates are widened by sqrt(n / (n - p)): resampled residuals are too small.
+    """
+    count, unknowns = design.shape
+    if count < _BOOTSTRAP_EDGES:
+        return None
+    rng = np.random.default_rng(_BOOTSTRAP_SEED)
+    copies = rng.multinomial(count, np.full(count, 1 / count), size=RESAMPLES)
+    w = copies * weight
+    normal = np.einsum("rn,ni,nj->rij", w, design, design, optimize=True)
+    right = np.einsum("rn,ni->ri", w * squares, design, optimize=True)
+    # A resample without one of the directions has no solution: its row is left out.
+    usable = np.linalg.cond(normal) < 1e10
+    solved = np.linalg.solve(normal[usable], right[usable][:, :, None])[:, :, 0]
+    middle = np.linalg.solve(design.T @ (weight[:, None] * design), design.T @ (weight * squares))
+    return np.asarray(middle + (solved - middle) * sqrt(count / (count - unknowns)))

@@ -1,0 +1,133 @@
+"""``standoff compare``: has the lens moved? Two calibrations, or all of a camera over time."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.psf_history import history_document, history_sections, ordered_history
+from analysis.report_page import render_report
+from analysis.session_report import versions
+from calibration.errors import CalibrationError
+from calibration.files import StoredPsf, read_psf
+from calibration.psf_comparison import compare_psfs
+from standoff.errors import ApplicationError
+from standoff.options import Json, refuse_overwriting, refuse_suffix
+from standoff.output import note, print_json, print_table, say
+from standoff.reports import require_writable, write_page
+
+__all__ = ["compare"]
+
+
+def compare(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Two psf.json; with --history any number, or folders of them.",
+            show_default=False,
+        ),
+    ],
+    *,
+    history: Annotated[
+        bool, typer.Option("--history", help="All calibrations, by camera and over time.")
+    ] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="Also write the history as a page: HTML or PDF.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say whether the PSF has changed between two calibrations, or show it over time."""
+    refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
+    refuse_overwriting([report], files)
+    if history:
+        _show_history(files, report, json)
+        return
+    if report is not None:
+        raise typer.BadParameter("--report goes with --history")
+    if len(files) != 2:
+        raise typer.BadParameter(f"give two psf.json, got {len(files)}; or use --history")
+    first, second = (read_psf(path) for path in files)
+    try:
+        change = compare_psfs(first, second)
+    except CalibrationError as error:
+        raise CalibrationError(f"{files[0]} and {files[1]}: {error}") from error
+    for remark in change.remarks:
+        note(remark)
+    if json:
+        print_json(
+            {
+                "first": str(files[0]),
+                "second": str(files[1]),
+                "is_changed": bool(change.changed),
+                "verdict": change.verdict,
+                "remarks": list(change.remarks),
+                "parameters": [
+                    {
+                        **asdict(one),
+                        "difference": one.difference,
+                        "z": one.z,
+                        "p_value": one.p_value,
+                        "is_changed": one.is_changed,
+                    }
+                    for one in change.parameters
+                ],
+            }
+        )
+        return
+    print_table(
+        "PSF",
+        ["", "first", "second", "difference", "z", "p", "p (Holm)"],
+        [
+            [
+                one.name,
+                f"{one.first:.4f} ± {one.first_err:.4f}",
+                f"{one.second:.4f} ± {one.second_err:.4f}",
+                f"{one.difference:+.4f}",
+                f"{one.z:+.2f}",
+                f"{one.p_value:.2g}",
+                f"{one.p_value_holm:.2g}",
+            ]
+            for one in change.parameters
+        ],
+    )
+    say(change.verdict)
+
+
+def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
+    require_writable([report])
+    found = ordered_history(_calibrations(files))
+    if report is not None:
+        page = render_report(
+            title="PSF history",
+            subtitle=f"Calibrations: {sum(map(len, found.values()))}; cameras: {len(found)}",
+            verdicts=(),
+            sections=history_sections(found),
+            provenance=versions(),
+        )
+        write_page(report, page)
+    if json:
+        print_json(history_document(found))
+        return
+    for section in history_sections(found):
+        table = section.tables[0]
+        print_table(section.title, list(table.columns), [list(row) for row in table.rows])
+    if report is not None:
+        say(f"wrote {report}")
+
+
+def _calibrations(paths: list[Path]) -> list[tuple[str, StoredPsf]]:
+    """Read files, and every psf.json below folders; what cannot be read below one is noted."""
+    found = []
+    for path in paths:
+        if not path.is_dir():
+            found.append((str(path), read_psf(path)))
+            continue
+        for file in sorted(path.rglob("*psf*.json")):
+            try:
+                found.append((str(file), read_psf(file)))
+            except CalibrationError as error:
+                note(f"left out: {error}")
+    if not found:
+        raise ApplicationError(f"no psf.json in {', '.join(map(str, paths))}")
+    return found

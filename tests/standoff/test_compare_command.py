@@ -1,0 +1,104 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from calibration.files import PSF_SCHEMA
+from tests.standoff.conftest import Command
+
+
+def psf_file(path: Path, sigma_x_px: float, **values: object) -> Path:
+    content = {
+        "schema": PSF_SCHEMA,
+        "sigma_x_px": sigma_x_px,
+        "sigma_x_err_px": 0.002,
+        "sigma_y_px": 0.7,
+        "sigma_y_err_px": 0.002,
+        **values,
+    }
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def test_a_lens_that_moved_is_told_in_one_line(command: Command, tmp_path: Path) -> None:
+    a, b = psf_file(tmp_path / "a.json", 0.80), psf_file(tmp_path / "b.json", 0.84)
+    done = command("compare", a, b)
+    assert done.status == 0
+    assert "the PSF has changed: sigma_x_px by +5.00 %" in done.out
+    document = json.loads(command("compare", a, b, "--json").out)
+    assert document["is_changed"] is True
+    x, y = document["parameters"]
+    # 0.04 over an error of 0.002 sqrt(2)
+    assert x["z"] == pytest.approx(14.142, rel=1e-3)
+    assert y["is_changed"] is False
+
+
+def test_the_same_calibration_has_not_changed(command: Command, tmp_path: Path) -> None:
+    a = psf_file(tmp_path / "a.json", 0.80)
+    done = command("compare", a, a)
+    assert done.status == 0
+    assert "no change beyond chance in 2 parameters" in done.out
+
+
+def test_different_methods_are_noted(command: Command, tmp_path: Path) -> None:
+    a = psf_file(tmp_path / "a.json", 0.80, method="paper")
+    b = psf_file(tmp_path / "b.json", 0.80, method="all-angles")
+    assert "different methods: paper and all-angles" in command("compare", a, b).err
+
+
+def test_files_without_errors_are_refused_by_name(command: Command, tmp_path: Path) -> None:
+    a = psf_file(tmp_path / "a.json", 0.80)
+    b = psf_file(tmp_path / "b.json", 0.80, sigma_x_err_px=None, sigma_y_err_px=None)
+    done = command("compare", a, b)
+    assert done.status == 1
+    assert f"{a} and {b}: the two share no parameter with standard errors" in done.err
+
+
+def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> None:
+    camera = {"camera": {"serial": "S9"}}
+    (tmp_path / "s1" / "results").mkdir(parents=True)
+    psf_file(
+        tmp_path / "s1" / "results" / "psf.json",
+        0.80,
+        captured_utc="2025-01-02T03:04:05Z",
+        **camera,
+    )
+    psf_file(tmp_path / "late.psf.json", 0.84, captured_utc="2025-02-02T03:04:05Z", **camera)
+    (tmp_path / "broken-psf.json").write_text("{")
+    page = tmp_path / "history.html"
+    done = command("compare", "--history", tmp_path, "--report", page)
+    assert done.status == 0
+    assert "Camera S9" in done.out
+    assert "left out:" in done.err
+    assert "broken-psf.json" in done.err
+    text = page.read_text()
+    assert "Total widths over time" in text
+    document = json.loads(command("compare", "--history", tmp_path, "--json").out)
+    [known] = document["cameras"]
+    assert [one["sigma_x_px"] for one in known["calibrations"]] == [0.80, 0.84]
+    assert "the PSF has changed" in known["calibrations"][1]["change"]
+
+
+@pytest.mark.parametrize(
+    ("count", "options", "message"),
+    [
+        (1, (), "give two psf.json, got 1; or use --history"),
+        (3, (), "give two psf.json, got 3"),
+        (2, ("--report", "r.html"), "--report goes with --history"),
+        (2, ("--history", "--report", "r.png"), "must end in"),
+    ],
+)
+def test_wrong_usage_is_one_line(
+    command: Command, tmp_path: Path, count: int, options: tuple[str, ...], message: str
+) -> None:
+    files = [psf_file(tmp_path / f"{k}.json", 0.8) for k in range(count)]
+    done = command("compare", *files, *options)
+    assert done.status == 2
+    assert message in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_a_folder_without_calibrations_is_named(command: Command, tmp_path: Path) -> None:
+    done = command("compare", "--history", tmp_path)
+    assert done.status == 1
+    assert f"no psf.json in {tmp_path}" in done.err

@@ -1,0 +1,33 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from calibration.files import PSF_SCHEMA
+from tests.analysis.test_series import chart_session
+from tests.standoff.conftest import Command
+
+
+@pytest.mark.parametrize(
+    ("sigma_y_px", "seeds", "reason"),
+    [(None, (3, 3), "sigma_y_px is null"), (0.7, (3, 77), "the captures cannot be")],
+)
+def test_the_report_leaves_out_what_it_cannot_compare_and_says_why(
+    command: Command,
+    tmp_path: Path,
+    sigma_y_px: float | None,
+    seeds: tuple[int, int],
+    reason: str,
+) -> None:
+    session = chart_session(tmp_path / "s", *seeds)
+    results = session.path / "results"
+    results.mkdir()
+    content = {"schema": PSF_SCHEMA, "sigma_x_px": 0.7, "sigma_y_px": sigma_y_px}
+    (results / "psf.json").write_text(json.dumps(content))
+    done = command("report", session.path)
+    assert done.status == 0
+    assert "note: the report leaves out the comparison of heights" in done.err
+    assert reason in done.err
+    text = (results / "report.html").read_text()
+    assert "<h2>Left out</h2>" in text
+    assert reason in text
