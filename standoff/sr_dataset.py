@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from acquisition.atomic_write import atomic_write
 from simulation import GaussianPsf, Model
 from simulation.sr_pairs import SrPair, sr_pairs
-from standoff.errors import ApplicationError
+from standoff.errors import ApplicationError, ImageFileError
 from standoff.image_files import read_image, tiff_bytes
 
 __all__ = ["DATASET_SCHEMA", "SrDatasetSettings", "SrDatasetSummary", "write_sr_dataset"]
@@ -51,11 +51,15 @@ class SrDatasetSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SrDatasetSummary:
-    """How many pairs a dataset holds, and how many images were there from an earlier run."""
+    """How many pairs a dataset holds, and how many images were there from an earlier run.
+
+    ``refused`` says of each image without pairs why it has none.
+    """
 
     train: int
     test: int
     images_found_done: int
+    refused: tuple[str, ...] = ()
 
 
 def write_sr_dataset(
@@ -66,23 +70,31 @@ def write_sr_dataset(
 ) -> SrDatasetSummary:
     """Write the pairs of every image below ``out``; a second run goes on with what is missing.
 
+    An image that cannot be read, or is too small for a crop, is left out and named in the
+    summary.
+
     Raises
     ------
     ApplicationError
-        If ``out`` holds a dataset of other settings, an image is too small for a crop, or a
-        file cannot be read or written.
+        If ``out`` holds pairs of other settings, or cannot be written.
     """
     try:
-        _prepare(out, settings)
         lines = _manifest(out)
+        _prepare(out, settings, is_empty=not lines)
         done = {line["image_sha256"] for line in lines}
+        refused = []
         found = 0
         for count, path in enumerate(images, start=1):
             digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
             if digest in done:
                 found += 1
             else:
-                new = _write_image(out, path, digest, settings)
+                try:
+                    new = _write_image(out, path, digest, settings)
+                except (ImageFileError, ValueError) as error:
+                    refused.append(f"{error}" if str(path) in str(error) else f"{path}: {error}")
+                    progress(count)
+                    continue
                 _append(out / MANIFEST_NAME, new)
                 lines += new
                 done.add(digest)
@@ -93,6 +105,7 @@ def write_sr_dataset(
         train=sum(line["split"] == "train" for line in lines),
         test=sum(line["split"] == "test" for line in lines),
         images_found_done=found,
+        refused=tuple(refused),
     )
 
 
@@ -103,10 +116,10 @@ def split_of(digest: str, settings: SrDatasetSettings) -> Split:
     return "test" if share < settings.test_fraction else "train"
 
 
-def _prepare(out: Path, settings: SrDatasetSettings) -> None:
+def _prepare(out: Path, settings: SrDatasetSettings, *, is_empty: bool) -> None:
     document = json.dumps(settings.document(), indent=1) + "\n"
     about = out / "dataset.json"
-    if about.is_file():
+    if about.is_file() and not is_empty:
         if about.read_text(encoding="utf-8") != document:
             raise ApplicationError(
                 f"{out} holds pairs made with other settings (see {about}); name another --out"
@@ -119,7 +132,10 @@ def _prepare(out: Path, settings: SrDatasetSettings) -> None:
 
 
 def _manifest(out: Path) -> list[dict[str, Any]]:
-    """Read the lines of the manifest; one cut short by a power cut is taken off."""
+    """Read the lines of the manifest whose files are there.
+
+    A line cut short by a power cut is taken off, and all of an image with a file missing.
+    """
     path = out / MANIFEST_NAME
     if not path.is_file():
         return []
@@ -128,9 +144,18 @@ def _manifest(out: Path) -> list[dict[str, Any]]:
     if whole != text:
         atomic_write(path, whole.encode("utf-8"))
     try:
-        return [json.loads(line) for line in whole.splitlines()]
-    except ValueError as error:
+        lines = [json.loads(line) for line in whole.splitlines()]
+        broken = {
+            line["image_sha256"]
+            for line in lines
+            if not all((out / line[side]).is_file() for side in ("high", "low"))
+        }
+    except (ValueError, KeyError, TypeError) as error:
         raise ApplicationError(f"{path}: not a manifest: {error}") from error
+    if broken:
+        lines = [line for line in lines if line["image_sha256"] not in broken]
+        atomic_write(path, "".join(json.dumps(line) + "\n" for line in lines).encode("utf-8"))
+    return lines
 
 
 def _append(path: Path, lines: list[dict[str, Any]]) -> None:
@@ -146,32 +171,29 @@ def _write_image(
     pixels = read_image(path).colour_planes
     split = split_of(digest, settings)
     lines = []
-    try:
-        pairs = sr_pairs(
-            pixels,
-            settings.zoom,
-            settings.psf,
-            crop_px=settings.crop_px,
-            stride_px=settings.stride_px,
-            model=settings.model,
+    pairs = sr_pairs(
+        pixels,
+        settings.zoom,
+        settings.psf,
+        crop_px=settings.crop_px,
+        stride_px=settings.stride_px,
+        model=settings.model,
+    )
+    for number, pair in enumerate(pairs):
+        # The digest keeps photographs of one name from different folders apart.
+        stem = f"{path.stem}_{digest[:8]}_{number:05d}"
+        files = _write_pair(out / split, stem, pair, settings.is_float)
+        lines.append(
+            {
+                "split": split,
+                "high": f"{split}/{files[0]}",
+                "low": f"{split}/{files[1]}",
+                "image": path.name,
+                "image_sha256": digest,
+                "top_px": pair.top_px,
+                "left_px": pair.left_px,
+            }
         )
-        for number, pair in enumerate(pairs):
-            # The digest keeps photographs of one name from different folders apart.
-            stem = f"{path.stem}_{digest[:8]}_{number:05d}"
-            files = _write_pair(out / split, stem, pair, settings.is_float)
-            lines.append(
-                {
-                    "split": split,
-                    "high": f"{split}/{files[0]}",
-                    "low": f"{split}/{files[1]}",
-                    "image": path.name,
-                    "image_sha256": digest,
-                    "top_px": pair.top_px,
-                    "left_px": pair.left_px,
-                }
-            )
-    except ValueError as error:
-        raise ApplicationError(f"{path}: {error}") from error
     return lines
 
 

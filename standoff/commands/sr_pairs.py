@@ -10,13 +10,12 @@ import typer
 from simulation import Model
 from standoff.commands.simulate import read_total_psf
 from standoff.errors import ApplicationError
+from standoff.image_files import expanded_images
 from standoff.options import Json, checked_zoom
-from standoff.output import print_json, progress_bar, say
-from standoff.sr_dataset import SrDatasetSettings, write_sr_dataset
+from standoff.output import note, print_json, progress_bar, say
+from standoff.sr_dataset import SrDatasetSettings, SrDatasetSummary, write_sr_dataset
 
 __all__ = ["sr_pairs"]
-
-_IMAGE_SUFFIXES = {".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp"}
 
 
 def _checked_fraction(fraction: float) -> float:
@@ -61,26 +60,24 @@ def sr_pairs(
         seed=seed,
         is_float=is_float,
     )
-    paths = _expanded(images)
+    paths = expanded_images(images)
     with progress_bar("cutting pairs", len(paths)) as bar:
         summary = write_sr_dataset(out, paths, settings, bar.advance_to)
+    for line in summary.refused:
+        note(line)
     if json:
         print_json({"out": str(out), **asdict(summary)})
-        return
+    else:
+        _say_summary(out, summary, len(paths))
+    if summary.refused:
+        raise ApplicationError(
+            f"{len(summary.refused)} of {len(paths)} images gave no pairs; those of the others "
+            "are complete"
+        )
+
+
+def _say_summary(out: Path, summary: SrDatasetSummary, images: int) -> None:
     say(
         f"{out}: {summary.train} pairs for training, {summary.test} for testing, "
-        f"from {len(paths)} images ({summary.images_found_done} were done already)"
+        f"from {images} images ({summary.images_found_done} were done already)"
     )
-
-
-def _expanded(images: list[Path]) -> list[Path]:
-    paths: list[Path] = []
-    for path in images:
-        if not path.is_dir():
-            paths.append(path)
-            continue
-        inside = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGE_SUFFIXES)
-        if not inside:
-            raise ApplicationError(f"{path}: the folder holds no image")
-        paths += inside
-    return paths

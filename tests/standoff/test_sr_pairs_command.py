@@ -156,3 +156,42 @@ def test_the_split_of_an_image_depends_on_nothing_but_it_and_the_seed() -> None:
     digests = [f"{number:064x}" for number in range(4000)]
     share = np.mean([standoff.sr_dataset.split_of(d, settings) == "test" for d in digests])
     assert share == pytest.approx(0.25, abs=0.03)  # 4000 draws: 0.7 %, four of those
+
+
+def test_a_bad_photograph_is_named_and_keeps_no_other_from_its_pairs(
+    command: Command, folder: Path, psf: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "pairs"
+    (folder / "0broken.png").write_bytes(b"no picture")
+    done = make(command, folder, psf=psf, out=out, more=())
+    assert done.status == 1
+    assert "0broken.png" in done.err
+    assert "1 of 7 images gave no pairs" in done.err
+    assert len((out / "manifest.jsonl").read_text().splitlines()) == 6 * 9
+    (folder / "0broken.png").unlink()
+    assert json.loads(make(command, folder, psf=psf, out=out, more=()).out)["refused"] == []
+
+
+def test_settings_that_gave_no_pair_may_be_replaced(
+    command: Command, folder: Path, psf: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "pairs"
+    assert make(command, folder, psf=psf, out=out, more=("--crop", 500)).status == 1
+    assert make(command, folder, psf=psf, out=out, more=()).status == 0
+
+
+def test_a_file_that_is_missing_is_made_again(
+    command: Command, folder: Path, psf: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "pairs"
+    make(command, folder, psf=psf, out=out, more=())
+    manifest = (out / "manifest.jsonl").read_text()
+    victim = out / json.loads(manifest.splitlines()[3])["low"]
+    before = victim.read_bytes()
+    victim.unlink()
+    done = make(command, folder, psf=psf, out=out, more=())
+    assert json.loads(done.out)["images_found_done"] == 5
+    assert victim.read_bytes() == before
+    assert sorted((out / "manifest.jsonl").read_text().splitlines()) == sorted(
+        manifest.splitlines()
+    )
