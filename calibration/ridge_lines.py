@@ -32,12 +32,12 @@ SHORTEST_REGION_PX = 8
 _RAYLEIGH_MEDIAN = 1.1774100225154747  # median of |gradient| over its sigma, in pure noise
 _NOISE_HIGH = 5.0
 _NOISE_LOW = 2.5
-_NOISE_MEAN = 4.0  # of a region's mean gradient
+_NOISE_MEAN, _NOISE_SOLID = 4.0, 8.0  # of a region's mean gradient
 _NOISE_RANGES, _NOISE_PIXELS, _NOISE_SPREAD = 4, 100, 5.0
 _SAMPLED_PX = 100_000  # of which the noise is taken
 _LEAST_OF_STRONGEST = 0.04
 _DIRECTION_COSINE = cos(pi / 8)
-_SMALLEST_NEIGHBOUR_PX = 6
+_SMALLEST_NEIGHBOUR_PX, _FAINT_NEIGHBOUR_PX = 6, 16
 _LARGEST_SAGITTA = 0.02  # of the length: a bend the fit's curvature takes up
 _ROUGHEST_PX = 0.7  # rms distance of the ridge from its line
 _LINE_BAND_PX = 3.0
@@ -128,9 +128,13 @@ def find_ridges(gradient: Gradient, image_dn: Array) -> Ridges:
     magnitude = np.hypot(gradient.x[rows, cols], gradient.y[rows, cols])
     level_dn = np.add.reduceat(image_dn[rows, cols], starts[:-1]) / sizes
     noise = gradient.noise[np.searchsorted(gradient.levels_dn, level_dn, side="right")]
-    is_real = np.add.reduceat(magnitude, starts[:-1]) / sizes >= _NOISE_MEAN * noise
+    strength = np.add.reduceat(magnitude, starts[:-1]) / sizes
+    is_real = strength >= _NOISE_MEAN * noise
     lines = _lines(gradient.x, gradient.y, rows, cols, starts, is_real)
-    solid = np.repeat((sizes >= _SMALLEST_NEIGHBOUR_PX) & is_real, sizes)
+    # Noise beside a faint edge makes short, faint ridges; only what is neither spoils a fit.
+    is_solid = (sizes >= _SMALLEST_NEIGHBOUR_PX) & (strength >= _NOISE_SOLID * noise)
+    is_solid |= (sizes >= _FAINT_NEIGHBOUR_PX) & is_real
+    solid = np.repeat(is_solid, sizes)
     solid_rows, solid_cols = rows[solid], cols[solid]
     from_top = np.argsort(solid_rows, kind="stable")
     points = np.column_stack([solid_cols[from_top], solid_rows[from_top]]).astype(np.float64)

@@ -8,6 +8,7 @@ from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 __all__ = ["RESAMPLES", "VarianceFit", "excess_variance", "fit_variances"]
 
@@ -112,7 +113,8 @@ def excess_variance(deviation: Array, err: Array, trust: Array, freedom: float) 
 def _bootstrap(design: Array, squares: Array, weight: Array) -> Array | None:
     """Solutions of resampled edges, shape ``(resamples, unknowns)``; None for few edges.
 
-    The replicates are widened by sqrt(n / (n - p)): resampled residuals are too small.
+    The replicates are widened by sqrt(n / (n - p)), as resampled residuals are too small, and by
+    Student's quantile over the normal one, as their spread is itself uncertain.
     """
     count, unknowns = design.shape
     if count < _BOOTSTRAP_EDGES:
@@ -126,4 +128,6 @@ def _bootstrap(design: Array, squares: Array, weight: Array) -> Array | None:
     usable = np.linalg.cond(normal) < 1e10
     solved = np.linalg.solve(normal[usable], right[usable][:, :, None])[:, :, 0]
     middle = np.linalg.solve(design.T @ (weight[:, None] * design), design.T @ (weight * squares))
-    return np.asarray(middle + (solved - middle) * sqrt(count / (count - unknowns)))
+    student = float(stdtrit(count - unknowns, 0.975) / stdtrit(np.inf, 0.975))
+    widened = student * sqrt(count / (count - unknowns))
+    return np.asarray(middle + (solved - middle) * widened)
