@@ -12,14 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.edge_segments import EdgeSegment
-from calibration.ridge_lines import (
-    SHORTEST_REGION_PX,
-    SMOOTHING_PX,
-    Gradient,
-    find_ridges,
-    nearest_other,
-    refined,
-)
+from calibration.image_gradient import SMOOTHING_PX, Gradient
+from calibration.ridge_lines import SHORTEST_REGION_PX, find_ridges, nearest_other, refined
 
 __all__ = ["find_edges"]
 
