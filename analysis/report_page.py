@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import wraps
-from io import BytesIO, StringIO
+from io import BytesIO
 from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -23,6 +23,7 @@ __all__ = [
     "new_figure",
     "png_bytes",
     "render_report",
+    "svg_bytes",
 ]
 
 _P = ParamSpec("_P")
@@ -73,10 +74,7 @@ class ReportFigure:
     ) -> "ReportFigure":
         """Draw a matplotlib figure into the page: ``svg`` for lines, ``png`` for photographs."""
         if form == "svg":
-            text = StringIO()
-            with mpl.rc_context(_STYLE):
-                figure.savefig(text, format="svg", metadata={"Date": None})
-            markup = text.getvalue()
+            markup = svg_bytes(figure).decode("utf-8")
             markup = markup[markup.index("<svg") :]
         else:
             encoded = b64encode(png_bytes(figure)).decode("ascii")
@@ -121,6 +119,14 @@ def png_bytes(figure: Figure) -> bytes:
     data = BytesIO()
     with mpl.rc_context(_STYLE):
         figure.savefig(data, format="png", dpi=_PNG_DPI)
+    return data.getvalue()
+
+
+def svg_bytes(figure: Figure) -> bytes:
+    """Draw a figure as an SVG file."""
+    data = BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(data, format="svg", metadata={"Date": None})
     return data.getvalue()
 
 

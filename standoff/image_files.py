@@ -3,6 +3,7 @@
 import logging
 import struct
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -15,11 +16,21 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from acquisition.atomic_write import atomic_write
-from standoff.errors import ImageFileError
+from calibration.linearise import luma_plane
+from standoff.errors import ApplicationError, ImageFileError
 
-__all__ = ["ImageFile", "read_image", "tiff_bytes", "write_float_tiff", "write_mask"]
+__all__ = [
+    "ImageFile",
+    "expanded_images",
+    "read_grey",
+    "read_image",
+    "tiff_bytes",
+    "write_float_tiff",
+    "write_mask",
+]
 
 _TIFF_SUFFIXES = {".tif", ".tiff"}
+_IMAGE_SUFFIXES = {".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp"}
 _PLATEAU_FRACTION = 0.002
 _ADC_BITS = (10, 12, 14)
 
@@ -84,6 +95,37 @@ def read_image(path: Path) -> ImageFile:
         saturation_dn=_saturation(pixels, full_scale),
         is_jpeg=data[:3] == b"\xff\xd8\xff",
     )
+
+
+def read_grey(path: Path) -> NDArray[np.float64]:
+    """Read the grey levels of an image; a colour image as Rec. 601 luma.
+
+    Raises
+    ------
+    ImageFileError
+        As ``read_image``.
+    """
+    return luma_plane(read_image(path).colour_planes)
+
+
+def expanded_images(paths: Sequence[Path]) -> list[Path]:
+    """Replace folders by the images that lie in them, in the order of their names.
+
+    Raises
+    ------
+    ApplicationError
+        If a folder holds none.
+    """
+    files: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            files.append(path)
+            continue
+        inside = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGE_SUFFIXES)
+        if not inside:
+            raise ApplicationError(f"{path}: the folder holds no image")
+        files += inside
+    return files
 
 
 def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -> None:

@@ -1,0 +1,131 @@
+"""Covariance of the artefact over positions and images, as autocovariances of tiles of images.
+
+A window's covariance over all positions depends on the distance of two pixels alone, so that one
+array of lagged products holds it. It is additive: the covariance over many images is the sum of
+their arrays, and what a template makes of the artefact is one sum over lags.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+
+__all__ = ["ArtefactTiles", "artefact_tiles", "template_autocorrelation", "window_covariance"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ArtefactTiles:
+    """Lagged products of the artefact, tile by tile.
+
+    Parameters
+    ----------
+    products_dn2
+        Shape ``(tiles, 2 n - 1, 2 n - 1)``: sums over a tile's pixels x of
+        ``a(x) a(x + lag)``, even in the lag; lag 0 in the middle; n is the side of the window.
+    pixels
+        Shape ``(tiles,)``: pixels of each tile, those at the border in part.
+    """
+
+    products_dn2: FloatArray
+    pixels: FloatArray
+
+    @classmethod
+    def joined(cls, parts: list["ArtefactTiles"]) -> Self:
+        """Tiles of several images together."""
+        return cls(
+            products_dn2=np.concatenate([part.products_dn2 for part in parts]),
+            pixels=np.concatenate([part.pixels for part in parts]),
+        )
+
+    @property
+    def autocovariance_dn2(self) -> FloatArray:
+        """Mean over all pixels of all tiles, shape ``(2 n - 1, 2 n - 1)``, symmetric."""
+        return np.asarray(self.products_dn2.sum(axis=0) / self.pixels.sum())
+
+    def template_sums(self, template: FloatArray) -> FloatArray:
+        """Sum over each tile's positions of the squared response to the artefact, (tiles,)."""
+        return np.asarray(
+            np.tensordot(self.products_dn2, template_autocorrelation(template), axes=2)
+        )
+
+
+def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int) -> ArtefactTiles:
+    """Measure the lagged products of an artefact image around its mean.
+
+    Parameters
+    ----------
+    artefact_dn
+        Shape ``(rows, cols)``.
+    window_px
+        Side n of the window; lags up to n - 1 are taken. The image fades to zero over n / 2 px at
+        its border, so that the covariance is positive semidefinite and the border itself is not
+        taken for artefact; it counts by the weight it has left.
+    tiles_per_side
+        The image is cut into this many tiles along each axis.
+
+    Raises
+    ------
+    ValueError
+        If the image is smaller than the window.
+    """
+    if min(artefact_dn.shape) < window_px:
+        raise ValueError(
+            f"an artefact image of {artefact_dn.shape} px is smaller than the window of "
+            f"{window_px} px"
+        )
+    lag = window_px - 1
+    fading = np.outer(*(_fading(size, window_px // 2) for size in artefact_dn.shape))
+    padded = np.pad(fading * (artefact_dn - artefact_dn.mean()), lag)
+    rows, cols = (
+        np.linspace(0, size, tiles_per_side + 1).astype(int) for size in artefact_dn.shape
+    )
+    products, pixels = [], []
+    for top, bottom in pairwise(rows):
+        for left, right in pairwise(cols):
+            around = padded[top : bottom + 2 * lag, left : right + 2 * lag]
+            inside = padded[top + lag : bottom + lag, left + lag : right + lag]
+            product = _correlated(around, inside, 2 * lag + 1)
+            # Templates meet the even part alone.
+            products.append((product + product[::-1, ::-1]) / 2)
+            pixels.append(float(np.sum(fading[top:bottom, left:right] ** 2)))
+    return ArtefactTiles(products_dn2=np.stack(products), pixels=np.array(pixels))
+
+
+def window_covariance(autocovariance_dn2: FloatArray) -> FloatArray:
+    """Covariance of all pixels of a window, row by row, shape ``(n^2, n^2)``.
+
+    Parameters
+    ----------
+    autocovariance_dn2
+        Shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle.
+    """
+    n = (autocovariance_dn2.shape[0] + 1) // 2
+    lag = np.arange(n)[:, None] - np.arange(n)[None, :] + n - 1
+    blocks = autocovariance_dn2[:, lag]  # (lag of rows, column, column)
+    full = blocks[lag]  # (row, row, column, column)
+    return np.ascontiguousarray(full.transpose(0, 2, 1, 3)).reshape(n * n, n * n)
+
+
+def template_autocorrelation(template: FloatArray) -> FloatArray:
+    """Lagged products of a template, shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle."""
+    n = template.shape[0]
+    padded = np.pad(template, n - 1)
+    return _correlated(padded, template, 2 * n - 1)
+
+
+def _fading(size: int, width: int) -> FloatArray:
+    """Weights along an axis: a cosine rises from the border to 1 over ``width`` px."""
+    from_border = np.minimum(np.arange(size), np.arange(size)[::-1]) + 0.5
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.minimum(from_border / width, 1.0)))
+
+
+def _correlated(around: FloatArray, inside: FloatArray, size: int) -> FloatArray:
+    """``out[l] = sum over x of inside[x] around[x + l]`` for l from 0, shape (size, size)."""
+    shape = [next_fast_len(n, real=True) for n in around.shape]
+    spectrum = rfft2(around, shape) * np.conj(rfft2(inside, shape))
+    return np.asarray(irfft2(spectrum, shape)[:size, :size])

@@ -1,0 +1,90 @@
+"""How densely a follow-up samples its reference, place by place, from the homography alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LocalSampling", "local_sampling"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LocalSampling:
+    """Reference pixels per follow-up pixel at places of the follow-up, shape (rows, cols) each.
+
+    Parameters
+    ----------
+    worst_zoom, best_zoom
+        Along the direction that is sampled most coarsely, and most densely.
+    inside
+        The place lies in the reference.
+    """
+
+    worst_zoom: FloatArray
+    best_zoom: FloatArray
+    inside: NDArray[np.bool_]
+
+    @property
+    def anisotropy(self) -> FloatArray:
+        """Worst over best zoom, at least 1."""
+        return self.worst_zoom / self.best_zoom
+
+    @property
+    def overlap(self) -> float:
+        """Share of the follow-up that the reference covers."""
+        return float(self.inside.mean())
+
+
+def local_sampling(
+    matrix: FloatArray,
+    followup_size: tuple[int, int],
+    reference_size: tuple[int, int],
+    step_px: int = 4,
+) -> LocalSampling:
+    """Work out the sampling at every ``step_px``-th pixel of a follow-up, its border included.
+
+    Parameters
+    ----------
+    matrix
+        Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
+    followup_size, reference_size
+        ``(width, height)``.
+    step_px
+        Distance of the places; the outermost pixels are always among them.
+
+    Raises
+    ------
+    ValueError
+        If the horizon of the plane lies in the follow-up's frame.
+    """
+    width, height = followup_size
+    x, y = np.meshgrid(_places(width, step_px), _places(height, step_px))
+    h = np.asarray(matrix, dtype=np.float64)
+    depth = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+    if not (np.all(depth > 0) or np.all(depth < 0)):
+        raise ValueError("the horizon of the plane lies in the follow-up's frame")
+    ref_x = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / depth
+    ref_y = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / depth
+    # A = d p / d u, as in docs/theory-pose.md.
+    a, b = (h[0, 0] - ref_x * h[2, 0]) / depth, (h[0, 1] - ref_x * h[2, 1]) / depth
+    c, d = (h[1, 0] - ref_y * h[2, 0]) / depth, (h[1, 1] - ref_y * h[2, 1]) / depth
+    # Singular values of a 2 x 2 matrix: half the sum and half the difference of two lengths.
+    turning, shearing = np.hypot(a + d, c - b), np.hypot(a - d, c + b)
+    inside = (
+        (ref_x >= -0.5)
+        & (ref_x <= reference_size[0] - 0.5)
+        & (ref_y >= -0.5)
+        & (ref_y <= reference_size[1] - 0.5)
+    )
+    return LocalSampling(
+        worst_zoom=(turning + shearing) / 2,
+        best_zoom=np.abs(turning - shearing) / 2,
+        inside=inside,
+    )
+
+
+def _places(size: int, step_px: int) -> FloatArray:
+    count = max(round((size - 1) / step_px), 1) + 1
+    return np.linspace(0, size - 1, count)

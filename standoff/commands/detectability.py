@@ -1,0 +1,216 @@
+"""``standoff detectability``: how a change's detectability falls with the change of distance."""
+
+import math
+from pathlib import Path
+from typing import Annotated, TypeVar, get_args
+
+import numpy as np
+import typer
+
+from analysis.detectability import Scenario, d_prime_curves
+from analysis.detectability_artefact import ArtefactTiles
+from analysis.detectability_curves import DetectabilityCurve, curves_document, write_curves
+from analysis.detectability_local import WINDOW_PX
+from analysis.detectability_observers import OBSERVERS, Observer
+from analysis.detectability_pair import REFERENCE_ZOOM
+from analysis.detectability_plots import plot_detectability
+from analysis.detectability_signal import ChangeSignal, GaussianSignal, PatchSignal
+from analysis.detectability_sweep import SceneStatistics, SweepPlan, sweep_images, tiles_per_side
+from analysis.report_page import png_bytes, svg_bytes
+from calibration.files import read_noise
+from simulation import MODELS, Model
+from standoff.commands.simulate import read_total_psf
+from standoff.errors import ApplicationError
+from standoff.image_files import expanded_images, read_grey
+from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
+from standoff.output import print_json, print_table, progress_bar, say
+from standoff.reports import require_writable, write_file
+
+__all__ = ["detectability"]
+
+_Name = TypeVar("_Name", bound=str)
+
+_MODELS: tuple[Model, ...] = ("bicubic", "paper", "matched")
+
+
+def detectability(
+    images: Annotated[
+        list[Path],
+        typer.Argument(help="Photographs of the scene, or folders of them.", show_default=False),
+    ],
+    *,
+    out: Annotated[Path, typer.Option(help="curves.json; figures are written beside it.")],
+    psf: Annotated[Path | None, typer.Option(help="psf.json of the photographs.")] = None,
+    zooms: Annotated[
+        str, typer.Option(help="Ratios of the two distances, from 1.")
+    ] = "1,1.1,1.2,1.35,1.5,1.75,2,2.5,3,4",
+    noise: Annotated[
+        str, typer.Option(help="Standard deviations in DN, S[,S...], or a noise.json.")
+    ] = "1,2,4",
+    contrast: Annotated[str, typer.Option(help="Peaks of the change in DN, C[,C...].")] = "12",
+    signal_sigma: Annotated[
+        float, typer.Option(min=0.3, help="Width of the change in px of the photographs.")
+    ] = 2.0,
+    signal: Annotated[
+        Path | None, typer.Option(help="Image patch that is the change, instead of a Gaussian.")
+    ] = None,
+    observer: Annotated[str, typer.Option(help="npw, hotelling, cho.")] = ",".join(OBSERVERS),
+    model: Annotated[str, typer.Option(help="Capture models.")] = ",".join(_MODELS),
+    reference_zoom: Annotated[
+        float, typer.Option(help="From the photograph to the reference.", callback=checked_zoom)
+    ] = REFERENCE_ZOOM,
+    window: Annotated[int, typer.Option(min=5, help="Side of the observer's window.")] = WINDOW_PX,
+    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler, tcp://HOST:PORT, instead of --workers.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say how well a change can be found in photographs from different distances, at best."""
+    refuse_suffix(out, "--out", {".json"})
+    refuse_overwriting([out], [*images, psf, signal])
+    zoom_list = sorted(set(_numbers(zooms, "--zooms", least=1.0)))
+    contrasts = _numbers(contrast, "--contrast")
+    observers = tuple(_chosen(observer, "--observer", get_args(Observer)))
+    models = tuple(_chosen(model, "--model", MODELS))
+    if window % 2 == 0:
+        raise typer.BadParameter(f"the window's side is odd, got {window}", param_hint="--window")
+    if psf is None and set(models) != {"bicubic"}:
+        raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
+    camera = None
+    if noise.endswith(".json"):
+        camera = read_noise(Path(noise))
+        noises = []
+    else:
+        noises = _numbers(noise, "--noise")
+    if signal is None:
+        change: ChangeSignal = GaussianSignal(sigma_px=signal_sigma)
+    else:
+        try:
+            change = PatchSignal(levels_dn=read_grey(signal))
+        except ValueError as error:
+            raise ApplicationError(f"{signal}: {error}") from error
+    if 2 * change.reach_px / reference_zoom > window:
+        raise typer.BadParameter(
+            f"the change is wider than the window of {window} px; widen it", param_hint="--window"
+        )
+    require_writable([out])
+    paths = expanded_images(images)
+    plan = SweepPlan(
+        scenario=Scenario(
+            psf=None if psf is None else read_total_psf(psf),
+            reference_zoom=reference_zoom,
+            window_px=window,
+        ),
+        models=models,
+        zooms=tuple(zoom_list),
+        tiles_per_side=tiles_per_side(len(paths)),
+    )
+    with progress_bar("measuring images", len(paths)) as bar:
+        cells = sweep_images(
+            paths,
+            read_grey,
+            plan,
+            results=out.with_suffix(".cells.jsonl"),
+            workers=workers,
+            scheduler=scheduler,
+            progress=bar.advance_to,
+        )
+    if camera is not None:
+        levels = np.array([cell.mean_dn for cell in cells])
+        noises = [math.sqrt(float(camera.variance_dn2(levels).mean()))]
+    curves = _curves(cells, plan, change, noises, contrasts, observers)
+    document = curves_document(
+        curves,
+        images=len(paths),
+        reference_zoom=reference_zoom,
+        window_px=window,
+        signal="gaussian" if signal is None else signal.name,
+    )
+    write_curves(out, document)
+    figures = _write_figures(out, curves, noises, contrasts)
+    if json:
+        print_json({"out": str(out), "figures": [str(path) for path in figures], **document})
+        return
+    _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
+    say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
+    say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
+
+
+def _curves(
+    cells: list[SceneStatistics],
+    plan: SweepPlan,
+    change: ChangeSignal,
+    noises_dn: list[float],
+    contrasts_dn: list[float],
+    observers: tuple[Observer, ...],
+) -> list[DetectabilityCurve]:
+    curves = []
+    with progress_bar("working out d'", len(plan.models)) as bar:
+        for number, model in enumerate(plan.models):
+            artefacts = [
+                ArtefactTiles.joined([cell.artefact(number, place) for cell in cells])
+                for place in range(len(plan.zooms))
+            ]
+            curves += d_prime_curves(
+                artefacts,
+                plan.zooms,
+                change,
+                plan.scenario,
+                model,
+                noises_dn=noises_dn,
+                contrasts_dn=contrasts_dn,
+                observers=observers,
+            )
+            bar.advance_to(number + 1)
+    return curves
+
+
+def _write_figures(
+    out: Path,
+    curves: list[DetectabilityCurve],
+    noises_dn: list[float],
+    contrasts_dn: list[float],
+) -> list[Path]:
+    by_noise = [curve for curve in curves if curve.contrast_dn == contrasts_dn[0]]
+    middle_dn = sorted(noises_dn)[len(noises_dn) // 2]
+    by_contrast = [curve for curve in curves if curve.noise_dn == middle_dn]
+    written = []
+    for name, figure in (
+        ("noise", plot_detectability(by_noise, "noise_dn")),
+        ("contrast", plot_detectability(by_contrast, "contrast_dn")),
+    ):
+        for suffix, data in ((".png", png_bytes(figure)), (".svg", svg_bytes(figure))):
+            path = out.with_name(f"{out.stem}-{name}{suffix}")
+            write_file(path, data)
+            written.append(path)
+    return written
+
+
+def _print_curves(curves: list[DetectabilityCurve]) -> None:
+    print_table(
+        "d' against zoom; it is proportional to the contrast",
+        ["zoom", *(f"{zoom:g}" for zoom in curves[0].zoom)],
+        [[curve.name, *(f"{value:.2f}" for value in curve.dprime)] for curve in curves],
+    )
+
+
+def _numbers(text: str, option: str, least: float | None = None) -> list[float]:
+    """Read numbers divided by commas: positive, or not below ``least``."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise typer.BadParameter(f"expected numbers, got {text}", param_hint=option) from error
+    for value in values:
+        if not math.isfinite(value) or (value <= 0 if least is None else value < least):
+            bound = "above 0" if least is None else f"from {least:g}"
+            raise typer.BadParameter(f"expected numbers {bound}, got {value:g}", param_hint=option)
+    return list(dict.fromkeys(values))
+
+
+def _chosen(text: str, option: str, known: tuple[_Name, ...]) -> list[_Name]:
+    names = {str(name): name for name in known}
+    for part in text.split(","):
+        if part not in names:
+            raise typer.BadParameter(f"{part!r} is none of {', '.join(names)}", param_hint=option)
+    return [names[part] for part in dict.fromkeys(text.split(","))]

@@ -1,0 +1,137 @@
+"""``standoff limits``: how far the camera may be moved before changes are no longer found."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.pose_limits import PoseLimits, ViewingCamera, contrast_found_at, pose_limits
+from analysis.pose_plots import plot_limits
+from analysis.report_page import png_bytes, svg_bytes
+from calibration.files import read_geometry
+from standoff.curve_options import (
+    CurveContrast,
+    CurveModel,
+    CurveNoise,
+    CurveObserver,
+    CurvesPath,
+    MinDprime,
+    chosen_curve,
+)
+from standoff.errors import ApplicationError
+from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
+from standoff.output import print_json, print_table, say
+from standoff.reports import require_writable, write_file
+
+__all__ = ["limits"]
+
+
+def limits(
+    *,
+    curves: CurvesPath,
+    min_dprime: MinDprime,
+    geometry: Annotated[Path | None, typer.Option(help="geometry.json of the camera.")] = None,
+    focal_length_px: Annotated[
+        float | None, typer.Option(help="Focal length in px, instead of --geometry.")
+    ] = None,
+    image_size: Annotated[
+        str | None, typer.Option(help="WxH in px, with --focal-length-px.")
+    ] = None,
+    reference_tilt: Annotated[
+        float, typer.Option(min=-75, max=75, help="Tilt of the reference, degrees.")
+    ] = 0.0,
+    at_zoom: Annotated[
+        float | None,
+        typer.Option(help="Pose to ask about: which contrast is found?", callback=checked_zoom),
+    ] = None,
+    at_tilt: Annotated[
+        float, typer.Option(min=-75, max=75, help="Tilt of that pose, degrees.")
+    ] = 0.0,
+    plot: Annotated[Path | None, typer.Option(help="Figure to write: PNG or SVG.")] = None,
+    model: CurveModel = None,
+    observer: CurveObserver = None,
+    noise: CurveNoise = None,
+    contrast: CurveContrast = None,
+    json: Json = False,
+) -> None:
+    """Say which distance ratio, tilt and shift keep d' above a threshold, at best."""
+    refuse_suffix(plot, "--plot", {".png", ".svg"})
+    refuse_overwriting([plot], [curves, geometry])
+    if at_tilt and at_zoom is None:
+        raise typer.BadParameter("--at-tilt goes with --at-zoom")
+    camera = _camera(geometry, focal_length_px, image_size)
+    require_writable([plot])
+    curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
+    found = pose_limits(curve, min_dprime, camera, reference_tilt)
+    least_dn = None
+    if at_zoom is not None:
+        least_dn = contrast_found_at(curve, min_dprime, camera, at_zoom, at_tilt, reference_tilt)
+    if plot is not None:
+        figure = plot_limits(curve, found, min_dprime)
+        write_file(plot, svg_bytes(figure) if plot.suffix == ".svg" else png_bytes(figure))
+    if json:
+        print_json(
+            {
+                "curve": curve.model_dump(include={"model", "observer", "noise_dn", "contrast_dn"}),
+                "min_dprime": min_dprime,
+                "reference_tilt_deg": reference_tilt,
+                "is_upper_bound": True,
+                **asdict(found),
+                "at_zoom": at_zoom,
+                "at_tilt_deg": None if at_zoom is None else at_tilt,
+                "contrast_found_dn": least_dn,
+            }
+        )
+        return
+    _print_limits(curve.name, min_dprime, found)
+    if least_dn is not None:
+        say(
+            f"at zoom {at_zoom:g}, tilt {at_tilt:g} degrees: contrasts from {least_dn:.3g} DN are "
+            "found"
+        )
+
+
+def _camera(
+    geometry: Path | None, focal_length_px: float | None, image_size: str | None
+) -> ViewingCamera:
+    if geometry is not None:
+        if focal_length_px is not None or image_size is not None:
+            raise typer.BadParameter("give --geometry or --focal-length-px with --image-size")
+        stored = read_geometry(geometry)
+        focal, width, height = stored.focal_length_px, stored.width_px, stored.height_px
+        if focal is None or width is None or height is None:
+            raise ApplicationError(
+                f"{geometry}: the focal length or the frame is not determined; give "
+                "--focal-length-px and --image-size"
+            )
+        return ViewingCamera(focal_length_px=focal, width_px=width, height_px=height)
+    if focal_length_px is None or image_size is None:
+        raise typer.BadParameter("give --geometry, or --focal-length-px and --image-size")
+    try:
+        width, height = (int(part) for part in image_size.lower().split("x"))
+        return ViewingCamera(focal_length_px=focal_length_px, width_px=width, height_px=height)
+    except ValueError as error:
+        raise typer.BadParameter(f"{image_size} or {focal_length_px:g}: {error}") from error
+
+
+def _print_limits(name: str, min_dprime: float, found: PoseLimits) -> None:
+    more = " and more (the curve ends there)" if found.is_zoom_beyond_curve else ""
+    tilt = "none" if found.tilt_deg is None else f"up to {found.tilt_deg:.1f} degrees"
+    say(f"{name}; d' of at least {min_dprime:g}, at best:")
+    say(f"straight back: up to {found.zoom:.3f} times the distance{more}")
+    say(f"tilt at the same distance: {tilt}")
+    print_table(
+        "Distance and tilt",
+        ["tilt / degrees", "distance ratio up to"],
+        [
+            [f"{tilt_deg:g}", "-" if zoom is None else f"{zoom:.3f}"]
+            for tilt_deg, zoom in found.zoom_by_tilt
+        ],
+    )
+    print_table(
+        "Sideways shift: the sampling stays, the overlap shrinks",
+        ["shift / field width", "overlap"],
+        [[f"{share:g}", f"{100 * overlap:.0f} %"] for share, overlap in found.overlap_by_shift],
+    )
+    say("d' is an upper bound: registration, light, gloss, parallax and defocus only lower it")

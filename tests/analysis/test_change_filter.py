@@ -1,0 +1,135 @@
+"""Changes on photographs of a scene known in closed form; the analysis resamples, these do not."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from analysis.change_filter import ChangeResult, find_changes
+from analysis.change_plots import plot_changes
+from analysis.change_uncertainty import fit_variance
+from analysis.errors import AnalysisError
+from simulation import GaussianPsf
+from simulation.capture_noise import CaptureNoise
+from tests.analysis.blob_scene import blobs, photograph, pose_matrix
+
+Array = NDArray[np.float64]
+
+NEAR, FAR, ZOOM, PSF_PX, SHIFT_PX = (270, 330), (170, 210), 1.5, 0.9, 2.3
+PSF = GaussianPsf(sigma_x_px=PSF_PX, sigma_y_px=PSF_PX)
+NOISE = CaptureNoise(gain_e_per_dn=60.0, read_noise_e=10.0, black_level_dn=0.0)
+MATRIX = pose_matrix(NEAR, FAR, ZOOM, SHIFT_PX)
+LIGHT = 1.05 + 0.1 * np.linspace(-1, 1, FAR[1])[None, :]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pair:
+    reference: Array
+    followup: Array
+    truth: Array
+
+
+@lru_cache
+def pair(seed: int, contrast_dn: float) -> Pair:
+    """Reference, and a follow-up from 1.5 times as far in other light, with sixteen changes."""
+    rng = np.random.default_rng(seed)
+    scene = blobs(seed, 5000, 240.0)
+    places = np.arange(-60.0, 61.0, 40.0)
+    change = np.array([[y, x, 2.0, contrast_dn] for y in places for x in places])
+    noiseless = (
+        photograph(scene, NEAR, 1.0, PSF_PX),
+        photograph(np.vstack([scene, change]), FAR, ZOOM, PSF_PX, SHIFT_PX) * LIGHT,
+    )
+    noisy = [
+        image + np.sqrt(NOISE.variance_dn2(image)) * rng.standard_normal(image.shape)
+        for image in noiseless
+    ]
+    truth = photograph(change, FAR, ZOOM, PSF_PX, SHIFT_PX) - 120.0
+    return Pair(reference=noisy[0], followup=noisy[1], truth=truth)
+
+
+@lru_cache
+def found(one: Pair, noise: CaptureNoise | None = NOISE) -> ChangeResult:
+    return find_changes(one.reference, one.followup, MATRIX, PSF, noise)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [NOISE, None])
+def test_nothing_is_flagged_where_only_pose_and_light_changed(noise: CaptureNoise | None) -> None:
+    result = found(pair(1, 0.0), noise)
+    # 0.05 pixels a frame are allowed.
+    assert not result.is_change.any()
+    assert result.significance[result.valid].std() == pytest.approx(1.0, abs=0.05)
+    assert result.gain == pytest.approx(1.05, abs=0.01)
+    assert abs(result.extra_blur_px2) < 0.05
+    # The plain difference of the same pair is far beyond its noise.
+    noise_dn = np.sqrt(np.median(result.uncertainty.variance_dn2[result.valid]))
+    assert result.plain_difference_dn[result.valid].std() > 1.5 * noise_dn
+
+
+@pytest.mark.slow
+def test_the_parts_of_the_plain_difference_add_up() -> None:
+    result = found(pair(2, 25.0))
+    np.testing.assert_allclose(
+        result.plain_difference_dn, result.difference_dn + result.pose_difference_dn, atol=1e-9
+    )
+
+
+@pytest.mark.slow
+def test_a_change_is_found_where_it_is_and_nowhere_else() -> None:
+    one = pair(2, 25.0)
+    result = found(one)
+    core = result.valid & (one.truth > 0.5 * one.truth.max())
+    assert result.is_change[core].mean() > 0.98
+    clear = result.valid & (gaussian_filter(one.truth, 1.0) < 0.005 * one.truth.max())
+    assert not result.is_change[clear].any()
+    assert "px changed" in plot_changes(one.followup, result).axes[0].get_title()
+
+
+@pytest.mark.slow
+def test_false_positives_fall_five_fold_at_equal_true_positives() -> None:
+    """Faint changes, and a plain difference that gets the same light fit and smoothing."""
+    plain_false, false = 0, 0
+    for seed in range(3, 5):
+        one = pair(seed, 7.0)
+        result = found(one)
+        core = result.valid & (one.truth > 0.5 * one.truth.max())
+        clear = result.valid & (gaussian_filter(one.truth, 1.0) < 0.005 * one.truth.max())
+        plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+        significance = np.abs(result.significance)
+        plain_false += int((plain[clear] >= np.quantile(plain[core], 0.2)).sum())
+        false += int((significance[clear] >= np.quantile(significance[core], 0.2)).sum())
+    assert plain_false >= 5 * max(false, 1), (plain_false, false)
+
+
+def test_a_softer_follow_up_is_refused() -> None:
+    one = pair(1, 0.0)
+    soft = gaussian_filter(one.followup, 0.7)
+    with pytest.raises(AnalysisError, match=r"softer than simulated by 0\.[4-6]"):
+        find_changes(one.reference, soft, MATRIX, PSF, NOISE)
+
+
+def test_images_that_share_nothing_are_refused() -> None:
+    one = pair(1, 0.0)
+    away = MATRIX.copy()
+    away[0, 2] += 320.0
+    with pytest.raises(AnalysisError, match="share too little"):
+        find_changes(one.reference, one.followup, away, PSF, NOISE)
+
+
+def test_the_variance_is_taken_apart_into_what_it_was_made_of() -> None:
+    rng = np.random.default_rng(4)
+    scene = gaussian_filter(rng.standard_normal((300, 300)), 2.0) * 300
+    along_y, along_x = np.gradient(scene)
+    slope = np.sqrt((along_y**2 + along_x**2) / 2)
+    difference = 1.5 * rng.standard_normal(scene.shape)
+    difference += 0.2 * slope * rng.standard_normal(scene.shape)
+    fit = fit_variance(difference, scene, np.ones(scene.shape, dtype=bool), np.ones(scene.shape))
+    # Clipping at 3.5 standard deviations takes 0.7 % of the variance.
+    assert fit.noise_factor == pytest.approx(1.5**2, rel=0.04)
+    assert fit.registration_err_px == pytest.approx(0.2, rel=0.04)
+    expected = 1.5**2 + (0.2 * slope) ** 2
+    assert np.median(fit.variance_dn2 / expected) == pytest.approx(1.0, abs=0.04)
