@@ -130,6 +130,9 @@ class CaptureConfig(_Section):
     """``[capture]``: how a capture is averaged."""
 
     frames_per_capture: int = Field(10, ge=2, le=1000)
+    mains_hz: Literal[0, 50, 60] = Field(
+        50, description="mains frequency of the lamps; 0: they do not flicker"
+    )
 
 
 class SimulatedConfig(_Section):
@@ -169,7 +172,7 @@ class BenchConfig(_Section):
     camera: CameraConfig
     stage: StageConfig
     optics: OpticsConfig
-    capture: CaptureConfig = CaptureConfig(frames_per_capture=10)
+    capture: CaptureConfig = CaptureConfig(frames_per_capture=10, mains_hz=50)
     simulated: SimulatedConfig | None = None
 
 

@@ -1,11 +1,12 @@
-"""Focus value of an image: squared gradient, normalised so that exposure does not enter."""
+"""Focus value of an image, normalised so that neither exposure nor noise enters."""
 
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from acquisition.focus_measures import FOCUS_MEASURES, FocusMeasure
 
 __all__ = ["Region", "focus_value"]
 
@@ -45,52 +46,55 @@ def focus_value(
     black_level_dn: float,
     region: Region | None = None,
     noise_variance_dn2: float = 0.0,
+    measure: FocusMeasure = "squared-gradient",
 ) -> float:
-    """Squared-gradient focus value, dimensionless; larger is sharper, 0 is flat or dark.
+    """Focus value, dimensionless; larger is sharper, 0 is flat or dark.
 
-    With I the image, b the black level and v the noise variance of one of its pixels::
+    With R the responses of the measure to the image I, b the black level, v the noise variance
+    of a pixel and g the measure's noise gain (``FOCUS_MEASURES``)::
 
-        F = (mean (I[y, x+1] - I[y, x])^2 + mean (I[y+1, x] - I[y, x])^2 - 4 v)
-            / (mean (I - b)^2 - v)
+        F = (mean R^2 - g v) / (mean (I - b)^2 - v)
 
     Scaling the light scales numerator and denominator alike, so that exposure, gain and lamp
-    drift do not read as focus. Values compare only over the same scene and region.
+    drift do not read as focus. Values compare only over the same scene, region and measure.
 
-    Noise adds 2 v to each mean squared difference. Left in (``noise_variance_dn2`` 0), it
-    raises every value by about 4 v / mean (I - b)^2 and flattens the peak, without moving it;
-    taken out, F is unbiased and may come out slightly negative on a flat scene.
+    Noise adds g v to the mean squared response; for the squared gradient g is 4. Left in
+    (``noise_variance_dn2`` 0), it raises every value by about g v / mean (I - b)^2 and flattens
+    the peak; where the light drifts, its share drifts too and moves the peak. Taken out, F is
+    unbiased and may come out slightly negative on a flat scene. The mean of v over the region is
+    enough, though shot noise varies with the level: the bias is linear in v.
 
     Parameters
     ----------
     image_dn
-        Shape ``(rows, cols)``, at least 2 x 2.
+        Shape ``(rows, cols)``, at least 2 x 2; 3 x 3 for all but the squared gradient.
     black_level_dn
         Level without light.
     region
         Where to look; everywhere if None.
     noise_variance_dn2
         For the mean of N frames, the temporal variance of one frame divided by N.
+    measure
+        See ``FOCUS_MEASURES``.
 
     References
     ----------
     Subbarao, Choi, Nikzad: "Focusing techniques", Optical Engineering 32 (11), 1993: gradient
-    magnitude maximisation. ``benchmarks/bench_capture_write.py`` has its time.
+    magnitude maximisation. Pertuz, Puig, Garcia: "Analysis of focus measure operators for
+    shape-from-focus", Pattern Recognition 46, 2013: the others. ``benchmarks/bench_focus.py``
+    has their times.
     """
     view = image_dn if region is None else region.cut(image_dn)
-    if view.ndim != 2 or min(view.shape) < 2:
-        raise ValueError(f"image must be at least 2 x 2 pixels, got shape {view.shape}")
-    rows, cols = view.shape
-    # cv2.norm sums the squares of integers and floats alike in double, without temporaries.
-    gradient_dn2 = (
-        cv2.norm(view[:, 1:], view[:, :-1], cv2.NORM_L2SQR) / (rows * (cols - 1))
-        + cv2.norm(view[1:], view[:-1], cv2.NORM_L2SQR) / ((rows - 1) * cols)
-        - 4.0 * noise_variance_dn2
-    )
-    mean_dn = cv2.mean(view)[0]
+    kernel = FOCUS_MEASURES[measure]
+    least = kernel.reach_px + 1
+    if view.ndim != 2 or min(view.shape) < least:
+        raise ValueError(f"image must be at least {least} x {least} pixels, got shape {view.shape}")
+    sums = kernel.sums(view)
     light_dn2 = (
-        cv2.norm(view, cv2.NORM_L2SQR) / view.size
-        - 2.0 * black_level_dn * mean_dn
+        sums.square_dn2
+        - 2.0 * black_level_dn * sums.mean_dn
         + black_level_dn**2
         - noise_variance_dn2
     )
-    return gradient_dn2 / light_dn2 if light_dn2 > 0 else 0.0
+    response_dn2 = sums.response_dn2 - kernel.noise_gain * noise_variance_dn2
+    return response_dn2 / light_dn2 if light_dn2 > 0 else 0.0

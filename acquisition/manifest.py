@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Self
 
+from pydantic import ValidationError
+
+from acquisition.bench import BenchConfig
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, parse_plan
 
@@ -87,10 +90,13 @@ class Manifest:
         bench: Mapping[str, Any],
         devices: Mapping[str, Mapping[str, Any]],
     ) -> list[str]:
-        """What another run would change: plan keys, bench keys, and which devices they are."""
+        """What another run would change: plan keys, bench keys, and which devices they are.
+
+        A bench key that the session is older than counts as its default.
+        """
         return [
             *_differences("plan", self.plan.to_json(), plan.to_json()),
-            *_differences("bench", self.bench, bench),
+            *_differences("bench", _with_defaults(self.bench), bench),
             *_differences("devices", _identities(self.devices), _identities(devices)),
         ]
 
@@ -104,6 +110,13 @@ def software_versions() -> dict[str, str]:
         except PackageNotFoundError:
             versions[package] = "not installed"
     return versions
+
+
+def _with_defaults(bench: Mapping[str, Any]) -> Mapping[str, Any]:
+    try:
+        return BenchConfig.model_validate(bench).model_dump(mode="json")
+    except ValidationError:
+        return bench
 
 
 def _identities(devices: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -62,6 +62,15 @@ def _check_heights(heights_mm: tuple[float, ...]) -> tuple[float, ...]:
     return _distinct(heights_mm, key=lambda height: round(height, HEIGHT_DECIMALS))
 
 
+def _as_ladder(value: object) -> object:
+    """One exposure is a ladder of one."""
+    return [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _check_exposures(exposures_us: tuple[float, ...]) -> tuple[float, ...]:
+    return _distinct(exposures_us, key=float)
+
+
 def _check_orientations(orientations_deg: tuple[float, ...]) -> tuple[float, ...]:
     return _distinct(orientations_deg, key=float)
 
@@ -92,6 +101,12 @@ Orientations = Annotated[
     Field(min_length=1),
     AfterValidator(_check_orientations),
 ]
+Exposures = Annotated[
+    tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...],
+    BeforeValidator(_as_ladder),
+    Field(min_length=1, max_length=1000),
+    AfterValidator(_check_exposures),
+]
 Text = Annotated[str, Field(max_length=200), AfterValidator(_check_text)]
 
 
@@ -106,6 +121,7 @@ class PlanTarget(_Table):
     target: Text
     orientations_deg: Orientations = (0.0,)
     heights_mm: Heights | None = None
+    exposure_us: Exposures | None = Field(None, description="one or a ladder; else the bench's")
 
 
 class CapturePlan(_Table):
@@ -117,6 +133,18 @@ class CapturePlan(_Table):
     frames_per_capture: int | None = Field(None, ge=2, le=1000, description="else the bench's")
     keep_frames: bool = Field(False, description="also store the raw frames")
     repeats: int = Field(1, ge=1, le=1000, description="captures at each height")
+    order: Literal["ascending", "descending"] = Field(
+        "ascending", description="of the heights; descending for stages approached from above"
+    )
+    settle_s: float = Field(
+        0.0, ge=0, le=3600, description="wait after each move, beyond the bench's"
+    )
+    auto_exposure: bool = Field(
+        False, description="set the exposure at the first capture of a target, then keep it"
+    )
+    drift_check: bool = Field(
+        False, description="capture the first height of each orientation again at its end"
+    )
     targets: Annotated[tuple[PlanTarget, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -150,6 +178,7 @@ class PlanEntry:
     orientation_deg: float
     height_mm: float
     repeat: int = 0
+    exposure_us: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(CaptureKind):
@@ -197,16 +226,17 @@ def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
 def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
     """Captures of the plan, numbered from 0 in the order in which the operator works.
 
-    For each target and orientation the heights ascend, whatever the order they are written
-    in, so that a stage with backlash is always approached from one side; repeats follow each
-    other at one height.
+    For each target and orientation the heights ascend, or descend where the plan says so,
+    whatever the order they are written in, so that a stage with backlash is always approached
+    from one side. At one height the exposures follow each other as they are written, and the
+    whole ladder is repeated. With a drift check, the first height is captured once more at the
+    end, as one more repeat of it.
     """
     poses = (
-        (target, orientation_deg, height_mm, repeat)
+        (target, orientation_deg, height_mm, repeat, exposure_us)
         for target in plan.targets
         for orientation_deg in target.orientations_deg
-        for height_mm in sorted(target.heights_mm or plan.heights_mm or ())
-        for repeat in range(plan.repeats)
+        for height_mm, repeat, exposure_us in _series(plan, target)
     )
     return tuple(
         PlanEntry(
@@ -216,6 +246,21 @@ def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
             orientation_deg=orientation_deg,
             height_mm=height_mm,
             repeat=repeat,
+            exposure_us=exposure_us,
         )
-        for index, (target, orientation_deg, height_mm, repeat) in enumerate(poses)
+        for index, (target, orientation_deg, height_mm, repeat, exposure_us) in enumerate(poses)
     )
+
+
+def _series(plan: CapturePlan, target: PlanTarget) -> Iterator[tuple[float, int, float | None]]:
+    """Heights, repeats and exposures of one orientation of a target."""
+    heights_mm = sorted(
+        target.heights_mm or plan.heights_mm or (), reverse=plan.order == "descending"
+    )
+    exposures_us = target.exposure_us or (None,)
+    for height_mm in heights_mm:
+        for repeat in range(plan.repeats):
+            for exposure_us in exposures_us:
+                yield height_mm, repeat, exposure_us
+    if plan.drift_check:
+        yield heights_mm[0], plan.repeats, exposures_us[0]

@@ -1,37 +1,47 @@
 """Run a capture plan: place, move, average, store; the same call resumes what was broken off."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from acquisition.averaging import AveragedFrames, average_frames
 from acquisition.bench import BenchConfig
+from acquisition.capture_file import CaptureImages, read_capture
+from acquisition.capture_quality import QualityFinding, check_capture
+from acquisition.capture_step import CaptureStep
 from acquisition.device_snapshot import camera_snapshot, stage_snapshot
-from acquisition.devices import Camera, FrameImage, Stage
+from acquisition.devices import Camera, Stage
+from acquisition.drift import drift_between
 from acquisition.errors import DeviceError, SessionError, StageLimitError, StreamInterruptedError
-from acquisition.focus import focus_value
 from acquisition.journal import new_uid, utc_now
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
+from acquisition.plan_estimate import bytes_per_pixel
 from acquisition.record import CaptureRecord
 from acquisition.session_writer import SessionWriter
-from acquisition.stage_travel import home_timeout_s, move_timeout_s
 
-__all__ = ["CaptureProgress", "Placement", "RunSummary", "run_plan"]
+__all__ = ["CaptureProgress", "Placement", "RunSummary", "Verdict", "run_plan"]
 
 Placement = Literal["ready", "skip"]
+Verdict = Literal["keep", "retake"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureProgress:
-    """After a capture was stored: ``captured`` of ``planned`` entries are done."""
+    """After a capture was stored: ``captured`` of ``planned`` entries are done.
+
+    ``findings`` are what is wrong with it, ``remarks`` what else is worth knowing;
+    ``seconds_left`` leaves the operator's own time out.
+    """
 
     captured: int
     planned: int
     entry: PlanEntry
     record: CaptureRecord
+    findings: tuple[QualityFinding, ...] = ()
+    remarks: tuple[str, ...] = ()
+    seconds_left: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +63,11 @@ def run_plan(
     operator: str,
     place: Callable[[PlanEntry], Placement],
     progress: Callable[[CaptureProgress], None] = lambda _: None,
+    review: Callable[[PlanEntry, tuple[QualityFinding, ...]], Verdict] = lambda *_: "keep",
+    before_capture: Callable[[], None] = lambda: None,
+    retake: Sequence[int] = (),
     clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
     utc_now: Callable[[], datetime] = utc_now,
     new_uid: Callable[[], str] = new_uid,
 ) -> RunSummary:
@@ -71,8 +85,15 @@ def run_plan(
         orientation for another run.
     progress
         Is told after each capture.
-    clock
-        Monotonic time in seconds.
+    review
+        Is asked about a capture that a quality check found bad enough to take again; what it
+        keeps is stored with the finding as a note in the journal, as all findings are.
+    before_capture
+        Is called before each capture, and may wait: the stage is at rest then.
+    retake
+        Indices whose captures are void from now on and taken again.
+    clock, sleep
+        Monotonic time in seconds, and what waits for some.
 
     Raises
     ------
@@ -95,9 +116,21 @@ def run_plan(
         utc_now=utc_now,
         new_uid=new_uid,
     ) as session:
-        run = _Run(session, plan, bench, camera, stage, clock, utc_now)
+        for index in retake:
+            session.retake(index, "asked for by the operator", operator)
+        run = _Run(session, plan, bench, camera, operator, clock)
+        step = CaptureStep(
+            plan=plan,
+            bench=bench,
+            camera=camera,
+            stage=stage,
+            interrupted=run.journal_interruption,
+            clock=clock,
+            sleep=sleep,
+            utc_now=utc_now,
+        )
         try:
-            return run.capture_all(place, progress)
+            return run.capture_all(step, place, progress, review, before_capture)
         except (KeyboardInterrupt, SystemExit) as interrupt:
             try:
                 stage.stop()
@@ -111,14 +144,13 @@ def run_plan(
             raise
 
 
-@dataclass(frozen=True, slots=True)
-class _Exposed:
-    """One average, and when it was made."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Taken:
+    """A capture that was stored, and what is to be said about it."""
 
-    averaged: AveragedFrames
-    raw_frames: list[FrameImage]
-    started: datetime
-    finished: datetime
+    record: CaptureRecord
+    findings: tuple[QualityFinding, ...]
+    remarks: tuple[str, ...]
 
 
 class _Run:
@@ -130,31 +162,34 @@ class _Run:
         plan: CapturePlan,
         bench: BenchConfig,
         camera: Camera,
-        stage: Stage,
+        operator: str,
         clock: Callable[[], float],
-        utc_now: Callable[[], datetime],
     ) -> None:
         self.index: int | None = None
         self._session = session
-        self._frames_asked = plan.frames_per_capture or bench.capture.frames_per_capture
-        self._keep_frames = plan.keep_frames
+        self._plan = plan
         self._bench = bench
         self._camera = camera
-        self._stage = stage
+        self._operator = operator
         self._clock = clock
-        self._utc_now = utc_now
-        self._approached_mm: float | None = None
+        self._records = [c.record for c in session.captures if not c.is_superseded]
+        self._locked_us = self._exposures_found()
 
     def capture_all(
         self,
+        step: CaptureStep,
         place: Callable[[PlanEntry], Placement],
         progress: Callable[[CaptureProgress], None],
+        review: Callable[[PlanEntry, tuple[QualityFinding, ...]], Verdict],
+        before_capture: Callable[[], None],
     ) -> RunSummary:
+        """Capture what is pending, then park the stage where the bench says so."""
         pending = self._session.pending_entries()
         planned = len(self._session.entries)
         captured = skipped = 0
+        worked_s = 0.0
         if pending:
-            self._require_space(len(pending))
+            self._require_space(len(pending), step.frames_asked)
         placed: tuple[str, str, float] | None = None
         placement: Placement = "ready"
         for entry in pending:
@@ -162,109 +197,125 @@ class _Run:
             if entry.placement != placed:
                 placement = place(entry)
                 placed = entry.placement
-                self._approached_mm = None
+                step.forget_approach()
             if placement == "skip":
                 self._session.journal("skip", {"index": entry.index})
                 skipped += 1
                 continue
-            record = self._capture(entry)
+            before_capture()
+            began_s = self._clock()
+            taken = self._take(step, entry)
+            worked_s += self._clock() - began_s
+            while (
+                any(f.asks_retake for f in taken.findings)
+                and review(entry, taken.findings) == "retake"
+            ):
+                self._session.retake(entry.index, taken.findings[0].text, self._operator)
+                self._records.remove(taken.record)
+                taken = self._take(step, entry)
             captured += 1
             progress(
                 CaptureProgress(
                     captured=planned - len(pending) + captured,
                     planned=planned,
                     entry=entry,
-                    record=record,
+                    record=taken.record,
+                    findings=taken.findings,
+                    remarks=taken.remarks,
+                    seconds_left=worked_s / captured * (len(pending) - skipped - captured),
                 )
             )
+        self.index = None
+        if captured and self._bench.stage.park_mm is not None:
+            step.park(self._bench.stage.park_mm)
         return RunSummary(
             captured=captured, already_captured=planned - len(pending), skipped=skipped
         )
 
-    def _require_space(self, captures: int) -> None:
-        settings = self._camera.settings
-        pages = 2 * 4 + (2 * self._frames_asked if self._keep_frames else 0)
-        pixels = settings.width_px * settings.height_px
-        self._session.require_space(captures * pages * pixels)
+    def journal_interruption(self, entry: PlanEntry, error: StreamInterruptedError) -> None:
+        """Journal that a stream broke off and its capture is begun once more."""
+        self._session.journal(
+            "error",
+            {
+                "index": entry.index,
+                "error": type(error).__name__,
+                "message": f"{error}; the capture is begun once more",
+            },
+        )
 
-    def _capture(self, entry: PlanEntry) -> CaptureRecord:
-        self._approach(entry.height_mm)
-        self._require_still()
-        try:
-            exposed = self._expose()
-        except StreamInterruptedError as error:
-            # Starting again opens the camera anew; what was averaged until then is gone.
-            self._session.journal(
-                "error",
-                {
-                    "index": entry.index,
-                    "error": type(error).__name__,
-                    "message": f"{error}; the capture is begun once more",
-                },
-            )
-            exposed = self._expose()
-        averaged = exposed.averaged
-        # Asked after the exposure: a stage that moved or crept away spoils the capture.
-        self._require_still()
-        height_mm = self._checked(entry.height_mm, self._stage.position_mm())
+    def _require_space(self, captures: int, frames: int) -> None:
         settings = self._camera.settings
-        focus = None
-        if entry.kind not in ("flat", "dark"):
-            focus = focus_value(
-                averaged.mean_dn,
-                black_level_dn=settings.black_level_dn,
-                noise_variance_dn2=float(averaged.variance_dn2.mean()) / averaged.frames_used,
-            )
-        return self._session.add_capture(
+        per_pixel = bytes_per_pixel(frames, keep_frames=self._plan.keep_frames)
+        pixels = settings.width_px * settings.height_px
+        self._session.require_space(captures * per_pixel * pixels)
+
+    def _take(self, step: CaptureStep, entry: PlanEntry) -> _Taken:
+        """Capture an entry, store it, and journal what is to be said about it."""
+        exposed = step.capture(entry, self._exposure_us(entry))
+        settings = self._camera.settings
+        record = self._session.add_capture(
             entry,
-            averaged,
+            exposed.averaged,
             settings=settings,
-            height_mm=height_mm,
-            focus_value=focus,
+            height_mm=exposed.height_mm,
+            focus_value=exposed.focus_value,
             started=exposed.started,
             finished=exposed.finished,
             raw_frames=exposed.raw_frames,
         )
-
-    def _expose(self) -> "_Exposed":
-        raw_frames: list[FrameImage] = []
-        started = self._utc_now()
-        averaged = average_frames(
-            self._camera,
-            self._frames_asked,
-            keep_frame=raw_frames.append if self._keep_frames else None,
-            clock=self._clock,
+        if entry.exposure_us is None:
+            self._locked_us.setdefault((entry.kind, entry.target), settings.exposure_us)
+        images = CaptureImages(
+            mean_dn=exposed.averaged.mean_dn,
+            variance_dn2=exposed.averaged.variance_dn2,
+            record=record,
         )
-        return _Exposed(averaged, raw_frames, started, self._utc_now())
+        findings = check_capture(images, self._records)
+        remarks = self._drift_remarks(entry, images)
+        for text in (*(f"{f.problem}: {f.text}" for f in findings), *remarks):
+            facts = {"index": entry.index, "capture": record.uid, "operator": self._operator}
+            self._session.journal("note", {"text": text, **facts})
+        self._records.append(record)
+        return _Taken(record=record, findings=findings, remarks=remarks)
 
-    def _approach(self, height_mm: float) -> None:
-        if self._approached_mm == height_mm:
-            return
-        if not self._stage.is_homed:
-            self._stage.home(home_timeout_s(self._bench.stage))
-        self._approached_mm = None
-        self._checked(height_mm, self._stage.move_to(height_mm, move_timeout_s(self._bench.stage)))
-        self._approached_mm = height_mm
+    def _exposure_us(self, entry: PlanEntry) -> float | None:
+        """Exposure of an entry; None where it is to be found."""
+        if entry.exposure_us is not None:
+            return entry.exposure_us
+        if self._plan.auto_exposure and entry.kind != "dark":
+            return self._locked_us.get((entry.kind, entry.target))
+        return self._bench.camera.exposure_us
 
-    def _require_still(self) -> None:
-        """Refuse a capture that overlaps a move, whoever moves the stage."""
-        state = self._stage.state
-        if state != "idle":
-            raise DeviceError(
-                f"the stage is not at rest but {state} during a capture; nothing of it is kept. "
-                "Stop whatever moves it and run again"
-            )
+    def _exposures_found(self) -> dict[tuple[str, str], float]:
+        """Exposure of each target as an earlier run found it."""
+        entries = {entry.index: entry for entry in self._session.entries}
+        found: dict[tuple[str, str], float] = {}
+        for capture in self._session.captures:
+            record = capture.record
+            if record.exposure_us is not None and entries[record.index].exposure_us is None:
+                found.setdefault((record.kind, record.target), record.exposure_us)
+        return found
 
-    def _checked(self, asked_mm: float, read_back_mm: float) -> float:
-        """Give the height read back, if it is where the stage was sent."""
-        tolerance_mm = self._bench.stage.tolerance_mm
-        # The negation also refuses NaN. A nanometre forgives decimal fractions, not stages.
-        if not abs(read_back_mm - asked_mm) <= tolerance_mm + 1e-6:
-            raise DeviceError(
-                f"the stage stands at {read_back_mm:.3f} mm, not at {asked_mm:.3f} mm "
-                f"(tolerance {tolerance_mm:g} mm); home it and run again"
-            )
-        return read_back_mm
+    def _drift_remarks(self, entry: PlanEntry, images: CaptureImages) -> tuple[str, ...]:
+        """Compare the last capture of an orientation with its first, where the plan asks."""
+        if not self._plan.drift_check or entry.repeat != self._plan.repeats:
+            return ()
+        first = [
+            record
+            for record in self._records
+            if (record.kind, record.target, record.orientation_deg) == entry.placement
+            and record.height_asked_mm == entry.height_mm
+            and record.exposure_us == images.record.exposure_us
+            and record.index < entry.index
+        ]
+        if not first:
+            return ()
+        drift = drift_between(
+            read_capture(self._session.path / first[0].file).mean_dn,
+            images.mean_dn,
+            black_level_dn=images.record.black_level_dn,
+        )
+        return (f"drift: {drift.text}",)
 
 
 def _refuse_beyond_travel(plan: CapturePlan, stage: Stage) -> None:

@@ -22,6 +22,7 @@ __all__ = [
     "SessionCapture",
     "VerifyReport",
     "captures_of",
+    "current_capture",
     "file_sha256",
     "verify",
 ]
@@ -240,6 +241,20 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
         )
         for uid, record in records.items()
     )
+
+
+def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) -> SessionCapture:
+    """Return the capture of an entry that was not superseded, of the session at ``path``.
+
+    Raises
+    ------
+    SessionError
+        If there is none.
+    """
+    for capture in captures:
+        if capture.record.index == index and not capture.is_superseded:
+            return capture
+    raise SessionError(f"session {path} has no capture of index {index}")
 
 
 def file_sha256(path: Path) -> str:

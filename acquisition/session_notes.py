@@ -6,7 +6,7 @@ from pathlib import Path
 
 from acquisition.errors import SessionError
 from acquisition.journal import EventKind, JournalEvent, JournalWriter, new_uid, utc_now
-from acquisition.session import JOURNAL_NAME, Session, SessionCapture, captures_of
+from acquisition.session import JOURNAL_NAME, Session, captures_of, current_capture
 
 __all__ = ["SessionNotes"]
 
@@ -60,16 +60,10 @@ class SessionNotes:
 
     def _decide(self, kind: EventKind, index: int, reason: str) -> JournalEvent:
         with self._open() as journal:
-            capture = _current(journal.events, index, self._path)
+            captures = captures_of(journal.events, source=str(self._path / JOURNAL_NAME))
+            capture = current_capture(captures, index, self._path)
             if kind == "include" and capture.excluded_because is None:
                 raise SessionError(f"capture {index} of {self._path} is not excluded")
             key = "supersedes" if kind == "retake" else "capture"
             facts = {"index": index, key: capture.record.uid}
             return journal.append(kind, {**facts, "reason": reason, "operator": self._operator})
-
-
-def _current(events: tuple[JournalEvent, ...], index: int, path: Path) -> SessionCapture:
-    for capture in captures_of(events, source=str(path / JOURNAL_NAME)):
-        if capture.record.index == index and not capture.is_superseded:
-            return capture
-    raise SessionError(f"session {path} has no capture of index {index}")

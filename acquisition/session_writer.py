@@ -23,7 +23,13 @@ from acquisition.journal import EventKind, JournalEvent, JournalWriter, new_uid,
 from acquisition.manifest import MANIFEST_NAME, Manifest, software_versions
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.record import CaptureRecord, utc_text
-from acquisition.session import JOURNAL_NAME, SessionCapture, captures_of, is_intact
+from acquisition.session import (
+    JOURNAL_NAME,
+    SessionCapture,
+    captures_of,
+    current_capture,
+    is_intact,
+)
 
 __all__ = ["SessionWriter"]
 
@@ -41,6 +47,8 @@ class SessionWriter:
     ----------
     path
         Directory of the session: new, empty, or a session with the same plan and bench.
+    bench
+        The bench; None for photographs that come from elsewhere.
     devices
         Snapshots under ``camera`` and ``stage``, as far as there are devices.
     utc_now, new_uid
@@ -58,7 +66,7 @@ class SessionWriter:
         path: Path,
         *,
         plan: CapturePlan,
-        bench: BenchConfig,
+        bench: BenchConfig | None,
         devices: Mapping[str, Mapping[str, Any]],
         operator: str,
         utc_now: Callable[[], datetime] = utc_now,
@@ -73,7 +81,7 @@ class SessionWriter:
         self._journal = JournalWriter(path / JOURNAL_NAME, utc_now=utc_now, new_uid=new_uid)
         try:
             self._takes = Counter(capture.record.index for capture in self.captures)
-            self._begin(bench.model_dump(mode="json"), devices, operator)
+            self._begin({} if bench is None else bench.model_dump(mode="json"), devices, operator)
         except OSError as error:
             self.close()
             raise _write_failure(path, error) from error
@@ -113,6 +121,18 @@ class SessionWriter:
     def journal(self, kind: EventKind, facts: Mapping[str, Any]) -> JournalEvent:
         """Journal an event that is no capture."""
         return self._journal.append(kind, facts)
+
+    def retake(self, index: int, reason: str, operator: str) -> None:
+        """Void the capture of an entry, so that it is pending again.
+
+        Raises
+        ------
+        SessionError
+            If it has none.
+        """
+        void = current_capture(self.captures, index, self.path).record.uid
+        facts = {"index": index, "supersedes": void, "reason": reason, "operator": operator}
+        self._journal.append("retake", facts)
 
     def add_capture(
         self,

@@ -1,13 +1,16 @@
 """The edge captures of a session as input of the PSF calibration."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acquisition.record import CaptureRecord
 from acquisition.session import Session
-from calibration.errors import NoEdgeError
-from calibration.noise_model import fit_level_noise
+from calibration.correction_maps import CorrectionMaps
+from calibration.errors import CalibrationError, NoEdgeError
+from calibration.noise_model import LevelNoise, fit_level_noise
 from calibration.psf_calibration import EdgeImage
 
 __all__ = ["edge_images", "edge_records"]
@@ -29,30 +32,59 @@ def edge_records(session: Session) -> list[CaptureRecord]:
     return records
 
 
-def edge_images(session: Session) -> Iterator[EdgeImage]:
+def edge_images(
+    session: Session,
+    *,
+    correction: CorrectionMaps | None = None,
+    frame_noise: LevelNoise | None = None,
+) -> Iterator[EdgeImage]:
     """Load the edge captures one by one, each with its own noise.
 
-    The noise is fitted to the temporal variance that the capture stores; a single photograph
-    has none, and the edge fit then estimates it from its residuals.
+    The noise is fitted to the temporal variance that the capture stores. A single photograph
+    has none: it takes ``frame_noise``, and without that the edge fit estimates it from its
+    residuals.
+
+    Parameters
+    ----------
+    session
+        With edge captures.
+    correction
+        Maps of the sensor, taken off every capture and its variance.
+    frame_noise
+        Noise of one frame of the camera.
 
     Raises
     ------
     NoEdgeError
         If the session has no edge capture.
+    CalibrationError
+        If the maps are of another size than a capture.
     SessionError
         If a capture file is missing or changed.
     """
     for record in edge_records(session):
         images = session.load(record)
-        noise = None
-        if images.variance_dn2 is not None:
-            single = fit_level_noise(images.mean_dn, images.variance_dn2, record.max_level_dn)
+        mean = images.mean_dn.astype(np.float64)
+        variance: NDArray[np.floating[Any]] | None = images.variance_dn2
+        clipped = None
+        if correction is not None:
+            try:
+                # Dividing by the response moves the level at which a pixel clips.
+                clipped = mean >= record.max_level_dn
+                mean = correction.correct(mean)
+                variance = None if variance is None else correction.correct_variance(variance)
+            except ValueError as error:
+                raise CalibrationError(f"{record.file}: {error}") from error
+        noise = frame_noise
+        if variance is not None:
+            single = fit_level_noise(mean, variance, record.max_level_dn)
             noise = single.averaged(record.frames_used)
         yield EdgeImage(
             name=record.file,
-            image_dn=images.mean_dn.astype(np.float64),
+            image_dn=mean,
             capture=record.index,
             height_mm=record.height_mm,
             noise=noise,
             saturation_dn=record.max_level_dn,
+            clipped=clipped,
         )

@@ -6,6 +6,7 @@ __all__ = [
     "GeometryFileError",
     "HomographyFileError",
     "NoEdgeError",
+    "NoiseError",
     "NoiseFileError",
     "PsfFileError",
     "RegistrationError",
@@ -30,6 +31,10 @@ class HomographyFileError(CalibrationError):
 
 class NoEdgeError(CalibrationError):
     """No edge that may count was found."""
+
+
+class NoiseError(CalibrationError):
+    """Dark and flat captures do not tell a camera's noise."""
 
 
 class NoiseFileError(CalibrationError):

@@ -1,4 +1,4 @@
-"""Reads and writes psf.json and geometry.json, reads noise.json and H.json: nothing else does."""
+"""Reads and writes psf.json, noise.json and geometry.json, reads H.json: nothing else does."""
 
 import json
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from acquisition.atomic_write import atomic_write
+from calibration.correction_maps import CorrectionMaps
 from calibration.errors import (
     CalibrationError,
     GeometryFileError,
@@ -20,6 +21,9 @@ from calibration.errors import (
 )
 from calibration.geometry import GeometryCalibration
 from calibration.geometry_document import GEOMETRY_SCHEMA, StoredGeometry, geometry_document
+from calibration.map_files import read_map_files, write_map_files
+from calibration.noise_captures import NoiseCalibration
+from calibration.noise_document import NOISE_SCHEMA, noise_document
 from calibration.psf_calibration import PsfCalibration
 from calibration.psf_document import PSF_SCHEMA, PsfOrigin, psf_document
 from calibration.stored_psf import StoredEdge, StoredField, StoredPsf
@@ -37,16 +41,18 @@ __all__ = [
     "StoredHomography",
     "StoredPsf",
     "geometry_document",
+    "noise_document",
     "psf_document",
+    "read_correction",
     "read_geometry",
     "read_homography",
     "read_noise",
     "read_psf",
     "write_geometry",
+    "write_noise",
     "write_psf",
 ]
 
-NOISE_SCHEMA = "standoff.noise/1"
 HOMOGRAPHY_SCHEMA = "standoff.homography/1"
 
 
@@ -136,6 +142,34 @@ def read_noise(path: Path) -> CaptureNoise:
         )
     except ValueError as error:
         raise NoiseFileError(f"{path}: {error}") from error
+
+
+def write_noise(path: Path, noise: NoiseCalibration) -> dict[str, Any]:
+    """Write the maps, then noise.json, each whole or not at all; return what it holds.
+
+    Raises
+    ------
+    NoiseFileError
+        If a file cannot be written.
+    """
+    document = noise_document(noise, write_map_files(path, noise.maps))
+    try:
+        atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+    except OSError as error:
+        raise NoiseFileError(f"cannot write {path}: {error.strerror}") from error
+    return document
+
+
+def read_correction(path: Path) -> CorrectionMaps:
+    """Read the dark, flat and defect maps of a noise.json.
+
+    Raises
+    ------
+    NoiseFileError
+        If it or a map cannot be read, or a map is not the one it was written with.
+    """
+    listed = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json").get("maps")
+    return read_map_files(path, listed, read_noise(path).black_level_dn)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

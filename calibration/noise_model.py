@@ -5,10 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LevelNoise", "fit_level_noise"]
+from simulation.capture_noise import CaptureNoise
+
+__all__ = ["LevelNoise", "fit_level_noise", "level_noise"]
 
 _BINS = 64
 _ROUNDS = 4
+_QUANTISATION_DN2 = 1.0 / 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +41,23 @@ class LevelNoise:
             slope_dn=self.slope_dn / frames,
             floor_dn2=self.floor_dn2 / frames,
         )
+
+
+def level_noise(noise: CaptureNoise) -> LevelNoise:
+    """Return the noise of a single frame of a camera whose noise.json is known, rounding included.
+
+    Parameters
+    ----------
+    noise
+        As ``read_noise`` gives it; its number of frames does not matter here.
+    """
+    dark_dn2 = (noise.read_noise_e / noise.gain_e_per_dn) ** 2 + _QUANTISATION_DN2
+    slope_dn = 1.0 / noise.gain_e_per_dn
+    return LevelNoise(
+        offset_dn2=dark_dn2 - slope_dn * noise.black_level_dn,
+        slope_dn=slope_dn,
+        floor_dn2=dark_dn2,
+    )
 
 
 def fit_level_noise(

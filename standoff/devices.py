@@ -26,20 +26,31 @@ __all__ = ["OpenBench", "open_bench", "open_camera", "open_stage", "place_in_sim
 class OpenBench:
     """Camera and stage, opened; ``simulated`` is the bench behind them where it is simulated.
 
-    ``clock`` gives the seconds in which both live: the bench's own where it is simulated.
+    ``clock`` gives the seconds in which both live, and ``sleep`` lets some pass: the bench's own
+    where it is simulated.
     ``warnings`` are what the operator should know, one line each.
     """
 
     camera: Camera
     stage: Stage
     clock: Callable[[], float]
+    sleep: Callable[[float], None]
     simulated: SimulatedBench | None
     warnings: tuple[str, ...] = ()
 
 
 @contextmanager
-def open_bench(config: BenchConfig) -> Iterator[OpenBench]:
+def open_bench(
+    config: BenchConfig, *, ask: Callable[[str], str] | None = None
+) -> Iterator[OpenBench]:
     """Open camera and stage, and close both at the end.
+
+    Parameters
+    ----------
+    config
+        The bench.
+    ask
+        Puts a question to whoever moves a manual stage; at the terminal if None.
 
     Raises
     ------
@@ -55,7 +66,7 @@ def open_bench(config: BenchConfig) -> Iterator[OpenBench]:
             f"camera.driver {config.camera.driver!r} with stage.driver {config.stage.driver!r}: "
             "the simulated camera sees the simulated stage only; use 'simulated' for both or none"
         )
-    with _simulated_bench(config) if simulated else _real_bench(config) as opened:
+    with _simulated_bench(config) if simulated else _real_bench(config, ask) as opened:
         yield opened
 
 
@@ -67,6 +78,7 @@ def _simulated_bench(config: BenchConfig) -> Iterator[OpenBench]:
             camera=bench.camera,
             stage=bench.stage,
             clock=lambda: bench.clock.now_s,
+            sleep=bench.clock.advance,
             simulated=bench,
         )
     finally:
@@ -75,12 +87,16 @@ def _simulated_bench(config: BenchConfig) -> Iterator[OpenBench]:
 
 
 @contextmanager
-def _real_bench(config: BenchConfig) -> Iterator[OpenBench]:
-    with closing(open_stage(config.stage)) as stage, closing(open_camera(config.camera)) as camera:
+def _real_bench(config: BenchConfig, ask: Callable[[str], str] | None) -> Iterator[OpenBench]:
+    with (
+        closing(open_stage(config.stage, ask=ask)) as stage,
+        closing(open_camera(config.camera)) as camera,
+    ):
         yield OpenBench(
             camera=camera,
             stage=stage,
             clock=time.monotonic,
+            sleep=time.sleep,
             simulated=None,
             warnings=camera.warnings,
         )
@@ -105,7 +121,10 @@ def open_camera(config: CameraConfig) -> AravisCamera:
 
 
 def open_stage(
-    config: StageConfig, *, first: Literal["nothing", "stop", "reset"] = "nothing"
+    config: StageConfig,
+    *,
+    first: Literal["nothing", "stop", "reset"] = "nothing",
+    ask: Callable[[str], str] | None = None,
 ) -> GrblStage | ZaberStage | ManualStage:
     """Open the real stage that a bench file names; moves nothing.
 
@@ -116,6 +135,8 @@ def open_stage(
     first
         What to send before the dialogue begins: ``stop`` ends a move that another program left
         running, ``reset`` ends a state in which a Grbl controller answers no question.
+    ask
+        Puts a question to whoever moves a manual stage; at the terminal if None.
 
     Raises
     ------
@@ -130,7 +151,7 @@ def open_stage(
         case "zaber":
             return open_zaber_stage(config, first="stop" if first == "stop" else "nothing")
         case "manual":
-            return ManualStage(config, ask=_ask_operator)
+            return ManualStage(config, ask=ask or _ask_operator)
         case "simulated":
             raise BenchConfigError(
                 "stage.driver 'simulated' opens no stage; use 'grbl', 'zaber' or 'manual'"

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import Session
+from calibration.correction_maps import CorrectionMaps
 from calibration.edge_captures import edge_images, edge_records
 from calibration.errors import CalibrationError
 from calibration.files import PsfOrigin
 from calibration.linearise import Channel, luma_plane, srgb_to_linear
 from calibration.mosaic import Pattern, plane_places
+from calibration.noise_model import LevelNoise
 from calibration.psf_calibration import EdgeImage
 from standoff.image_files import ImageFile, read_image
 from standoff.output import note
@@ -28,11 +30,15 @@ class Reading:
     """How pixels become a plane linear in light.
 
     Of a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
+    ``correction`` are maps of the sensor to take off, ``frame_noise`` the noise of a frame for
+    photographs that do not tell it.
     """
 
     is_srgb: bool = False
     channel: Channel = "luma"
     pattern: Pattern | None = None
+    correction: CorrectionMaps | None = None
+    frame_noise: LevelNoise | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,12 +63,15 @@ def from_session(session: Session, reading: Reading) -> EdgeSources:
     records = {record.file: record for record in edge_records(session)}
 
     def load(name: str) -> NDArray[np.floating[Any]]:
-        return _shown(session.load(records[name]).mean_dn, reading)
+        mean_dn: NDArray[np.floating[Any]] = session.load(records[name]).mean_dn
+        if reading.correction is not None:
+            mean_dn = reading.correction.correct(mean_dn)
+        return _shown(mean_dn, reading)
 
     camera = session.devices.get("camera", {})
     return EdgeSources(
         count=len(records),
-        images=edge_images(session),
+        images=edge_images(session, correction=reading.correction, frame_noise=reading.frame_noise),
         load=load,
         origin=PsfOrigin(
             camera_serial=_text(camera, "DeviceSerialNumber"),
@@ -115,11 +124,22 @@ def _edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
         plane = luma_plane(pixels, channel)
     except ValueError as error:
         raise CalibrationError(f"{file.path}: {error}") from error
+    clipped = None
+    if reading.correction is not None:
+        if file.is_colour:
+            raise CalibrationError(f"{file.path}: the maps are of a grey camera, this is in colour")
+        clipped = None if saturation is None else plane >= saturation
+        try:
+            plane = reading.correction.correct(plane)
+        except ValueError as error:
+            raise CalibrationError(f"{file.path}: {error}") from error
     source = EdgeImage(
         name=str(file.path),
         image_dn=plane,
+        noise=reading.frame_noise,
         saturation_dn=saturation,
         is_jpeg=file.is_jpeg,
+        clipped=clipped,
     )
     if channel != "luma" or not file.is_colour or file.saturation_dn is None:
         return source

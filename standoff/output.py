@@ -37,6 +37,15 @@ class Bar:
         else:
             self._progress.update(self._task, completed=done, description=description)
 
+    @contextmanager
+    def hidden(self) -> Iterator[None]:
+        """Take the bar off the screen while the operator is asked something."""
+        self._progress.stop()
+        try:
+            yield
+        finally:
+            self._progress.start()
+
 
 @contextmanager
 def progress_bar(description: str, total: int) -> Iterator[Bar]:

@@ -10,10 +10,11 @@ import typer
 from acquisition.session import Session
 from calibration.covariance_fit import Estimate
 from calibration.errors import CalibrationError
-from calibration.files import psf_document, write_psf
+from calibration.files import psf_document, read_correction, read_noise, write_psf
 from calibration.linearise import Channel
 from calibration.mosaic import Pattern
 from calibration.mosaic_calibration import calibrate_mosaic
+from calibration.noise_model import level_noise
 from calibration.psf_calibration import EdgeImage, Method, PsfCalibration, Region, calibrate_psf
 from standoff.edge_sources import Reading, from_files, from_session
 from standoff.edge_table import edge_csv
@@ -58,6 +59,14 @@ def calibrate(
         Pattern | None,
         typer.Option(help="Raw mosaics of this pattern: each colour on its own plane."),
     ] = None,
+    noise: Annotated[
+        Path | None,
+        typer.Option(help="noise.json of the camera, for photographs without a variance."),
+    ] = None,
+    correct: Annotated[
+        Path | None,
+        typer.Option(help="noise.json whose dark, flat and defect maps are taken off."),
+    ] = None,
     csv: Annotated[
         Path | None, typer.Option(help="Also write a table of all edges, with their SFR.")
     ] = None,
@@ -65,7 +74,7 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Measure the camera's PSF from photographs of straight edges, at any angle."""
-    refuse_overwriting([out, csv, report], images or [])
+    refuse_overwriting([out, csv, report], [*(images or []), noise, correct])
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     rule = _region_rule(region)
     if (session is None) == (not images):
@@ -76,9 +85,15 @@ def calibrate(
         raise typer.BadParameter("a mosaic has red, green and blue", param_hint="--channel")
     if bayer is not None and srgb:
         raise typer.BadParameter("raw mosaics are linear", param_hint="--srgb")
+    if (bayer is not None or srgb) and (noise is not None or correct is not None):
+        raise typer.BadParameter("--noise and --correct are for linear, grey levels")
     require_writable([out, csv, report])
     reading = Reading(
-        is_srgb=srgb, channel=channel or ("luma" if bayer is None else "green"), pattern=bayer
+        is_srgb=srgb,
+        channel=channel or ("luma" if bayer is None else "green"),
+        pattern=bayer,
+        correction=None if correct is None else read_correction(correct),
+        frame_noise=None if noise is None else level_noise(read_noise(noise)),
     )
     sources = (
         from_files(images or [], reading)

@@ -1,93 +1,36 @@
-"""``standoff capture`` and ``standoff verify``: make a capture session, check its files."""
+"""``standoff verify`` and ``standoff session``: check a capture session, and look after it."""
 
 import getpass
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from acquisition.plan import PlanEntry, load_plan, plan_entries
-from acquisition.runner import CaptureProgress, Placement, run_plan
+from acquisition.errors import SessionError
+from acquisition.manifest import MANIFEST_NAME
+from acquisition.session import Session, SessionCapture
 from acquisition.session import verify as verify_session
-from hil_mocks import SimulatedBench
-from standoff.devices import open_bench, place_in_simulation
+from acquisition.session_notes import SessionNotes
 from standoff.errors import ApplicationError
-from standoff.options import BenchFile, BenchKeys, Json, read_bench
-from standoff.output import ERRORS, note, print_json, print_table, progress_bar, say
+from standoff.options import Json
+from standoff.output import note, print_json, print_table, say
 
-__all__ = ["capture", "verify"]
+__all__ = ["session", "verify"]
 
+Directory = Annotated[Path, typer.Argument(help="Session directory.", show_default=False)]
+Index = Annotated[int, typer.Argument(help="Index of the capture.", show_default=False, min=0)]
+Reason = Annotated[str, typer.Option(help="Why, for whoever reads the session later.")]
+Who = Annotated[str | None, typer.Option("--operator", help="Who says so; the login name.")]
 
-def capture(
-    *,
-    bench: BenchFile,
-    plan: Annotated[Path, typer.Option(help="Capture plan (TOML).")],
-    out: Annotated[Path, typer.Option(help="Session directory, new or to be resumed.")],
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Do not ask; for the simulated bench.")
-    ] = False,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show what the plan asks for, and stop.")
-    ] = False,
-    operator: Annotated[
-        str | None, typer.Option(help="Who captures; the login name by default.")
-    ] = None,
-    settings: BenchKeys = None,
-    json: Json = False,
-) -> None:
-    """Run a capture plan, or go on with one that was interrupted."""
-    config = read_bench(bench, settings)
-    planned = load_plan(plan)
-    entries = plan_entries(planned)
-    if dry_run:
-        _print_plan(entries, json)
-        return
-    with open_bench(config) as devices, progress_bar("capturing", len(entries)) as bar:
-
-        def show(done: CaptureProgress) -> None:
-            entry = done.entry
-            bar.advance_to(
-                done.captured,
-                f"{entry.target} {entry.orientation_deg:g} deg at {entry.height_mm:g} mm",
-            )
-
-        for warning in devices.warnings:
-            note(warning)
-        place = _placement(devices.simulated, yes)
-        summary = run_plan(
-            out,
-            plan=planned,
-            bench=config,
-            camera=devices.camera,
-            stage=devices.stage,
-            operator=operator or getpass.getuser(),
-            place=place,
-            progress=show,
-            clock=devices.clock,
-        )
-    if json:
-        print_json(
-            {
-                "session": str(out),
-                "captured": summary.captured,
-                "already_captured": summary.already_captured,
-                "skipped": summary.skipped,
-            }
-        )
-        return
-    say(
-        f"{out}: {summary.captured} captured, {summary.already_captured} were there already, "
-        f"{summary.skipped} skipped"
-    )
+session = typer.Typer(
+    name="session", help="Look after capture sessions: list, show, exclude, include, note."
+)
 
 
-def verify(
-    directory: Annotated[Path, typer.Argument(help="Session directory.", show_default=False)],
-    json: Json = False,
-) -> None:
+def verify(directory: Directory, json: Json = False) -> None:
     """Check every file of a session against its journal."""
     report = verify_session(directory)
+    superseded = [c for c in report.files if c.is_superseded and c.state in ("missing", "changed")]
     if json:
         print_json(
             {
@@ -105,9 +48,14 @@ def verify(
             note(remark)
         for check in report.files:
             if check.state != "ok":
-                say(f"{check.state:12} {check.file}")
+                say(f"{check.state:12} {check.file}{' (superseded)' * check.is_superseded}")
         good = sum(check.state == "ok" for check in report.files)
         say(f"{good} of {len(report.files)} files are as journaled")
+        if superseded:
+            say(
+                f"{len(superseded)} of the others belong to captures that were taken again since: "
+                "nothing uses them, so they do not count"
+            )
     if not report.is_ok:
         raise ApplicationError(
             f"{directory}: files are missing or changed; restore them from a copy, "
@@ -115,46 +63,147 @@ def verify(
         )
 
 
-def _place_by_hand(entry: PlanEntry) -> Placement:
-    """Ask the operator to lay the target under the camera."""
-    ERRORS.print(f"Place {entry.kind} {entry.target!r} at {entry.orientation_deg:g} degrees.")
-    answer = typer.prompt("Enter to capture, s to skip", default="", show_default=False, err=True)
-    return "skip" if answer.strip().lower() == "s" else "ready"
-
-
-def _placement(bench: SimulatedBench | None, yes: bool) -> Callable[[PlanEntry], Placement]:
-    if bench is None:
-        return _place_by_hand
-    in_simulation = place_in_simulation(bench)
-    if yes:
-        return in_simulation
-
-    def ask_then_place(entry: PlanEntry) -> Placement:
-        return "skip" if _place_by_hand(entry) == "skip" else in_simulation(entry)
-
-    return ask_then_place
-
-
-def _print_plan(entries: tuple[PlanEntry, ...], json: bool) -> None:
+@session.command("list")
+def list_sessions(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder with sessions in it, or one.", show_default=False)
+    ],
+    json: Json = False,
+) -> None:
+    """List the sessions in a folder: what, who, when, how much of the plan is captured."""
+    if not folder.is_dir():
+        raise ApplicationError(f"{folder} is no folder; name the one that holds the sessions")
+    manifests = [*folder.glob(MANIFEST_NAME), *sorted(folder.glob(f"*/{MANIFEST_NAME}"))]
+    rows: list[dict[str, Any]] = []
+    for path in manifests:
+        try:
+            rows.append(_summary(Session.open(path.parent)))
+        except SessionError as error:
+            note(str(error))
+            rows.append({"session": str(path.parent), "error": str(error)})
     if json:
-        print_json(
-            [
-                {
-                    "index": e.index,
-                    "kind": e.kind,
-                    "target": e.target,
-                    "orientation_deg": e.orientation_deg,
-                    "height_mm": e.height_mm,
-                }
-                for e in entries
-            ]
-        )
+        print_json(rows)
         return
     print_table(
-        f"{len(entries)} captures",
-        ["index", "kind", "target", "orientation / deg", "height / mm"],
+        f"{len(rows)} sessions in {folder}",
+        ["session", "plan", "captured", "excluded", "created (UTC)", "operator"],
         [
-            [str(e.index), e.kind, e.target, f"{e.orientation_deg:g}", f"{e.height_mm:g}"]
-            for e in entries
+            [Path(row["session"]).name, "cannot be read", "", "", "", ""]
+            if "error" in row
+            else [
+                Path(row["session"]).name,
+                row["plan"],
+                f"{row['captured']} of {row['planned']}",
+                str(row["excluded"]),
+                row["created_utc"][:16],
+                row["operator"],
+            ]
+            for row in rows
         ],
     )
+
+
+@session.command("show")
+def show(directory: Directory, json: Json = False) -> None:
+    """Show the captures of a session, what was decided about them, and its notes."""
+    opened = Session.open(directory)
+    captures = sorted(opened.captures, key=lambda capture: capture.record.index)
+    notes = [event for event in opened.events if event.kind == "note"]
+    if json:
+        print_json(
+            {
+                **_summary(opened),
+                "captures": [
+                    {
+                        **capture.record.to_json(),
+                        "superseded": capture.is_superseded,
+                        "excluded_because": capture.excluded_because,
+                    }
+                    for capture in captures
+                ],
+                "notes": [{"utc": event.utc, **event.facts} for event in notes],
+                "remarks": list(opened.remarks),
+            }
+        )
+        return
+    for remark in opened.remarks:
+        note(remark)
+    facts = _summary(opened)
+    print_table(
+        f"{directory}: {facts['plan']}, {facts['captured']} of {facts['planned']} captured",
+        ["index", "target", "turned / deg", "height / mm", "exposure / us", "focus", "state"],
+        [_cells(capture) for capture in captures],
+    )
+    for event in notes:
+        index = event.facts.get("index")
+        about = "" if index is None else f"capture {index}: "
+        say(f"{event.utc[:16]}  {about}{event.facts.get('text', '')}")
+
+
+@session.command("exclude")
+def exclude(
+    index: Index,
+    directory: Directory,
+    reason: Reason,
+    who: Who = None,
+) -> None:
+    """Keep a capture out of calibration and analysis."""
+    SessionNotes(directory, operator=who or getpass.getuser()).exclude(index, reason)
+    say(f"{directory}: capture {index} is excluded: {reason}")
+
+
+@session.command("include")
+def include(
+    index: Index,
+    directory: Directory,
+    reason: Reason = "",
+    who: Who = None,
+) -> None:
+    """Take an excluded capture back in."""
+    SessionNotes(directory, operator=who or getpass.getuser()).include(index, reason)
+    say(f"{directory}: capture {index} is used again")
+
+
+@session.command("note")
+def write_note(
+    text: Annotated[str, typer.Argument(help="What to write down.", show_default=False)],
+    directory: Directory,
+    who: Who = None,
+) -> None:
+    """Write into the journal what a later reader should know."""
+    SessionNotes(directory, operator=who or getpass.getuser()).note(text)
+    say(f"{directory}: noted")
+
+
+def _summary(opened: Session) -> dict[str, Any]:
+    captured = {c.record.index for c in opened.captures if not c.is_superseded}
+    excluded = [
+        c for c in opened.captures if c.excluded_because is not None and not c.is_superseded
+    ]
+    return {
+        "session": str(opened.path),
+        "plan": opened.plan.name,
+        "operator": opened.manifest.operator,
+        "created_utc": opened.manifest.created_utc,
+        "captured": len(captured),
+        "planned": len(opened.entries),
+        "excluded": len(excluded),
+    }
+
+
+def _cells(capture: SessionCapture) -> list[str]:
+    record = capture.record
+    state = "used"
+    if capture.is_superseded:
+        state = "superseded"
+    elif capture.excluded_because is not None:
+        state = f"excluded: {capture.excluded_because}"
+    return [
+        str(record.index),
+        f"{record.kind} {record.target}",
+        f"{record.orientation_deg:g}",
+        f"{record.height_mm:.3f}",
+        "" if record.exposure_us is None else f"{record.exposure_us:g}",
+        "" if record.focus_value is None else f"{record.focus_value:.3g}",
+        state,
+    ]

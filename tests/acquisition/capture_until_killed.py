@@ -1,8 +1,15 @@
-"""Capture a plan with the fakes, real disk and real journal; a test kills this process."""
+"""Captures a plan with the fakes, on the real disk, in processes that a test kills.
 
+For each line on its standard input it forks a child that runs or resumes the session of that
+path, and writes the child's id; the child writes a line for each capture stored, and ``end``.
+Forking spares the test the seconds of the imports.
+"""
+
+import os
 import sys
 from pathlib import Path
 
+from acquisition.averaging import average_frames
 from acquisition.devices import Frame
 from acquisition.runner import CaptureProgress, run_plan
 from tests.acquisition.fakes import SETTINGS, ScriptedCamera, ScriptedStage, frame
@@ -12,12 +19,15 @@ HEIGHTS = 40
 
 
 def report(progress: CaptureProgress) -> None:
-    sys.stdout.write(f"{progress.captured}\n")
-    sys.stdout.flush()
+    write(str(progress.captured))
 
 
-def main(path: Path) -> None:
-    """Run or resume the session at ``path``; write one line for each capture stored."""
+def write(line: str) -> None:
+    os.write(sys.stdout.fileno(), f"{line}\n".encode())
+
+
+def capture(path: Path) -> None:
+    """Run or resume the session at ``path``."""
     plan = plan_of(heights_mm={"start": 1.0, "stop": float(HEIGHTS), "step": 1.0}, keep_frames=True)
     frames: list[Frame] = [frame(1000 + i % 7, i) for i in range(1, 3 * HEIGHTS * 4 + 1)]
     camera = ScriptedCamera(frames, settings=SETTINGS)
@@ -34,5 +44,24 @@ def main(path: Path) -> None:
     )
 
 
+def serve() -> None:
+    """Fork a child for each path; the next one once it has ended or was killed."""
+    average_frames(ScriptedCamera(), 2)  # compiled once, not in every child
+    for line in sys.stdin:
+        ready, go = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.read(ready, 1)  # the id comes first
+            capture(Path(line.rstrip("\n")))
+            write("end")
+            os._exit(0)
+        write(f"child {child}")
+        os.write(go, b".")
+        os.close(go)
+        os.close(ready)
+        os.waitpid(child, 0)
+        write("ended")
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    serve()

@@ -154,3 +154,26 @@ def test_a_file_name_carries_index_kind_orientation_and_height(
         index=7, kind="edge", target="E", orientation_deg=orientation_deg, height_mm=height_mm
     )
     assert entry.stem == stem
+
+
+@given(
+    heights_mm=st.lists(st.integers(1, 300), min_size=1, max_size=6, unique=True),
+    order=st.sampled_from(["ascending", "descending"]),
+    repeats=st.integers(1, 3),
+    is_checked=st.booleans(),
+)
+def test_each_orientation_is_one_sweep_from_one_side(
+    heights_mm: list[int], order: str, repeats: int, is_checked: bool
+) -> None:
+    plan = plan_of(heights_mm=heights_mm, order=order, repeats=repeats, drift_check=is_checked)
+    entries = plan_entries(plan)
+    assert [entry.index for entry in entries] == list(range(len(entries)))
+    sweep = sorted(map(float, heights_mm), reverse=order == "descending")
+    expected = [height for height in sweep for _ in range(repeats)]
+    expected += sweep[:1] * is_checked
+    for placement in {entry.placement for entry in entries}:
+        series = [entry for entry in entries if entry.placement == placement]
+        assert [entry.height_mm for entry in series] == expected
+        # Told apart by height and repeat, the drift check too.
+        assert len({(entry.height_mm, entry.repeat) for entry in series}) == len(series)
+    assert len({entry.stem for entry in entries}) == len(entries)

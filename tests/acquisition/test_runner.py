@@ -1,11 +1,13 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
 
+from acquisition.bench import BenchConfig
 from acquisition.devices import Frame
 from acquisition.errors import (
     CaptureError,
@@ -50,13 +52,15 @@ def run(
     stage: ScriptedStage | None = None,
     place: Callable[[PlanEntry], Placement] = always_ready,
     progress: Callable[[CaptureProgress], None] = lambda _: None,
+    bench: BenchConfig | None = None,
     prefix: str = "uid",
+    **options: Any,
 ) -> RunSummary:
     camera = camera or ScriptedCamera()
     return run_plan(
         path,
         plan=plan or plan_of(),
-        bench=bench_of(),
+        bench=bench or bench_of(),
         camera=camera,
         stage=stage or ScriptedStage(),
         operator="Zoë",
@@ -65,6 +69,7 @@ def run(
         clock=camera.clock,
         utc_now=FakeUtc(),
         new_uid=FakeUids(prefix),
+        **options,
     )
 
 
@@ -273,7 +278,7 @@ def test_a_capture_whose_stream_broke_off_is_begun_once_more_from_its_first_fram
             yield frame(4000, next(ids))
         yield StreamInterruptedError("no frame for 1.0 s")
         while True:
-            yield frame(100, next(ids))
+            yield frame(1000, next(ids))
 
     ids = iter(range(1, 1000))
     assert run(path, camera=ScriptedCamera(script())) == RunSummary(
@@ -286,7 +291,7 @@ def test_a_capture_whose_stream_broke_off_is_begun_once_more_from_its_first_fram
     assert error.facts["error"] == "StreamInterruptedError"
     assert "begun once more" in str(error.facts["message"])
     # Nothing of the broken average is in the new one: its frames were at 4000.
-    assert (session.records[1].min_dn, session.records[1].max_dn) == (100, 100)
+    assert (session.records[1].min_dn, session.records[1].max_dn) == (1000, 1000)
     assert verify(path).is_ok
 
 
@@ -296,7 +301,7 @@ def test_a_capture_whose_stream_breaks_off_twice_ends_the_run(path: Path) -> Non
     def script() -> Iterator[Frame | BaseException]:
         for count in (6, 2):
             for _ in range(count):
-                yield frame(100, next(ids))
+                yield frame(1000, next(ids))
             yield StreamInterruptedError("no frame for 1.0 s")
 
     with pytest.raises(StreamInterruptedError):

@@ -248,3 +248,21 @@ def test_closing_twice_is_harmless(path: Path) -> None:
     session: SessionWriter = writer(path)
     session.close()
     session.close()
+
+
+def test_a_session_from_before_a_bench_key_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    with writer(path):
+        pass
+    manifest = path / "session.json"
+    document = json.loads(manifest.read_text())
+    del document["bench"]["capture"]["mains_hz"]
+    for key in ("order", "settle_s", "auto_exposure", "drift_check"):
+        del document["plan"][key]
+    manifest.write_text(json.dumps(document))
+    with writer(path) as session:
+        assert len(session.pending_entries()) == 6
+    other = bench_of()
+    changed = {"capture": other.capture.model_copy(update={"mains_hz": 60})}
+    with pytest.raises(SessionError, match=r"bench\.capture\.mains_hz was 50, now 60"):
+        writer(path, bench=other.model_copy(update=changed))

@@ -1,0 +1,89 @@
+"""Exposure times: the next one to try for a well-lit picture, and the flicker of mains light."""
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["ExposureStep", "flicker_fraction", "next_exposure", "without_flicker"]
+
+AIM = 0.7
+"""Of the range above the black level, where the brightest parts should come to lie."""
+
+TOLERANCE = 0.1
+SATURATED_STEP = 4.0
+LARGEST_STEP = 16.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExposureStep:
+    """The exposure to set next; ``is_settled`` says that the present one may stay."""
+
+    exposure_us: float
+    is_settled: bool
+
+
+def next_exposure(
+    exposure_us: float,
+    bright_dn: float,
+    *,
+    black_level_dn: float,
+    max_level_dn: float,
+    limits_us: tuple[float, float],
+    mains_hz: float = 0.0,
+) -> ExposureStep:
+    """Return the exposure that brings the bright parts of a picture to 70 % of the range.
+
+    The camera is linear, so that one step from an unsaturated picture suffices; a saturated one
+    tells no more than "shorter".
+
+    Parameters
+    ----------
+    exposure_us
+        Of the picture that was taken.
+    bright_dn
+        Level that its brightest parts reach, such as the 99.5th percentile.
+    limits_us
+        Shortest and longest exposure that may be set.
+    mains_hz
+        Where the light flickers with the mains, exposures of more than one period of the flicker
+        are whole multiples of it; 0: they need not be.
+
+    Raises
+    ------
+    ValueError
+        If the exposure or the limits are not positive and in order.
+    """
+    shortest_us, longest_us = limits_us
+    if not (0 < shortest_us <= longest_us and exposure_us > 0):
+        raise ValueError(f"exposure {exposure_us} us, limits {limits_us} us")
+    span_dn = max_level_dn - black_level_dn
+    light = (bright_dn - black_level_dn) / span_dn
+    if bright_dn >= max_level_dn:
+        factor = 1 / SATURATED_STEP
+    else:
+        factor = min(AIM / max(light, AIM / LARGEST_STEP), LARGEST_STEP)
+    asked_us = min(max(exposure_us * factor, shortest_us), longest_us)
+    asked_us = max(without_flicker(asked_us, mains_hz), shortest_us)
+    # Whole periods cannot come closer than half of one; there the present one stays.
+    is_settled = abs(asked_us - exposure_us) <= TOLERANCE * exposure_us
+    return ExposureStep(exposure_us=exposure_us if is_settled else asked_us, is_settled=is_settled)
+
+
+def without_flicker(exposure_us: float, mains_hz: float) -> float:
+    """Cut an exposure down to whole periods of the light, if it lasts for one at least."""
+    if mains_hz <= 0:
+        return exposure_us
+    period_us = 0.5e6 / mains_hz
+    periods = math.floor(exposure_us / period_us + 1e-9)
+    return periods * period_us if periods else exposure_us
+
+
+def flicker_fraction(exposure_us: float, mains_hz: float) -> float:
+    """Amplitude of the flicker that is left in a capture, of that of the light itself.
+
+    Lamps on the mains flicker at twice its frequency f; an exposure T averages that down to
+    ``|sin(2 pi f T) / (2 pi f T)|``, which is 0 for whole periods. 0 too for ``mains_hz`` 0.
+    """
+    if mains_hz <= 0:
+        return 0.0
+    phase = 2.0 * math.pi * mains_hz * exposure_us * 1e-6
+    return abs(math.sin(phase) / phase)

@@ -1,0 +1,129 @@
+"""The live focus aid's state: now, peak hold, trend, and whether the peak was passed."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+__all__ = ["FocusReading", "FocusTrace", "Trend"]
+
+Trend = Literal["rising", "steady", "falling"]
+
+_SIGMAS = 5.0
+_SIGMA_PER_MAD = 1.4826  # of a Gaussian
+_SECOND_DIFFERENCE = 6.0**0.5  # white noise of 1 has second differences of this
+_FEWEST = 5
+_NOISES = 100
+_LEAST_NOISE = 1e-9  # relative; keeps constant values steady
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusReading:
+    """What the operator sees after a focus value came in.
+
+    ``value`` is the smoothed one, ``peak`` the largest of those since the last reset.
+    ``is_past_peak`` stays on until the value is back at the peak, so that it does not flicker.
+    ``noise`` is the standard deviation of one value, 0 until enough came in.
+    """
+
+    raw: float
+    value: float
+    peak: float
+    trend: Trend
+    is_past_peak: bool
+    noise: float
+
+    @property
+    def percent_of_peak(self) -> float:
+        """Value in percent of the peak; 0 where there is none."""
+        return 100.0 * self.value / self.peak if self.peak > 0 else 0.0
+
+
+class FocusTrace:
+    """Follows focus values one by one; knows no device and no clock.
+
+    Parameters
+    ----------
+    smoothed
+        Number of values in the running median that is shown; odd.
+    window
+        Number of values that trend and noise are judged by.
+    drop
+        Relative drop below the peak at which the peak counts as passed, unless the noise asks
+        for more.
+    """
+
+    def __init__(self, *, smoothed: int = 3, window: int = 12, drop: float = 0.03) -> None:
+        if smoothed < 1 or smoothed % 2 == 0 or window < 5 or not 0 < drop < 1:
+            raise ValueError(
+                f"smoothed is odd, window 5 or more, drop in (0, 1); got {smoothed}, {window}, "
+                f"{drop}"
+            )
+        self._smoothed, self._drop = smoothed, drop
+        self._raw: deque[float] = deque(maxlen=max(window, smoothed))
+        self._noises: deque[float] = deque(maxlen=_NOISES)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the peak, for another target, region or exposure."""
+        self._raw.clear()
+        self._noises.clear()
+        self._peak = -np.inf
+        self._has_risen = False
+        self._lowest = np.inf
+        self._is_past = False
+
+    def add(self, value: float) -> FocusReading:
+        """Take the next focus value in and say where it stands.
+
+        Raises
+        ------
+        ValueError
+            If it is not finite.
+        """
+        if not np.isfinite(value):
+            raise ValueError(f"a focus value must be finite, got {value}")
+        self._raw.append(value)
+        recent = list(self._raw)
+        shown = float(np.median(recent[-self._smoothed :]))
+        if len(recent) >= _FEWEST:
+            self._noises.append(self._noise(recent))
+        # Ten differences alone tell the noise badly; it changes slowly, so many windows do.
+        noise = float(np.median(self._noises)) if self._noises else 0.0
+        margin = max(self._drop * max(self._peak, 0.0), _SIGMAS * noise)
+        self._lowest = min(self._lowest, shown)
+        if shown >= self._peak:
+            self._peak = shown
+        if self._peak - self._lowest > margin and shown >= self._peak - 0.5 * margin:
+            self._has_risen = True
+        if self._peak - shown > margin and self._has_risen:
+            self._is_past = True
+        elif self._peak - shown < 0.5 * margin:
+            self._is_past = False
+        return FocusReading(
+            raw=value,
+            value=shown,
+            peak=float(self._peak),
+            trend=self._trend(recent, noise),
+            is_past_peak=self._is_past,
+            noise=noise,
+        )
+
+    @staticmethod
+    def _noise(recent: list[float]) -> float:
+        """Scatter of single values, blind to a steady change: from second differences."""
+        bends = np.diff(recent, 2)
+        return float(_SIGMA_PER_MAD * np.median(np.abs(bends)) / _SECOND_DIFFERENCE)
+
+    @staticmethod
+    def _trend(recent: list[float], noise: float) -> Trend:
+        """Slope over the window, where it stands out of the noise."""
+        if len(recent) < _FEWEST:
+            return "steady"
+        place = np.arange(len(recent)) - 0.5 * (len(recent) - 1)
+        slope = float(place @ np.array(recent) / (place @ place))
+        level = max(noise, _LEAST_NOISE * max(abs(v) for v in recent), 1e-300)
+        if abs(slope) <= _SIGMAS * level / float(np.sqrt(place @ place)):
+            return "steady"
+        return "rising" if slope > 0 else "falling"

@@ -1,0 +1,197 @@
+"""Dark, flat and defect maps of a sensor, and what a capture becomes by them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+__all__ = [
+    "DARK_DEFECT",
+    "NOISE_DEFECT",
+    "RESPONSE_DEFECT",
+    "CorrectionMaps",
+    "Nonuniformity",
+    "correction_maps",
+    "nonuniformity",
+]
+
+DARK_DEFECT, RESPONSE_DEFECT, NOISE_DEFECT = 1, 2, 4
+"""Bits of the defect map: off in the dark, off in its response, too noisy."""
+
+_SIGMAS = 6.0  # of 450 000 sound pixels, 0.001 lies beyond
+_SIGMA_PER_MAD = 1.4826  # of a Gaussian
+_LEAST_RESPONSE = 0.05
+_NOISE_RATIO = 3.0
+_MEDIAN_PX = 5
+_SHADING_SIGMA_PX = 12.0
+
+Image = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CorrectionMaps:
+    """Maps of one sensor, shape ``(rows, cols)``.
+
+    ``dark_dn`` is the level without light, ``response`` the sensitivity relative to the mean
+    over the sensor (shading included), ``defects`` 0 for sound pixels, else bits of
+    `DARK_DEFECT`, `RESPONSE_DEFECT` and `NOISE_DEFECT`.
+    """
+
+    dark_dn: NDArray[np.float32]
+    response: NDArray[np.float32]
+    defects: NDArray[np.uint8]
+    black_level_dn: float
+
+    def __post_init__(self) -> None:
+        if not self.dark_dn.shape == self.response.shape == self.defects.shape:
+            raise ValueError(
+                f"maps of {self.dark_dn.shape}, {self.response.shape} and {self.defects.shape}"
+            )
+
+    @property
+    def is_defect(self) -> NDArray[np.bool_]:
+        """Where pixels are not to be used."""
+        return self.defects > 0
+
+    def correct(self, image_dn: NDArray[np.generic]) -> NDArray[np.float64]:
+        """Return the image without fixed pattern, shading and defects; black stays at its level.
+
+        ``(image - dark) / response + black``; a defect becomes the mean of its sound neighbours.
+
+        Raises
+        ------
+        ValueError
+            If the image is not of the maps' shape.
+        """
+        self._require_shape(image_dn)
+        light = (image_dn.astype(np.float64) - self.dark_dn) / self._divisor()
+        return _filled(light, self.is_defect) + self.black_level_dn
+
+    def correct_variance(self, variance_dn2: Image) -> NDArray[np.float64]:
+        """Return what the temporal variance of an image becomes by ``correct``.
+
+        Raises
+        ------
+        ValueError
+            If the image is not of the maps' shape.
+        """
+        self._require_shape(variance_dn2)
+        return _filled(variance_dn2.astype(np.float64) / self._divisor() ** 2, self.is_defect)
+
+    def _divisor(self) -> NDArray[np.float64]:
+        return np.where(self.is_defect, 1.0, self.response).astype(np.float64)
+
+    def _require_shape(self, image: NDArray[np.generic]) -> None:
+        if image.shape != self.dark_dn.shape:
+            raise ValueError(
+                f"an image of {image.shape} (rows, cols), maps of {self.dark_dn.shape}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nonuniformity:
+    """How unequal the pixels are, without temporal noise.
+
+    ``dsnu_dn`` and ``prnu`` are standard deviations between pixels after large structures were
+    taken off, ``shading`` the range of what was taken off, relative to its mean.
+    """
+
+    dsnu_dn: float
+    prnu: float
+    shading: float
+    defects: int
+
+
+def correction_maps(
+    dark_dn: Image,
+    response: Image,
+    *,
+    dark_noise_dn: float,
+    variance_ratio: Image,
+    black_level_dn: float,
+) -> CorrectionMaps:
+    """Make the maps, with the defects found on them.
+
+    A pixel is a defect if it stands out from the median of its surroundings by six robust
+    standard deviations of all pixels and by one frame's read noise in the dark or 5 % in its
+    response, or if its temporal variance is three times what its level gives and six standard
+    deviations of that ratio above it.
+
+    Parameters
+    ----------
+    dark_dn, response
+        See `CorrectionMaps`.
+    dark_noise_dn
+        Standard deviation of one dark frame.
+    variance_ratio
+        Temporal variance of each pixel over what its level gives, averaged over captures.
+    """
+    defects = np.zeros(dark_dn.shape, dtype=np.uint8)
+    defects[_stands_out(dark_dn, dark_noise_dn)] |= DARK_DEFECT
+    defects[_stands_out(response, _LEAST_RESPONSE) | (response <= 0)] |= RESPONSE_DEFECT
+    spread = _SIGMA_PER_MAD * float(np.median(np.abs(variance_ratio - np.median(variance_ratio))))
+    noisy = variance_ratio > max(_NOISE_RATIO, 1.0 + _SIGMAS * spread)
+    defects[noisy] |= NOISE_DEFECT
+    return CorrectionMaps(
+        dark_dn=dark_dn.astype(np.float32),
+        response=response.astype(np.float32),
+        defects=defects,
+        black_level_dn=black_level_dn,
+    )
+
+
+def nonuniformity(
+    maps: CorrectionMaps, *, dark_variance_dn2: float, response_variance: float
+) -> Nonuniformity:
+    """Measure DSNU, PRNU and shading on the maps.
+
+    Parameters
+    ----------
+    maps
+        Defects are left out.
+    dark_variance_dn2, response_variance
+        What temporal noise is left in the maps; it is subtracted.
+
+    References
+    ----------
+    EMVA Standard 1288, release 4.0 linear, 2021, section 8: variances after a highpass.
+    """
+    sound = ~maps.is_defect
+    smooth = gaussian_filter(_filled(maps.response.astype(np.float64), maps.is_defect),
+                             _SHADING_SIGMA_PX, mode="nearest")  # fmt: skip
+    level = gaussian_filter(_filled(maps.dark_dn.astype(np.float64), maps.is_defect),
+                            _SHADING_SIGMA_PX, mode="nearest")  # fmt: skip
+    dark = float(np.var((maps.dark_dn - level)[sound])) - dark_variance_dn2
+    response = float(np.var((maps.response / smooth)[sound])) - response_variance
+    return Nonuniformity(
+        dsnu_dn=float(np.sqrt(max(dark, 0.0))),
+        prnu=float(np.sqrt(max(response, 0.0))),
+        shading=float(np.ptp(smooth) / smooth.mean()),
+        defects=int(np.count_nonzero(maps.defects)),
+    )
+
+
+def _stands_out(image: Image, least: float) -> NDArray[np.bool_]:
+    plane = np.ascontiguousarray(image, dtype=np.float32)
+    left = np.abs(plane - cv2.medianBlur(plane, _MEDIAN_PX))
+    # The median of the absolute value of a difference from a median of few is a little small.
+    limit = max(_SIGMAS * _SIGMA_PER_MAD * float(np.median(left)), least)
+    return np.asarray(left > limit)
+
+
+def _filled(image: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The image with holes filled from their rims inwards by means of known neighbours."""
+    if not hole.any() or hole.all():
+        return image
+    filled = np.where(hole, 0.0, image)
+    known = (~hole).astype(np.float64)
+    while not known.all():
+        total = cv2.boxFilter(filled * known, -1, (3, 3), normalize=False)
+        count = cv2.boxFilter(known, -1, (3, 3), normalize=False)
+        rim = (known == 0) & (count > 0.5)
+        filled[rim] = total[rim] / count[rim]
+        known[rim] = 1.0
+    return filled

@@ -1,0 +1,103 @@
+"""Dark, flat and defect maps as TIFF files beside a noise.json."""
+
+import hashlib
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from acquisition.atomic_write import atomic_write
+from calibration.correction_maps import CorrectionMaps
+from calibration.errors import NoiseFileError
+
+__all__ = ["map_paths", "read_map_files", "write_map_files"]
+
+_NAMES = ("dark", "flat", "defects")
+_TITLES = {
+    "dark": "standoff noise: mean level without light, DN",
+    "flat": "standoff noise: response relative to the mean of the sensor",
+    "defects": "standoff noise: 1 dark, 2 response, 4 noise; 0 is sound",
+}
+
+
+def map_paths(path: Path) -> dict[str, Path]:
+    """Where the maps of a noise.json lie: ``noise_dark.tif`` and so on, beside it."""
+    return {name: path.with_name(f"{path.stem}_{name}.tif") for name in _NAMES}
+
+
+def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, dict[str, str]]:
+    """Write the maps beside the noise.json ``path``; return their names and hashes.
+
+    Raises
+    ------
+    NoiseFileError
+        If one cannot be written.
+    """
+    planes: dict[str, NDArray[Any]] = {
+        "dark": maps.dark_dn,
+        "flat": maps.response,
+        "defects": maps.defects,
+    }
+    written = {}
+    for name, place in map_paths(path).items():
+        buffer = BytesIO()
+        tifffile.imwrite(
+            buffer,
+            planes[name],
+            photometric="minisblack",
+            description=_TITLES[name],
+            metadata=None,
+        )
+        data = buffer.getvalue()
+        try:
+            atomic_write(place, data)
+        except OSError as error:
+            raise NoiseFileError(f"cannot write {place}: {error.strerror}") from error
+        written[name] = {"file": place.name, "sha256": hashlib.sha256(data).hexdigest()}
+    return written
+
+
+def read_map_files(path: Path, listed: object, black_level_dn: float) -> CorrectionMaps:
+    """Read the maps that the noise.json ``path`` lists.
+
+    Raises
+    ------
+    NoiseFileError
+        If one is missing, is not the one that was written, or does not fit the others.
+    """
+    if not isinstance(listed, Mapping):
+        raise NoiseFileError(
+            f"{path}: lists no maps; write it with standoff noise from dark and flat captures"
+        )
+    planes = {name: _plane(path, name, listed.get(name)) for name in _NAMES}
+    try:
+        return CorrectionMaps(
+            dark_dn=planes["dark"].astype(np.float32, copy=False),
+            response=planes["flat"].astype(np.float32, copy=False),
+            defects=planes["defects"].astype(np.uint8, copy=False),
+            black_level_dn=black_level_dn,
+        )
+    except ValueError as error:
+        raise NoiseFileError(f"{path}: {error}") from error
+
+
+def _plane(path: Path, name: str, entry: object) -> NDArray[Any]:
+    file = entry.get("file") if isinstance(entry, Mapping) else None
+    if not isinstance(file, str) or not isinstance(entry, Mapping) or Path(file).name != file:
+        raise NoiseFileError(f"{path}: maps.{name} names no file beside it")
+    place = path.with_name(file)
+    try:
+        data = place.read_bytes()
+    except OSError as error:
+        raise NoiseFileError(
+            f"cannot read {place}, a map of {path.name}: {error.strerror}; keep them together"
+        ) from error
+    if hashlib.sha256(data).hexdigest() != entry.get("sha256"):
+        raise NoiseFileError(
+            f"{place} is not the map that {path.name} was written with; run standoff noise again"
+        )
+    return np.asarray(tifffile.imread(BytesIO(data)))

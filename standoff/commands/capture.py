@@ -1,0 +1,224 @@
+"""``standoff capture``: run a capture plan, or resume what was interrupted."""
+
+import getpass
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquisition.plan import PlanEntry, load_plan, plan_entries
+from acquisition.plan_estimate import PlanEstimate, estimate_plan
+from acquisition.runner import CaptureProgress, Placement, RunSummary, run_plan
+from hil_mocks import SimulatedBench
+from standoff.devices import open_bench, place_in_simulation
+from standoff.errors import ApplicationError
+from standoff.operator_prompts import Operator, ScriptedOperator, TerminalOperator
+from standoff.options import BenchFile, BenchKeys, Json, read_bench
+from standoff.output import ERRORS, Bar, note, print_json, print_table, progress_bar, say
+from standoff.plan_preview import flicker_warnings, frame_shape_of, preview_lines, time_text
+
+__all__ = ["capture"]
+
+
+def capture(
+    *,
+    bench: BenchFile,
+    plan: Annotated[Path, typer.Option(help="Capture plan (TOML).")],
+    out: Annotated[Path, typer.Option(help="Session directory, new or to be resumed.")],
+    yes: Annotated[
+        bool,
+        typer.Option("--yes", help="Do not ask: the simulated bench lays its targets by itself."),
+    ] = False,
+    placed: Annotated[
+        bool,
+        typer.Option("--placed", help="The plan's one target lies in place: do not ask."),
+    ] = False,
+    answers: Annotated[
+        Path | None,
+        typer.Option(help="File with one answer a line, - for stdin: who places is a script."),
+    ] = None,
+    retake: Annotated[
+        list[int] | None,
+        typer.Option(metavar="I", help="Take capture I again; may be repeated."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what the plan asks for, and stop.")
+    ] = False,
+    operator: Annotated[
+        str | None, typer.Option(help="Who captures; the login name by default.")
+    ] = None,
+    settings: BenchKeys = None,
+    json: Json = False,
+) -> None:
+    """Run a capture plan, or go on with one that was interrupted.
+
+    A line typed meanwhile pauses it before the next capture; Ctrl-C ends it, and the same
+    command resumes.
+    """
+    config = read_bench(bench, settings)
+    planned = load_plan(plan)
+    entries = plan_entries(planned)
+    estimate = estimate_plan(planned, entries, config, frame_shape_of(config))
+    if dry_run:
+        _print_plan(entries, estimate, out, json=json)
+        for warning in flicker_warnings(planned, entries, config):
+            note(warning)
+        return
+    is_simulated = "simulated" in (config.camera.driver, config.stage.driver)
+    _refuse_placed(placed, is_simulated, estimate.placements)
+    needs_nobody = (is_simulated and yes) or (placed and config.stage.driver != "manual")
+    with ExitStack() as opened:
+        person = _operator(opened, answers, estimate.placements, needs_nobody=needs_nobody)
+        devices = opened.enter_context(open_bench(config, ask=person.ask))
+        frame = devices.camera.settings
+        shape = (frame.height_px, frame.width_px)
+        for line in preview_lines(estimate_plan(planned, entries, config, shape), out):
+            ERRORS.print(line, markup=False)
+        for warning in (*devices.warnings, *flicker_warnings(planned, entries, config)):
+            note(warning)
+        bar = opened.enter_context(progress_bar("capturing", len(entries)))
+        person.hidden = bar.hidden
+        summary = run_plan(
+            out,
+            plan=planned,
+            bench=config,
+            camera=devices.camera,
+            stage=devices.stage,
+            operator=operator or getpass.getuser(),
+            place=_placement(
+                devices.simulated, person, is_asked=not (placed or (yes and is_simulated))
+            ),
+            progress=_shown_on(bar),
+            review=person.review,
+            before_capture=person.wait_if_asked,
+            retake=retake or (),
+            clock=devices.clock,
+            sleep=devices.sleep,
+        )
+    _print_summary(out, summary, json=json)
+
+
+def _refuse_placed(placed: bool, is_simulated: bool, placements: int) -> None:
+    """Refuse to take several targets for placed at once."""
+    if placed and not is_simulated and placements > 1:
+        raise typer.BadParameter(
+            f"the plan has {placements} targets or orientations to place one after the other; "
+            "--placed is for one. Run it at a terminal, or give --answers",
+            param_hint="--placed",
+        )
+
+
+def _operator(
+    opened: ExitStack, answers: Path | None, placements: int, *, needs_nobody: bool
+) -> Operator:
+    """Return who is asked; refuse if somebody has to be and nobody is there."""
+    if answers is not None:
+        if str(answers) == "-":
+            return ScriptedOperator(_lines_of_stdin(), "the standard input")
+        try:
+            file = opened.enter_context(answers.open(encoding="utf-8"))
+        except OSError as error:
+            raise ApplicationError(f"cannot read {answers}: {error.strerror}") from error
+        return ScriptedOperator(iter(file), str(answers))
+    if sys.stdin is not None and sys.stdin.isatty():
+        return TerminalOperator()
+    if needs_nobody:
+        return ScriptedOperator(iter(()), "nobody")
+    raise typer.BadParameter(
+        f"somebody has to place {placements} target(s) or orientation(s), and the standard input "
+        "is no terminal: run it at a terminal, script the operator with --answers FILE "
+        "(- for stdin), or say --placed where the one target of the plan lies in place; "
+        "--yes serves the simulated bench only"
+    )
+
+
+def _lines_of_stdin() -> Iterator[str]:
+    return iter(sys.stdin.readline, "")
+
+
+def _placement(
+    simulated: SimulatedBench | None, person: Operator, *, is_asked: bool
+) -> Callable[[PlanEntry], Placement]:
+    """Return what sees to it that a target lies there, asking the operator only where told."""
+    if simulated is None:
+        return person.place if is_asked else lambda _: "ready"
+    in_simulation = place_in_simulation(simulated)
+    if not is_asked:
+        return in_simulation
+
+    def ask_then_place(entry: PlanEntry) -> Placement:
+        return "skip" if person.place(entry) == "skip" else in_simulation(entry)
+
+    return ask_then_place
+
+
+def _shown_on(bar: Bar) -> Callable[[CaptureProgress], None]:
+    def show(done: CaptureProgress) -> None:
+        entry, record = done.entry, done.record
+        bar.advance_to(
+            done.captured,
+            f"{entry.target} {entry.orientation_deg:g} deg at {record.height_mm:.3f} mm; frames "
+            f"{record.frames_used} good, {record.incomplete_frames} bad; "
+            f"{time_text(done.seconds_left)} left",
+        )
+        for finding in done.findings:
+            note(f"capture {entry.index}: {finding.problem}: {finding.text}")
+        for remark in done.remarks:
+            note(f"capture {entry.index}: {remark}")
+
+    return show
+
+
+def _print_summary(out: Path, summary: RunSummary, *, json: bool) -> None:
+    if json:
+        print_json(
+            {
+                "session": str(out),
+                "captured": summary.captured,
+                "already_captured": summary.already_captured,
+                "skipped": summary.skipped,
+            }
+        )
+        return
+    say(
+        f"{out}: {summary.captured} captured, {summary.already_captured} were there already, "
+        f"{summary.skipped} skipped"
+    )
+
+
+def _print_plan(
+    entries: tuple[PlanEntry, ...], estimate: PlanEstimate, out: Path, *, json: bool
+) -> None:
+    if json:
+        print_json(
+            {
+                "captures": [
+                    {
+                        "index": e.index,
+                        "kind": e.kind,
+                        "target": e.target,
+                        "orientation_deg": e.orientation_deg,
+                        "height_mm": e.height_mm,
+                        "exposure_us": e.exposure_us,
+                    }
+                    for e in entries
+                ],
+                "placements": estimate.placements,
+                "seconds": round(estimate.seconds, 1),
+                "bytes": estimate.bytes_,
+            }
+        )
+        return
+    print_table(
+        f"{len(entries)} captures",
+        ["index", "kind", "target", "orientation / deg", "height / mm"],
+        [
+            [str(e.index), e.kind, e.target, f"{e.orientation_deg:g}", f"{e.height_mm:g}"]
+            for e in entries
+        ],
+    )
+    for line in preview_lines(estimate, out):
+        say(line)

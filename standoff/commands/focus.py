@@ -1,0 +1,206 @@
+"""``standoff focus``: the live focus aid, and the focus sweep."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from acquisition.bench import BenchConfig
+from acquisition.devices import Camera
+from acquisition.focus import Region
+from acquisition.focus_live import FocusOptions
+from acquisition.focus_measures import FocusMeasure
+from acquisition.focus_sweep import FEWEST_POSITIONS
+from acquisition.focus_trace import FocusReading
+from analysis.focus_plots import plot_focus_sweep
+from analysis.report_page import png_bytes
+from calibration.files import read_noise
+from calibration.noise_model import level_noise
+from hil_mocks import SimulatedBench
+from standoff.devices import OpenBench, open_bench
+from standoff.errors import ApplicationError
+from standoff.focus_runs import FocusSweep, OpenCamera, opened_camera, run_sweep, watch_focus
+from standoff.options import BenchFile, BenchKeys, Json, read_bench, refuse_suffix
+from standoff.output import note, print_json, say
+from standoff.reports import require_writable, write_file
+
+__all__ = ["focus"]
+
+_LIVE_FRAMES = 3
+_SIGMAS_95 = 1.96
+_CLIPPED = 0.01
+
+
+def focus(
+    *,
+    bench: BenchFile,
+    metric: Annotated[FocusMeasure, typer.Option(help="Focus measure.")] = "squared-gradient",
+    region: Annotated[
+        str | None, typer.Option(metavar="X,Y,W,H", help="Part of the frame to look at, in px.")
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(min=1, help="Frames: live, the median shown; in a sweep, at each height."),
+    ] = None,
+    readings: Annotated[
+        int | None, typer.Option(min=1, help="Live: end after so many frames, not on Ctrl-C.")
+    ] = None,
+    sweep: Annotated[
+        bool, typer.Option("--sweep", help="Move the stage through the focus and fit the peak.")
+    ] = False,
+    from_mm: Annotated[
+        float | None, typer.Option("--from", help="Sweep: lowest height; else the whole travel.")
+    ] = None,
+    to_mm: Annotated[float | None, typer.Option("--to", help="Sweep: highest height.")] = None,
+    steps: Annotated[
+        int, typer.Option(min=FEWEST_POSITIONS, max=1000, help="Sweep: number of heights.")
+    ] = 15,
+    go: Annotated[bool, typer.Option("--go", help="Sweep: end at the peak.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Sweep: plot of the curve (PNG).")] = None,
+    noise: Annotated[
+        Path | None, typer.Option(help="noise.json of the camera; else the noise is measured.")
+    ] = None,
+    target: Annotated[
+        str | None, typer.Option(help="What lies under a simulated camera; edge by default.")
+    ] = None,
+    settings: BenchKeys = None,
+    json: Json = False,
+) -> None:
+    """Show how sharp the picture is, live, or find the height of best focus by a sweep.
+
+    Ctrl-C ends the live aid, with status 0 once a value was shown; it stops a sweep.
+    """
+    refuse_suffix(out, "--out", {".png"})
+    if not sweep and (from_mm is not None or to_mm is not None or go or out is not None):
+        raise typer.BadParameter("--from, --to, --go and --out go with --sweep")
+    if sweep and readings is not None:
+        raise typer.BadParameter("--readings is for the live aid")
+    if (from_mm is None) != (to_mm is None):
+        raise typer.BadParameter("give both --from and --to, or neither")
+    if from_mm is not None and to_mm is not None and not from_mm < to_mm:
+        raise typer.BadParameter("--from is below --to")
+    if sweep and frames == 1:
+        raise typer.BadParameter("a sweep averages 2 frames or more", param_hint="--frames")
+    require_writable([out])
+    config = read_bench(bench, settings)
+    model = None if noise is None else level_noise(read_noise(noise))
+    options = FocusOptions(
+        measure=metric,
+        region=None if region is None else _region(region),
+        noise=None
+        if model is None
+        else lambda level_dn: float(model.variance_dn2(np.array([level_dn]))[0]),
+    )
+    if not sweep:
+        with opened_camera(config) as watched:
+            _prepare(watched, target, options)
+            count = frames or _LIVE_FRAMES
+            last = watch_focus(watched, options, smoothed=count + 1 - count % 2, readings=readings)
+        _show_last(last, metric, json=json)
+        return
+    with open_bench(config) as opened:
+        _prepare(opened, target, options)
+        found = run_sweep(
+            opened,
+            config,
+            options,
+            heights_mm=None if from_mm is None or to_mm is None else (from_mm, to_mm),
+            steps=steps,
+            frames=frames or config.capture.frames_per_capture,
+            go=go,
+        )
+    _finish(found, config, metric, out, json=json)
+
+
+def _prepare(opened: OpenBench | OpenCamera, target: str | None, options: FocusOptions) -> None:
+    for warning in opened.warnings:
+        note(warning)
+    _place(opened.simulated, target)
+    _require_region(options.region, opened.camera)
+
+
+def _show_last(last: FocusReading, metric: FocusMeasure, *, json: bool) -> None:
+    if json:
+        print_json(
+            {
+                "value": last.value,
+                "peak": last.peak,
+                "percent_of_peak": last.percent_of_peak,
+                "trend": last.trend,
+                "is_past_peak": last.is_past_peak,
+                "noise": last.noise,
+                "metric": metric,
+            }
+        )
+        return
+    say(f"last {last.value:.5g}, peak {last.peak:.5g}, {last.percent_of_peak:.1f} % of peak")
+
+
+def _finish(
+    found: FocusSweep, config: BenchConfig, metric: FocusMeasure, out: Path | None, *, json: bool
+) -> None:
+    if out is not None:
+        heights, values, errs = found.columns()
+        write_file(out, png_bytes(plot_focus_sweep(heights, values, errs, found.peak, metric)))
+    if max(point.saturated_fraction for point in found.points) > _CLIPPED:
+        note("parts of the picture are saturated, which blunts the peak; expose shorter")
+    peak = found.peak
+    if peak is None:
+        raise ApplicationError(found.why_not or "no peak")
+    if json:
+        print_json(
+            {
+                "height_mm": peak.height_mm,
+                "height_err_mm": peak.err_mm,
+                "value": peak.value,
+                "shape": peak.shape,
+                "width_mm": peak.width_mm,
+                "metric": metric,
+                "positions": [
+                    {"height_mm": p.height_mm, "value": p.value, "value_err": p.err}
+                    for p in found.points
+                ],
+            }
+        )
+        return
+    half_mm = _SIGMAS_95 * peak.err_mm
+    say(f"sharpest at {peak.height_mm:.3f} mm, ± {half_mm:.3f} mm (95 %)")
+    if half_mm < config.stage.tolerance_mm:
+        say(f"surer than the stage stands ({config.stage.tolerance_mm:g} mm)")
+    if out is not None:
+        say(f"wrote {out}")
+
+
+def _region(text: str) -> Region:
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+        return Region(x_px=x, y_px=y, width_px=width, height_px=height)
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"expected X,Y,W,H in px, 0 or more and at least 2 x 2, got {text}",
+            param_hint="--region",
+        ) from error
+
+
+def _require_region(region: Region | None, camera: Camera) -> None:
+    settings = camera.settings
+    if region is not None and (
+        region.x_px + region.width_px > settings.width_px
+        or region.y_px + region.height_px > settings.height_px
+    ):
+        raise typer.BadParameter(
+            f"it reaches beyond the frame of {settings.width_px} x {settings.height_px} px",
+            param_hint="--region",
+        )
+
+
+def _place(simulated: SimulatedBench | None, target: str | None) -> None:
+    if target is None:
+        return
+    if simulated is None:
+        raise typer.BadParameter("only a simulated bench is told its target", param_hint="--target")
+    try:
+        simulated.place(target, 5.0)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--target") from error

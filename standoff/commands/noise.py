@@ -1,0 +1,88 @@
+"""``standoff noise``: photon transfer and correction maps from dark and flat captures."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquisition.session import Session
+from analysis.noise_report import render_noise_report
+from calibration.files import write_noise
+from calibration.map_files import map_paths
+from calibration.noise_captures import NoiseCalibration, measure_noise, noise_records
+from standoff.options import Json, refuse_overwriting, refuse_suffix
+from standoff.output import note, print_json, print_table, progress_bar, say
+from standoff.reports import require_writable, write_page
+
+__all__ = ["noise"]
+
+
+def noise(
+    *,
+    session: Annotated[
+        Path, typer.Option(help="Capture session with dark captures and a ladder of flats.")
+    ],
+    out: Annotated[Path, typer.Option(help="Where to write noise.json; the maps lie beside it.")],
+    report: Annotated[Path | None, typer.Option(help="Also write a report: HTML or PDF.")] = None,
+    json: Json = False,
+) -> None:
+    """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
+    refuse_overwriting([out, report, *map_paths(out).values()], [])
+    refuse_suffix(out, "--out", {".json"})
+    refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
+    require_writable([out, report])
+    opened = Session.open(session)
+    with progress_bar("reading captures", 2 * len(noise_records(opened))) as bar:
+        found = measure_noise(opened, bar.advance_to)
+    document = write_noise(out, found)
+    for text in found.transfer.notes:
+        note(text)
+    if report is not None:
+        write_page(report, render_noise_report(found, str(session)))
+    if json:
+        print_json(document)
+        return
+    _print(found)
+    maps = ", ".join(path.name for path in map_paths(out).values())
+    say(f"wrote {out}, {maps}" + (f" and {report}" if report else ""))
+
+
+def _print(found: NoiseCalibration) -> None:
+    transfer, pixels = found.transfer, found.nonuniformity
+    dark, saturation = transfer.dark, transfer.saturation
+    rows = [
+        ["gain / (e/DN)", f"{transfer.gain_e_per_dn:.4f}", f"{transfer.gain_e_per_dn_err:.4f}"],
+        ["read noise / e", f"{transfer.read_noise_e:.3f}", f"{transfer.read_noise_e_err:.3f}"],
+        ["black level / DN", f"{dark.black_level_dn:.3f}", f"{dark.black_level_dn_err:.3f}"],
+        [
+            "saturation / DN",
+            f"{saturation.level_dn:.1f}",
+            "not reached" if saturation.err_dn is None else f"{saturation.err_dn:.1f}",
+        ],
+        ["saturation / e", f"{transfer.saturation_e:.0f}", ""],
+    ]
+    if dark.current_e_per_s is not None and dark.current_e_per_s_err is not None:
+        rows.append(
+            [
+                "dark current / (e/s)",
+                f"{dark.current_e_per_s:.2f}",
+                f"{dark.current_e_per_s_err:.2f}",
+            ]
+        )
+    if transfer.linearity is not None:
+        rows.append(["linearity error / %", f"{100 * transfer.linearity.mean_deviation:.3f}", ""])
+    rows += [
+        ["DSNU / e", f"{pixels.dsnu_dn * transfer.gain_e_per_dn:.2f}", ""],
+        ["PRNU / %", f"{100 * pixels.prnu:.3f}", ""],
+        ["shading / %", f"{100 * pixels.shading:.1f}", ""],
+        ["defect pixels", str(pixels.defects), ""],
+    ]
+    print_table(
+        f"Noise at {found.gain_db:g} dB" if found.gain_db is not None else "Noise",
+        ["", "value", "standard error"],
+        rows,
+    )
+    say(
+        f"{found.darks} dark and {found.flats} flat captures, fitted from "
+        f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"
+    )

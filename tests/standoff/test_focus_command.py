@@ -1,0 +1,112 @@
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition.bench import load_bench
+from acquisition.focus import Region
+from acquisition.focus_live import FocusOptions, FocusPoint, sweep_focus
+from acquisition.focus_sweep import fit_focus_peak
+from hil_mocks import SimulatedBench
+from tests.standoff.conftest import SMALL_BENCH, Command
+
+FOCUS_MM = 300.0
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A lens of f/1, focused at a height of 300 mm."""
+    path = tmp_path / "b.toml"
+    path.write_text(SMALL_BENCH + f"focus_distance_mm = {FOCUS_MM}\nf_number = 1.0\n")
+    return path
+
+
+@pytest.mark.slow
+def test_a_sweep_ends_at_the_focus_with_its_plot(
+    command: Command, bench: Path, tmp_path: Path
+) -> None:
+    plot = tmp_path / "sweep.png"
+    keys = ("--sweep", "--from", 250, "--to", 340, "--steps", 11, "--frames", 4, "--json")
+    done = command("focus", "--bench", bench, *keys, "--out", plot, "--go")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert found["height_mm"] == pytest.approx(FOCUS_MM, abs=0.9)  # 1 % of the travel
+    assert len(found["positions"]) == 11
+    assert plot.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_focus_beyond_the_sweep_is_refused_with_the_way_to_go(
+    command: Command, bench: Path
+) -> None:
+    keys = ("--sweep", "--from", 200, "--to", 270, "--steps", 8, "--frames", 3)
+    done = command("focus", "--bench", bench, *keys)
+    assert done.status == 1
+    assert "sweep higher" in done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("metric", ["squared-gradient", "laplacian"])
+def test_the_live_aid_ends_after_its_readings(command: Command, bench: Path, metric: str) -> None:
+    done = command("focus", "--bench", bench, "--readings", 8, "--metric", metric, "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert found["metric"] == metric
+    assert 90 < found["percent_of_peak"] <= 100
+    assert "% of peak" in done.err
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("--region", "100,0,100,90"),
+        ("--region", "1,2,3"),
+        ("--from", "200"),
+        ("--sweep", "--from", "200"),
+        ("--sweep", "--from", "300", "--to", "200"),
+        ("--sweep", "--steps", "4"),
+        ("--sweep", "--frames", "1"),
+        ("--metric", "sharpness"),
+        ("--target", "nothing"),
+    ],
+)
+def test_wrong_options_are_wrong_usage(
+    command: Command, bench: Path, wrong: tuple[str, ...]
+) -> None:
+    assert command("focus", "--bench", bench, *wrong).status == 2
+
+
+@pytest.mark.slow
+def test_the_peak_is_within_one_percent_at_snr_20_with_20_percent_of_drift(bench: Path) -> None:
+    # White paper of 400 electrons: SNR 20 by shot noise in each frame; 10 frames as by default.
+    keys = {"camera.exposure_us": 267.0, "simulated.read_noise_e": 2.0}
+    config = load_bench(bench, keys)
+    heights = [float(height) for height in np.linspace(254.0, 346.0, 15).round(1)]
+    along_the_edge = Region(x_px=0, y_px=48, width_px=160, height_px=32)
+    for seed in range(3):
+        rig = SimulatedBench(load_bench(bench, {**keys, "simulated.seed": seed}))
+        exposures = iter(np.linspace(0.9, 1.1, len(heights) + 1)[1:] * 267.0)
+
+        def drift(
+            _: FocusPoint,
+            rig: SimulatedBench = rig,
+            exposures: Iterator[np.float64] = exposures,
+        ) -> None:
+            rig.camera.set_exposure_us(float(next(exposures)))
+
+        rig.place("edge", 5.0)
+        points = sweep_focus(
+            rig.camera,
+            rig.stage,
+            heights,
+            FocusOptions(measure="tenengrad", region=along_the_edge),
+            frames=10,
+            stage_config=config.stage,
+            progress=drift,
+            clock=lambda rig=rig: rig.clock.now_s,  # type: ignore[misc]  # bound at once
+        )
+        peak = fit_focus_peak(
+            np.array([p.height_mm for p in points]), np.array([p.value for p in points])
+        )
+        assert abs(peak.height_mm - FOCUS_MM) < 0.01 * 92.0

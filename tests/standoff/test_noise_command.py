@@ -1,0 +1,117 @@
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from acquisition.plan import load_plan
+from calibration.errors import NoiseFileError
+from calibration.files import read_correction, read_noise
+from standoff.shipped_configs import shipped_config
+from tests.standoff.conftest import SMALL_BENCH, Command
+
+DARK = """
+[[targets]]
+kind = "dark"
+target = "dark"
+exposure_us = [21.0, 8000.0]
+"""
+FLAT = """
+[[targets]]
+kind = "flat"
+target = "flat"
+exposure_us = [{exposures}]
+"""
+EDGE = """
+[[targets]]
+kind = "edge"
+target = "edge"
+orientations_deg = [5.0, 95.0]
+"""
+LADDER = "1000.0, 2000.0, 4000.0, 6000.0, 8000.0, 16000.0"
+
+
+def captured(command: Command, folder: Path, *targets: str) -> Path:
+    bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
+    bench.write_text(SMALL_BENCH + "vignetting = 0.2\n")
+    heads = 'schema = "standoff.plan/1"\nname = "n"\nheights_mm = [200.0]\nframes_per_capture = 6\n'
+    plan.write_text(heads + "".join(targets))
+    done = command("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
+    assert done.status == 0, done.err
+    return path
+
+
+def test_the_shipped_plan_is_a_dark_and_a_ladder_of_flats() -> None:
+    plan = load_plan(shipped_config("noise_plan.toml"))
+    assert [target.kind for target in plan.targets] == ["dark", "flat", "flat"]
+    assert len(plan.targets[1].exposure_us or ()) >= 10
+
+
+@pytest.mark.slow
+def test_a_session_gives_the_benchs_noise_its_maps_and_a_report(
+    command: Command, tmp_path: Path
+) -> None:
+    session = captured(command, tmp_path, DARK, FLAT.format(exposures=LADDER), EDGE)
+    out, page = tmp_path / "noise.json", tmp_path / "noise.html"
+    done = command("noise", "--session", session, "--out", out, "--report", page, "--json")
+    assert done.status == 0, done.err
+    document = json.loads(done.out)
+    assert document == json.loads(out.read_text())
+    # The truth of the default bench; 20 480 pixels, 6 frames: 0.3 %.
+    assert document["gain_e_per_dn"] == pytest.approx(5.0, rel=0.02)
+    assert document["read_noise_e"] == pytest.approx(12.0, rel=0.02)
+    assert document["black_level_dn"] == pytest.approx(64.0, abs=0.05)
+    assert document["saturation_dn"] == pytest.approx(4095.0, abs=1.0)
+    assert document["frames_averaged"] == 10
+    assert document["camera_serial"] == "SIM-1"
+    assert "Photon transfer" in page.read_text()
+    assert read_noise(out).gain_e_per_dn == document["gain_e_per_dn"]
+    maps = read_correction(out)
+    assert maps.response.shape == (128, 160)
+    assert maps.response[64, 80] > 1.1 * maps.response[0, 0]  # 20 % of vignetting
+    assert tifffile.imread(tmp_path / "noise_defects.tif").dtype == np.uint8
+
+    psf = tmp_path / "psf.json"
+    done = command("calibrate", "--session", session, "--out", psf, "--correct", out, "--json")
+    assert done.status == 0, done.err
+    sigma = json.loads(done.out)["optical_sigma_x_px"]
+    assert sigma == pytest.approx(0.7, rel=0.02)
+
+    photograph = tmp_path / "edge.tif"
+    capture = next(iter(sorted((session / "captures").glob("*edge*"))))
+    tifffile.imwrite(photograph, tifffile.imread(capture, key=0).astype(np.float32))
+    done = command("calibrate", photograph, "--out", psf, "--noise", out, "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["edges"][0]["chi2_reduced"] is not None
+
+    (tmp_path / "noise_flat.tif").write_bytes(b"other")
+    with pytest.raises(NoiseFileError, match="not the map"):
+        read_correction(out)
+
+
+@pytest.mark.parametrize(
+    ("targets", "what"),
+    [
+        ((FLAT.format(exposures=LADDER),), "no dark capture.*lens cap"),
+        ((DARK,), "no flat capture"),
+        ((DARK, FLAT.format(exposures="4000.0, 20000.0, 25000.0, 30000.0")), "3 saturated"),
+    ],
+)
+def test_a_session_that_tells_no_noise_is_refused_in_one_line(
+    command: Command, tmp_path: Path, targets: tuple[str, ...], what: str
+) -> None:
+    session = captured(command, tmp_path, *targets)
+    done = command("noise", "--session", session, "--out", tmp_path / "noise.json")
+    assert done.status == 1
+
+    assert re.search(what, done.err)
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "noise.json").exists()
+
+
+def test_a_result_that_is_no_json_is_wrong_usage(command: Command, tmp_path: Path) -> None:
+    done = command("noise", "--session", tmp_path, "--out", tmp_path / "noise.txt")
+    assert done.status == 2
+    assert ".json" in done.err
