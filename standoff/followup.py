@@ -30,6 +30,7 @@ __all__ = [
     "CaptureOptions",
     "FollowUp",
     "captured",
+    "followup_by",
     "from_pose",
     "zoomed_out",
     "zoomed_out_as_measured",
@@ -127,6 +128,13 @@ def zoomed_out_as_measured(
     shape = reference_shape(reference)
     grid = SamplingGrid.centred(shape, zoom)
     operator = lmmse_operator(shape, grid, transfer.along_y, transfer.along_x)
+    return followup_by(reference, operator, noise)
+
+
+def followup_by(
+    reference: NDArray[np.generic], operator: ZoomOperator, noise: CaptureNoise | None = None
+) -> FollowUp:
+    """Follow-up by an operator for images of this size, plane by plane."""
     dtype = np.float64 if reference.dtype == np.float64 else np.float32
     planes = reference[:, :, None] if reference.ndim == 2 else reference
     image = np.stack(

@@ -1,14 +1,17 @@
 """``standoff simulate``: a photograph as the same camera would take it from further away."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
 
+from analysis.kernel_cache import CACHE_VARIABLE, default_cache_folder
 from calibration.files import read_homography, read_noise, read_psf
 from simulation import MODELS, GaussianPsf, Model, PsfField
 from simulation.gaussian_kernel import GaussianForm
+from simulation.kernel_sampling import Sampler
+from simulation.kernelgan import KERNEL_MODELS, TRAINING_STEPS, KernelGanSettings, KernelModel
 from standoff.errors import ApplicationError
 from standoff.followup import (
     CaptureOptions,
@@ -19,12 +22,14 @@ from standoff.followup import (
     zoomed_out_as_measured,
 )
 from standoff.image_files import read_image, write_float_tiff, write_mask
+from standoff.learned_followup import FoundKernel, found_kernel, zoomed_out_by_kernel
 from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
 from standoff.output import note, print_json, say
 
 __all__ = ["read_total_psf", "simulate"]
 
 TransferForm = Literal["gaussian", "measured"]
+AnyModel = Literal[Model, KernelModel]
 
 _SHARPENING_SIGMA_PX = 1.0
 _BLURRING_MODELS = tuple(name for name in MODELS if name != "bicubic")
@@ -46,7 +51,7 @@ def simulate(
         typer.Option(help="PNG mask of where the follow-up would be sharper (--homography)."),
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
-    model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
+    model: Annotated[AnyModel, typer.Option(help="Capture model.")] = "matched",
     transfer: Annotated[
         TransferForm,
         typer.Option(help="Take the PSF as a Gaussian, or its e-SFR from psf.json (lmmse)."),
@@ -65,7 +70,24 @@ def simulate(
     noise: Annotated[
         Path | None, typer.Option(help="noise.json: give the follow-up a capture's noise.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise, and of a training.")] = 0,
+    steps: Annotated[
+        int | None,
+        typer.Option(min=1, help=f"Of a training (kernelgan); {TRAINING_STEPS} if none."),
+    ] = None,
+    centre_crop: Annotated[
+        bool, typer.Option("--centre-crop", help="Train on the central half only (kernelgan).")
+    ] = False,
+    sampler: Annotated[
+        Sampler | None,
+        typer.Option(
+            help="Sample exactly at the grid (if none), or the nearest pixel (kernelgan)."
+        ),
+    ] = None,
+    kernel_cache: Annotated[
+        Path | None,
+        typer.Option(help=f"Folder of trained kernels; else ${CACHE_VARIABLE} or XDG's cache."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
@@ -84,6 +106,14 @@ def simulate(
         raise typer.BadParameter("sampled weights are for model paper", param_hint="--gaussian")
     if transfer == "measured" and (model != "lmmse" or zoom is None):
         raise typer.BadParameter("a measured transfer is for model lmmse", param_hint="--transfer")
+    learned = _training_settings(model, zoom, steps, seed, is_centre_crop=centre_crop)
+    if learned is None and (steps or centre_crop or sampler or kernel_cache):
+        raise typer.BadParameter(
+            "--steps, --centre-crop, --sampler and --kernel-cache go with model "
+            + " or ".join(KERNEL_MODELS)
+        )
+    if learned is not None and psf is not None:
+        raise typer.BadParameter(f"model {model} takes no PSF", param_hint="--psf")
     try:
         options = CaptureOptions(
             exposure=exposure,
@@ -98,19 +128,28 @@ def simulate(
     reference = read_image(image).colour_planes
     frame = (reference.shape[1], reference.shape[0])
     is_same_frame = pose is None or (pose.width_px, pose.height_px) == frame
-    camera, measured = None, None
+    camera, measured, found = None, None, None
+    plain_model = _without_training(model)
     if psf is not None and transfer == "measured":
         measured = read_psf(psf).measured_transfer(str(psf))
-    elif psf is not None:
-        camera = _camera_psf(psf, frame if is_same_frame else None, model)
+    elif psf is not None and plain_model is not None:
+        camera = _camera_psf(psf, frame if is_same_frame else None, plain_model)
     try:
-        if measured is not None and zoom is not None:
+        if learned is not None:
+            found = found_kernel(reference, learned, kernel_cache or default_cache_folder())
+            simulated = zoomed_out_by_kernel(
+                reference, learned.zoom, found.kernel, sampler or "exact", options.noise
+            )
+        elif measured is not None and zoom is not None:
             simulated = zoomed_out_as_measured(reference, zoom, measured, options.noise)
         elif pose is not None and camera is not None:
             simulated = from_pose(reference, pose, camera, options.noise)
         else:
             assert zoom is not None
-            simulated = zoomed_out(reference, zoom, camera, model, options.noise, gaussian=gaussian)
+            assert plain_model is not None
+            simulated = zoomed_out(
+                reference, zoom, camera, plain_model, options.noise, gaussian=gaussian
+            )
         with np.errstate(over="ignore"):  # levels beyond float32 are refused below
             followup = captured(simulated, options).astype(np.float32, copy=False)
     except ValueError as error:
@@ -140,6 +179,7 @@ def simulate(
                 "min": float(followup.min()),
                 "max": float(followup.max()),
                 **masks,
+                **({} if found is None else _kernel_facts(found)),
             }
         )
         return
@@ -149,6 +189,32 @@ def simulate(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+
+
+def _training_settings(
+    model: AnyModel, zoom: float | None, steps: int | None, seed: int, *, is_centre_crop: bool
+) -> KernelGanSettings | None:
+    if zoom is None or not (model == "kernelgan" or model == "gaussian-kernelgan"):
+        return None
+    return KernelGanSettings(
+        zoom=zoom,
+        model=model,
+        steps=steps or TRAINING_STEPS,
+        seed=seed,
+        is_centre_crop=is_centre_crop,
+    )
+
+
+def _without_training(model: AnyModel) -> Model | None:
+    return None if model == "kernelgan" or model == "gaussian-kernelgan" else model
+
+
+def _kernel_facts(found: FoundKernel) -> dict[str, Any]:
+    return {
+        "kernel": str(found.path),
+        "kernel_from_cache": found.is_from_cache,
+        "kernel_covariance_px2": found.kernel.covariance_px2.tolist(),
+    }
 
 
 def _mask_fractions(simulated: FollowUp) -> dict[str, float]:
