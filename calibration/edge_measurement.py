@@ -31,7 +31,7 @@ Method = Literal["all-angles", "paper"]
 REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
 """Flags of edges that do not count; the others are remarks."""
 
-_SATURATED_FRACTION = 0.005
+_SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
 _PAPER_BAND_SIGMAS = 6.0
 _PAPER_BAND_EXTRA_PX = 3.0
 

@@ -3,9 +3,12 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
+from calibration.edge_measurement import measure_edges
 from calibration.linearise import luma_plane
 from calibration.mtf import gaussian_mtf50
 from calibration.psf_calibration import EdgeImage, Method, PsfCalibration, calibrate_psf
@@ -55,3 +58,19 @@ def test_the_measured_contrast_of_the_photographed_edge_is_near_that_of_its_gaus
         assert edge.esfr is not None
         # The profile is flagged as not quite Gaussian: 2 %.
         assert edge.esfr.mtf50_cy_per_px == pytest.approx(gaussian_mtf50(TOTAL_SIGMA_PX), rel=0.02)
+
+
+@pytest.mark.slow
+def test_photographed_chessboards_give_their_widths_and_sixty_edges_each() -> None:
+    assert FOLDER is not None
+    widths: dict[str, list[float]] = {"vertical": [], "horizontal": [], "diagonal": []}
+    for path in sorted((Path(FOLDER) / "chessboards").glob("*.jpg")):
+        image = np.asarray(Image.open(path), dtype=np.float64)
+        source = EdgeImage(name=path.name, image_dn=image, saturation_dn=255.0, is_jpeg=True)
+        used = [edge for edge in measure_edges(source) if edge.is_used]
+        assert len(used) >= 60, path.name
+        for edge in used:
+            widths[edge.orientation].append(edge.fit.sigma_px)
+    # Medians over all photographs by another program; single ones lie between 0.67 and 1.00.
+    assert np.median(widths["vertical"]) == pytest.approx(0.85, rel=0.05)
+    assert np.median(widths["horizontal"]) == pytest.approx(0.79, rel=0.05)
