@@ -76,6 +76,7 @@ class Acquisition:
         self._frames_left: int | None = None
         self._triggers: list[float] = []
         self._due_s = 0.0
+        self._exposed_s = 0.0
         self.first_block_id = 1
         self._block_id = 0
         self._thread = Thread(target=self._run, name="gige-stream", daemon=True)
@@ -149,10 +150,12 @@ class Acquisition:
                 if not self._triggers:
                     self._changed.wait()
                 elif self._has_come(self._triggers[0] + self._exposure_s):
-                    self._triggers.pop(0)
+                    self._exposed_s = self._triggers.pop(0) + self._exposure_s
                     return True
             elif self._has_come(self._due_s):
-                # A frame that is late does not hurry those that follow.
+                # The stamp is the sensor's, not that of a busy machine; and a frame that is late
+                # does not hurry those that follow.
+                self._exposed_s = self._due_s
                 self._due_s = max(self._due_s + self._state.frame_period_s, monotonic())
                 return True
         return False
@@ -172,7 +175,7 @@ class Acquisition:
         exposure = _Exposure(
             request=self._state.request(self._acquisitions, self._frames),
             block_id=block_id,
-            timestamp_ticks=self._registers.now_ticks,
+            timestamp_ticks=self._registers.ticks_at(self._exposed_s),
             layout=self._state.layout,
             region=self._state.region,
             gamma=self._state.gamma,

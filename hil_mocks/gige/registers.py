@@ -176,6 +176,10 @@ class RegisterMap:
         """The device's clock, in ns since power-up or its last reset."""
         return monotonic_ns() - self._zero_ns
 
+    def ticks_at(self, moment_s: float) -> int:
+        """The device's clock at a moment of `time.monotonic`."""
+        return max(0, round(moment_s * 1e9) - self._zero_ns)
+
     def discovery(self) -> bytes:
         """Payload of a discovery acknowledge."""
         return self._memory(0, DISCOVERY_BYTES)

@@ -23,6 +23,7 @@ from acquisition.errors import (
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import camera_config, needs_aravis, opened, sent_image
+from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import free_addresses, gige_bench
 
 pytestmark = needs_aravis
@@ -231,7 +232,7 @@ def test_an_address_without_a_camera_is_an_error_within_seconds_and_nothing_is_s
     begin_s = time.monotonic()
     with pytest.raises(DeviceDisconnectedError, match="does not answer"):
         AravisCamera.open(camera_config(next(free_addresses())))
-    assert time.monotonic() - begin_s < 4
+    assert time.monotonic() - begin_s < 4 + BUSY_S
     assert "GvDevice" in asked
     assert not {"update_device_list", "open_device", "Camera"} & set(asked)
 
@@ -284,8 +285,8 @@ def test_waiting_is_bounded_by_the_time_given(bench: PracticeBench) -> None:
         begin_s = time.monotonic()
         with pytest.raises(DeviceTimeoutError, match=r"within 0\.2 s"):
             camera.next_frame(0.2)
-        assert 0.2 <= time.monotonic() - begin_s < 0.4
-        assert camera.next_frame(2.0).is_complete
+        assert 0.2 <= time.monotonic() - begin_s < 0.4 + BUSY_S
+        assert camera.next_frame(2.0 + BUSY_S).is_complete
 
 
 def test_a_small_receive_buffer_is_a_warning(

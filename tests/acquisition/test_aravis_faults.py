@@ -25,6 +25,7 @@ from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import after_frames, needs_aravis, opened, sent_image
 from tests.acquisition.fakes import ScriptedStage
 from tests.acquisition.session_fixtures import bench_of, plan_of
+from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench
 
 pytestmark = needs_aravis
@@ -92,7 +93,7 @@ def test_lost_packets_that_are_not_sent_again_end_in_an_error_with_the_count() -
         begin_s = time.monotonic()
         with pytest.raises(CaptureError, match=r"of 10 frames: .*incomplete"):
             average_frames(camera, 10)
-        assert time.monotonic() - begin_s < 1 + 4 * 11 / 60 + 0.5
+        assert time.monotonic() - begin_s < 1 + 4 * 11 / 60 + BUSY_S
         recover(bench)
         assert average_frames(camera, 2).frames_used == 2
 
@@ -175,7 +176,7 @@ def test_an_average_that_is_interrupted_fails_at_once_and_the_next_one_succeeds(
         begin_s = time.monotonic()
         with pytest.raises(StreamInterruptedError):
             average_frames(camera, 10)
-        assert time.monotonic() - begin_s < 1.0 + 0.5  # a second without frames, and margin
+        assert time.monotonic() - begin_s < 1.0 + BUSY_S  # a second without frames
         recover(bench)
         settings = camera.settings
         averaged = average_frames(camera, 10)
@@ -244,7 +245,7 @@ def test_a_camera_that_stays_away_is_one_clear_error_within_the_stated_time(
         begin_s = time.monotonic()
         with pytest.raises(DeviceDisconnectedError, match=r"within 0\.5 s .*check power"):
             camera.start()
-        assert time.monotonic() - begin_s < 15 + 1
+        assert time.monotonic() - begin_s < 15 + BUSY_S
         with pytest.raises(DeviceError, match="start it again"):
             camera.set_gain_db(1.0)
         recover(bench)

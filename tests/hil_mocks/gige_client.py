@@ -207,7 +207,7 @@ class RawClient:
         return True
 
 
-def wait_for(condition: Callable[[], bool], within_s: float = 5.0) -> None:
+def wait_for(condition: Callable[[], bool], within_s: float = 20.0) -> None:
     """Return as soon as the condition holds."""
     end_s = monotonic() + within_s
     while not condition():

@@ -16,12 +16,12 @@ from hil_mocks.gige.gvsp import GvspError, PacketFormat, parse_leader
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, image_of_levels
 from hil_mocks.gige.registers import StreamTarget
 from hil_mocks.practice_bench import PracticeBench
+from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench
 from tests.hil_mocks.gige_client import RawClient, wait_for
 
 FIRE = 0x8000_0000
 DO_NOT_FRAGMENT = 0x4000_0000
-LOADED = 2.0
 """A machine that does other things too takes up to so many times as long."""
 
 PACKETS = -(-96 * 64 // 464)  # of a frame in packets of 500 bytes
@@ -184,7 +184,9 @@ def test_the_frame_rate_is_kept_and_limited_by_the_exposure(client: RawClient) -
         client.set("ExposureTimeAbs", exposure_us)
         client.block(), client.block()
         times = [client.block().leader.timestamp_ticks for _ in range(6)]
-        assert 0.95 * period_ns < np.median(np.diff(times)) < LOADED * period_ns
+        periods_ns = np.diff(times)
+        assert periods_ns.min() > 0.99 * period_ns
+        assert np.median(periods_ns) < period_ns + BUSY_S * 1e9
     assert client.get("AcquisitionFrameRateLimit") == pytest.approx(25)
 
 
@@ -268,7 +270,7 @@ def test_the_stream_keeps_to_its_bandwidth() -> None:
         while client.packet().header.packet_format != PacketFormat.TRAILER:
             pass
         # 120 000 bytes in 82 packets of 36 bytes more: 0.123 s; the last packet does not wait.
-        assert 0.115 < monotonic() - begun_s < LOADED * 0.123
+        assert 0.115 < monotonic() - begun_s < 0.123 + BUSY_S
         assert client.get("AcquisitionFrameRateLimit") == pytest.approx(1e6 / 126_216, rel=1e-3)
 
 
@@ -279,7 +281,7 @@ def test_a_packet_delay_slows_the_stream_down(client: RawClient) -> None:
     client.packet()
     begun_s = monotonic()
     client.block()
-    assert (PACKETS - 2) * 0.02 < monotonic() - begun_s < LOADED * PACKETS * 0.02
+    assert (PACKETS - 2) * 0.02 < monotonic() - begun_s < PACKETS * 0.02 + BUSY_S
 
 
 def test_packets_are_sent_again_as_they_were(client: RawClient) -> None:
