@@ -1,12 +1,9 @@
-"""Accuracy and speed of the edge fit, and speed of the search for edges.
+"""Speed of the edge fit and of the search for edges; accuracy is ``bench_edge_accuracy``'s.
 
-Accuracy: optical widths of edges at random angles and places behind square pixels, as an RMS error
-over the Cramer-Rao bound. The bound is computed here, from numerical derivatives of the exact edge
-at every pixel within 6 sigma + 3 px, with angle, place, curvature and both levels unknown; nothing
-unbiased is below 1. Speed: beside ``scipy.optimize.least_squares`` on the same pixels, with the
-same edge and its derivatives by differences (a single fit; ``fit_edge`` also fits the total width,
-tests for shading and judges the residuals), and beside ``cv2.Canny`` with ``cv2.findContours``.
-All single-threaded but for OpenCV.
+The fit beside ``scipy.optimize.least_squares`` on the same pixels, with the same edge and its
+derivatives by differences (a single fit; ``fit_edge`` also fits the total width, tests for shading
+and judges the residuals), the search beside ``cv2.Canny`` with ``cv2.findContours``. All
+single-threaded but for OpenCV.
 """
 
 import platform
@@ -25,15 +22,12 @@ from scipy.special import ndtr
 
 from calibration.edge_detection import find_edges
 from calibration.edge_fit import fit_edge
-from calibration.edge_segments import EdgeSegment, edge_window
+from calibration.edge_segments import EdgeSegment, band_half_width, band_pixels, side_level
 
 Array = NDArray[np.float64]
 
 SIGMAS_PX = (0.5, 0.8, 1.5)
-SNRS = (100.0, 30.0, 12.0)
-EDGES = 400
 SIDE_PX = 100
-LOW_DN, CONTRAST_DN = 500.0, 2500.0
 
 
 def best_s(call: Callable[[], object], seconds: float = 1.0) -> float:
@@ -61,59 +55,23 @@ def exact_edge(parameters: Array, x: Array, y: Array) -> Array:
     return np.asarray(low + (high - low) * unit / (a * b))
 
 
-def bound_px(truth: Array, x: Array, y: Array, noise_dn: float) -> float:
-    """Cramer-Rao bound of sigma's standard deviation."""
-    steps = np.array([1e-6, 1e-5, 1e-8, 1e-5, 1e-2, 1e-2])
-    jacobian = np.column_stack(
-        [
-            (exact_edge(truth + shift, x, y) - exact_edge(truth - shift, x, y)) / (2 * step)
-            for shift, step in zip(np.diag(steps), steps, strict=True)
-        ]
-    )
-    scale = np.linalg.norm(jacobian, axis=0)
-    inverse = np.linalg.inv((jacobian / scale).T @ (jacobian / scale))
-    return float(np.exp(truth[3]) * np.sqrt(inverse[3, 3]) / scale[3] * noise_dn)
-
-
-def accuracy(sigma_px: float, snr: float) -> None:
-    rng = np.random.default_rng(round(sigma_px * 1000 + snr))
-    y, x = np.mgrid[:SIDE_PX, :SIDE_PX] - (SIDE_PX - 1) / 2
-    noise_dn = CONTRAST_DN / snr
-    errors, claimed, bounds, missed = [], [], [], 0
-    for _ in range(EDGES):
-        angle, offset = rng.uniform(0, 2 * np.pi), rng.uniform(-10, 10)
-        truth = np.array([angle, offset, 0, np.log(sigma_px), LOW_DN, LOW_DN + CONTRAST_DN])
-        image = exact_edge(truth, x, y) + rng.normal(0, noise_dn, x.shape)
-        segments = find_edges(image, cell_px=1000.0)
-        fit = fit_edge(image, segments[0]) if len(segments) == 1 else None
-        if fit is None or fit.optical_sigma_px is None or fit.optical_sigma_err_px is None:
-            missed += 1
-            continue
-        window = edge_window(image, segments[0], float(np.hypot(sigma_px, 12**-0.5)))
-        centre = (SIDE_PX - 1) / 2
-        place_x = window.x + window.centre_x_px - centre
-        place_y = window.y + window.centre_y_px - centre
-        errors.append(fit.optical_sigma_px - sigma_px)
-        claimed.append(fit.optical_sigma_err_px)
-        bounds.append(bound_px(truth, place_x, place_y, noise_dn))
-    # Each error in units of its own bound: lengths differ from edge to edge.
-    ratio = float(np.sqrt(np.mean((np.array(errors) / bounds) ** 2)))
-    print(
-        f"  {sigma_px:5.2f} {snr:5.0f} {np.mean(errors) / sigma_px * 100:8.3f}"
-        f" {np.std(errors) / sigma_px * 100:8.3f} {ratio:10.3f}"
-        f" {np.mean(np.array(claimed) / bounds):10.3f} {missed:8d}"
-    )
-
-
 def naive_fit(image: Array, segment: EdgeSegment) -> float:
     """Optical width by scipy, from the start that ``fit_edge`` has."""
-    window = edge_window(image, segment, segment.sigma_px)
-    low, high = window.side_levels
-    start = np.array([window.normal_rad, 0.0, 0.0, np.log(segment.sigma_px), low, high])
+    sigma_px, half_length = segment.sigma_px, segment.length_px / 2
+    x, y, values, across = band_pixels(
+        image,
+        segment.x_px,
+        segment.y_px,
+        segment.normal_rad,
+        min(band_half_width(sigma_px), segment.clearance_px),
+        half_length,
+    )
+    low, high = side_level(values, -across, sigma_px), side_level(values, across, sigma_px)
+    start = np.array([segment.normal_rad, 0.0, 0.0, np.log(sigma_px), low, high])
     scale = np.array([0.01, 0.1, 1e-4, 0.1, high - low, high - low])
 
     def residuals(parameters: Array) -> Array:
-        return exact_edge(parameters, window.x, window.y) - window.values
+        return exact_edge(parameters, x, y) - values
 
     fit = least_squares(residuals, start, x_scale=scale)
     return float(np.exp(fit.x[3]))
@@ -171,13 +129,6 @@ def main() -> None:
         f"numpy {np.__version__}, numba {numba.__version__}, scipy {scipy.__version__}, "
         f"OpenCV {cv2.__version__} with {cv2.getNumThreads()} threads"
     )
-    print(
-        f"\noptical width of {EDGES} edges a line, found and fitted; missed: not found whole\n"
-        "  sigma   SNR   bias %  scatter %  rms/bound  own err/bound  missed"
-    )
-    for sigma_px in SIGMAS_PX:
-        for snr in SNRS:
-            accuracy(sigma_px, snr)
     fit_speed()
     search_speed()
 

@@ -24,13 +24,13 @@ from calibration.edge_residuals import profile_flags
 from calibration.edge_segments import EdgeSegment
 from calibration.noise_model import LevelNoise
 
-__all__ = ["EdgeFit", "fit_edge"]
+__all__ = ["SATURATED_FRACTION", "EdgeFit", "fit_edge"]
 
 Array = NDArray[np.float64]
 
 SHORTEST_PX = 20.0
 NOISIEST_SNR = 3.0
-_SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
+SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
 _SHARPEST_PX = 0.06  # optical widths below this are not told from a perfect lens
 
 
@@ -41,7 +41,8 @@ class EdgeFit:
     ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down;
     ``curvature_per_px`` its curvature at the middle. ``optical_sigma_px`` is None where the
     edge is as sharp as the pixel square alone. ``chi2_reduced`` is None where the noise is
-    known from this edge's residuals only.
+    known from this edge's residuals only. ``clipped_fraction`` is of the pixels of the fit, None
+    where the saturation level is not known.
     """
 
     x_px: float
@@ -58,6 +59,7 @@ class EdgeFit:
     curvature_per_px: float
     chi2_reduced: float | None
     flags: tuple[str, ...]
+    clipped_fraction: float | None = None
 
     @property
     def snr(self) -> float:
@@ -140,7 +142,7 @@ def _measurement(
     angle = segment.normal_rad + total[TURN] / likely.half_length_px
     contrast = abs(best[HIGH] - best[LOW])
     flags = list(profile_flags(likely.profile, contrast))
-    if has_saturation and likely.clipped_fraction > _SATURATED_FRACTION:
+    if has_saturation and likely.clipped_fraction > SATURATED_FRACTION:
         flags.insert(0, "saturated")
     for flag, applies in (
         ("too_short", segment.length_px < SHORTEST_PX),
@@ -165,6 +167,7 @@ def _measurement(
         curvature_per_px=float(2 * total[CURVATURE] / likely.half_length_px**2),
         chi2_reduced=float(squares / freedom) if is_noise_known else None,
         flags=tuple(flags),
+        clipped_fraction=likely.clipped_fraction if has_saturation else None,
     )
 
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from calibration.covariance_fit import orientation_of
 from calibration.edge_detection import find_edges
-from calibration.edge_fit import EdgeFit, fit_edge
-from calibration.edge_samples import EdgeSamples, clipped_fraction, edge_samples, roughness_px
+from calibration.edge_fit import SATURATED_FRACTION, EdgeFit, fit_edge
+from calibration.edge_samples import EdgeSamples, edge_samples, roughness_px
 from calibration.edge_segments import EdgeSegment
 from calibration.esfr import EdgeSfr, esfr_half_width_px, measure_esfr
 from calibration.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
@@ -31,7 +31,6 @@ Method = Literal["all-angles", "paper"]
 REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
 """Flags of edges that do not count; the others are remarks."""
 
-_SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
 _PAPER_BAND_SIGMAS = 6.0
 _PAPER_BAND_EXTRA_PX = 3.0
 
@@ -154,7 +153,8 @@ def measure_edges(
     if region is not None:
         right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
         if not (0 <= region.x_px < right <= cols and 0 <= region.y_px < bottom <= rows):
-            raise ValueError(f"region {region} does not lie inside {source.name} ({cols}x{rows})")
+            asked = f"{region.x_px},{region.y_px},{region.width_px},{region.height_px}"
+            raise ValueError(f"region {asked} does not lie inside {source.name} ({cols}x{rows})")
         left, top = region.x_px // source.pitch_px, region.y_px // source.pitch_px
         inside = np.s_[top : bottom // source.pitch_px, left : right // source.pitch_px]
         image = image[inside]
@@ -170,7 +170,7 @@ def measure_edges(
         widened = lsf_fit(samples, fit) if method == "paper" else fit
         if widened is None:
             continue
-        fraction = clipped_fraction(samples, source.saturation_dn)
+        fraction = fit.clipped_fraction
         if clipped is not None:
             fraction = float(np.mean(_picked(clipped, segment, fit, band)))
         wide = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
@@ -207,7 +207,7 @@ def _picked(
 
 def _flags(source: EdgeImage, fit: EdgeFit, fraction: float | None) -> tuple[str, ...]:
     flags = fit.flags
-    if fraction is not None and fraction > _SATURATED_FRACTION and "saturated" not in flags:
+    if fraction is not None and fraction > SATURATED_FRACTION and "saturated" not in flags:
         flags = ("saturated", *flags)
     return (*flags, "jpeg") if source.is_jpeg else flags
 

@@ -1,6 +1,6 @@
 """The raw pixels around a fitted edge by their distance from it, and how rough the edge is."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import cos, pi, sin, sqrt
 
 import numpy as np
@@ -8,17 +8,15 @@ from numpy.typing import NDArray
 
 from calibration.edge_fit import EdgeFit
 from calibration.edge_model import edge_profile
-from calibration.edge_segments import EdgeSegment, edge_window
+from calibration.edge_segments import EdgeSegment, band_pixels
 
-__all__ = ["EdgeSamples", "clipped_fraction", "edge_samples", "roughness_px"]
+__all__ = ["EdgeSamples", "edge_samples", "roughness_px"]
 
 Array = NDArray[np.float64]
 
 _ROUGHNESS_PIECE_PX = 4.0
 _ROUGHNESS_PIECES = 4  # fewer tell no scatter
-_BAND_PER_SIGMA = 6.0  # edge_window collects 6 sigma + 3 px: asking for a width sets the band
-_BAND_EXTRA_PX = 3.0
-_CLIPPED_FROM = 0.995  # of the saturation level
+_NARROWEST_BAND_PX = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,28 +60,21 @@ def edge_samples(
     # A fit knows its normal modulo pi; the segment knows which side is bright.
     turn = (fit.normal_rad - segment.normal_rad + pi / 2) % pi - pi / 2
     normal = segment.normal_rad + turn
-    settled = replace(segment, x_px=fit.x_px, y_px=fit.y_px, normal_rad=normal)
-    width = max(half_width_px - _BAND_EXTRA_PX, 0.0) / _BAND_PER_SIGMA
-    window = edge_window(image_dn, settled, width)
-    along = -sin(normal) * window.x + cos(normal) * window.y
-    across = cos(normal) * window.x + sin(normal) * window.y
+    half_width = min(max(half_width_px, _NARROWEST_BAND_PX), segment.clearance_px)
+    half_length = 0.5 * segment.length_px
+    x, y, levels, across = band_pixels(
+        image_dn, fit.x_px, fit.y_px, normal, half_width, half_length
+    )
+    along = -sin(normal) * x + cos(normal) * y
     return EdgeSamples(
         distance_px=across - 0.5 * fit.curvature_per_px * along**2,
         along_px=along,
-        levels_dn=window.values,
+        levels_dn=levels,
         low_dn=fit.low_dn,
         high_dn=fit.high_dn,
         normal_rad=normal,
-        half_length_px=window.half_length_px,
+        half_length_px=half_length,
     )
-
-
-def clipped_fraction(samples: EdgeSamples, saturation_dn: float | None) -> float | None:
-    """Fraction of the pixels that are clipped at either end; None where the level is unknown."""
-    if saturation_dn is None:
-        return None
-    levels = samples.levels_dn
-    return float(np.mean((levels >= _CLIPPED_FROM * saturation_dn) | (levels <= 0)))
 
 
 def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:

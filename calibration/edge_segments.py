@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 __all__ = [
     "EdgeSegment",
-    "EdgeWindow",
     "band_half_width",
     "band_pixels",
-    "edge_window",
     "side_level",
 ]
 
@@ -55,63 +53,6 @@ class EdgeSegment:
             )
             for t in places
         ]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeWindow:
-    """Raw pixels near an edge; ``x`` and ``y`` in px from its middle, each shape ``(n,)``."""
-
-    x: Array
-    y: Array
-    values: Array
-    centre_x_px: float
-    centre_y_px: float
-    normal_rad: float
-    half_length_px: float
-    side_levels: tuple[float, float]
-    smooth_levels: Array
-    is_clipped: bool
-
-
-def edge_window(image_dn: Array, segment: EdgeSegment, sigma_px: float) -> EdgeWindow:
-    """Collect the pixels within 6 sigma + 3 px of the edge, as far as nothing else is near.
-
-    Parameters
-    ----------
-    image_dn
-        Shape ``(rows, cols)``.
-    segment
-        The edge.
-    sigma_px
-        Its total width, or a guess.
-
-    Returns
-    -------
-    EdgeWindow
-        ``smooth_levels`` is a noise-free guess of each pixel's level, for the noise weights;
-        ``is_clipped`` says that another edge limits the band.
-    """
-    half_width = band_half_width(sigma_px)
-    is_clipped = half_width > segment.clearance_px
-    half_width = min(half_width, segment.clearance_px)
-    half_length = 0.5 * segment.length_px
-    x, y, values, across = band_pixels(
-        image_dn, segment.x_px, segment.y_px, segment.normal_rad, half_width, half_length
-    )
-    low, high = side_level(values, -across, sigma_px), side_level(values, across, sigma_px)
-    rise = np.clip(0.5 + across / (4.0 * max(sigma_px, 0.3)), 0.0, 1.0)
-    return EdgeWindow(
-        x=x,
-        y=y,
-        values=values,
-        centre_x_px=segment.x_px,
-        centre_y_px=segment.y_px,
-        normal_rad=segment.normal_rad,
-        half_length_px=half_length,
-        side_levels=(low, high),
-        smooth_levels=low + (high - low) * rise,
-        is_clipped=is_clipped,
-    )
 
 
 @njit(cache=True)

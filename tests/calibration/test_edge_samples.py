@@ -1,6 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from calibration.edge_detection import find_edges
+from calibration.edge_fit import fit_edge
+from calibration.edge_samples import edge_samples
 from calibration.psf_calibration import EdgeImage, EdgeMeasurement, measure_edges
 from tests.calibration.closed_form import edge_image, point_edge
 
@@ -32,6 +37,17 @@ def test_noise_is_not_taken_for_roughness() -> None:
     # At an SNR of 50 a piece of 4 px is placed to 0.013 px: with the noise taken out in squares,
     # half of the edges are left with nothing and the others with a part of that.
     assert np.median([r for r in rough if r is not None]) < 0.008
+
+
+def test_another_edge_nearby_limits_the_band() -> None:
+    image = edge_image(0.8, 5.0)
+    [segment] = find_edges(image, cell_px=1000.0)
+    fit = fit_edge(image, segment)
+    assert fit is not None
+    free = edge_samples(image, segment, fit, 8.0).distance_px
+    limited = edge_samples(image, replace(segment, clearance_px=4.0), fit, 8.0).distance_px
+    assert 7.0 < np.abs(free).max() <= 8.0 + 1e-3
+    assert 3.0 < np.abs(limited).max() <= 4.0 + 1e-3  # the bend is taken out of the distance
 
 
 def test_contrast_is_michelsons_of_the_two_levels() -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.edge_segments import EdgeSegment, edge_window
+from calibration.edge_segments import EdgeSegment, band_half_width, band_pixels, side_level
 from tests.calibration.closed_form import edge_image
 
 SEGMENT = EdgeSegment(
@@ -57,46 +57,35 @@ def test_the_pieces_cover_the_edge_once_and_end_where_it_ends(
     x=st.floats(10.0, 100.0),
     y=st.floats(10.0, 70.0),
 )
-def test_the_window_holds_every_pixel_of_the_band_and_no_other(
+def test_the_band_holds_every_pixel_of_the_band_and_no_other(
     normal: float, sigma: float, x: float, y: float
 ) -> None:
     rows, cols = 80, 120
     image = np.arange(rows * cols, dtype=np.float64).reshape(rows, cols)
-    segment = replace(SEGMENT, normal_rad=normal, x_px=x, y_px=y)
-    window = edge_window(image, segment, sigma)
+    band_x, band_y, values, distance = band_pixels(
+        image, x, y, normal, band_half_width(sigma), 25.0
+    )
     # Every pixel names itself by its value.
-    picked_y, picked_x = np.divmod(window.values, cols)
-    np.testing.assert_allclose(window.x, picked_x - x, atol=1e-9)
-    np.testing.assert_allclose(window.y, picked_y - y, atol=1e-9)
+    picked_y, picked_x = np.divmod(values, cols)
+    np.testing.assert_allclose(band_x, picked_x - x, atol=1e-9)
+    np.testing.assert_allclose(band_y, picked_y - y, atol=1e-9)
     all_y, all_x = np.mgrid[:rows, :cols].astype(np.float64)
     across = np.cos(normal) * (all_x - x) + np.sin(normal) * (all_y - y)
     beside = -np.sin(normal) * (all_x - x) + np.cos(normal) * (all_y - y)
     inside = (np.abs(across) <= 6 * sigma + 3) & (np.abs(beside) <= 25.0)
-    np.testing.assert_array_equal(np.sort(window.values), image[inside])
-
-
-def test_another_edge_nearby_limits_the_band() -> None:
-    image = np.zeros((80, 120))
-    free = edge_window(image, SEGMENT, 0.8)
-    clipped = edge_window(image, replace(SEGMENT, clearance_px=4.0), 0.8)
-    assert not free.is_clipped
-    assert clipped.is_clipped
-    across = np.cos(0.2) * clipped.x + np.sin(0.2) * clipped.y
-    assert 3.0 < np.abs(across).max() <= 4.0
+    np.testing.assert_array_equal(np.sort(values), image[inside])
+    np.testing.assert_allclose(np.sort(distance), np.sort(across[inside]), atol=1e-9)
 
 
 def test_the_levels_of_the_sides_are_those_of_the_edge() -> None:
     image = edge_image(0.8, np.rad2deg(0.2), shape=(81, 121), offset_px=0.0)
-    window = edge_window(image, SEGMENT, 0.8)
+    _, _, values, across = band_pixels(image, 60.0, 40.0, 0.2, band_half_width(0.8), 25.0)
+    sides = side_level(values, -across, 0.8), side_level(values, across, 0.8)
     # Beyond 1.5 sigma a Gaussian edge is within 7 % of its level, on average within 0.3 %.
-    assert window.side_levels == pytest.approx((8_000.0, 52_000.0), abs=0.005 * 44_000.0)
-    low, high = window.side_levels
-    assert window.smooth_levels.min() == low
-    assert window.smooth_levels.max() == high
-    assert np.corrcoef(window.smooth_levels, window.values)[0, 1] > 0.995
+    assert sides == pytest.approx((8_000.0, 52_000.0), abs=0.005 * 44_000.0)
 
 
-def test_a_window_outside_the_image_is_empty() -> None:
-    window = edge_window(np.zeros((30, 30)), replace(SEGMENT, x_px=500.0), 0.8)
-    assert window.values.size == 0
-    assert window.side_levels == (0.0, 0.0)
+def test_a_band_outside_the_image_is_empty() -> None:
+    _, _, values, across = band_pixels(np.zeros((30, 30)), 500.0, 40.0, 0.2, 7.8, 25.0)
+    assert values.size == 0
+    assert side_level(values, across, 0.8) == 0.0
