@@ -1,9 +1,14 @@
 """Write a file so that after a power cut it is there whole, or as it was before."""
 
+import hashlib
 import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
-__all__ = ["PART_SUFFIX", "atomic_write", "fsync_directory"]
+__all__ = ["PART_SUFFIX", "atomic_write", "atomic_write_hashed", "fsync_directory"]
 
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; one left behind is worth nothing."""
@@ -17,12 +22,46 @@ def atomic_write(path: Path, data: bytes) -> None:
     OSError
         If the disk is full or the directory cannot be written; ``path`` is as it was before.
     """
+    with _part_of(path) as file:
+        file.write(data)
+        _make_durable(file)
+
+
+def atomic_write_hashed(path: Path, write: Callable[[BinaryIO], None]) -> str:
+    """Write what ``write`` puts into the file, as ``atomic_write`` does; return its SHA-256.
+
+    The hash is taken of the file as it reads back, while the disk works.
+
+    Raises
+    ------
+    OSError
+        As ``atomic_write``.
+    """
+    with ThreadPoolExecutor(1) as pool, _part_of(path) as file:
+        write(file)
+        file.flush()
+        digest = pool.submit(_sha256_of, Path(file.name))
+        _make_durable(file)
+        return digest.result()
+
+
+def fsync_directory(path: Path) -> None:
+    """Make the names in a directory durable, where the system offers that (Windows does not)."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _part_of(path: Path) -> Iterator[BinaryIO]:
     part = path.with_name(path.name + PART_SUFFIX)
     try:
-        with part.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+        with part.open("w+b") as file:
+            yield file
         part.replace(path)
     except BaseException:
         # On a full disk the half-written part takes the room that the error report needs.
@@ -31,10 +70,11 @@ def atomic_write(path: Path, data: bytes) -> None:
     fsync_directory(path.parent)
 
 
-def fsync_directory(path: Path) -> None:
-    """Make the names in a directory durable."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _make_durable(file: BinaryIO) -> None:
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _sha256_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -6,6 +6,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import tifffile
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from acquisition.errors import SessionError
 from acquisition.record import CaptureRecord
 
-__all__ = ["CaptureImages", "capture_bytes", "frames_bytes", "parse_capture", "read_capture"]
+__all__ = ["CaptureImages", "parse_capture", "read_capture", "write_capture", "write_frames"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,8 +44,8 @@ class CaptureImages:
             )
 
 
-def capture_bytes(images: CaptureImages) -> bytes:
-    """The capture as the bytes of a TIFF file; the same capture gives the same bytes.
+def write_capture(file: BinaryIO, images: CaptureImages) -> None:
+    """Write the capture as a TIFF file; the same capture gives the same bytes.
 
     Page 1 is the mean, page 2 the variance, uncompressed float32. The record is in ImageJ's
     Info as JSON without its ``sha256``, the scale in the resolution where it is known.
@@ -55,21 +56,26 @@ def capture_bytes(images: CaptureImages) -> bytes:
         pages.append(images.variance_dn2)
         labels.append("variance")
     record = replace(images.record, sha256=None)
-    info = json.dumps(record.to_json(), ensure_ascii=False, allow_nan=False, indent=1)
-    return _imagej_bytes(
+    # ASCII alone: ImageJ 1.52 garbles most characters past it ("本" becomes a comma).
+    info = json.dumps(record.to_json(), ensure_ascii=True, allow_nan=False, indent=1)
+    _write_imagej(
+        file,
         np.stack(pages).astype(np.float32, copy=False),
         {"axes": "ZYX", "Labels": labels, "Info": info},
         record.scale_px_per_mm,
     )
 
 
-def frames_bytes(frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]) -> bytes:
-    """Raw frames as the bytes of one multi-page uint16 TIFF file, a page a frame, in order."""
-    return _imagej_bytes(np.stack(frames_dn).astype(np.uint16, copy=False), {"axes": "TYX"}, None)
+def write_frames(
+    file: BinaryIO, frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]
+) -> None:
+    """Write raw frames as one multi-page uint16 TIFF file, a page a frame, in order."""
+    stack = np.stack(frames_dn).astype(np.uint16, copy=False)
+    _write_imagej(file, stack, {"axes": "TYX"}, None)
 
 
 def parse_capture(data: bytes, *, source: str) -> CaptureImages:
-    """Read what ``capture_bytes`` gave; ``source`` begins the message of an error.
+    """Read the bytes that ``write_capture`` wrote; ``source`` begins the message of an error.
 
     Raises
     ------
@@ -110,16 +116,16 @@ def read_capture(path: Path) -> CaptureImages:
     return parse_capture(data, source=f"capture file {path}")
 
 
-def _imagej_bytes(
+def _write_imagej(
+    file: BinaryIO,
     stack: NDArray[np.float32] | NDArray[np.uint16],
     metadata: dict[str, object],
     scale_px_per_mm: float | None,
-) -> bytes:
+) -> None:
     if scale_px_per_mm is not None:
         metadata = {**metadata, "unit": "mm"}
-    buffer = io.BytesIO()
     tifffile.imwrite(
-        buffer,
+        file,
         stack,
         imagej=True,
         byteorder="<",
@@ -127,4 +133,3 @@ def _imagej_bytes(
         resolution=None if scale_px_per_mm is None else (scale_px_per_mm, scale_px_per_mm),
         metadata=metadata,
     )
-    return buffer.getvalue()

@@ -1,6 +1,5 @@
 """The journal of a session: one event a line, appended and made durable before work goes on."""
 
-import fcntl
 import io
 import json
 import os
@@ -14,6 +13,7 @@ from typing import Any, Literal, Self, get_args
 
 from acquisition.atomic_write import fsync_directory
 from acquisition.errors import SessionError
+from acquisition.file_lock import lock_exclusively
 from acquisition.record import utc_text
 
 __all__ = [
@@ -211,7 +211,7 @@ class JournalWriter:
 
     def _lock(self) -> None:
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_exclusively(self._descriptor)
         except BlockingIOError as error:
             raise SessionError(
                 f"session {self._path.parent} is in use by another process; "

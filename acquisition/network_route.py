@@ -1,12 +1,16 @@
 """How this computer reaches a camera: interface, largest packet, receive buffers."""
 
-import fcntl
 import socket
 import struct
 from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition.errors import DeviceDisconnectedError
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 __all__ = ["NetworkRoute", "receive_buffer_limit_bytes", "route_to"]
 
@@ -66,6 +70,8 @@ def receive_buffer_limit_bytes(
 
 
 def _interface_with(own_address: str) -> str | None:
+    if fcntl is None:
+        return None
     wanted = socket.inet_aton(own_address)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
         for _, name in socket.if_nameindex():

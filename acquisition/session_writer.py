@@ -13,10 +13,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.atomic_write import PART_SUFFIX, atomic_write
+from acquisition.atomic_write import PART_SUFFIX, atomic_write, atomic_write_hashed
 from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchConfig
-from acquisition.capture_file import CaptureImages, capture_bytes, frames_bytes
+from acquisition.capture_file import CaptureImages, write_capture, write_frames
 from acquisition.devices import CameraSettings, FrameImage
 from acquisition.errors import SessionError
 from acquisition.journal import EventKind, JournalEvent, JournalWriter, new_uid, utc_now
@@ -319,16 +319,17 @@ class SessionWriter:
     ) -> CaptureRecord:
         try:
             if record.frames_file is not None:
-                data = frames_bytes(raw_frames)
-                atomic_write(self.path / record.frames_file, data)
-                record = replace(record, frames_sha256=hashlib.sha256(data).hexdigest())
-            data = capture_bytes(
-                CaptureImages(mean_dn=mean_dn, variance_dn2=variance_dn2, record=record)
+                digest = atomic_write_hashed(
+                    self.path / record.frames_file, lambda file: write_frames(file, raw_frames)
+                )
+                record = replace(record, frames_sha256=digest)
+            images = CaptureImages(mean_dn=mean_dn, variance_dn2=variance_dn2, record=record)
+            digest = atomic_write_hashed(
+                self.path / record.file, lambda file: write_capture(file, images)
             )
-            atomic_write(self.path / record.file, data)
         except OSError as error:
             raise _write_failure(self.path, error) from error
-        record = replace(record, sha256=hashlib.sha256(data).hexdigest())
+        record = replace(record, sha256=digest)
         self._journal.append("capture", {"record": record.to_json()}, uid=record.uid)
         self._takes[record.index] += 1
         return record

@@ -3,7 +3,6 @@
 import os
 import select
 import sys
-import termios
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 
@@ -133,11 +132,19 @@ def what_to_place(entry: PlanEntry) -> str:
 
 
 def _typed_answer(question: str) -> str:
-    # What was typed before the question was there is no answer to it.
-    if os.isatty(sys.stdin.fileno()):
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+    _forget_what_was_typed()
     try:
         answer: str = typer.prompt(question, default="", show_default=False, err=True)
     except typer.Abort:
         raise KeyboardInterrupt from None
     return answer
+
+
+def _forget_what_was_typed() -> None:
+    """Drop what came before the question was there: it is no answer to it."""
+    try:
+        import termios  # Windows has none
+    except ModuleNotFoundError:
+        return
+    if os.isatty(sys.stdin.fileno()):
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)

@@ -5,9 +5,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from analysis.kernel_cache import CACHE_VARIABLE, default_cache_folder
-from calibration.files import read_homography, read_noise, read_psf
+from calibration.files import read_correction, read_homography, read_noise, read_psf
 from simulation import MODELS, GaussianPsf, Model, PsfField
 from simulation.gaussian_kernel import GaussianForm
 from simulation.kernel_sampling import Sampler
@@ -70,6 +71,10 @@ def simulate(
     noise: Annotated[
         Path | None, typer.Option(help="noise.json: give the follow-up a capture's noise.")
     ] = None,
+    correct: Annotated[
+        Path | None,
+        typer.Option(help="noise.json whose dark, flat and defect maps are taken off first."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the noise, and of a training.")] = 0,
     steps: Annotated[
         int | None,
@@ -91,7 +96,7 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
-    refuse_overwriting([out, nearer], [image, psf, noise, homography])
+    refuse_overwriting([out, nearer], [image, psf, noise, homography, correct])
     refuse_suffix(out, "--out", {".tif", ".tiff"})
     refuse_suffix(nearer, "--nearer", {".png"})
     if (zoom is None) == (homography is None):
@@ -125,7 +130,7 @@ def simulate(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     pose = None if homography is None else read_homography(homography)
-    reference = read_image(image).colour_planes
+    reference = _reference(image, correct)
     frame = (reference.shape[1], reference.shape[0])
     is_same_frame = pose is None or (pose.width_px, pose.height_px) == frame
     camera, measured, found = None, None, None
@@ -189,6 +194,19 @@ def simulate(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+
+
+def _reference(image: Path, correct: Path | None) -> NDArray[np.generic]:
+    file = read_image(image)
+    if correct is None:
+        return file.colour_planes
+    if file.is_colour:
+        raise ApplicationError(f"{image}: the maps are of a grey camera, this is in colour")
+    maps = read_correction(correct)
+    try:
+        return maps.correct(file.colour_planes)
+    except ValueError as error:
+        raise ApplicationError(f"{image}: {error}") from error
 
 
 def _training_settings(

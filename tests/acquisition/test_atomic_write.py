@@ -1,10 +1,12 @@
 import errno
+import hashlib
 import os
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 
-from acquisition.atomic_write import atomic_write
+from acquisition.atomic_write import atomic_write, atomic_write_hashed
 
 
 def test_a_file_is_written_whole_and_leaves_no_part(tmp_path: Path) -> None:
@@ -53,3 +55,26 @@ def test_data_are_durable_before_the_name_and_the_name_before_the_return(
     monkeypatch.setattr(Path, "replace", logged_replace)
     atomic_write(tmp_path / "a.bin", b"new")
     assert steps == ["fsync file", "rename", "fsync directory"]
+
+
+def test_the_hash_is_that_of_the_file_even_where_its_beginning_was_written_last(
+    tmp_path: Path,
+) -> None:
+    def write(file: BinaryIO) -> None:
+        file.write(b"....def")
+        file.seek(0)
+        file.write(b"abc-")
+
+    digest = atomic_write_hashed(tmp_path / "a.bin", write)
+    assert (tmp_path / "a.bin").read_bytes() == b"abc-def"
+    assert digest == hashlib.sha256(b"abc-def").hexdigest()
+
+
+def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    def write(file: BinaryIO) -> None:
+        file.write(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OSError, match="No space"):
+        atomic_write_hashed(tmp_path / "a.bin", write)
+    assert list(tmp_path.iterdir()) == []

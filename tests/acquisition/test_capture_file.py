@@ -1,6 +1,7 @@
 import io
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,27 @@ from PIL import Image
 
 from acquisition.capture_file import (
     CaptureImages,
-    capture_bytes,
-    frames_bytes,
     parse_capture,
     read_capture,
+    write_capture,
+    write_frames,
 )
 from acquisition.errors import SessionError
 from acquisition.record import CaptureRecord
 from tests.acquisition.records import PHOTOGRAPH, RECORD, images
+
+
+def capture_bytes(stored: CaptureImages) -> bytes:
+    buffer = io.BytesIO()
+    write_capture(buffer, stored)
+    return buffer.getvalue()
+
+
+def frames_bytes(frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]) -> bytes:
+    buffer = io.BytesIO()
+    write_frames(buffer, frames_dn)
+    return buffer.getvalue()
+
 
 X_RESOLUTION, RESOLUTION_UNIT, COMPRESSION = 282, 296, 259
 

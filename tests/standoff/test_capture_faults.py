@@ -13,10 +13,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
+from typing import BinaryIO
 
 import pytest
 
 import standoff.commands.capture
+from acquisition.atomic_write import atomic_write_hashed
 from acquisition.bench import BenchConfig
 from acquisition.session import Session, verify
 from hil_mocks import SimulatedBench
@@ -108,14 +110,14 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     writes: list[Path] = []
 
-    def fill_up(path: Path, data: bytes) -> None:
+    def fill_up(path: Path, write: Callable[[BinaryIO], None]) -> str:
         writes.append(path)
-        if len(writes) > 3:  # session.json and two captures
+        if len(writes) > 2:
             raise OSError(errno.ENOSPC, "No space left on device")
-        path.write_bytes(data)
+        return atomic_write_hashed(path, write)
 
     with monkeypatch.context() as patch:
-        patch.setattr("acquisition.session_writer.atomic_write", fill_up)
+        patch.setattr("acquisition.session_writer.atomic_write_hashed", fill_up)
         done = command(*words, "--yes")
     assert done.status == 1
     assert "No space left on device; see to the disk and run the same command again" in done.err

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 import tifffile
 from numpy.typing import NDArray
+from PIL import Image
 
+from calibration.correction_maps import CorrectionMaps
+from calibration.map_files import write_map_files
 from simulation import GaussianPsf, PsfField, zoom_out
 from standoff.followup import zoomed_out
 from standoff.image_files import read_image
@@ -390,3 +393,59 @@ def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
     assert done.status == 1
     assert "it holds no transfer function along y; calibrate with horizontal edges" in done.err
     assert command("simulate", image, *arguments).status == 2
+
+
+def written_maps(
+    tmp_path: Path, shape: tuple[int, int], seed: int = 1
+) -> tuple[Path, NDArray[np.float64]]:
+    """A noise.json with maps of its own, and the pattern they take off an even grey of 1000 DN."""
+    rng = np.random.default_rng(1)
+    dark = (64 + rng.normal(0, 5, shape)).astype(np.float32)
+    response = (1 + rng.normal(0, 0.05, shape)).astype(np.float32)
+    defects = np.zeros(shape, np.uint8)
+    defects[7, 9] = 1
+    maps = CorrectionMaps(dark_dn=dark, response=response, defects=defects, black_level_dn=64.0)
+    path = tmp_path / "noise.json"
+    document = {
+        "schema": "standoff.noise/1",
+        "gain_e_per_dn": 4.0,
+        "read_noise_e": 8.0,
+        "black_level_dn": 64.0,
+        "saturation_dn": 4095.0,
+        "frames_averaged": 1,
+        "maps": write_map_files(path, maps),
+    }
+    path.write_text(json.dumps(document), encoding="utf-8")
+    image = dark.astype(np.float64) + response * (1000.0 - 64.0)
+    image[7, 9] = 4095.0
+    return path, image
+
+
+def test_a_fixed_pattern_is_taken_off_before_the_reference_is_zoomed_out(
+    command: Command, psf_file: Path, tmp_path: Path
+) -> None:
+    noise, image = written_maps(tmp_path, (60, 91))
+    photograph, out = tmp_path / "p.tif", tmp_path / "f.tif"
+    tifffile.imwrite(photograph, image.astype(np.float32))
+    words = ("simulate", photograph, "--zoom", 2, "--psf", psf_file, "--out", out)
+    done = command(*words, "--correct", noise)
+    assert done.status == 0, done.err
+    # By hand: dark + response * 936 is an even 1000 DN once both maps are off.
+    np.testing.assert_allclose(tifffile.imread(out), 1000.0, atol=0.01)
+    assert command(*words).status == 0
+    assert tifffile.imread(out).std() > 5
+
+
+def test_maps_of_another_sensor_and_colour_are_refused(
+    command: Command, psf_file: Path, image_file: Path, tmp_path: Path
+) -> None:
+    noise, _ = written_maps(tmp_path, (20, 30))
+    words = ("--zoom", 2, "--psf", psf_file, "--out", tmp_path / "f.tif", "--correct", noise)
+    done = command("simulate", image_file, *words)
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "maps of (20, 30)" in done.err
+    colour = tmp_path / "c.png"
+    Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(colour)
+    done = command("simulate", colour, *words)
+    assert done.status == 1
+    assert "grey camera" in done.err
