@@ -4,9 +4,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.change_filter import ChangeResult, FloatArray
+from analysis.change_roc import Roc
 from analysis.report_page import in_report_style, new_figure
 
-__all__ = ["plot_changes"]
+__all__ = ["plot_change_roc", "plot_changes"]
+
+_COLOURS = ("#D55E00", "#0072B2", "#009E73")
 
 
 @in_report_style
@@ -37,4 +40,24 @@ def plot_changes(followup_dn: FloatArray, found: ChangeResult) -> Figure:
     for axes in panels.flat:
         axes.set(xticks=[], yticks=[])
         axes.grid(visible=False)
+    return figure
+
+
+@in_report_style
+def plot_change_roc(rocs: dict[str, Roc]) -> Figure:
+    """Plot true against false positives, the latter on a logarithmic axis, by name."""
+    figure = new_figure(5.2, 3.6)
+    axes = figure.subplots()
+    for (name, roc), colour in zip(rocs.items(), _COLOURS, strict=False):
+        # A rate below one pixel cannot be measured.
+        rate = np.maximum(roc.false_positive_rate, 0.5 / roc.negatives)
+        axes.plot(rate, roc.true_positive_rate, color=colour, label=name, drawstyle="steps-post")
+    axes.set(
+        xscale="log",
+        xlim=(min(0.5 / roc.negatives for roc in rocs.values()), 1.0),
+        ylim=(0.0, 1.02),
+        xlabel="false positives / pixels without a change",
+        ylabel="true positives / pixels with one",
+    )
+    axes.legend(loc="lower left")
     return figure

@@ -12,11 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.detectability_artefact import (
-    ArtefactTiles,
-    artefact_tiles,
-    window_covariance,
-)
+from analysis.detectability_artefact import ArtefactTiles, artefact_tiles
+from analysis.detectability_covariance import WindowCovariance
 from analysis.detectability_curves import DetectabilityCurve
 from analysis.detectability_local import POSITIONS, WINDOW_PX, LocalChange, local_changes
 from analysis.detectability_observers import OBSERVERS, Observer, auc_of, observer_templates
@@ -139,14 +136,12 @@ def d_primes(
     """
     if not (noise_dn > 0 and np.isfinite(noise_dn)):
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
-    artefact_dn2 = window_covariance(artefact.autocovariance_dn2)
+    artefact_dn2 = artefact.autocovariance_dn2
     drawn = _drawn_shares(artefact.pixels, seed, replicates)
     values: dict[Observer, list[float]] = {name: [] for name in observers}
     replicated: dict[Observer, FloatArray] = {name: np.zeros(replicates) for name in observers}
     for change in changes:
-        covariance = change.noise_covariance
-        covariance *= noise_dn**2
-        covariance += artefact_dn2
+        covariance = WindowCovariance(noise_dn**2, change.up_y, change.up_x, artefact_dn2)
         templates = observer_templates(change.signal, covariance, observers)
         for name, template in templates.items():
             response = float(np.sum(template * change.signal))

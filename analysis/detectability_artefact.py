@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-__all__ = ["ArtefactTiles", "artefact_tiles", "template_autocorrelation", "window_covariance"]
+__all__ = ["ArtefactTiles", "artefact_tiles", "template_autocorrelation"]
 
 FloatArray = NDArray[np.float64]
 
@@ -94,21 +94,6 @@ def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int)
             products.append((product + product[::-1, ::-1]) / 2)
             pixels.append(float(np.sum(fading[top:bottom, left:right] ** 2)))
     return ArtefactTiles(products_dn2=np.stack(products), pixels=np.array(pixels))
-
-
-def window_covariance(autocovariance_dn2: FloatArray) -> FloatArray:
-    """Covariance of all pixels of a window, row by row, shape ``(n^2, n^2)``.
-
-    Parameters
-    ----------
-    autocovariance_dn2
-        Shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle.
-    """
-    n = (autocovariance_dn2.shape[0] + 1) // 2
-    lag = np.arange(n)[:, None] - np.arange(n)[None, :] + n - 1
-    blocks = autocovariance_dn2[:, lag]  # (lag of rows, column, column)
-    full = blocks[lag]  # (row, row, column, column)
-    return np.ascontiguousarray(full.transpose(0, 2, 1, 3)).reshape(n * n, n * n)
 
 
 def template_autocorrelation(template: FloatArray) -> FloatArray:

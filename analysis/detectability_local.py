@@ -15,8 +15,7 @@ __all__ = ["POSITIONS", "WINDOW_PX", "LocalChange", "local_changes"]
 FloatArray = NDArray[np.float64]
 
 WINDOW_PX = 33
-"""Side of the window on c'. From 25 to 33 px the Hotelling d' of textures grows by 5 % at most
-(z = 2), from 33 to 49 by 2 % more: the far correlations of the artefact."""
+"""Side of the window on c'. A larger one finds more: docs/theory-detectability.md says how much."""
 
 POSITIONS = 6
 """Places of the signal against the pixel grids; d' over them scatters by 2 % at most."""
@@ -37,16 +36,6 @@ class LocalChange:
     signal: FloatArray
     up_y: FloatArray
     up_x: FloatArray
-
-    @property
-    def noise_covariance(self) -> FloatArray:
-        """``I + U U^T`` of the window's pixels, row by row, for noise of variance 1."""
-        along_y, along_x = self.up_y @ self.up_y.T, self.up_x @ self.up_x.T
-        pixels = along_y.shape[0] * along_x.shape[0]
-        # A Kronecker product; np.kron takes three times as long.
-        covariance = (along_y[:, None, :, None] * along_x[None, :, None, :]).reshape(pixels, pixels)
-        covariance[np.diag_indices_from(covariance)] += 1.0
-        return np.asarray(covariance)
 
     def noise_variance(self, template: FloatArray) -> float:
         """Variance of a template's response to noise of variance 1 in both images."""

@@ -15,8 +15,9 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import eval_laguerre, ndtr
+
+from analysis.detectability_covariance import Covariance
 
 __all__ = [
     "CHANNELS",
@@ -43,7 +44,7 @@ def auc_of(d_prime: FloatArray | float) -> FloatArray:
 
 
 def observer_templates(
-    signal: FloatArray, covariance_dn2: FloatArray, observers: tuple[Observer, ...]
+    signal: FloatArray, covariance: Covariance, observers: tuple[Observer, ...]
 ) -> dict[Observer, FloatArray]:
     """Templates of the observers for a signal known exactly in noise of known covariance.
 
@@ -51,8 +52,8 @@ def observer_templates(
     ----------
     signal
         What is left of the change in the difference image, shape (n, n).
-    covariance_dn2
-        Of the window's pixels, row by row, shape (n^2, n^2), positive definite.
+    covariance
+        Of the window's pixels, positive definite.
     observers
         Which ones.
 
@@ -73,13 +74,11 @@ def observer_templates(
             case "npw":
                 templates[observer] = signal
             case "hotelling":
-                # Symmetric: the transpose is the same matrix in the order LAPACK wants.
-                factor = cho_factor(covariance_dn2.T, lower=True, check_finite=False)
-                weights = cho_solve(factor, signal.ravel(), check_finite=False)
-                templates[observer] = np.asarray(weights).reshape(signal.shape)
+                templates[observer] = covariance.solved(signal)
             case "cho":
                 channels = laguerre_gauss_channels(signal, CHANNELS)
-                inner = channels.T @ covariance_dn2 @ channels
+                spread = covariance.times(channels.T.reshape(-1, *signal.shape))
+                inner = channels.T @ spread.reshape(channels.shape[1], -1).T
                 through = np.linalg.solve(inner, channels.T @ signal.ravel())
                 templates[observer] = np.asarray(channels @ through).reshape(signal.shape)
             case _:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import cos, radians, sin
+from math import atan2, cos, degrees, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,21 @@ class ViewingCamera:
         """``(width, height)`` in px."""
         return self.width_px, self.height_px
 
-    def plane_to_px(self, distance: float, tilt_deg: float) -> FloatArray:
+    def directions_deg(self, *, is_reference_tilted: bool) -> tuple[float, ...]:
+        """Directions of a lean among which the worst is looked for: axes and diagonals.
+
+        The frame is symmetric, so that a quarter of them will do for an upright reference.
+        """
+        diagonal = degrees(atan2(self.height_px, self.width_px))
+        quarter = (0.0, diagonal, 90.0)
+        if not is_reference_tilted:
+            return quarter
+        around = {sign * angle % 360 for angle in quarter for sign in (1, -1)}
+        return tuple(sorted(around | {(angle + 180) % 360 for angle in around}))
+
+    def plane_to_px(
+        self, distance: float, tilt_deg: float, direction_deg: float = 0.0
+    ) -> FloatArray:
         """Homography from the plane to pixels; the camera always looks at the plane's origin.
 
         Parameters
@@ -65,12 +79,15 @@ class ViewingCamera:
         distance
             From the origin, in any unit; the plane's coordinates have the same.
         tilt_deg
-            Angle between the axis and the plane's normal, in the direction of the rows' x.
+            Angle between the axis and the plane's normal.
+        direction_deg
+            Where the axis leans, from the rows' x towards the columns' y.
         """
-        t = radians(tilt_deg)
-        right, down = np.array([cos(t), 0.0, -sin(t)]), np.array([0.0, 1.0, 0.0])
-        forward = np.array([sin(t), 0.0, cos(t)])
-        rotation = np.stack([right, down, forward])
+        t, b = radians(tilt_deg), radians(direction_deg)
+        about = np.array([[cos(b), -sin(b), 0.0], [sin(b), cos(b), 0.0], [0.0, 0.0, 1.0]])
+        leaning = np.array([[cos(t), 0.0, sin(t)], [0.0, 1.0, 0.0], [-sin(t), 0.0, cos(t)]])
+        rotation = (about @ leaning @ about.T).T
+        forward = rotation[2]
         centre = -distance * forward
         camera = np.array(
             [
@@ -83,11 +100,18 @@ class ViewingCamera:
         return np.asarray(camera @ seen)
 
     def followup_to_reference(
-        self, zoom: float, tilt_deg: float, reference_tilt_deg: float = 0.0
+        self,
+        zoom: float,
+        tilt_deg: float,
+        reference_tilt_deg: float = 0.0,
+        direction_deg: float = 0.0,
     ) -> FloatArray:
-        """Homography of a follow-up from ``zoom`` times the reference's distance."""
+        """Homography of a follow-up from ``zoom`` times the reference's distance.
+
+        The reference leans along x, the follow-up in ``direction_deg`` from there.
+        """
         near = self.plane_to_px(1.0, reference_tilt_deg)
-        far = self.plane_to_px(zoom, tilt_deg)
+        far = self.plane_to_px(zoom, tilt_deg, direction_deg)
         matrix = near @ np.linalg.inv(far)
         return np.asarray(matrix / matrix[2, 2])
 
@@ -103,7 +127,8 @@ class PoseLimits:
     is_zoom_beyond_curve
         d' is above the threshold up to the curve's end: the true limit is larger.
     tilt_deg
-        Largest tilt at equal distances, up to 75 degrees; None if there is none.
+        Largest tilt at equal distances, up to 75 degrees, in the direction asked for or in
+        whichever is the worst; None if there is none.
     zoom_by_tilt
         Tilt in degrees and the largest ratio of the distances with it, None if there is none.
     overlap_by_shift
@@ -123,6 +148,7 @@ def pose_limits(
     min_d_prime: float,
     camera: ViewingCamera,
     reference_tilt_deg: float = 0.0,
+    direction_deg: float | None = None,
 ) -> PoseLimits:
     """Find the movement that a threshold of d' allows.
 
@@ -135,7 +161,9 @@ def pose_limits(
     camera
         Takes both images and looks at the same point of the plane in both.
     reference_tilt_deg
-        Tilt of the reference, in the same direction as the follow-up's.
+        Tilt of the reference, along x.
+    direction_deg
+        Where the follow-up leans, from there; None for the worst direction.
 
     Raises
     ------
@@ -149,15 +177,19 @@ def pose_limits(
             f"{min_d_prime:g}: lower --min-dprime, average more frames or look for a larger "
             "contrast"
         )
-    start = reference_tilt_deg
+    # A follow-up that leans like its reference is the easiest; in any direction, an upright one.
+    start = 0.0 if direction_deg is None else abs(reference_tilt_deg)
     tilt_deg = _largest(
-        lambda tilt: worst_zoom(camera, 1.0, tilt, start), start, _TILT_LIMIT_DEG, allowed
+        lambda tilt: worst_zoom(camera, 1.0, tilt, reference_tilt_deg, direction_deg),
+        start,
+        _TILT_LIMIT_DEG,
+        allowed,
     )
     by_tilt = []
-    for tilt in sorted({*_TILTS_DEG, start}):
+    for tilt in sorted({*_TILTS_DEG, abs(reference_tilt_deg)}):
 
         def zoom_needed(zoom: float, tilt: float = tilt) -> float:
-            return worst_zoom(camera, zoom, tilt, start)
+            return worst_zoom(camera, zoom, tilt, reference_tilt_deg, direction_deg)
 
         by_tilt.append((tilt, _largest(zoom_needed, 1.0, allowed, allowed)))
     return PoseLimits(
@@ -175,10 +207,30 @@ def shift_overlap(share: float) -> float:
 
 
 def worst_zoom(
-    camera: ViewingCamera, zoom: float, tilt_deg: float, reference_tilt_deg: float = 0.0
+    camera: ViewingCamera,
+    zoom: float,
+    tilt_deg: float,
+    reference_tilt_deg: float = 0.0,
+    direction_deg: float | None = None,
 ) -> float:
-    """Largest local zoom in the overlap, infinite where the horizon comes into the frame."""
-    matrix = camera.followup_to_reference(zoom, tilt_deg, reference_tilt_deg)
+    """Largest local zoom in the overlap, infinite where the horizon comes into the frame.
+
+    ``direction_deg`` is where the follow-up leans, from the reference's lean (x where that is
+    upright); None for the worst direction.
+    """
+    if direction_deg is not None:
+        directions: tuple[float, ...] = (direction_deg,)
+    elif tilt_deg == 0:
+        directions = (0.0,)
+    else:
+        directions = camera.directions_deg(is_reference_tilted=reference_tilt_deg != 0)
+    return max(
+        _worst_zoom(camera, camera.followup_to_reference(zoom, tilt_deg, reference_tilt_deg, b))
+        for b in directions
+    )
+
+
+def _worst_zoom(camera: ViewingCamera, matrix: FloatArray) -> float:
     try:
         sampling = local_sampling(matrix, camera.size, camera.size, _STEP_PX)
     except ValueError:
@@ -194,6 +246,7 @@ def contrast_found_at(
     zoom: float,
     tilt_deg: float = 0.0,
     reference_tilt_deg: float = 0.0,
+    direction_deg: float | None = None,
 ) -> float:
     """Least contrast in DN that is still found at a pose, at its worst place.
 
@@ -202,7 +255,7 @@ def contrast_found_at(
     AnalysisError
         If the pose's local zoom lies beyond the curve.
     """
-    local = worst_zoom(camera, zoom, tilt_deg, reference_tilt_deg)
+    local = worst_zoom(camera, zoom, tilt_deg, reference_tilt_deg, direction_deg)
     if local > curve.zoom[-1] + 1e-9:
         raise AnalysisError(
             f"the pose's local zoom of {local:.3g} lies beyond the curve's {curve.zoom[-1]:g}; "

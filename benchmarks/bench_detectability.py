@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from analysis.detectability import Scenario, d_primes, scene_artefact
-from analysis.detectability_artefact import window_covariance
+from analysis.detectability_covariance import WindowCovariance
 from analysis.detectability_local import LocalChange, local_changes
 from analysis.detectability_observers import OBSERVERS, observer_templates
 from analysis.detectability_pair import compared_pair
 from analysis.detectability_signal import GaussianSignal
-from analysis.detectability_trials import run_trials
 from simulation import GaussianPsf
 from simulation.banded import apply_separable
+from tests.analysis.detectability_trials import run_trials
 
 SHAPE = (450, 600)
 ZOOMS = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
@@ -91,8 +91,9 @@ def frame_trial_s(scene: FloatArray, zoom: float) -> float:
 def prepared(scene: FloatArray, zoom: float) -> tuple[LocalChange, list[FloatArray], FloatArray]:
     artefact = scene_artefact(scene, Scenario(psf=PSF), "matched", zoom)
     change = local_changes(SPOT, PSF, "matched", zoom)[0]
-    covariance = NOISE_DN**2 * change.noise_covariance
-    covariance += window_covariance(artefact.autocovariance_dn2)
+    covariance = WindowCovariance(
+        NOISE_DN**2, change.up_y, change.up_x, artefact.autocovariance_dn2
+    )
     templates = observer_templates(change.signal, covariance, OBSERVERS)
     image = compared_pair(SHAPE, PSF, "matched", zoom).artefact_of(scene)
     return change, list(templates.values()), image

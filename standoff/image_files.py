@@ -22,6 +22,7 @@ from standoff.errors import ApplicationError, ImageFileError
 __all__ = [
     "ImageFile",
     "expanded_images",
+    "image_files_in",
     "read_grey",
     "read_image",
     "tiff_bytes",
@@ -121,11 +122,16 @@ def expanded_images(paths: Sequence[Path]) -> list[Path]:
         if not path.is_dir():
             files.append(path)
             continue
-        inside = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGE_SUFFIXES)
+        inside = image_files_in(path)
         if not inside:
             raise ApplicationError(f"{path}: the folder holds no image")
         files += inside
     return files
+
+
+def image_files_in(folder: Path) -> list[Path]:
+    """Return the images that lie in a folder, in the order of their names."""
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _IMAGE_SUFFIXES)
 
 
 def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -> None:

@@ -41,6 +41,15 @@ def limits(
     reference_tilt: Annotated[
         float, typer.Option(min=-75, max=75, help="Tilt of the reference, degrees.")
     ] = 0.0,
+    tilt_direction: Annotated[
+        float | None,
+        typer.Option(
+            min=-360,
+            max=360,
+            help="Where the follow-up leans, degrees from +x (where the reference leans) towards "
+            "+y; the worst direction by default.",
+        ),
+    ] = None,
     at_zoom: Annotated[
         float | None,
         typer.Option(help="Pose to ask about: which contrast is found?", callback=checked_zoom),
@@ -63,10 +72,12 @@ def limits(
     camera = _camera(geometry, focal_length_px, image_size)
     require_writable([plot])
     curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
-    found = pose_limits(curve, min_dprime, camera, reference_tilt)
+    found = pose_limits(curve, min_dprime, camera, reference_tilt, tilt_direction)
     least_dn = None
     if at_zoom is not None:
-        least_dn = contrast_found_at(curve, min_dprime, camera, at_zoom, at_tilt, reference_tilt)
+        least_dn = contrast_found_at(
+            curve, min_dprime, camera, at_zoom, at_tilt, reference_tilt, tilt_direction
+        )
     if plot is not None:
         figure = plot_limits(curve, found, min_dprime)
         write_file(plot, svg_bytes(figure) if plot.suffix == ".svg" else png_bytes(figure))
@@ -76,6 +87,7 @@ def limits(
                 "curve": curve.model_dump(include={"model", "observer", "noise_dn", "contrast_dn"}),
                 "min_dprime": min_dprime,
                 "reference_tilt_deg": reference_tilt,
+                "tilt_direction_deg": tilt_direction,
                 "is_upper_bound": True,
                 **asdict(found),
                 "at_zoom": at_zoom,
@@ -84,7 +96,8 @@ def limits(
             }
         )
         return
-    _print_limits(curve.name, min_dprime, found)
+    where = "in any direction" if tilt_direction is None else f"towards {tilt_direction:g} degrees"
+    _print_limits(curve.name, min_dprime, found, where)
     if least_dn is not None:
         say(
             f"at zoom {at_zoom:g}, tilt {at_tilt:g} degrees: contrasts from {least_dn:.3g} DN are "
@@ -115,14 +128,14 @@ def _camera(
         raise typer.BadParameter(f"{image_size} or {focal_length_px:g}: {error}") from error
 
 
-def _print_limits(name: str, min_dprime: float, found: PoseLimits) -> None:
+def _print_limits(name: str, min_dprime: float, found: PoseLimits, where: str) -> None:
     more = " and more (the curve ends there)" if found.is_zoom_beyond_curve else ""
     tilt = "none" if found.tilt_deg is None else f"up to {found.tilt_deg:.1f} degrees"
     say(f"{name}; d' of at least {min_dprime:g}, at best:")
     say(f"straight back: up to {found.zoom:.3f} times the distance{more}")
-    say(f"tilt at the same distance: {tilt}")
+    say(f"tilt {where} at the same distance: {tilt}")
     print_table(
-        "Distance and tilt",
+        f"Distance and tilt {where}",
         ["tilt / degrees", "distance ratio up to"],
         [
             [f"{tilt_deg:g}", "-" if zoom is None else f"{zoom:.3f}"]

@@ -8,13 +8,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from acquisition.bench import load_bench
 from analysis.change_filter import ChangeResult, find_changes
 from analysis.change_plots import plot_changes
+from analysis.change_roc import roc_of
 from analysis.change_uncertainty import fit_variance
 from analysis.errors import AnalysisError
+from calibration.registration import register
 from simulation import GaussianPsf
 from simulation.capture_noise import CaptureNoise
+from standoff.shipped_configs import shipped_config
 from tests.analysis.blob_scene import blobs, photograph, pose_matrix
+from tests.analysis.changed_scenes import bench_noise, bench_pair, bench_psf, far_pose
+from tests.analysis.random_poses import bench_truth
 
 Array = NDArray[np.float64]
 
@@ -133,3 +139,36 @@ def test_the_variance_is_taken_apart_into_what_it_was_made_of() -> None:
     assert fit.registration_err_px == pytest.approx(0.2, rel=0.04)
     expected = 1.5**2 + (0.2 * slope) ** 2
     assert np.median(fit.variance_dn2 / expected) == pytest.approx(1.0, abs=0.04)
+
+
+@pytest.mark.slow
+def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() -> None:
+    """Spots that are in the scene, zoom 1.5; benchmarks/bench_changes.py has more of them."""
+    truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 260, 194)
+    psf = bench_psf(truth)
+    plain_false, false, changed = 0, 0, 0
+    for contrast in (0.0, 0.01):
+        one = bench_pair(
+            truth,
+            "gravel",
+            far_pose(truth, 1.5, tilt_x_deg=3.0, roll_deg=2.0),
+            contrast=contrast,
+            sigma_mm=1.2,
+            pitch_mm=16.0,
+            seed=1,
+        )
+        matrix = register(one.reference, one.followup, psf).matrix
+        result = find_changes(one.reference, one.followup, matrix, psf, bench_noise(truth))
+        if not contrast:
+            # 0.05 pixels a frame are allowed.
+            assert not result.is_change.any()
+            continue
+        core = result.valid & (one.change > 0.5 * one.change.max())
+        clear = result.valid & (gaussian_filter(one.change, 1.0) < 0.005 * one.change.max())
+        plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+        significance = np.abs(result.significance)
+        plain_false = roc_of(plain[core], plain[clear]).false_at(0.8)
+        false = roc_of(significance[core], significance[clear]).false_at(0.8)
+        changed = int(core.sum())
+    assert changed > 200
+    assert plain_false >= 5 * max(false, 1), (plain_false, false)

@@ -1,24 +1,28 @@
 """Closed forms, invariants and a Monte Carlo that shares no code with the analysis."""
 
+import os
 from collections.abc import Callable
 from math import exp, hypot, pi, sqrt
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
 from analysis.detectability import Scenario, d_prime_curves, d_primes, scene_artefact
-from analysis.detectability_artefact import ArtefactTiles, artefact_tiles, window_covariance
+from analysis.detectability_artefact import ArtefactTiles, artefact_tiles
+from analysis.detectability_covariance import DenseCovariance, WindowCovariance
 from analysis.detectability_local import LocalChange, local_changes
 from analysis.detectability_observers import OBSERVERS, auc_of, observer_templates
 from analysis.detectability_pair import compared_pair
 from analysis.detectability_signal import GaussianSignal, PatchSignal, signal_offsets_px
-from analysis.detectability_trials import run_trials
 from simulation import GaussianPsf, Model
+from tests.analysis.detectability_trials import run_trials
 
 Array = NDArray[np.float64]
 
@@ -89,9 +93,9 @@ def test_the_border_of_an_image_is_no_artefact() -> None:
 
 def test_without_artefact_white_noise_leaves_hotelling_and_npw_equal_at_zoom_1() -> None:
     for change in changes(1.0):
-        np.testing.assert_allclose(
-            change.noise_covariance, 2 * np.eye(N * N), atol=1e-12
-        )  # U is the identity
+        # U is the identity.
+        noise = WindowCovariance(1.0, change.up_y, change.up_x, np.zeros((2 * N - 1, 2 * N - 1)))
+        np.testing.assert_allclose(noise.dense(), 2 * np.eye(N * N), atol=1e-12)
 
 
 @pytest.mark.parametrize("model", ["bicubic", "paper", "matched"])
@@ -151,6 +155,44 @@ def test_the_order_of_the_images_does_not_matter() -> None:
         assert a[observer].value == pytest.approx(b[observer].value, rel=1e-9)
 
 
+NOWHERE = np.zeros((3, 1))
+"""Rows of an alignment that takes nothing."""
+
+
+@settings(max_examples=10)
+@given(
+    seed=st.integers(0, 1000),
+    noise_dn2=st.floats(0.01, 100.0),
+    correlation_px=st.floats(0.2, 4.0),
+)
+def test_the_covariance_is_inverted_as_the_matrix_written_out_is(
+    seed: int, noise_dn2: float, correlation_px: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    artefact = artefact_tiles(
+        gaussian_filter(rng.standard_normal((60, 70)), correlation_px), 11, 1
+    ).autocovariance_dn2
+    up_y, up_x = rng.standard_normal((2, 11, 8)) / 3
+    covariance = WindowCovariance(noise_dn2, up_y, up_x, artefact)
+    matrix = covariance.dense()
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-12 * matrix.max())
+    signal = rng.standard_normal((11, 11))
+    np.testing.assert_allclose(covariance.times(covariance.solved(signal)), signal, atol=1e-7)
+    expected = DenseCovariance(matrix).solved(signal)
+    np.testing.assert_allclose(
+        covariance.solved(signal), expected, atol=1e-6 * np.abs(expected).max()
+    )
+
+
+def test_the_noise_is_that_of_both_images() -> None:
+    # sigma^2 (I + U U^T), U the Kronecker product of what happens along each axis.
+    rng = np.random.default_rng(2)
+    up_y, up_x = rng.standard_normal((2, 4, 6))
+    found = WindowCovariance(2.5, up_y, up_x, np.zeros((7, 7))).dense()
+    up = np.kron(up_y, up_x)
+    np.testing.assert_allclose(found, 2.5 * (np.eye(16) + up @ up.T), atol=1e-12)
+
+
 def test_the_window_covariance_is_that_of_all_windows() -> None:
     # Worked out by cutting every window of the image, padded by zeros; it fades over 1 px,
     # to (1 - cos(pi / 2)) / 2 at the border.
@@ -161,7 +203,7 @@ def test_the_window_covariance_is_that_of_all_windows() -> None:
     padded = np.pad(fading * (field - field.mean()), 2)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(-1, 9)
     np.testing.assert_allclose(
-        window_covariance(tiles.autocovariance_dn2),
+        WindowCovariance(1.0, NOWHERE, NOWHERE, tiles.autocovariance_dn2).dense() - np.eye(9),
         windows.T @ windows / np.sum(fading**2),
         atol=1e-12,
     )
@@ -256,7 +298,7 @@ def test_on_a_flat_scene_a_monte_carlo_of_scipy_alone_agrees() -> None:
     reach = places - first
     up = keys_cubic_upscaled(np.eye(last - first), reach, np.arange(float(last - first)))
     covariance = noise_dn**2 * (np.eye(N * N) + np.kron(up @ up.T, up @ up.T))
-    templates = observer_templates(signal, covariance, OBSERVERS)
+    templates = observer_templates(signal, DenseCovariance(covariance), OBSERVERS)
     far_noise = noise_dn * rng.standard_normal((2 * trials, last - first, last - first))
     near_noise = noise_dn * rng.standard_normal((2 * trials, N, N))
     noise = keys_cubic_upscaled(far_noise, reach, reach) - near_noise
@@ -272,21 +314,26 @@ def test_on_a_flat_scene_a_monte_carlo_of_scipy_alone_agrees() -> None:
         assert abs(contrast_dn * analytic[name].value - d_prime) < 3 * error, name
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", ["bicubic", "matched"])
-def test_on_textures_the_trials_agree_for_all_observers(model: Model) -> None:
-    photographs: list[NDArray[np.uint8]] = [data.gravel(), data.brick()]  # type: ignore[no-untyped-call]
-    scenes = [one[:300, :400].astype(np.float64) for one in photographs]
+def assert_trials_agree(
+    scenes: list[Array], model: Model, zoom: float, tiles_per_side: int, trials: int
+) -> None:
+    """Hold the analytic d' of all observers to counted decisions on the same scenes."""
     rng = np.random.default_rng(5)
-    zoom, noise_dn, contrast_dn = 1.5, 2.0, 12.0
+    noise_dn, contrast_dn = 2.0, 12.0
     scenario = Scenario(psf=PSF, positions=2)
-    artefact = ArtefactTiles.joined([scene_artefact(s, scenario, model, zoom, 3) for s in scenes])
-    images = [compared_pair((300, 400), PSF, model, zoom).artefact_of(s) for s in scenes]
+    artefact = ArtefactTiles.joined(
+        [scene_artefact(scene, scenario, model, zoom, tiles_per_side) for scene in scenes]
+    )
+    images = [
+        compared_pair((scene.shape[0], scene.shape[1]), PSF, model, zoom).artefact_of(scene)
+        for scene in scenes
+    ]
     local = local_changes(SPOT, PSF, model, zoom, positions=2)
     analytic = d_primes(local, artefact, noise_dn)
     for change in local:
-        covariance = noise_dn**2 * change.noise_covariance
-        covariance += window_covariance(artefact.autocovariance_dn2)
+        covariance = WindowCovariance(
+            noise_dn**2, change.up_y, change.up_x, artefact.autocovariance_dn2
+        )
         templates = observer_templates(change.signal, covariance, OBSERVERS)
         drawn = run_trials(
             change,
@@ -294,7 +341,7 @@ def test_on_textures_the_trials_agree_for_all_observers(model: Model) -> None:
             images,
             contrast_dn=contrast_dn,
             noise_dn=noise_dn,
-            trials=1200,
+            trials=trials,
             rng=rng,
         )
         for name, result in zip(OBSERVERS, drawn, strict=True):
@@ -304,3 +351,25 @@ def test_on_textures_the_trials_agree_for_all_observers(model: Model) -> None:
             allowed = 3 * hypot(result.d_prime_err, spread)
             assert abs(result.d_prime - contrast_dn * one.value) < allowed, name
             assert 0.5 <= result.auc <= 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["bicubic", "matched"])
+def test_on_textures_the_trials_agree_for_all_observers(model: Model) -> None:
+    photographs: list[NDArray[np.uint8]] = [data.gravel(), data.brick()]  # type: ignore[no-untyped-call]
+    scenes = [one[:300, :400].astype(np.float64) for one in photographs]
+    assert_trials_agree(scenes, model, 1.5, 3, 1200)
+
+
+REAL_DATA = os.environ.get("STANDOFF_REAL_DATA")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(REAL_DATA is None, reason="STANDOFF_REAL_DATA is not set")
+@pytest.mark.parametrize("model", ["bicubic", "paper", "matched"])
+def test_on_lesion_images_the_trials_agree_for_all_observers(model: Model) -> None:
+    assert REAL_DATA is not None
+    paths = sorted(Path(REAL_DATA, "lesions").glob("*.jpg"))
+    assert paths, f"{REAL_DATA} has no lesions/*.jpg"
+    scenes = [np.asarray(Image.open(path).convert("L"), dtype=np.float64) for path in paths]
+    assert_trials_agree(scenes, model, 1.5, 2, 1500)

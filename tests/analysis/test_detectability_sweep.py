@@ -110,7 +110,7 @@ from analysis.detectability_sweep import sweep_images
 from tests.analysis.test_detectability_sweep import PLAN, assert_same_bits, load
 
 def slow_load(path):
-    time.sleep(0.4)
+    time.sleep(0.1)
     return load(path)
 
 def main():

@@ -2,7 +2,7 @@ from math import cos, radians, tan
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.errors import AnalysisError
@@ -60,6 +60,7 @@ def test_the_horizon_in_the_frame_is_refused() -> None:
     with pytest.raises(ValueError, match="horizon"):
         local_sampling(matrix, (640, 480), (640, 480))
     assert worst_zoom(CAMERA, 1.0, 72.0) == np.inf
+    assert worst_zoom(CAMERA, 1.0, 60.0, direction_deg=90.0) < np.inf
 
 
 @pytest.mark.parametrize(
@@ -113,8 +114,43 @@ def test_the_tilt_limit_is_that_of_the_frame_seen_by_both() -> None:
     edge = np.arctan(319.5 / 800.0)
     closed = cos(lean) * (cos(edge) / cos(edge + lean)) ** 2
     # The follow-up's far end looks past the reference, so the overlap's worst is smaller.
-    assert 1.0 < worst_zoom(CAMERA, 1.0, 8.0) <= closed
+    assert 1.0 < worst_zoom(CAMERA, 1.0, 8.0, direction_deg=0.0) <= closed
     assert tan(lean) > 0
+
+
+@given(
+    zoom=st.floats(1.0, 1.6),
+    tilt=st.floats(0.0, 30.0),
+    reference_tilt=st.sampled_from([0.0, 10.0, -10.0]),
+    direction=st.floats(0.0, 360.0),
+)
+@settings(max_examples=40, deadline=None)
+def test_no_direction_is_worse_than_the_worst(
+    zoom: float, tilt: float, reference_tilt: float, direction: float
+) -> None:
+    worst = worst_zoom(CAMERA, zoom, tilt, reference_tilt)
+    # Directions between the axes and the diagonals exceed them by next to nothing.
+    assert worst_zoom(CAMERA, zoom, tilt, reference_tilt, direction) <= 1.01 * worst
+
+
+def test_a_lean_and_its_mirror_image_sample_alike() -> None:
+    for direction in (0.0, 37.0, 90.0):
+        values = [
+            worst_zoom(CAMERA, 1.2, 12.0, 0.0, b)
+            for b in (direction, -direction, 180 - direction, 180 + direction)
+        ]
+        np.testing.assert_allclose(values, values[0], rtol=1e-9)
+
+
+def test_limits_of_distance_and_tilt_hold_in_every_direction() -> None:
+    found = pose_limits(curve(), 3.0, CAMERA)
+    allowed = dict(found.zoom_by_tilt)[5.0]
+    assert allowed is not None
+    for direction in range(0, 360, 15):
+        assert worst_zoom(CAMERA, allowed, 5.0, 0.0, direction) <= 1.25 * 1.01
+    one_way = dict(pose_limits(curve(), 3.0, CAMERA, 0.0, 90.0).zoom_by_tilt)[5.0]
+    assert one_way is not None
+    assert one_way >= allowed
 
 
 def test_a_curve_that_never_falls_below_is_a_limit_of_the_curve() -> None:
@@ -129,7 +165,7 @@ def test_a_threshold_above_the_curve_is_told() -> None:
 
 
 def test_a_reference_as_tilted_as_the_follow_up_allows_more() -> None:
-    tilted = dict(pose_limits(curve(), 3.0, CAMERA, 15.0).zoom_by_tilt)
+    tilted = dict(pose_limits(curve(), 3.0, CAMERA, 15.0, 0.0).zoom_by_tilt)
     upright = dict(pose_limits(curve(), 3.0, CAMERA).zoom_by_tilt)
     assert tilted[15.0] is not None
     assert upright[15.0] is None or tilted[15.0] > upright[15.0]

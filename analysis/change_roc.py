@@ -1,0 +1,59 @@
+"""How many pixels without a change are flagged when so many with one are found."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Roc", "roc_of"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Roc:
+    """Receiver operating characteristic of a score.
+
+    Parameters
+    ----------
+    true_positive_rate, false_positive_rate
+        Shape (n,), both rising from 0 to 1 as the threshold falls.
+    positives, negatives
+        Pixels with and without a change.
+    """
+
+    true_positive_rate: FloatArray
+    false_positive_rate: FloatArray
+    positives: int
+    negatives: int
+
+    def false_at(self, true_positive_rate: float) -> int:
+        """Pixels without a change that are flagged where at least this share is found."""
+        place = int(np.searchsorted(self.true_positive_rate, true_positive_rate - 1e-12))
+        return round(float(self.false_positive_rate[place]) * self.negatives)
+
+    @property
+    def auc(self) -> float:
+        """Area under the curve."""
+        return float(np.trapezoid(self.true_positive_rate, self.false_positive_rate))
+
+
+def roc_of(with_change: FloatArray, without: FloatArray) -> Roc:
+    """Work out the curve from scores of pixels with and without a change.
+
+    Raises
+    ------
+    ValueError
+        If there are none of one kind.
+    """
+    if not with_change.size or not without.size:
+        raise ValueError("scores with and without a change are needed")
+    levels = np.unique(np.concatenate([with_change.ravel(), without.ravel()]))[::-1]
+    hits = np.searchsorted(np.sort(with_change.ravel()), levels, side="left")
+    alarms = np.searchsorted(np.sort(without.ravel()), levels, side="left")
+    return Roc(
+        true_positive_rate=np.concatenate([[0.0], 1 - hits / with_change.size]),
+        false_positive_rate=np.concatenate([[0.0], 1 - alarms / without.size]),
+        positives=with_change.size,
+        negatives=without.size,
+    )

@@ -1,0 +1,153 @@
+"""Changes on the simulated bench: false positives at equal true positives, and false alarms.
+
+Targets of the bench are photographed at 180 mm and, 1.5 times as far from the lens, once more with
+twenty-odd faint spots that are really in the scene (rendered with it, not painted into the image).
+``ROC``: pixels of spots found against pixels elsewhere flagged, for the plain difference (the
+reference merely resampled) in the same light fit and smoothing, and for the filter.
+``False alarms``: pixels flagged where only the pose and the noise changed, beside the stated rate.
+Both with a homography that ``register`` found.
+
+    OMP_NUM_THREADS=1 python -m benchmarks.bench_changes [FIGURE.png]
+"""
+
+import platform
+import sys
+from pathlib import Path
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.stats import norm
+
+from acquisition.bench import load_bench
+from analysis.change_filter import ChangeResult, find_changes, significance_threshold
+from analysis.change_plots import plot_change_roc
+from analysis.change_roc import Roc, roc_of
+from analysis.report_page import png_bytes
+from calibration.registration import register
+from hil_mocks.truth import BenchTruth
+from standoff.shipped_configs import shipped_config
+from tests.analysis.changed_scenes import (
+    BenchPair,
+    bench_noise,
+    bench_pair,
+    bench_psf,
+    far_pose,
+    with_noise_of,
+)
+from tests.analysis.random_poses import bench_truth
+
+TARGETS = ("gravel", "coins", "lesion", "brick")
+SPOTS = {"contrast": 0.003, "sigma_mm": 0.8, "pitch_mm": 12.5}
+STATED = (0.05, 1.0, 10.0)
+NOISE_DRAWS = 12
+FRAMES_AVERAGED = 50
+POSES: tuple[dict[str, float], ...] = ({}, {"tilt_x_deg": 4.0, "roll_deg": 3.0, "offset_x_mm": 3.0})
+TPR = (0.5, 0.8, 0.9)
+
+
+def found(truth: BenchTruth, pair: BenchPair) -> ChangeResult:
+    psf = bench_psf(truth)
+    noise = bench_noise(truth, FRAMES_AVERAGED)
+    matrix = register(pair.reference, pair.followup, psf).matrix
+    return find_changes(pair.reference, pair.followup, matrix, psf, noise)
+
+
+def parts(pair: BenchPair, result: ChangeResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Pixels in the core of a spot, and those that hold nothing of one."""
+    core = result.valid & (pair.change > 0.5 * pair.change.max())
+    clear = result.valid & (gaussian_filter(pair.change, 1.0) < 0.005 * pair.change.max())
+    return core, clear
+
+
+def curves(truth: BenchTruth) -> dict[str, Roc]:
+    plain_in, plain_out, in_core, outside = [], [], [], []
+    for number, target in enumerate(TARGETS):
+        for pose in POSES:
+            pair = bench_pair(
+                truth,
+                target,
+                far_pose(truth, 1.5, **pose),
+                seed=number,
+                frames_averaged=FRAMES_AVERAGED,
+                **SPOTS,
+            )
+            result = found(truth, pair)
+            core, clear = parts(pair, result)
+            plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+            significance = np.abs(result.significance)
+            plain_in.append(plain[core])
+            plain_out.append(plain[clear])
+            in_core.append(significance[core])
+            outside.append(significance[clear])
+            own = roc_of(plain[core], plain[clear]), roc_of(significance[core], significance[clear])
+            counts = "   ".join(
+                f"{100 * rate:.0f} %: {own[0].false_at(rate):6d} {own[1].false_at(rate):5d}"
+                for rate in TPR
+            )
+            print(f"  {target:8s} {'tilted' if pose else 'upright':8s} {counts}")
+    return {
+        "plain difference": roc_of(np.concatenate(plain_in), np.concatenate(plain_out)),
+        "this filter": roc_of(np.concatenate(in_core), np.concatenate(outside)),
+    }
+
+
+def false_alarms(truth: BenchTruth) -> None:
+    flagged, normal = np.zeros((2, len(STATED), len(TARGETS) * len(POSES) * NOISE_DRAWS))
+    frames = 0
+    for number, target in enumerate(TARGETS):
+        for turn, pose in enumerate(POSES):
+            clean = bench_pair(
+                truth,
+                target,
+                far_pose(truth, 1.5, **pose),
+                seed=number,
+                frames_averaged=None,
+                **(SPOTS | {"contrast": 0.0}),
+            )
+            for draw in range(NOISE_DRAWS):
+                pair = with_noise_of(
+                    truth,
+                    clean,
+                    # Noise of its own for every frame: shared noise would flag the same pixels.
+                    seed=10000 + 1000 * number + 100 * turn + draw,
+                    frames_averaged=FRAMES_AVERAGED,
+                )
+                result = found(truth, pair)
+                significance = np.abs(result.significance[result.valid])
+                for place, rate in enumerate(STATED):
+                    share = rate / significance.size
+                    over = significance > significance_threshold(share)
+                    flagged[place, frames] = np.count_nonzero(over)
+                    normal[place, frames] = np.count_nonzero(significance > norm.isf(share / 2))
+                frames += 1
+    print(f"{frames} frames without a change, pixels flagged a frame with their standard error:")
+    for rate, counts, plain in zip(STATED, flagged, normal, strict=True):
+        shown = "   ".join(
+            f"{name} {of.mean():.2f} +- {of.std(ddof=1) / np.sqrt(frames):.2f}"
+            for name, of in (("found", counts), ("by a normal tail", plain))
+        )
+        print(f"  stated {rate:6.2f}   {shown}   frames with any: {np.count_nonzero(counts)}")
+
+
+def main() -> None:
+    print(f"python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}")
+    print(f"{platform.machine()}, {sys.platform}")
+    truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 390, 290)
+    print("false pixels, plain difference and this filter, at true positives of")
+    rocs = curves(truth)
+    plain, own = rocs.values()
+    for rate in TPR:
+        ratio = plain.false_at(rate) / max(own.false_at(rate), 1)
+        print(
+            f"all, {100 * rate:.0f} %: {plain.false_at(rate)} and {own.false_at(rate)} of "
+            f"{plain.negatives}, {ratio:.0f} times fewer"
+        )
+    if len(sys.argv) > 1:
+        Path(sys.argv[1]).write_bytes(png_bytes(plot_change_roc(rocs)))
+    false_alarms(truth)
+
+
+if __name__ == "__main__":
+    main()

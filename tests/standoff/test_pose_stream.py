@@ -1,0 +1,173 @@
+"""`standoff pose --stream` and `--bench`: verdicts as they come."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from acquisition.live_frames import newest_frames
+from analysis.detectability_curves import curves_document, write_curves
+from hil_mocks import SimulatedBench
+from hil_mocks.camera import CameraFaults
+from standoff.options import read_bench
+from tests.analysis.test_detectability_curves import curve
+from tests.calibration.test_pose_tracking import pose, scene, seen_from
+from tests.standoff.conftest import Command
+
+
+@pytest.fixture
+def asked(tmp_path: Path) -> tuple[object, ...]:
+    tifffile.imwrite(tmp_path / "reference.tif", scene().astype(np.float32))
+    write_curves(tmp_path / "curves.json", curves_document([curve()]))
+    return (
+        *("pose", tmp_path / "reference.tif", "--curves", tmp_path / "curves.json"),
+        *("--min-dprime", 3.4),
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    path = tmp_path / "live"
+    path.mkdir()
+    for number, zoom in enumerate((1.05, 1.1, 1.2)):
+        write(path, number, zoom)
+    return path
+
+
+def write(folder: Path, number: int, zoom: float) -> None:
+    image = seen_from(scene(), pose(zoom)).astype(np.float32)
+    tifffile.imwrite(folder / f"frame-{number}.tif", image)
+
+
+def test_every_image_of_a_folder_has_its_verdict(
+    command: Command, asked: tuple[object, ...], folder: Path
+) -> None:
+    done = command(*asked, "--stream", folder)
+    assert done.status == 0, done.err
+    lines = done.out.splitlines()
+    assert [line.split()[:2] for line in lines[:3]] == [
+        ["frame-0.tif", "accept"],
+        ["frame-1.tif", "accept"],
+        ["frame-2.tif", "reject"],
+    ]
+    assert lines[3].startswith("2 of 3 frames would do; whole frames searched: 1")
+
+
+def test_the_summary_is_one_json_document(
+    command: Command, asked: tuple[object, ...], folder: Path
+) -> None:
+    done = command(*asked, "--stream", folder, "--frames", 2, "--json")
+    document = json.loads(done.out)
+    assert (document["frames"], document["accepted"], document["lost"]) == (2, 2, 0)
+    assert document["anchors"] == 1
+    assert [verdict["frame"] for verdict in document["verdicts"]] == ["frame-0.tif", "frame-1.tif"]
+    assert document["last"]["dprime_decisive"] == pytest.approx(3.6, abs=0.05)
+    assert document["last"]["margin"] == pytest.approx(3.6 / 3.4 - 1, abs=0.02)
+
+
+def test_a_watched_folder_is_read_until_ctrl_c(
+    command: Command, asked: tuple[object, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: Iterator[int] = iter(range(3))
+
+    def wait(_: float) -> None:
+        number = next(waits)
+        if number == 0:
+            (folder / "frame-9.tif").write_bytes(b"II*\0half")  # still being written
+        elif number == 1:
+            write(folder, 9, 1.05)
+        else:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("standoff.pose_stream.time.sleep", wait)
+    done = command(*asked, "--stream", folder, "--watch", "--json")
+    assert done.status == 130
+    assert json.loads(done.out)["frames"] == 4
+
+
+@pytest.mark.slow
+def test_a_camera_is_judged_frame_by_frame(command: Command, tmp_path: Path) -> None:
+    config = tmp_path / "bench.toml"
+    config.write_text(BENCH)
+    bench = SimulatedBench(read_bench(config, None))
+    bench.place("coins")
+    tifffile.imwrite(tmp_path / "reference.tif", next(newest_frames(bench.camera)).image_dn)
+    write_curves(tmp_path / "curves.json", curves_document([curve()]))
+    asked = ("pose", tmp_path / "reference.tif", "--curves", tmp_path / "curves.json")
+    live = ("--bench", config, "--target", "coins", "--frames", 3, "--json")
+    done = command(*asked, "--min-dprime", 3, *live)
+    assert done.status == 0, done.err
+    document = json.loads(done.out)
+    assert (document["frames"], document["accepted"]) == (3, 3)
+    assert document["last"]["zoom"] == pytest.approx(1.0, abs=0.01)
+    assert "accept" in done.err
+
+
+def test_the_newest_frame_is_given_and_incomplete_ones_are_left_out(bench_file: Path) -> None:
+    bench = SimulatedBench(read_bench(bench_file, None))
+    bench.camera.faults = CameraFaults(incomplete_frames=frozenset({1}))
+    frames = newest_frames(bench.camera)
+    found = [next(frames).frame_id for _ in range(3)]
+    frames.close()
+    assert found == sorted(set(found))
+    assert 2 not in found
+    bench.camera.start()  # it was stopped
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "give one of FOLLOWUP, --stream and --bench"),
+        (("--stream", "no-such"), "no-such is no folder"),
+        (("far.tif", "--frames", 3), "--frames goes with --stream"),
+        (("far.tif", "--watch"), "--watch goes with --stream"),
+        (("far.tif", "--target", "coins"), "--target and --set go with --bench"),
+        (("--stream", ".", "--picture", "map.png"), "--psf and --picture go with FOLLOWUP"),
+    ],
+)
+def test_options_that_do_not_go_together_are_wrong_usage(
+    command: Command, asked: tuple[object, ...], arguments: tuple[object, ...], message: str
+) -> None:
+    done = command(*asked, *arguments)
+    assert done.status == 2
+    assert message in done.err
+
+
+def test_a_folder_without_images_and_one_that_is_too_small_are_one_line(
+    command: Command, asked: tuple[object, ...], tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    done = command(*asked, "--stream", empty)
+    assert (done.status, "holds no image" in done.err) == (1, True)
+    tifffile.imwrite(empty / "tiny.tif", np.eye(20, dtype=np.float32))
+    done = command(*asked, "--stream", empty)
+    assert done.status == 1
+    assert "tiny.tif: grey images of at least 84 px" in done.err
+
+
+BENCH = """
+[camera]
+driver = "simulated"
+pixel_format = "Mono12"
+exposure_us = 12000.0
+gain_db = 0.0
+frame_rate_hz = 60.0
+
+[stage]
+driver = "simulated"
+limits_mm = [120.0, 620.0]
+
+[optics]
+focal_length_mm = 8.0
+pixel_pitch_um = 24.0
+
+[simulated]
+width_px = 260
+height_px = 200
+optical_sigma_x_px = 0.7
+optical_sigma_y_px = 0.6
+"""
