@@ -18,6 +18,7 @@ __all__ = [
     "Stage",
     "StageState",
     "StreamStatistics",
+    "TravellingStage",
 ]
 
 FrameImage = NDArray[np.uint8] | NDArray[np.uint16]
@@ -199,4 +200,17 @@ class Stage(Protocol):
 
     def close(self) -> None:
         """Give the port back; closing twice is harmless."""
+        ...
+
+
+@runtime_checkable
+class TravellingStage(Protocol):
+    """A stage that tells where it is while another thread moves it; for a display only."""
+
+    def travel_height_mm(self) -> float | None:
+        """Height on the way, in mm, or None where it is not known.
+
+        It takes no part in the dialogue of the move: it can neither disturb it nor keep an
+        alarm from it.
+        """
         ...

@@ -11,6 +11,7 @@ __all__ = [
     "DeviceResetError",
     "DeviceTimeoutError",
     "DriverMissingError",
+    "OperatorStopError",
     "PlanError",
     "SessionError",
     "StageAlarmError",
@@ -42,6 +43,10 @@ class DeviceInUseError(DeviceError):
 
 class DriverMissingError(DeviceError, ImportError):
     """A library that the driver needs is not installed."""
+
+
+class OperatorStopError(DeviceError):
+    """Somebody pressed stop; the devices are sound, and what was begun was broken off."""
 
 
 class CameraFeatureError(DeviceError):

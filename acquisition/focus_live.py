@@ -16,7 +16,14 @@ from acquisition.focus_measures import FocusMeasure
 from acquisition.frame_noise import variance_between
 from acquisition.stage_travel import home_timeout_s, move_timeout_s, refuse_beyond_limits
 
-__all__ = ["FocusOptions", "FocusPoint", "NoiseModel", "focus_values", "sweep_focus"]
+__all__ = [
+    "FocusMeter",
+    "FocusOptions",
+    "FocusPoint",
+    "NoiseModel",
+    "focus_values",
+    "sweep_focus",
+]
 
 NoiseModel = Callable[[float], float]
 """Temporal variance of one frame in DN^2 at a mean level in DN."""
@@ -65,32 +72,62 @@ def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None
     """
     settings = camera.settings
     timeout_s = max(1.0, _FRAME_PERIODS / settings.frame_rate_hz, 3e-6 * settings.exposure_us)
-    previous: FrameImage | None = None
-    variances: deque[float] = deque(maxlen=_PAIRS)
+    meter = FocusMeter(options)
     camera.start()
     try:
         while True:
             frame = _next(camera, timeout_s)
             if not frame.is_complete:
                 continue
-            view = options.view(frame.image_dn)
-            if options.noise is not None:
-                variance = options.noise(float(view.mean()))
-            elif previous is None:
-                previous = view
-                continue
-            else:
-                variances.append(variance_between(previous, view, settings.black_level_dn))
-                variance = min(variances)
-            previous = view
-            yield focus_value(
-                view,
-                black_level_dn=settings.black_level_dn,
-                noise_variance_dn2=variance,
-                measure=options.measure,
-            )
+            value = meter.add(frame.image_dn, settings.black_level_dn)
+            if value is not None:
+                yield value
     finally:
         camera.stop()
+
+
+class FocusMeter:
+    """Focus value of one frame after the other; knows no camera.
+
+    Without a noise model the noise is taken from pairs of following frames: the smallest of the
+    last eight, as motion can only add to it.
+
+    Parameters
+    ----------
+    options
+        Where and how.
+    """
+
+    def __init__(self, options: FocusOptions) -> None:
+        self._options = options
+        self._previous: FrameImage | None = None
+        self._variances: deque[float] = deque(maxlen=_PAIRS)
+
+    def add(self, image_dn: FrameImage, black_level_dn: float) -> float | None:
+        """Focus value of the next frame; None for the first where its noise is not known yet.
+
+        Raises
+        ------
+        ValueError
+            If the region reaches beyond the frame, or the frames change their size.
+        """
+        options = self._options
+        view = options.view(image_dn)
+        if options.noise is not None:
+            variance = options.noise(float(view.mean()))
+        elif self._previous is None:
+            self._previous = view
+            return None
+        else:
+            self._variances.append(variance_between(self._previous, view, black_level_dn))
+            variance = min(self._variances)
+        self._previous = view
+        return focus_value(
+            view,
+            black_level_dn=black_level_dn,
+            noise_variance_dn2=variance,
+            measure=options.measure,
+        )
 
 
 def sweep_focus(

@@ -76,6 +76,7 @@ class GrblController:
         self.firmware: GrblFirmware | None = None
         self.alarm: Alarm | None = None
         self.offset: tuple[float, ...] | None = None
+        self.last_report: StatusReport | None = None
         self._link = link
         self._clock = clock
         self._lock = RLock()
@@ -264,6 +265,7 @@ class GrblController:
         while True:
             message = self._next(deadline)
             if isinstance(message, StatusReport):
+                self.last_report = message
                 return message
             if isinstance(message, Ok | ErrorReply):
                 self._is_in_step = False

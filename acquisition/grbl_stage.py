@@ -167,6 +167,14 @@ class GrblStage:
             raise StageNotHomedError(f"{self._controller.name} does not know its height: home it")
         return self._motion.height_mm(report)
 
+    def travel_height_mm(self) -> float | None:
+        """See `TravellingStage`: from the last report, so that nothing is sent."""
+        report = self._controller.last_report
+        index = self._motion.axis.index
+        if report is None or report.machine is None or not self.is_homed:
+            return None
+        return self._motion.axis.height_mm(report.machine[index])
+
     def home(self, timeout_s: float) -> None:
         """See `Stage.home`.
 

@@ -14,7 +14,13 @@ from acquisition.capture_step import CaptureStep
 from acquisition.device_snapshot import camera_snapshot, stage_snapshot
 from acquisition.devices import Camera, Stage
 from acquisition.drift import drift_between
-from acquisition.errors import DeviceError, SessionError, StageLimitError, StreamInterruptedError
+from acquisition.errors import (
+    DeviceError,
+    OperatorStopError,
+    SessionError,
+    StageLimitError,
+    StreamInterruptedError,
+)
 from acquisition.journal import new_uid, utc_now
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.plan_estimate import bytes_per_pixel
@@ -103,7 +109,8 @@ def run_plan(
         If the session is in use, was made otherwise, or the disk is full.
     DeviceError
         If a device fails. What was captured until then is kept, and the error is journaled;
-        so is a stop by the keyboard. A capture whose stream broke off is begun once more, from
+        so is a stop by the keyboard or by `OperatorStopError`, which any of the callbacks and
+        devices may raise. A capture whose stream broke off is begun once more, from
         its first frame; the journal has an ``error`` of that, too.
     """
     _refuse_beyond_travel(plan, stage)
@@ -131,7 +138,7 @@ def run_plan(
         )
         try:
             return run.capture_all(step, place, progress, review, before_capture)
-        except (KeyboardInterrupt, SystemExit) as interrupt:
+        except (KeyboardInterrupt, SystemExit, OperatorStopError) as interrupt:
             try:
                 stage.stop()
             except DeviceError as error:

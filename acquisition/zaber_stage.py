@@ -148,6 +148,10 @@ class ZaberStage:
             raise StageNotHomedError(f"{self._device.name} does not know its height: home it")
         return self._read_height_mm()
 
+    def travel_height_mm(self) -> float | None:
+        """See `TravellingStage`; messages have identities, so that asking disturbs no move."""
+        return self._read_height_mm() if self.is_homed else None
+
     def home(self, timeout_s: float) -> None:
         """See `Stage.home`."""
         self._refuse_faults()

@@ -27,6 +27,8 @@ class SimulatedBench:
     ----------
     config
         A bench with a ``[simulated]`` section, which holds the truth.
+    clock
+        What both devices live by; time that passes only when one uses it, if None.
 
     Raises
     ------
@@ -34,11 +36,11 @@ class SimulatedBench:
         If it has none, or one that no bench can have.
     """
 
-    def __init__(self, config: BenchConfig) -> None:
+    def __init__(self, config: BenchConfig, *, clock: SimulatedClock | None = None) -> None:
         if config.simulated is None:
             raise BenchConfigError("the bench has no [simulated] section")
         self.truth = BenchTruth(config)
-        self.clock = SimulatedClock()
+        self.clock = SimulatedClock() if clock is None else clock
         self.stage = SimulatedStage(config.stage, clock=self.clock)
         self.camera = SimulatedCamera(
             config.camera,

@@ -1,12 +1,23 @@
-"""Time on the simulated bench: it passes when a device uses it, and nobody sleeps."""
+"""Time on the simulated bench: it passes when a device uses it, or it is real time."""
 
-__all__ = ["SimulatedClock"]
+import time
+from collections.abc import Callable
+
+__all__ = ["RealTimeClock", "SimulatedClock"]
 
 NS_PER_S = 1_000_000_000
 
 
 class SimulatedClock:
-    """A clock that camera and stage share and move on."""
+    """A clock that camera and stage share and move on.
+
+    Attributes
+    ----------
+    slice_s
+        Longest time that a move lets pass in one piece.
+    """
+
+    slice_s = float("inf")
 
     def __init__(self) -> None:
         self._now_ns = 0
@@ -32,3 +43,48 @@ class SimulatedClock:
         if not duration_s >= 0:
             raise ValueError(f"time does not run backwards, got {duration_s} s")
         self._now_ns += round(duration_s * NS_PER_S)
+
+
+class RealTimeClock(SimulatedClock):
+    """A clock that people live by: letting time pass takes as long, and moves can be stopped.
+
+    Parameters
+    ----------
+    clock, sleep
+        Monotonic time in seconds, and what waits for some.
+    """
+
+    slice_s = 0.05
+
+    def __init__(
+        self,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        super().__init__()
+        self._clock = clock
+        self._sleep = sleep
+        self._start_s = clock()
+
+    @property
+    def now_ns(self) -> int:
+        """See `SimulatedClock.now_ns`."""
+        return round((self._clock() - self._start_s) * NS_PER_S)
+
+    @property
+    def now_s(self) -> float:
+        """See `SimulatedClock.now_s`."""
+        return self._clock() - self._start_s
+
+    def advance(self, duration_s: float) -> None:
+        """Wait.
+
+        Raises
+        ------
+        ValueError
+            If the duration is negative.
+        """
+        if not duration_s >= 0:
+            raise ValueError(f"time does not run backwards, got {duration_s} s")
+        self._sleep(duration_s)

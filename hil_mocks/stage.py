@@ -74,6 +74,8 @@ class SimulatedStage:
         self._clock = clock
         self._is_homed = False
         self._is_open = True
+        self._is_moving = False
+        self._is_stop_wanted = False
         self._alarm: str | None = None
         low, high = config.limits_mm
         self._steps = round((low + high) / 2 * STEPS_PER_MM)
@@ -102,9 +104,11 @@ class SimulatedStage:
 
     @property
     def state(self) -> StageState:
-        """See `Stage.state`; a call returns when the stage stands, so it is never moving."""
+        """See `Stage.state`; only another thread than the one that moves it sees it moving."""
         self._check_answers()
-        return "idle" if self._alarm is None else "alarm"
+        if self._alarm is not None:
+            return "alarm"
+        return "moving" if self._is_moving else "idle"
 
     @property
     def true_height_mm(self) -> float:
@@ -121,7 +125,7 @@ class SimulatedStage:
         switch = (
             ceil(low * STEPS_PER_MM) if self._approaches_upwards else floor(high * STEPS_PER_MM)
         )
-        self._is_homed = False
+        self._is_homed = self._is_stop_wanted = False
         if self.faults.home_switch_missing:
             self._clock.advance(timeout_s)
         if self.faults.home_switch_missing or not self._travel(switch, timeout_s):
@@ -146,6 +150,7 @@ class SimulatedStage:
             raise DeviceError(f"the simulated stage is in alarm: {self._alarm}")
         target = self._steps_at(height_mm)
         left_s = timeout_s
+        self._is_stop_wanted = False
         for stop in self._stops(target):
             started_s = self._clock.now_s
             if not self._travel(stop, left_s):
@@ -170,9 +175,14 @@ class SimulatedStage:
             raise StageNotHomedError("the simulated stage does not know its position: home it")
         return self._steps / STEPS_PER_MM
 
+    def travel_height_mm(self) -> float | None:
+        """See `TravellingStage`."""
+        return self._steps / STEPS_PER_MM if self._is_homed else None
+
     def stop(self) -> None:
-        """See `Stage.stop`."""
+        """See `Stage.stop`; a move lasts only on a clock of real time."""
         self._check_answers()
+        self._is_stop_wanted = True
 
     def emergency_stop(self) -> None:
         """See `Stage.emergency_stop`; leaves an alarm."""
@@ -213,16 +223,29 @@ class SimulatedStage:
         if target == self._steps:
             return True
         steps_per_s = self._config.feed_mm_per_min / 60 * STEPS_PER_MM
-        needed_s = abs(target - self._steps) / steps_per_s
+        left_s = max(time_s, 0.0)
         self._came_up = target > self._steps
-        if needed_s > time_s:
-            way = floor(max(time_s, 0.0) * steps_per_s)
-            self._steps += way if target > self._steps else -way
-            self._clock.advance(max(time_s, 0.0))
-            return False
-        self._clock.advance(needed_s)
-        self._steps = target
-        return True
+        self._is_moving = True
+        try:
+            while True:
+                needed_s = abs(target - self._steps) / steps_per_s
+                part_s = min(needed_s, left_s, self._clock.slice_s)
+                self._clock.advance(part_s)
+                if part_s == needed_s:
+                    self._steps = target
+                    return True
+                way = floor(part_s * steps_per_s)
+                self._steps += way if target > self._steps else -way
+                left_s -= part_s
+                if self._is_stop_wanted:
+                    at_mm = self._steps / STEPS_PER_MM
+                    raise DeviceError(
+                        f"the simulated stage stopped at {at_mm:.3f} mm, as it was told to"
+                    )
+                if left_s <= 0:
+                    return False
+        finally:
+            self._is_moving = False
 
     def _settle(self, target: int, height_mm: float, left_s: float, timeout_s: float) -> None:
         if self.faults.stops_short_mm:

@@ -13,6 +13,7 @@ from standoff.commands.calibrate import calibrate
 from standoff.commands.capture import capture
 from standoff.commands.changes import changes
 from standoff.commands.compare import compare
+from standoff.commands.console import console
 from standoff.commands.demo import demo
 from standoff.commands.detectability import detectability
 from standoff.commands.doctor import cameras, doctor
@@ -86,6 +87,7 @@ for command in (
     pose,
     changes,
     report,
+    console,
     mock,
     doctor,
     cameras,

@@ -19,7 +19,14 @@ from acquisition.runner import Placement
 from acquisition.zaber_stage import ZaberStage, open_zaber_stage
 from hil_mocks import SimulatedBench
 
-__all__ = ["OpenBench", "open_bench", "open_camera", "open_stage", "place_in_simulation"]
+__all__ = [
+    "OpenBench",
+    "open_bench",
+    "open_camera",
+    "open_stage",
+    "place_in_simulation",
+    "refuse_half_simulated",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,14 +67,25 @@ def open_bench(
     DeviceError
         If a device cannot be opened.
     """
-    simulated = [config.camera.driver, config.stage.driver].count("simulated")
-    if simulated == 1:
+    refuse_half_simulated(config)
+    is_simulated = config.camera.driver == "simulated"
+    with _simulated_bench(config) if is_simulated else _real_bench(config, ask) as opened:
+        yield opened
+
+
+def refuse_half_simulated(config: BenchConfig) -> None:
+    """Do nothing, unless one device of a bench is simulated in process and the other is not.
+
+    Raises
+    ------
+    BenchConfigError
+        Then.
+    """
+    if [config.camera.driver, config.stage.driver].count("simulated") == 1:
         raise BenchConfigError(
             f"camera.driver {config.camera.driver!r} with stage.driver {config.stage.driver!r}: "
             "the simulated camera sees the simulated stage only; use 'simulated' for both or none"
         )
-    with _simulated_bench(config) if simulated else _real_bench(config, ask) as opened:
-        yield opened
 
 
 @contextmanager

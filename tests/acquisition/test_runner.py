@@ -14,6 +14,7 @@ from acquisition.errors import (
     DeviceDisconnectedError,
     DeviceError,
     DeviceTimeoutError,
+    OperatorStopError,
     SessionError,
     StageLimitError,
     StreamInterruptedError,
@@ -239,7 +240,12 @@ def test_a_plan_beyond_the_travel_moves_nothing_and_makes_no_session(path: Path)
 
 @pytest.mark.parametrize(
     "fault",
-    [DeviceDisconnectedError("cable out"), DeviceTimeoutError("mute"), KeyboardInterrupt()],
+    [
+        DeviceDisconnectedError("cable out"),
+        DeviceTimeoutError("mute"),
+        KeyboardInterrupt(),
+        OperatorStopError("stopped by the operator"),
+    ],
 )
 def test_a_fault_in_mid_capture_keeps_what_was_captured_and_the_same_call_resumes(
     path: Path, fault: BaseException
@@ -250,7 +256,9 @@ def test_a_fault_in_mid_capture_keeps_what_was_captured_and_the_same_call_resume
     before = Session.open(path).records
     assert [r.index for r in before] == [0, 1]
     last = Session.open(path).events[-1]
-    assert last.kind == ("stop" if isinstance(fault, KeyboardInterrupt) else "error")
+    assert last.kind == (
+        "stop" if isinstance(fault, KeyboardInterrupt | OperatorStopError) else "error"
+    )
     assert last.facts["index"] == 2
     assert run(path, prefix="b") == RunSummary(captured=4, already_captured=2, skipped=0)
     session = Session.open(path)
@@ -309,13 +317,14 @@ def test_a_capture_whose_stream_breaks_off_twice_ends_the_run(path: Path) -> Non
     assert kinds(path) == ["start", "plan", "capture", "error", "error"]
 
 
-def test_a_keyboard_interrupt_in_mid_move_stops_the_stage(path: Path) -> None:
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), OperatorStopError("stopped")])
+def test_a_stop_in_mid_move_stops_the_stage(path: Path, stop: BaseException) -> None:
     def interrupt(height_mm: float) -> None:
         if height_mm == 110.0:
-            raise KeyboardInterrupt
+            raise stop
 
     stage = ScriptedStage(on_move=interrupt)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(type(stop)):
         run(path, stage=stage)
     assert stage.stops == 1
     assert kinds(path)[-2:] == ["capture", "stop"]

@@ -7,6 +7,7 @@ from acquisition.errors import (
     StageNotHomedError,
 )
 from hil_mocks import SimulatedClock, SimulatedStage, StageFaults
+from hil_mocks.clock import RealTimeClock
 from tests.hil_mocks.benches import bench_config
 
 
@@ -119,3 +120,56 @@ def test_a_closed_stage_does_nothing_more() -> None:
 def test_time_does_not_run_backwards() -> None:
     with pytest.raises(ValueError, match="backwards"):
         SimulatedClock().advance(-1.0)
+
+
+class Waiting:
+    """Real time that a test lets pass, with something that happens meanwhile."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.meanwhile: list[float] = []
+        self.stage: SimulatedStage | None = None
+        self.stop_after_s: float | None = None
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+        if self.stage is not None and seconds > 0:
+            assert self.stage.state == "moving"
+            self.meanwhile.append(self.stage.travel_height_mm() or 0.0)
+            if self.stop_after_s is not None and self.now_s >= self.stop_after_s:
+                self.stage.stop()
+
+
+def stage_in_real_time() -> tuple[SimulatedStage, Waiting]:
+    waiting = Waiting()
+    clock = RealTimeClock(clock=lambda: waiting.now_s, sleep=waiting.sleep)
+    stage = SimulatedStage(bench_config(stage__settle_s=0.0).stage, clock=clock)
+    stage.home(60)
+    return stage, waiting
+
+
+def test_in_real_time_a_move_is_seen_on_its_way() -> None:
+    stage, waiting = stage_in_real_time()
+    before_s = waiting.now_s
+    waiting.stage = stage
+    assert stage.move_to(50.0, 60) == 50.0
+    assert waiting.now_s - before_s == pytest.approx(40 / (1200 / 60), abs=0.06)
+    assert len(waiting.meanwhile) >= 39  # slices of 50 ms in 2 s
+    assert sorted(waiting.meanwhile) == waiting.meanwhile
+
+
+def test_in_real_time_a_move_can_be_stopped_and_the_height_is_kept() -> None:
+    stage, waiting = stage_in_real_time()
+    waiting.stage, waiting.stop_after_s = stage, waiting.now_s + 1.0
+    with pytest.raises(DeviceError, match="as it was told to"):
+        stage.move_to(110.0, 60)
+    assert stage.state == "idle"
+    assert stage.is_homed
+    assert stage.position_mm() == pytest.approx(30.0, abs=1.1)  # 20 mm/s for 1 s, from 10 mm
+    waiting.stage = None
+    assert stage.move_to(40.0, 60) == 40.0
+
+
+def test_real_time_does_not_run_backwards() -> None:
+    with pytest.raises(ValueError, match="backwards"):
+        RealTimeClock(sleep=lambda _: None).advance(-1.0)

@@ -1,0 +1,137 @@
+"""``standoff console``: the operator's web page over one bench."""
+
+import json as json_format
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import quote
+
+import typer
+
+from analysis.detectability_curves import DetectabilityCurve
+from analysis.detectability_observers import Observer
+from simulation import Model
+from standoff.curve_options import (
+    CurveContrast,
+    CurveModel,
+    CurveNoise,
+    CurveObserver,
+    chosen_curve,
+)
+from standoff.errors import ApplicationError
+from standoff.options import BenchFile, BenchKeys, Json, read_bench
+from standoff.output import note, say
+from standoff.shipped_configs import shipped_config
+
+__all__ = ["console"]
+
+DEFAULT_PORT = 8470
+
+
+def console(
+    *,
+    bench: BenchFile,
+    sessions: Annotated[
+        Path, typer.Option(help="Folder of the capture sessions; made when the first one begins.")
+    ] = Path("sessions"),
+    plans: Annotated[
+        list[Path] | None,
+        typer.Option(help="Folder with capture plans; may be repeated. The bench file's, too."),
+    ] = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
+    ] = DEFAULT_PORT,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; beyond this computer only with --token.")
+    ] = "127.0.0.1",
+    token: Annotated[
+        str | None,
+        typer.Option(
+            envvar="STANDOFF_TOKEN",
+            help="Secret that every page has to show; better in the environment than here.",
+        ),
+    ] = None,
+    curves: Annotated[
+        Path | None, typer.Option(help="curves.json, to judge the camera's pose by.")
+    ] = None,
+    min_dprime: Annotated[
+        float, typer.Option("--min-dprime", help="Least d' at which a pose will do.")
+    ] = 2.0,
+    model: CurveModel = None,
+    observer: CurveObserver = None,
+    noise: CurveNoise = None,
+    contrast: CurveContrast = None,
+    settings: BenchKeys = None,
+    json: Json = False,
+) -> None:
+    """Serve the operator console as a web page of this computer, until Ctrl-C.
+
+    Closing the page changes nothing: the bench is kept here.
+    """
+    _require_extra()
+    from standoff.console.access import MIN_TOKEN_CHARS, is_loopback_host
+    from standoff.console.bench_hub import BenchHub
+    from standoff.console.drivers import bench_drivers
+    from standoff.console.pose_reference import tracker_maker
+    from standoff.console.server import open_socket, serve
+    from standoff.console.web import console_app
+
+    if token is None and not is_loopback_host(host):
+        raise typer.BadParameter(
+            f"{host} can be reached from other computers, which needs --token (or the environment "
+            "variable STANDOFF_TOKEN)",
+            param_hint="--host",
+        )
+    if token is not None and len(token) < MIN_TOKEN_CHARS:
+        raise typer.BadParameter(
+            f"a token has at least {MIN_TOKEN_CHARS} characters", param_hint="--token"
+        )
+    config = read_bench(bench, settings)
+    curve = _curve(curves, min_dprime, model, observer, noise, contrast)
+    hub = BenchHub(
+        config,
+        bench_drivers(config),
+        sessions=sessions,
+        plan_folders=(*(plans or ()), bench.parent, shipped_config("demo_plan.toml").parent),
+        make_tracker=None if curve is None else tracker_maker(curve, min_dprime),
+    )
+    with open_socket(host, port) as bound:
+        shown = f"[{host}]" if ":" in host else host
+        url = f"http://{shown}:{bound.getsockname()[1]}/"
+        entry = url if token is None else f"{url}login?token={quote(token)}"
+
+        def ready() -> None:
+            if json:
+                typer.echo(json_format.dumps({"url": url}))
+            else:
+                say(f"console at {entry}; Ctrl-C ends")
+                if token is not None:
+                    note("the connection is not encrypted: use it in a network that you trust")
+            sys.stdout.flush()
+
+        hub.start()
+        try:
+            serve(console_app(hub, token=token), bound, ready=ready)
+        finally:
+            hub.close()
+
+
+def _require_extra() -> None:
+    if any(find_spec(name) is None for name in ("starlette", "uvicorn", "websockets")):
+        raise ApplicationError(
+            "the console needs its extra: pip install 'standoff[console]', or make setup"
+        )
+
+
+def _curve(
+    path: Path | None,
+    min_dprime: float,
+    model: Model | None,
+    observer: Observer | None,
+    noise_dn: float | None,
+    contrast_dn: float | None,
+) -> DetectabilityCurve | None:
+    if path is None:
+        return None
+    return chosen_curve(path, min_dprime, model, observer, noise_dn, contrast_dn)

@@ -1,0 +1,91 @@
+"""Who may see the console: this computer, or whoever knows the token; no foreign web page."""
+
+import hashlib
+import hmac
+import ipaddress
+import secrets
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import urlsplit
+
+__all__ = ["COOKIE", "MIN_TOKEN_CHARS", "Access", "is_loopback_host"]
+
+COOKIE = "standoff_console"
+MIN_TOKEN_CHARS = 12
+
+
+def is_loopback_host(host: str) -> bool:
+    """Whether a name or address can only be reached from this computer."""
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+class Access:
+    """Decides about requests; knows no connection.
+
+    Without a token only this computer is served, under a name of this computer alone, so that
+    no web page of elsewhere can pass its own name off as ours. With one, everybody needs it.
+
+    Parameters
+    ----------
+    token
+        None where only this computer is served.
+    """
+
+    def __init__(self, token: str | None) -> None:
+        self._token = token
+        # The cookie proves knowledge of the token and is void with the next start.
+        key = secrets.token_bytes(32)
+        self.cookie_value = hmac.new(key, (token or "").encode(), hashlib.sha256).hexdigest()
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether there is one."""
+        return self._token is not None
+
+    def is_token(self, text: str) -> bool:
+        """Whether this is the token."""
+        return self._token is not None and hmac.compare_digest(text.encode(), self._token.encode())
+
+    def may_enter(self, *, peer: str | None, host: str, cookies: str) -> bool:
+        """Whether a request is served.
+
+        Parameters
+        ----------
+        peer
+            Address it came from; None where that is not known.
+        host
+            Its ``Host`` header.
+        cookies
+            Its ``Cookie`` header.
+        """
+        if self._token is None:
+            return peer is not None and is_loopback_host(peer) and is_loopback_host(_name_of(host))
+        return hmac.compare_digest(_cookie(cookies).encode(), self.cookie_value.encode())
+
+    @staticmethod
+    def is_own_page(*, origin: str | None, host: str) -> bool:
+        """Whether a websocket was opened by a page of this console: same name, same port."""
+        if origin is None or not host:
+            return False
+        parts = urlsplit(origin)
+        return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower()
+
+
+def _name_of(host: str) -> str:
+    """Name in a ``Host`` header, without its port."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _cookie(header: str) -> str:
+    try:
+        morsel = SimpleCookie(header).get(COOKIE)
+    except CookieError:
+        return ""
+    return "" if morsel is None else morsel.value

@@ -1,0 +1,20 @@
+"""Whether a device can be used, and what the operator should do where it cannot."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["DeviceStatus"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceStatus:
+    """``text`` says what is the matter, ``remedy`` what to do; both are empty when ready."""
+
+    state: Literal["opening", "ready", "lost"]
+    text: str = ""
+    remedy: str = ""
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the device answers."""
+        return self.state == "ready"

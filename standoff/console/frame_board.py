@@ -1,0 +1,144 @@
+"""The newest frame of the camera, for whoever looks; nobody who looks holds up the camera."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Condition
+
+from acquisition.devices import CameraSettings, Frame, FrameImage
+
+__all__ = ["FrameBoard", "FrameCounts", "LiveFrame"]
+
+LAST_FRAME_ID = 65535
+"""Block ids of GigE Vision are 16 bit; 0 is left out."""
+
+RATED_FRAMES = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LiveFrame:
+    """A complete frame, numbered from 1 in order of arrival, with the settings it came with.
+
+    ``received_s`` is Unix time.
+    """
+
+    image_dn: FrameImage
+    sequence: int
+    received_s: float
+    settings: CameraSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameCounts:
+    """Frames since the console was started.
+
+    ``lost`` counts ids that never came, within one start of the stream.
+    """
+
+    complete: int = 0
+    incomplete: int = 0
+    lost: int = 0
+    rate_hz: float = 0.0
+
+
+class FrameBoard:
+    """Takes every frame from the thread that owns the camera and shows the newest.
+
+    Parameters
+    ----------
+    clock
+        Unix time in seconds.
+    """
+
+    def __init__(self, *, clock: Callable[[], float] = time.time) -> None:
+        self._clock = clock
+        self._changed = Condition()
+        self._latest: LiveFrame | None = None
+        self._listeners: list[Callable[[], None]] = []
+        self._last_id: int | None = None
+        self._complete = self._incomplete = self._lost = 0
+        self._arrivals_s: deque[float] = deque(maxlen=RATED_FRAMES)
+
+    @property
+    def latest(self) -> LiveFrame | None:
+        """The newest complete frame, or None before the first."""
+        return self._latest
+
+    @property
+    def counts(self) -> FrameCounts:
+        """Frames until now, and the rate of the last ones."""
+        with self._changed:
+            arrivals_s = list(self._arrivals_s)
+            rate_hz = 0.0
+            if len(arrivals_s) > 1 and self._clock() - arrivals_s[-1] < 2.0:
+                span_s = arrivals_s[-1] - arrivals_s[0]
+                rate_hz = (len(arrivals_s) - 1) / span_s if span_s > 0 else 0.0
+            return FrameCounts(
+                complete=self._complete,
+                incomplete=self._incomplete,
+                lost=self._lost,
+                rate_hz=rate_hz,
+            )
+
+    def stream_began(self) -> None:
+        """The camera was started: its ids begin anew."""
+        with self._changed:
+            self._last_id = None
+            self._arrivals_s.clear()
+
+    def publish(self, frame: Frame, settings: CameraSettings) -> None:
+        """Count a frame, and show it where it is complete."""
+        with self._changed:
+            if self._last_id is not None:
+                self._lost += _ids_between(self._last_id, frame.frame_id)
+            self._last_id = frame.frame_id
+            if not frame.is_complete:
+                self._incomplete += 1
+                return
+            self._complete += 1
+            now_s = self._clock()
+            self._arrivals_s.append(now_s)
+            self._latest = LiveFrame(
+                image_dn=frame.image_dn,
+                sequence=self._complete,
+                received_s=now_s,
+                settings=settings,
+            )
+            self._changed.notify_all()
+            listeners = tuple(self._listeners)
+        for listener in listeners:
+            listener()
+
+    def wait_newer(self, sequence: int, timeout_s: float) -> LiveFrame | None:
+        """Wait for a frame after ``sequence``; None if there was none within ``timeout_s``."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._latest is not None and self._latest.sequence > sequence, timeout_s
+            )
+            latest = self._latest
+        return latest if latest is not None and latest.sequence > sequence else None
+
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Have ``listener`` called at each frame, in the camera's thread; it must not wait.
+
+        Returns
+        -------
+        callable
+            Ends the subscription; calling it twice is harmless.
+        """
+        with self._changed:
+            self._listeners.append(listener)
+
+        def end() -> None:
+            with self._changed:
+                if listener in self._listeners:
+                    self._listeners.remove(listener)
+
+        return end
+
+
+def _ids_between(last: int, this: int) -> int:
+    """Frame ids that were left out between two frames; an id that goes back counts as none."""
+    step = (this - last) % LAST_FRAME_ID
+    return step - 1 if 1 <= step < LAST_FRAME_ID // 2 else 0

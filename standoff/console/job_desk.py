@@ -1,0 +1,93 @@
+"""One job at a time at the bench, and a stop that ends it from any thread."""
+
+from collections.abc import Callable
+from threading import Event, Lock, Thread
+
+from acquisition.errors import OperatorStopError
+from standoff.errors import REPORTED_ERRORS, ApplicationError
+
+__all__ = ["BusyError", "Job", "JobDesk"]
+
+
+class BusyError(ApplicationError):
+    """Something else is going on at the bench."""
+
+
+class Job:
+    """One job: what it does, whether it is to stop, and how it ended."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.ended = Event()
+        self._is_stop_wanted = Event()
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether it was told to stop."""
+        return self._is_stop_wanted.is_set()
+
+    def ask_stop(self) -> None:
+        """Have the next `check` raise."""
+        self._is_stop_wanted.set()
+
+    def check(self) -> None:
+        """Do nothing, unless it was told to stop.
+
+        Raises
+        ------
+        OperatorStopError
+            Then.
+        """
+        if self._is_stop_wanted.is_set():
+            raise OperatorStopError("stopped by the operator")
+
+
+class JobDesk:
+    """Runs each job in a thread of its own, never two at once.
+
+    Parameters
+    ----------
+    report
+        Is told in one line how a job failed.
+    """
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._lock = Lock()
+        self._job: Job | None = None
+
+    @property
+    def current(self) -> Job | None:
+        """The job that is going on."""
+        job = self._job
+        return None if job is None or job.ended.is_set() else job
+
+    def begin(self, name: str, work: Callable[[Job], None]) -> Job:
+        """Begin a job.
+
+        Raises
+        ------
+        BusyError
+            If another one is going on.
+        """
+        with self._lock:
+            busy = self.current
+            if busy is not None:
+                raise BusyError(f"Not now: {busy.name} is going on. Wait, or stop it.")
+            job = Job(name)
+            self._job = job
+        Thread(target=self._run, args=(job, work), name=name, daemon=True).start()
+        return job
+
+    def _run(self, job: Job, work: Callable[[Job], None]) -> None:
+        try:
+            work(job)
+        except OperatorStopError:
+            self._report(f"Stopped: {job.name}.")
+        except REPORTED_ERRORS as error:
+            self._report(f"{job.name[:1].upper()}{job.name[1:]} failed: {error}")
+        except BaseException:
+            self._report(f"{job.name[:1].upper()}{job.name[1:]} broke off: see the terminal.")
+            raise
+        finally:
+            job.ended.set()

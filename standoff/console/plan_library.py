@@ -1,0 +1,60 @@
+"""The capture plans that an operator can choose from."""
+
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+
+from acquisition.plan import CapturePlan, load_plan
+from standoff.errors import ApplicationError
+
+__all__ = ["PlanLibrary"]
+
+PLAN_SCHEMA = "standoff.plan/1"
+
+
+class PlanLibrary:
+    """Plans by file name, in some folders; of two with one name, the first counts.
+
+    Parameters
+    ----------
+    folders
+        Where to look, in this order.
+    """
+
+    def __init__(self, folders: Iterable[Path]) -> None:
+        self._folders = tuple(folders)
+
+    def names(self) -> tuple[str, ...]:
+        """File names without ``.toml``, in alphabetical order."""
+        return tuple(sorted(self._files()))
+
+    def load(self, name: str) -> CapturePlan:
+        """Read the plan of that name.
+
+        Raises
+        ------
+        ApplicationError
+            If there is none.
+        PlanError
+            If the file is not accepted.
+        """
+        path = self._files().get(name)
+        if path is None:
+            raise ApplicationError(f"there is no plan {name!r}; choose one from the list")
+        return load_plan(path)
+
+    def _files(self) -> dict[str, Path]:
+        found: dict[str, Path] = {}
+        for folder in self._folders:
+            for path in sorted(folder.glob("*.toml")):
+                if path.stem not in found and _is_plan(path):
+                    found[path.stem] = path
+        return found
+
+
+def _is_plan(path: Path) -> bool:
+    """Whether a TOML file says of itself that it is a plan; its content is checked when loaded."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")).get("schema") == PLAN_SCHEMA
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False

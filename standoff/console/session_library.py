@@ -1,0 +1,187 @@
+"""The sessions in one folder, and what the console shows and serves of them."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquisition.errors import SessionError
+from acquisition.manifest import MANIFEST_NAME
+from acquisition.session import JOURNAL_NAME, Session, SessionCapture
+from standoff.errors import ApplicationError
+from standoff.reports import RESULTS_FOLDER
+
+__all__ = ["SessionLibrary", "SessionSummary", "UnknownSessionError", "is_session_name"]
+
+REPORT_NAME = "report.html"
+LONGEST_NAME_BYTES = 255
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,99}")
+
+
+class UnknownSessionError(ApplicationError):
+    """There is no session of that name in the folder."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionSummary:
+    """One line about a session; ``fault`` says why it cannot be read, and is empty if it can."""
+
+    name: str
+    plan: str = ""
+    operator: str = ""
+    created_utc: str = ""
+    captured: int = 0
+    planned: int = 0
+    excluded: int = 0
+    has_report: bool = False
+    fault: str = ""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the whole plan is captured."""
+        return not self.fault and self.captured == self.planned
+
+
+def is_session_name(name: str) -> bool:
+    """Whether a name may be one of a session's folder: no separators, no leading dot."""
+    return _NAME.fullmatch(name) is not None and not name.endswith((".", " "))
+
+
+def _is_entry_name(name: str) -> bool:
+    """Whether a name can be that of an entry of a folder, and of none that is hidden."""
+    return (
+        0 < len(name.encode("utf-8", "replace")) <= LONGEST_NAME_BYTES
+        and not name.startswith(".")
+        and not any(mark in name for mark in "/\\\0")
+        and name.isprintable()
+    )
+
+
+class SessionLibrary:
+    """Reads a folder of sessions; names from outside are checked before they touch a path.
+
+    New sessions get plain names. Those that are there, made by other commands, may have any.
+
+    Parameters
+    ----------
+    folder
+        Where the sessions are; it need not exist yet.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._known: dict[str, tuple[tuple[int, ...], SessionSummary]] = {}
+
+    def summaries(self) -> tuple[SessionSummary, ...]:
+        """All sessions, the newest first."""
+        names = [
+            path.parent.name
+            for path in self.folder.glob(f"*/{MANIFEST_NAME}")
+            if _is_entry_name(path.parent.name) and not path.parent.is_symlink()
+        ]
+        found = [self._summary(name) for name in names]
+        return tuple(sorted(found, key=lambda each: (each.created_utc, each.name), reverse=True))
+
+    def path_for(self, name: str) -> Path:
+        """Where a new session of that name would be.
+
+        Raises
+        ------
+        UnknownSessionError
+            If no session can have that name.
+        """
+        if not is_session_name(name):
+            raise UnknownSessionError(
+                "a session's name has letters, digits, spaces and . _ + - only, and begins with "
+                "a letter or digit"
+            )
+        return self.folder / name
+
+    def path_of(self, name: str) -> Path:
+        """Where the session of that name is.
+
+        Raises
+        ------
+        UnknownSessionError
+            If there is none.
+        """
+        path = self.folder / name
+        if not _is_entry_name(name) or path.is_symlink() or not (path / MANIFEST_NAME).is_file():
+            raise UnknownSessionError(f"there is no session {name!r}")
+        return path
+
+    def open(self, name: str) -> Session:
+        """Read the session of that name.
+
+        Raises
+        ------
+        UnknownSessionError
+            If there is none.
+        SessionError
+            If it cannot be read.
+        """
+        return Session.open(self.path_of(name))
+
+    def report_of(self, name: str) -> bytes | None:
+        """The session's report, or None if none was written yet.
+
+        Raises
+        ------
+        UnknownSessionError
+            If there is no such session.
+        """
+        path = self.path_of(name) / RESULTS_FOLDER / REPORT_NAME
+        if path.is_symlink() or path.parent.is_symlink() or not path.is_file():
+            return None
+        return path.read_bytes()
+
+    def report_path(self, name: str) -> Path:
+        """Where the session's report belongs.
+
+        Raises
+        ------
+        UnknownSessionError
+            If there is no such session.
+        """
+        return self.path_of(name) / RESULTS_FOLDER / REPORT_NAME
+
+    def _summary(self, name: str) -> SessionSummary:
+        """Read a session unless its files are as they were: a journal can be long."""
+        state = _state_of(self.folder / name)
+        known = self._known.get(name)
+        if known is None or known[0] != state:
+            known = self._known[name] = (state, self._read(name))
+        return known[1]
+
+    def _read(self, name: str) -> SessionSummary:
+        try:
+            session = self.open(name)
+        except (SessionError, UnknownSessionError) as error:
+            return SessionSummary(name=name, fault=str(error))
+        kept = [capture for capture in session.captures if not capture.is_superseded]
+        return SessionSummary(
+            name=name,
+            plan=session.plan.name,
+            operator=session.manifest.operator,
+            created_utc=session.manifest.created_utc,
+            captured=len({capture.record.index for capture in kept}),
+            planned=len(session.entries),
+            excluded=sum(not _is_included(capture) for capture in kept),
+            has_report=self.report_of(name) is not None,
+        )
+
+
+def _state_of(path: Path) -> tuple[int, ...]:
+    """Sizes and times of the files that a summary is made of; 0 for what is not there."""
+    state: list[int] = []
+    for file in (MANIFEST_NAME, JOURNAL_NAME, f"{RESULTS_FOLDER}/{REPORT_NAME}"):
+        try:
+            found = (path / file).stat()
+        except OSError:
+            state += (0, 0)
+        else:
+            state += (found.st_size, found.st_mtime_ns)
+    return tuple(state)
+
+
+def _is_included(capture: SessionCapture) -> bool:
+    return capture.excluded_because is None

@@ -1,0 +1,235 @@
+// The bench page: picture, focus, stage, pose, session.
+
+import { drawHistogram, drawTrace } from "./charts.js";
+import { LivePicture, RegionTool } from "./picture.js";
+import { byId, command, connection, onKey, setText, show } from "./shell.js";
+
+const BRIGHTEN = 4;
+const STALE_MS = 1500;
+
+const picture = new LivePicture(byId("picture"), (sequence) => connection.send("ack", { sequence }));
+const region = new RegionTool(byId("frame"), byId("region"), byId("picture"), (chosen) => command("region", { region: chosen }));
+let state = null;
+let lastPictureMs = 0;
+let planShown = "";
+let isPlanRunning = false;
+
+window.standoff = { picture, connection }; // for the measurements in benchmarks/
+
+connection.addEventListener("picture", ({ detail }) => {
+  picture.draw(detail);
+  lastPictureMs = performance.now();
+});
+
+setInterval(() => {
+  const isStale = performance.now() - lastPictureMs > STALE_MS;
+  byId("frame").classList.toggle("stale", isStale);
+  show("no-picture", isStale);
+  setText("no-picture", lastPictureMs ? "no new picture" : "no picture yet");
+  setText("picture-rate", isStale ? "–" : `${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
+}, 500);
+
+connection.addEventListener("levels", ({ detail }) => {
+  drawHistogram(byId("histogram"), detail.counts, detail.is_saturated);
+  setText("mean", detail.mean);
+  setText("saturated", detail.saturated);
+  byId("saturated").classList.toggle("bad", detail.is_saturated);
+  drawTrace(byId("trace"), detail.trace, Number(state?.focus.peak) || 0, state?.focus.is_past_peak);
+});
+
+connection.addEventListener("state", ({ detail }) => {
+  state = detail;
+  const { camera, focus, stage, pose, run, control } = state;
+  const isMine = control.is_mine;
+  camera_(camera, isMine);
+  focus_(focus, isMine);
+  stage_(stage, isMine);
+  pose_(pose, isMine);
+  run_(run, isMine);
+});
+
+function setValue(id, value) {
+  const input = byId(id);
+  if (document.activeElement !== input && value !== null && input.value !== String(value)) input.value = value;
+}
+
+function enable(isEnabled, ...ids) {
+  for (const id of ids) { const element = byId(id); if (element) element.disabled = !isEnabled; }
+}
+
+function camera_(camera, isMine) {
+  const isFree = isMine && camera.state === "ready" && !["running", "paused"].includes(state.run.state);
+  setValue("exposure", camera.exposure_us);
+  setValue("gain", camera.gain_db);
+  for (const form of ["exposure-form", "gain-form"]) for (const each of byId(form).elements) each.disabled = !isFree;
+  setText("frames-lost", `${camera.lost + camera.incomplete} of ${camera.complete + camera.lost + camera.incomplete}`);
+  byId("frames-lost").classList.toggle("bad", camera.lost + camera.incomplete > 0);
+  const resent = camera.resent ? `, ${camera.resent} packets resent` : "";
+  setText("camera-facts", [camera.name, camera.format, `${camera.rate} frames/s from the camera${resent}`, ...camera.warnings].filter(Boolean).join(" · "));
+  enable(isMine, "clear-region");
+}
+
+function focus_(focus, isMine) {
+  setText("focus-percent", focus.percent_text);
+  setText("focus-value", focus.value);
+  setText("focus-peak", focus.peak);
+  setText("focus-hint", focus.hint);
+  byId("focus-hint").className = `hint ${focus.is_past_peak ? "past" : focus.trend}`;
+  region.set(focus.region);
+  if (document.activeElement !== byId("metric")) byId("metric").value = focus.metric;
+  enable(isMine, "metric", "forget-peak");
+}
+
+function stage_(stage, isMine) {
+  const isReady = isMine && stage.state === "ready" && !state.job;
+  setText("stage-height", stage.height);
+  setText("stage-name", stage.name);
+  setText("stage-motion", state.job?.is_stopping ? "stopping" : stage.motion_text);
+  byId("stage-motion").className = `hint ${stage.state !== "ready" || stage.motion === "alarm" ? "fail" : stage.motion}`;
+  setText("stage-target", stage.target || stage.warnings.join("; "));
+  setText("stage-homed", stage.homed_text);
+  byId("stage-homed").className = `tag ${stage.is_homed ? "ok" : "warn"}`;
+  setText("stage-limits", stage.limits);
+  show("unlock", stage.motion === "alarm");
+  enable(isReady, "home", "unlock");
+  for (const element of [...byId("move-form").elements, ...document.querySelectorAll("[data-step]")]) {
+    if (element.id !== "home" && element.id !== "unlock") element.disabled = !(isReady && stage.is_homed);
+  }
+}
+
+function pose_(pose, isMine) {
+  setText("pose-verdict", pose.verdict || "–");
+  byId("pose-verdict").className = `verdict ${pose.verdict === "GO" ? "go" : pose.verdict === "NO GO" ? "no" : ""}`;
+  const help = pose.is_possible ? "choose a reference: this picture, or a capture of a session" : "start the console with --curves to have poses judged";
+  setText("pose-reason", pose.reference ? pose.reason : help);
+  setText("pose-reference", pose.reference ? `${pose.margin && `margin ${pose.margin} · `}against ${pose.reference}` : "");
+  enable(isMine && pose.is_possible, "pose-here", "pose-clear");
+  show("pose-clear", Boolean(pose.reference));
+}
+
+function run_(run, isMine) {
+  isPlanRunning = ["running", "paused"].includes(run.state);
+  const level = { running: "ok", finished: "ok", paused: "warn", stopped: "warn", failed: "fail" }[run.state] || "";
+  setText("run-state", run.state === "idle" ? "" : run.state);
+  byId("run-state").className = `tag ${level}`;
+  setText("run-name", run.session && `${run.session} · ${run.plan}`);
+  setText("run-left", run.left);
+  show("run-progress-row", run.state !== "idle");
+  byId("run-progress").max = Math.max(run.planned, 1);
+  byId("run-progress").value = run.captured;
+  setText("run-count", `${run.captured} of ${run.planned}`);
+  show("pause", isPlanRunning && !run.is_pause_wanted);
+  show("go-on", isPlanRunning && run.is_pause_wanted);
+  show("resume-last", ["stopped", "failed"].includes(run.state) || (run.state === "finished" && run.captured < run.planned));
+  show("run-message", Boolean(run.message));
+  setText("run-message", run.message);
+  show("run-form", !isPlanRunning);
+  show("preview", !isPlanRunning);
+  enable(isMine, "pause", "go-on");
+  enable(isMine && !state.job, "run", "resume", "resume-last");
+  for (const button of document.querySelectorAll("#plan-table button")) button.disabled = !isMine;
+}
+
+connection.addEventListener("plan", ({ detail }) => { if (detail.rows.length) table(detail.rows, detail.session); });
+connection.addEventListener("preview", ({ detail }) => {
+  if (isPlanRunning) return;
+  const placing = detail.placements === 1 ? "1 placement" : `${detail.placements} placements`;
+  const room = detail.is_room ? "" : " — NOT ENOUGH ROOM ON THE DISK";
+  setText("preview", [`${detail.captures} captures, ${placing}, about ${detail.time} and your own time, ${detail.disk} on the disk${room}`, ...detail.warnings].join(" · "));
+  if (!state || state.run.state === "idle" || planShown === "preview") table(detail.rows, "");
+});
+
+const STATES = { pending: "", next: "▶ next", done: "✓ done", failed: "✗ failed" };
+
+function table(rows, session) {
+  planShown = session ? "run" : "preview";
+  const body = byId("plan-table").tBodies[0];
+  body.replaceChildren(...rows.map((row) => {
+    const line = document.createElement("tr");
+    line.className = row.state;
+    for (const [text, kind] of [[row.index, "figure"], [row.what, ""], [row.orientation, "figure"], [row.height, "figure"], [row.focus, "figure"], [STATES[row.state] + (row.note ? `: ${row.note}` : ""), "state"]]) {
+      const cell = line.insertCell();
+      cell.textContent = text;
+      cell.className = kind;
+    }
+    const cell = line.insertCell();
+    cell.className = "buttons";
+    if (row.state === "done" && session) {
+      const again = document.createElement("button");
+      again.type = "button";
+      again.textContent = "Retake";
+      again.onclick = () => command("retake", { session, index: row.index });
+      cell.append(again);
+    }
+    return line;
+  }));
+  show("plan-table", rows.length > 0);
+}
+
+function preview() {
+  if (byId("plan").value) connection.send("preview", { plan: byId("plan").value });
+}
+
+function number(id) {
+  const value = byId(id).valueAsNumber;
+  return Number.isFinite(value) ? value : null;
+}
+
+function setting(formId, inputId, what, field) {
+  const form = byId(formId);
+  const send = () => { const value = number(inputId); if (value !== null) command(what, { [field]: value }); };
+  form.onsubmit = (event) => { event.preventDefault(); send(); };
+  byId(inputId).onchange = send;
+  for (const button of form.querySelectorAll("button")) {
+    button.onclick = () => {
+      const now = number(inputId) ?? 0;
+      const next = button.dataset.scale ? now * button.dataset.scale : now + Number(button.dataset.add);
+      byId(inputId).value = Math.max(Number(next.toFixed(1)), Number(byId(inputId).min));
+      send();
+    };
+  }
+}
+
+setting("exposure-form", "exposure", "exposure", "exposure_us");
+setting("gain-form", "gain", "gain", "gain_db");
+byId("metric").onchange = () => command("metric", { metric: byId("metric").value });
+byId("forget-peak").onclick = () => command("forget-peak");
+byId("clear-region").onclick = () => region.change(null);
+byId("home").onclick = () => command("home");
+byId("unlock").onclick = () => command("unlock");
+byId("move-form").onsubmit = (event) => {
+  event.preventDefault();
+  const height_mm = number("move-to");
+  if (height_mm !== null) command("move", { height_mm });
+};
+for (const button of document.querySelectorAll("[data-step]")) {
+  button.onclick = () => command("move", { height_mm: Number(button.dataset.step), is_relative: true });
+}
+byId("pose-here").onclick = () => command("pose-reference");
+byId("pose-clear").onclick = () => command("pose-clear");
+byId("plan").onchange = () => { planShown = "preview"; preview(); };
+byId("run-form").onsubmit = (event) => {
+  event.preventDefault();
+  const name = byId("session-name").value.trim() || freshName();
+  byId("session-name").value = "";
+  command("run", { plan: byId("plan").value, session: name });
+};
+byId("pause").onclick = () => command("pause");
+byId("go-on").onclick = () => command("go-on");
+byId("resume-last").onclick = () => command("resume", { session: state.run.session });
+if (byId("resume")) byId("resume").onclick = () => command("resume", { session: byId("unfinished").value });
+byId("show-saturated").onchange = (event) => { picture.marks = event.target.checked; picture.colour(); };
+byId("brighten").onchange = (event) => { picture.scale = event.target.checked ? BRIGHTEN : 1; picture.colour(); };
+
+function freshName() {
+  const now = new Date();
+  const two = (value) => String(value).padStart(2, "0");
+  return `${byId("plan").value} ${now.getFullYear()}-${two(now.getMonth() + 1)}-${two(now.getDate())} ${two(now.getHours())}.${two(now.getMinutes())}.${two(now.getSeconds())}`;
+}
+
+onKey("f", () => byId("forget-peak").click());
+onKey("s", () => byId("show-saturated").click());
+onKey("b", () => byId("brighten").click());
+onKey("p", () => (state?.run.is_pause_wanted ? byId("go-on") : byId("pause")).click());
+connection.addEventListener("open", preview);
+if (connection.isOpen) preview();

@@ -1,0 +1,129 @@
+// What every page has: devices, control, stop, questions, notices.
+
+import { Connection, operator } from "./connection.js";
+
+const NOTICE_MS = 9000;
+const SEVEREST_NOTICES = 4;
+
+export const byId = (id) => document.getElementById(id);
+export const setText = (id, text) => {
+  const element = byId(id);
+  if (element && element.textContent !== String(text)) element.textContent = text;
+};
+export const show = (id, isShown) => { const element = byId(id); if (element) element.hidden = !isShown; };
+
+export const connection = new Connection({ pictures: Boolean(byId("picture")) });
+let seenNotice = null;
+let promptShown = null;
+
+export function command(what, fields = {}) {
+  if (!connection.send(what, fields)) tell("The console does not answer.");
+}
+
+export function tell(text) {
+  const item = document.createElement("li");
+  item.textContent = text;
+  const list = byId("notices");
+  list.append(item);
+  while (list.children.length > SEVEREST_NOTICES) list.firstChild.remove();
+  setTimeout(() => item.remove(), NOTICE_MS);
+}
+
+function chip(id, name, level, title) {
+  const element = byId(id);
+  const text = name;
+  if (element.textContent !== text) element.textContent = text;
+  element.className = `chip ${level}`;
+  element.title = title;
+}
+
+function device(id, status) {
+  const level = { ready: "ok", opening: "warn", lost: "fail" }[status.state];
+  chip(`chip-${id}`, id, level, status.text || status.name);
+  const alert = byId(`alert-${id}`);
+  alert.hidden = status.state !== "lost";
+  alert.querySelector(".what").textContent = status.text.endsWith(".") ? status.text : `${status.text}.`;
+  alert.querySelector(".remedy").textContent = status.remedy;
+}
+
+function prompt(question, isMine) {
+  const form = byId("prompt");
+  form.hidden = !question;
+  const shown = question ? `${question.number} ${isMine}` : null;
+  if (shown === promptShown) return;
+  promptShown = shown;
+  if (!question) return;
+  setText("prompt-text", question.text);
+  const line = byId("prompt-line");
+  line.hidden = !question.wants_text;
+  line.value = "";
+  const choices = byId("prompt-choices");
+  choices.replaceChildren(...question.choices.map(({ key, label }, place) => {
+    const button = document.createElement("button");
+    button.type = place === 0 ? "submit" : "button";
+    button.textContent = label;
+    button.dataset.choice = key;
+    if (place === 0) button.className = "primary";
+    button.disabled = !isMine;
+    button.onclick = (event) => {
+      event.preventDefault();
+      command("answer", { number: question.number, choice: key, text: line.value });
+    };
+    return button;
+  }));
+  if (isMine) (question.wants_text ? line : choices.firstChild).focus();
+}
+
+function takeControl() {
+  const name = window.prompt("Your name, for the journal:", operator()) ?? null;
+  if (name === null) return;
+  localStorage.setItem("operator", name.slice(0, 60));
+  command("take", { name: name.slice(0, 60) });
+}
+
+export function stop() {
+  byId("stop").classList.add("pressed");
+  setTimeout(() => byId("stop").classList.remove("pressed"), 400);
+  if (!connection.send("stop")) tell("STOP was not sent: the console does not answer. Use the emergency stop.");
+}
+
+connection.addEventListener("open", () => show("alert-connection", false));
+connection.addEventListener("lost", () => {
+  show("alert-connection", true);
+  setText("control-text", "not connected");
+  document.body.classList.remove("mine");
+});
+connection.addEventListener("refused", ({ detail }) => tell(detail.text));
+connection.addEventListener("state", ({ detail: state }) => {
+  device("camera", state.camera);
+  device("stage", state.stage);
+  chip("chip-disk", state.disk.text, state.disk.level, "room for sessions");
+  setText("control-text", state.control.text);
+  byId("control-text").title = `${state.control.viewers} page(s) connected`;
+  show("rename", state.control.is_mine);
+  setText("rename", state.control.holder);
+  show("take-control", !state.control.is_mine);
+  show("release-control", state.control.is_mine && state.control.viewers > 1);
+  document.body.classList.toggle("mine", state.control.is_mine);
+  prompt(state.prompt, state.control.is_mine);
+  const last = state.notices.at(-1)?.number ?? 0;
+  if (seenNotice === null || last < seenNotice) seenNotice = last;
+  for (const notice of state.notices) if (notice.number > seenNotice) tell(notice.text);
+  seenNotice = Math.max(seenNotice, last);
+});
+
+byId("stop").onclick = stop;
+byId("take-control").onclick = takeControl;
+byId("rename").onclick = takeControl;
+byId("release-control").onclick = () => command("release");
+byId("prompt").onsubmit = (event) => event.preventDefault();
+// Escape is the stop key everywhere, in a text field too, and before anything else hears of it.
+window.addEventListener("keydown", (event) => { if (event.key === "Escape") { event.preventDefault(); stop(); } }, true);
+
+export function onKey(key, act) {
+  window.addEventListener("keydown", (event) => {
+    const typing = event.target.closest("input:not([type=checkbox]), select, textarea");
+    if (typing || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+    if (event.key.toLowerCase() === key) { event.preventDefault(); act(); }
+  });
+}

@@ -1,0 +1,59 @@
+"""``standoff console`` as a command: usage, address, port, end."""
+
+import json
+import signal
+import socket
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("starlette", reason="the console's extra is not installed")
+
+from standoff.shipped_configs import shipped_config
+from tests.standoff.conftest import Command
+from tests.standoff.console.processes import first_line, standoff_process
+
+BENCH = ("--bench", shipped_config("simulated.toml"))
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1"])
+def test_it_listens_beyond_this_computer_with_a_token_only(command: Command, host: str) -> None:
+    done = command("console", *BENCH, "--host", host)
+    assert done.status == 2
+    assert "--token" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+def test_a_short_token_is_refused(command: Command) -> None:
+    done = command("console", *BENCH, "--token", "short")
+    assert done.status == 2
+    assert "at least 12 characters" in done.err
+
+
+def test_a_port_that_is_taken_is_an_error_in_one_line(command: Command) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        done = command("console", *BENCH, "--port", taken.getsockname()[1])
+    assert done.status == 1
+    assert "--port takes another" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+def test_a_bench_file_that_is_missing_is_an_error(command: Command, tmp_path: Path) -> None:
+    done = command("console", "--bench", tmp_path / "none.toml")
+    assert done.status == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_serves_until_it_is_told_to_end(tmp_path: Path, number: signal.Signals) -> None:
+    with standoff_process("console", *BENCH, "--port", 0, "--json", cwd=tmp_path) as process:
+        url = first_line(process)["url"]
+        with urllib.request.urlopen(url) as answer:
+            assert b"STOP" in answer.read()
+        process.send_signal(number)
+        assert process.wait(60) == 0
+    assert (tmp_path / "console.err").read_text() == ""
+    assert json.dumps(sorted(tmp_path.iterdir(), key=str), default=str).count("sessions") == 0
