@@ -8,10 +8,13 @@ CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
 EXTRAS := aravis,kernelgan,console,cluster,pdf,dev
 
-.PHONY: demo test setup lint bench clean
+.PHONY: demo paper test setup lint bench clean
 
 demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
 	$(BIN)/standoff demo --out demo-output
+
+paper: $(FULL)  ## The paper's tables and figures on the simulated bench: up to an hour.
+	$(BIN)/standoff paper --out paper-output
 
 test: $(FULL)  ## Lint, types, layers and every test, the fast ones first.
 	$(MAKE) --no-print-directory lint
@@ -31,7 +34,7 @@ bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
 		$(BIN)/python -m benchmarks.$$(basename $$file .py) || exit 1; done
 
 clean:
-	rm -rf $(VENV) demo-output
+	rm -rf $(VENV) demo-output paper-output
 
 $(CORE): pyproject.toml constraints.txt
 	@sh scripts/check-python.sh $(PYTHON)

@@ -157,6 +157,10 @@ class SimulatedConfig(_Section):
     k1: float = Field(0.0, description="radial distortion at the image corner, relative")
     vignetting: Fraction = Field(0.0, description="relative fall-off at the image corner")
     gloss: NonNegative = Field(0.0, description="peak of a highlight, relative to white paper")
+    shadow: Fraction = Field(0.0, description="relative loss of light in a soft shadow")
+    dimming_per_100mm: Fraction = Field(
+        0.0, description="relative loss of light for every 100 mm of height"
+    )
     white_e_per_us: Positive = Field(
         1.5, description="electrons per pixel and microsecond from white paper"
     )

@@ -1,5 +1,6 @@
 """Matched image features: pairs of places that a pose must agree with."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -16,6 +17,11 @@ _FEATURES = 4000
 _RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004
 _MATCH_TOLERANCE_PX = 3.0
 _INLIERS_MIN = 12
+_REACH = 0.08
+"""Of the reference's longer side: how far from its expected place a feature is looked for."""
+
+_LONELY_DISTANCE_MAX = 200.0
+"""Distance of descriptors (of length 512) up to which a match without a rival is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +42,21 @@ class FeatureMatches:
         return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
 
 
-def match_features(reference: NDArray[np.generic], followup: NDArray[np.generic]) -> FeatureMatches:
+def match_features(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    expected: FloatArray | None = None,
+) -> FeatureMatches:
     """SIFT features that the follow-up and the reference share.
+
+    Parameters
+    ----------
+    reference, followup
+        Grey images.
+    expected
+        Shape (3, 3): about where follow-up pixels ``(x, y, 1)`` lie in the reference. Features
+        are then looked for near there alone, so that a pattern that repeats is not mistaken for
+        its neighbour.
 
     Raises
     ------
@@ -53,16 +72,27 @@ def match_features(reference: NDArray[np.generic], followup: NDArray[np.generic]
             raise RegistrationError(f"the {name} has only {len(found)} features to align by")
         points.append(np.array([point.pt for point in found], dtype=np.float64))
         descriptors.append(described)
-    pairs = [
-        best
-        for best, second in cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors[1], descriptors[0], k=2)
-        if best.distance < _RATIO_TEST * second.distance
-    ]
+    mask = None
+    if expected is not None:
+        mapped = points[1] @ expected[:2, :2].T + expected[:2, 2]
+        mapped /= (points[1] @ expected[2, :2] + expected[2, 2])[:, None]
+        offset = mapped[:, None, :] - points[0][None, :, :]
+        reach_px = _REACH * max(reference.shape)
+        mask = (np.hypot(offset[:, :, 0], offset[:, :, 1]) < reach_px).astype(np.uint8)
+    candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors[1], descriptors[0], 2, mask)
+    pairs = [found[0] for found in candidates if _is_distinct(found)]
     if len(pairs) < _INLIERS_MIN:
         raise RegistrationError(f"only {len(pairs)} features of the images match")
     return FeatureMatches(
         points[1][[pair.queryIdx for pair in pairs]], points[0][[pair.trainIdx for pair in pairs]]
     )
+
+
+def _is_distinct(found: Sequence[cv2.DMatch]) -> bool:
+    """Whether the best of the candidates is much better than the next."""
+    if len(found) == 2:
+        return found[0].distance < _RATIO_TEST * found[1].distance
+    return len(found) == 1 and found[0].distance < _LONELY_DISTANCE_MAX
 
 
 def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.bool_]]:

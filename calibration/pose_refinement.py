@@ -19,6 +19,7 @@ __all__ = [
     "HOMOGRAPHY",
     "Generators",
     "Refinement",
+    "flows_px",
     "half_size_px",
     "refined_pose",
     "zoom_at_centre",
@@ -98,7 +99,7 @@ def refined_pose(
     half_px = half_size_px(shape)
     to_unit = np.diag([1 / half_px, 1 / half_px, 1.0])
     to_unit[:2, 2] = [-(shape[1] - 1) / 2 / half_px, -(shape[0] - 1) / 2 / half_px]
-    flows = _flows_px(generators, shape)
+    flows = flows_px(generators, shape)
     settled = np.ones(shape, dtype=np.bool_)
     for number in range(_ITERATIONS):
         simulated, inside = predict(matrix)
@@ -139,9 +140,7 @@ def refined_pose(
     return Refinement(matrix, errors_px, correlation, sqrt(variance))
 
 
-def _flows_px(
-    generators: Generators, shape: tuple[int, int]
-) -> list[tuple[FloatArray, FloatArray]]:
+def flows_px(generators: Generators, shape: tuple[int, int]) -> list[tuple[FloatArray, FloatArray]]:
     """How far one pixel of each motion moves every follow-up pixel, along x and y."""
     half = half_size_px(shape)
     v, u = np.mgrid[: shape[0], : shape[1]].astype(np.float64)

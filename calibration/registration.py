@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.distorted_pose import DistortedPose
+from calibration.distortion_refinement import refined_distorted_pose
+from calibration.errors import RegistrationError
 from calibration.feature_matches import axial_pose, homography_pose, match_features
-from calibration.overlap import Overlap, axial_overlap
+from calibration.overlap import Overlap, axial_overlap, refuse_nearer
 from calibration.pose_refinement import (
     AXIAL,
     HOMOGRAPHY,
@@ -22,9 +25,24 @@ from calibration.pose_refinement import (
 )
 from simulation import GaussianPsf
 
-__all__ = ["AxialRegistration", "Overlap", "Registration", "register", "register_axial"]
+__all__ = [
+    "AxialRegistration",
+    "DistortedPose",
+    "DistortedRegistration",
+    "Overlap",
+    "Registration",
+    "register",
+    "register_axial",
+    "register_distorted",
+]
 
 FloatArray = NDArray[np.float64]
+
+_DISAGREEMENT_MAX_PX = 1.5
+"""Median distance of the features from a pose of the pixels; features alone scatter by 0.3 px."""
+
+_PLACE_ERR_MAX_PX = 0.25
+"""Standard error of a pixel's place beyond which an alignment is no ground for a comparison."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -120,6 +138,39 @@ class AxialRegistration:
         return axial_overlap(self.matrix, self.reference_shape, self.followup_shape)
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DistortedRegistration:
+    """Pose of a follow-up in its reference, with the distortion of the lens that took both.
+
+    Parameters
+    ----------
+    pose
+        Where every pixel lies.
+    zoom
+        Reference pixels per follow-up pixel at the follow-up's centre.
+    place_err_px
+        Standard error of a follow-up pixel's place in the reference, rms over the overlap,
+        reference px.
+    k1_err
+        Standard error of ``pose.k1``.
+    feature_matrix
+        Shape (3, 3): the homography of the features alone, without distortion and before the
+        pixels refine it, as it is widely used.
+    inlier_count, match_rms_px, correlation, residual_rms_dn
+        As in ``Registration``; slow changes of light are taken off first.
+    """
+
+    pose: DistortedPose
+    zoom: float
+    place_err_px: float
+    k1_err: float
+    feature_matrix: FloatArray
+    inlier_count: int
+    match_rms_px: float
+    correlation: float
+    residual_rms_dn: float
+
+
 def register(
     reference: NDArray[np.generic],
     followup: NDArray[np.generic],
@@ -180,6 +231,84 @@ def register_axial(
         followup_shape=_shape(followup),
         inlier_count=int(inlier.sum()),
         match_rms_px=matches.rms_px(fit.matrix, inlier),
+        correlation=fit.correlation,
+        residual_rms_dn=fit.residual_rms_dn,
+    )
+
+
+def register_distorted(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    psf: GaussianPsf | None = None,
+    expected_zoom: float | None = None,
+) -> DistortedRegistration:
+    """Pose of ``followup`` in ``reference``, and the radial distortion of their common lens.
+
+    Parameters
+    ----------
+    reference, followup
+        Grey, whole frames of one camera; where their shapes differ, no distortion is fitted.
+    psf
+        Total PSF of the camera; without it one of 0.65 px is assumed.
+    expected_zoom
+        About how much further away the follow-up is, both images about centred: tells the
+        repeats of a pattern apart. Where nothing is found so, it is looked for everywhere.
+
+    Raises
+    ------
+    RegistrationError
+        If too few features match, the follow-up is nearer than the reference, the images overlap
+        too little or do not agree, features and pixels contradict each other, or the pose is
+        too unsure.
+    """
+    expected = None
+    if expected_zoom is not None:
+        middles = [[(n - 1) / 2 for n in _shape(image)] for image in (reference, followup)]
+        origin_y_px, origin_x_px = (r - expected_zoom * f for r, f in zip(*middles, strict=True))
+        expected = _axial_matrix(expected_zoom, origin_y_px, origin_x_px)
+        try:
+            return _register_distorted(reference, followup, psf, expected)
+        except RegistrationError:
+            # The camera may have been shifted or turned.
+            pass
+    return _register_distorted(reference, followup, psf, None)
+
+
+def _register_distorted(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    psf: GaussianPsf | None,
+    expected: FloatArray | None,
+) -> DistortedRegistration:
+    matches = match_features(reference, followup, expected)
+    matrix, inlier = homography_pose(matches)
+    if not np.linalg.det(matrix[:2, :2]) > 0:
+        raise RegistrationError("the features agree on a mirror image only")
+    fit = refined_distorted_pose(reference, followup, psf, matrix)
+    zoom = fit.pose.zoom
+    refuse_nearer(zoom)
+    place_y, place_x = fit.pose.to_reference_px(
+        matches.followup_px[inlier, 1], matches.followup_px[inlier, 0]
+    )
+    apart_px = np.hypot(
+        place_x - matches.reference_px[inlier, 0], place_y - matches.reference_px[inlier, 1]
+    )
+    if np.median(apart_px) > _DISAGREEMENT_MAX_PX:
+        raise RegistrationError(
+            f"the features lie {np.median(apart_px):.1f} px from where the pixels agree best"
+        )
+    if not fit.place_err_px <= _PLACE_ERR_MAX_PX:
+        raise RegistrationError(
+            f"the pose is unsure by {fit.place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed"
+        )
+    return DistortedRegistration(
+        pose=fit.pose,
+        zoom=zoom,
+        place_err_px=fit.place_err_px,
+        k1_err=fit.k1_err,
+        feature_matrix=matrix,
+        inlier_count=int(inlier.sum()),
+        match_rms_px=float(np.sqrt(np.mean(apart_px**2))),
         correlation=fit.correlation,
         residual_rms_dn=fit.residual_rms_dn,
     )

@@ -65,7 +65,12 @@ class BenchTruth:
             full_well_e=simulated.full_well_e,
             black_level_dn=simulated.black_level_dn,
         )
-        self._illumination = Illumination(vignetting=simulated.vignetting, gloss=simulated.gloss)
+        self._illumination = Illumination(
+            vignetting=simulated.vignetting,
+            gloss=simulated.gloss,
+            shadow=simulated.shadow,
+            dimming_per_100mm=simulated.dimming_per_100mm,
+        )
         self._pixel_format = config.camera.pixel_format
         self.renderer = Renderer(self.camera, self.lens)
         self._views: OrderedDict[tuple[str, float, CameraPose], NDArray[np.float32]] = OrderedDict()

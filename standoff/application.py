@@ -22,6 +22,7 @@ from standoff.commands.geometry import geometry
 from standoff.commands.limits import limits
 from standoff.commands.mock import mock
 from standoff.commands.noise import noise
+from standoff.commands.paper import paper
 from standoff.commands.photographs import import_photographs
 from standoff.commands.pose import pose
 from standoff.commands.report import report
@@ -29,6 +30,7 @@ from standoff.commands.sessions import session, verify
 from standoff.commands.simulate import simulate
 from standoff.commands.sr_pairs import sr_pairs
 from standoff.commands.stage import stage
+from standoff.commands.validate import validate
 from standoff.errors import REPORTED_ERRORS
 from standoff.output import ERRORS
 
@@ -86,6 +88,8 @@ for command in (
     limits,
     pose,
     changes,
+    validate,
+    paper,
     report,
     console,
     mock,

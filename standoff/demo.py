@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from acquisition.bench import BenchConfig
-from acquisition.plan import CapturePlan, plan_entries
-from acquisition.runner import CaptureProgress, run_plan
+from acquisition.plan import CapturePlan
 from acquisition.session import Session
 from analysis.comparison_plots import plot_processed
 from analysis.report_page import png_bytes
@@ -19,11 +18,10 @@ from calibration.edge_captures import edge_images, edge_records
 from calibration.files import read_psf, write_psf
 from calibration.psf_calibration import PsfCalibration, calibrate_psf
 from hil_mocks import BenchTruth
-from standoff.devices import open_bench, place_in_simulation
 from standoff.edge_sources import Reading, from_session
-from standoff.errors import ApplicationError
 from standoff.output import progress_bar
 from standoff.reports import RESULTS_FOLDER, make_folder, write_file, write_page
+from standoff.simulated_session import capture_simulated
 
 __all__ = ["DemoResult", "TruthRow", "run_demo"]
 
@@ -92,7 +90,7 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     """
     session_path = out / "session"
     make_folder(out)
-    _capture(session_path, config, plan)
+    capture_simulated(session_path, config, plan, operator="demo", what="the demo")
     session = Session.open(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
     calibration = _calibrate(session)
@@ -120,30 +118,6 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
         ),
         comparison=comparison,
     )
-
-
-def _capture(path: Path, config: BenchConfig, plan: CapturePlan) -> None:
-    with (
-        open_bench(config) as devices,
-        progress_bar("capturing", len(plan_entries(plan))) as bar,
-    ):
-        if devices.simulated is None:
-            raise ApplicationError("the demo runs on the simulated bench only")
-
-        def show(done: CaptureProgress) -> None:
-            bar.advance_to(done.captured)
-
-        run_plan(
-            path,
-            plan=plan,
-            bench=config,
-            camera=devices.camera,
-            stage=devices.stage,
-            operator="demo",
-            place=place_in_simulation(devices.simulated),
-            progress=show,
-            clock=devices.clock,
-        )
 
 
 def _calibrate(session: Session) -> PsfCalibration:

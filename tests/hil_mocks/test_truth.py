@@ -64,3 +64,22 @@ def test_the_expected_level_of_white_paper_is_that_of_the_sensor_by_hand() -> No
     np.testing.assert_allclose(level_dn, 2464.0, rtol=1e-5)
     level_dn = truth().expected_image_dn("flat", 0.0, 200.0, exposure_us=4000.0, gain_db=6.0)
     np.testing.assert_allclose(level_dn, 2458.3, rtol=1e-4)
+
+
+def test_the_shadow_takes_its_share_of_the_light_from_its_side_of_the_plane() -> None:
+    lit = truth().irradiance("flat", 0.0, CameraPose(height_mm=200.0))
+    shaded = truth(simulated__shadow=0.4).irradiance("flat", 0.0, CameraPose(height_mm=200.0))
+    share = shaded / lit
+    # Half of it where its border crosses the origin, more towards +x and +y.
+    assert share[31:33, 47:49].mean() == pytest.approx(0.8, abs=1e-3)
+    assert share[63, 95] < share[31, 47] < share[0, 0]
+
+
+def test_the_stand_dims_the_light_with_the_height() -> None:
+    bench = truth(simulated__dimming_per_100mm=0.1)
+    low, high = (
+        float(bench.irradiance("flat", 0.0, CameraPose(height_mm=height_mm)).mean())
+        for height_mm in (100.0, 300.0)
+    )
+    assert low == pytest.approx(0.9)
+    assert high / low == pytest.approx(0.81)

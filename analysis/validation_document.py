@@ -1,0 +1,135 @@
+"""A validation as one JSON document: settings, pairs, both tables, and what did not count."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from acquisition.atomic_write import atomic_write
+from analysis.errors import ResultsFileError
+from analysis.metrics import ImageMetrics
+from analysis.paper_tables import PAPER_TABLE_1, PAPER_TABLE_2
+from analysis.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
+from analysis.validation import Validation, table_1, table_2
+from analysis.validation_pair import PairValidation
+
+__all__ = ["VALIDATION_SCHEMA", "read_validation", "validation_document", "write_validation"]
+
+VALIDATION_SCHEMA = "standoff.validation/1"
+
+
+def validation_document(validation: Validation, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a validation as plain lists and numbers; ``facts`` are how it came about."""
+    return {
+        "schema": VALIDATION_SCHEMA,
+        **facts,
+        "processing": {
+            "normalised_to_dn": [0.0, FULL_SCALE_DN],
+            "background_sigma_px": BACKGROUND_SIGMA_PX,
+            "crop": "centre half of each axis",
+            "data_range_dn": FULL_SCALE_DN,
+            "nmi_bins": 100,
+            "ssim_window_px": 7,
+        },
+        "table_1": _rows({row: asdict(error) for row, error in table_1(validation).items()}),
+        "table_2": _rows({row: asdict(mean) for row, mean in table_2(validation).items()}),
+        "paper_table_1": {model: asdict(row) for model, row in PAPER_TABLE_1.items()},
+        "paper_table_2": {model: asdict(row) for model, row in PAPER_TABLE_2.items()},
+        "pairs": [_pair(pair) for pair in validation.pairs],
+        "excluded": [
+            {
+                "capture": one.record.index,
+                "target": one.record.target,
+                "height_mm": one.record.height_mm,
+                "reason": one.reason,
+            }
+            for one in validation.screening.excluded
+        ],
+        "remarks": list(validation.screening.remarks),
+    }
+
+
+def write_validation(path: Path, document: Mapping[str, Any]) -> None:
+    """Write the document, whole or not at all.
+
+    Raises
+    ------
+    ResultsFileError
+        If the file cannot be written.
+    """
+    try:
+        atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+    except OSError as error:
+        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+def read_validation(path: Path) -> dict[str, Any]:
+    """Read what ``write_validation`` wrote.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read or is of another schema.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ResultsFileError(f"{path}: not JSON: {error}") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != VALIDATION_SCHEMA:
+        raise ResultsFileError(f"{path}: schema is {schema!r}, expected {VALIDATION_SCHEMA!r}")
+    return dict(document)
+
+
+def _rows(table: Mapping[tuple[str, str], dict[str, Any]]) -> list[dict[str, Any]]:
+    return [
+        {"alignment": alignment, "model": model, **_finite(values)}
+        for (alignment, model), values in table.items()
+    ]
+
+
+def _pair(pair: PairValidation) -> dict[str, Any]:
+    registration = pair.registration
+    return {
+        "target": pair.reference.target,
+        "orientation_deg": pair.reference.orientation_deg,
+        "reference": pair.reference.index,
+        "followup": pair.followup.index,
+        "reference_height_mm": pair.reference.height_mm,
+        "followup_height_mm": pair.followup.height_mm,
+        "zoom": registration.zoom,
+        "homography": registration.pose.matrix.tolist(),
+        "k1": registration.pose.k1,
+        "k1_err": registration.k1_err,
+        "place_err_px": registration.place_err_px,
+        "match_rms_px": registration.match_rms_px,
+        "matches": registration.inlier_count,
+        "captured_curves": {
+            alignment: _metrics(curve) for alignment, curve in pair.captured_curves.items()
+        },
+        "models": [
+            {
+                "alignment": alignment,
+                "model": model,
+                "curve": _metrics(one.curve),
+                "agreement": _metrics(one.agreement),
+            }
+            for (alignment, model), one in pair.models.items()
+        ],
+    }
+
+
+def _metrics(metrics: ImageMetrics) -> dict[str, Any]:
+    return _finite(asdict(metrics))
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Null for what JSON cannot hold: the PSNR of equal images."""
+    return {
+        name: None if isinstance(value, float) and not isfinite(value) else value
+        for name, value in values.items()
+    }

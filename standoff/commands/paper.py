@@ -1,0 +1,65 @@
+"""``standoff paper``: the paper's experiment on the simulated bench."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from acquisition.plan import load_plan
+from analysis.validation_kernels import PAPER_TRAINING_STEPS, KernelBook
+from standoff.commands.validate import parse_models, print_tables
+from standoff.options import BenchKeys, Json, read_bench
+from standoff.output import print_json, say
+from standoff.paper import run_paper, short_bench
+from standoff.shipped_configs import shipped_config
+from standoff.validation_run import ValidationSettings, default_models
+
+__all__ = ["paper"]
+
+_SHORT_STEPS = 25
+
+
+def paper(
+    *,
+    out: Annotated[Path, typer.Option(help="Directory for everything it makes.")] = Path(
+        "paper-output"
+    ),
+    short: Annotated[
+        bool, typer.Option("--short", help="Few pixels, heights and steps: a minute, no result.")
+    ] = False,
+    models: Annotated[
+        str | None, typer.Option(metavar="M,M", help="As for validate; all if none.")
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, max=1024, help="Processes that train kernels.")
+    ] = 2,
+    settings: BenchKeys = None,
+    json: Json = False,
+) -> None:
+    """Repeat the paper's experiment on the simulated bench: Tables I and II, Figures 2 and 3."""
+    config = read_bench(shipped_config("paper_bench.toml"), settings)
+    plan = "paper_validation_short.toml" if short else "paper_validation.toml"
+    chosen = default_models() if models is None else parse_models(models)
+    result = run_paper(
+        out,
+        short_bench(config) if short else config,
+        load_plan(shipped_config(plan)),
+        ValidationSettings(
+            models=chosen,
+            kernels=KernelBook(
+                folder=out / "kernels", steps=_SHORT_STEPS if short else PAPER_TRAINING_STEPS
+            ),
+            workers=1 if short else workers,
+        ),
+    )
+    errors_px = result.registration_errors_px
+    if json:
+        print_json({**result.document, "registration_errors_px": list(errors_px)})
+        return
+    print_tables(result.validation)
+    say(
+        "alignment beside the bench's truth: median error "
+        f"{np.median(errors_px):.4f} px, largest median of a pair {max(errors_px):.4f} px"
+    )
+    say(f"wrote {out / 'report.html'} and the tables and figures beside it")

@@ -1,0 +1,91 @@
+"""``standoff validate``: simulated against captured follow-ups, as Tables I and II."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acquisition.session import Session
+from analysis.kernel_cache import CACHE_VARIABLE, default_cache_folder
+from analysis.validation import Validation
+from analysis.validation_kernels import PAPER_TRAINING_STEPS, KernelBook
+from analysis.validation_models import VALIDATION_MODELS, ValidationModel, is_learned
+from analysis.validation_tables import both_tables
+from standoff.commands.simulate import read_total_psf
+from standoff.options import Json
+from standoff.output import print_json, print_table, say
+from standoff.validation_run import ValidationSettings, default_models, run_validation
+
+__all__ = ["parse_models", "print_tables", "validate"]
+
+
+def validate(
+    *,
+    session: Annotated[Path, typer.Option(help="Capture session with textures or charts.")],
+    psf: Annotated[Path, typer.Option(help="psf.json of the camera, best of --region centre.")],
+    out: Annotated[Path, typer.Option(help="Folder of the results.")],
+    models: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M,M",
+            help=f"Any of {', '.join(VALIDATION_MODELS)}; all but gaussian-kernelgan if none.",
+        ),
+    ] = None,
+    references: Annotated[
+        int, typer.Option(min=1, max=100, help="Reference poses of every target, from the nearest.")
+    ] = 2,
+    steps: Annotated[
+        int | None,
+        typer.Option(min=1, help=f"Of a training; {PAPER_TRAINING_STEPS} if none, as the paper."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of a training.")] = 0,
+    workers: Annotated[
+        int, typer.Option(min=1, max=1024, help="Processes that train kernels.")
+    ] = 1,
+    kernel_cache: Annotated[
+        Path | None,
+        typer.Option(help=f"Folder of trained kernels; else ${CACHE_VARIABLE} or XDG's cache."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say how well every model predicts the captured follow-ups of a session."""
+    chosen = default_models() if models is None else parse_models(models)
+    if not any(map(is_learned, chosen)) and (steps is not None or seed or kernel_cache):
+        raise typer.BadParameter("--steps, --seed and --kernel-cache go with a learned model")
+    total = read_total_psf(psf)
+    settings = ValidationSettings(
+        models=chosen,
+        kernels=KernelBook(
+            folder=kernel_cache or default_cache_folder(),
+            steps=steps or PAPER_TRAINING_STEPS,
+            seed=seed,
+        ),
+        references=references,
+        workers=workers,
+    )
+    validation, document = run_validation(out, Session.open(session), total, str(psf), settings)
+    if json:
+        print_json(document)
+        return
+    print_tables(validation)
+    say(f"wrote {out / 'report.html'} and the tables and figures beside it")
+
+
+def parse_models(text: str) -> tuple[ValidationModel, ...]:
+    """Names of models, separated by commas, in the order of the tables."""
+    names = [name.strip() for name in text.split(",")]
+    unknown = [name for name in names if name not in VALIDATION_MODELS]
+    if unknown or not names:
+        raise typer.BadParameter(
+            f"no model {unknown[0]!r}; there are {', '.join(VALIDATION_MODELS)}",
+            param_hint="--models",
+        )
+    return tuple(model for model in VALIDATION_MODELS if model in names)
+
+
+def print_tables(validation: Validation) -> None:
+    """Print both tables, the paper's rows below ours."""
+    for table in both_tables(validation):
+        print_table(
+            table.title, list(table.columns), [list(r) for r in (*table.rows, *table.paper)]
+        )

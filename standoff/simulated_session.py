@@ -1,0 +1,47 @@
+"""Runs a whole capture plan on the simulated bench, with a bar and nobody asked."""
+
+from pathlib import Path
+
+from acquisition.bench import BenchConfig
+from acquisition.plan import CapturePlan, plan_entries
+from acquisition.runner import CaptureProgress, run_plan
+from standoff.devices import open_bench, place_in_simulation
+from standoff.errors import ApplicationError
+from standoff.output import progress_bar
+
+__all__ = ["capture_simulated"]
+
+
+def capture_simulated(
+    path: Path, config: BenchConfig, plan: CapturePlan, *, operator: str, what: str
+) -> None:
+    """Capture a session at ``path``, or what is missing of it.
+
+    Raises
+    ------
+    ApplicationError
+        If the bench is a real one; ``what`` names who needs it simulated.
+    DeviceError, SessionError
+        If a capture fails; the session resumes.
+    """
+    with (
+        open_bench(config) as devices,
+        progress_bar("capturing", len(plan_entries(plan))) as bar,
+    ):
+        if devices.simulated is None:
+            raise ApplicationError(f"{what} runs on the simulated bench only")
+
+        def show(done: CaptureProgress) -> None:
+            bar.advance_to(done.captured)
+
+        run_plan(
+            path,
+            plan=plan,
+            bench=config,
+            camera=devices.camera,
+            stage=devices.stage,
+            operator=operator,
+            place=place_in_simulation(devices.simulated),
+            progress=show,
+            clock=devices.clock,
+        )
