@@ -1,6 +1,6 @@
 """The edge captures of a session as input of the PSF calibration."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,10 @@ from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise_model import LevelNoise, fit_level_noise
 from calibration.psf_calibration import EdgeImage
 
-__all__ = ["edge_images", "edge_records"]
+__all__ = ["capture_images", "edge_images", "edge_records", "scene_records"]
 
 EDGE_KINDS = ("edge", "board")
+SCENE_KINDS = ("texture", "chart")
 
 
 def edge_records(session: Session) -> list[CaptureRecord]:
@@ -32,13 +33,57 @@ def edge_records(session: Session) -> list[CaptureRecord]:
     return records
 
 
+def scene_records(session: Session) -> list[list[CaptureRecord]]:
+    """Return the captures of each textured target as it lies, the nearest first, repeats dropped.
+
+    Raises
+    ------
+    CalibrationError
+        If no target was captured from two heights.
+    """
+    targets: dict[tuple[str, float], dict[float, CaptureRecord]] = {}
+    for record in session.records:
+        if record.kind in SCENE_KINDS:
+            heights = targets.setdefault((record.target, record.orientation_deg), {})
+            heights.setdefault(round(record.height_asked_mm, 3), record)
+    series = [
+        sorted(heights.values(), key=lambda record: record.height_mm)
+        for heights in targets.values()
+        if len(heights) > 1
+    ]
+    if not series:
+        raise CalibrationError(
+            f"{session.path}: no target of kind texture or chart was captured from two heights"
+        )
+    return series
+
+
 def edge_images(
     session: Session,
     *,
     correction: CorrectionMaps | None = None,
     frame_noise: LevelNoise | None = None,
 ) -> Iterator[EdgeImage]:
-    """Load the edge captures one by one, each with its own noise.
+    """Load the edge captures one by one; see ``capture_images``.
+
+    Raises
+    ------
+    NoEdgeError
+        If the session has no edge capture.
+    """
+    return capture_images(
+        session, edge_records(session), correction=correction, frame_noise=frame_noise
+    )
+
+
+def capture_images(
+    session: Session,
+    records: Sequence[CaptureRecord],
+    *,
+    correction: CorrectionMaps | None = None,
+    frame_noise: LevelNoise | None = None,
+) -> Iterator[EdgeImage]:
+    """Load captures one by one, each with its own noise.
 
     The noise is fitted to the temporal variance that the capture stores. A single photograph
     has none: it takes ``frame_noise``, and without that the edge fit estimates it from its
@@ -47,7 +92,9 @@ def edge_images(
     Parameters
     ----------
     session
-        With edge captures.
+        It holds the captures.
+    records
+        Which of its captures.
     correction
         Maps of the sensor, taken off every capture and its variance.
     frame_noise
@@ -55,14 +102,12 @@ def edge_images(
 
     Raises
     ------
-    NoEdgeError
-        If the session has no edge capture.
     CalibrationError
         If the maps are of another size than a capture.
     SessionError
         If a capture file is missing or changed.
     """
-    for record in edge_records(session):
+    for record in records:
         images = session.load(record)
         mean = images.mean_dn.astype(np.float64)
         variance: NDArray[np.floating[Any]] | None = images.variance_dn2

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,11 @@ from calibration.psf_field import FieldEdges, FieldFit, fit_psf_field
 
 __all__ = [
     "REJECTING_FLAGS",
+    "CalibrationMethod",
     "EdgeImage",
     "EdgeMeasurement",
     "Method",
+    "PairWidths",
     "PsfCalibration",
     "Region",
     "calibrate_psf",
@@ -38,7 +41,22 @@ __all__ = [
     "why_no_edge",
 ]
 
+CalibrationMethod = Literal["all-angles", "paper", "single-image", "two-distance"]
+
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairWidths:
+    """Total PSF that one pair of photographs at two distances tells."""
+
+    near: str
+    far: str
+    zoom: float
+    sigma_x_px: float
+    sigma_x_err_px: float
+    sigma_y_px: float
+    sigma_y_err_px: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +65,9 @@ class PsfCalibration:
 
     Total is optics and pixel together, what equation (1) of the paper calls Sigma. ``field``
     and ``optical_field`` are None where one PSF holds for the whole frame, as far as the edges
-    tell. ``channels`` holds the calibrations of the colours of a mosaic by name.
+    tell. ``channels`` holds the calibrations of the colours of a mosaic by name. ``pairs`` is what
+    a calibration by two distances rests on, ``softness_px2`` the variance that the scene adds on
+    average where a single image was all there was.
     """
 
     sigma_x_px: Estimate | None
@@ -58,13 +78,15 @@ class PsfCalibration:
     optical_sigma_y_px: Estimate | None
     optical_rho: Estimate | None
     optical_covariance_px2: NDArray[np.float64] | None
-    method: Method = "all-angles"
+    method: CalibrationMethod = "all-angles"
     edges: tuple[EdgeMeasurement, ...] = ()
     field: FieldFit | None = None
     optical_field: FieldFit | None = None
     height_trend: HeightTrend | None = None
     transfer: MeasuredTransfer | None = None
     channels: "dict[str, PsfCalibration] | None" = None
+    pairs: tuple[PairWidths, ...] = ()
+    softness_px2: float | None = None
 
     @property
     def edges_used(self) -> tuple[EdgeMeasurement, ...]:

@@ -1,7 +1,7 @@
 """The content of psf.json as plain lists and numbers."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,8 @@ def psf_document(calibration: PsfCalibration, origin: PsfOrigin | None = None) -
             if calibration.channels is None
             else {name: _values(one) for name, one in calibration.channels.items()}
         ),
+        "pairs": [asdict(pair) for pair in calibration.pairs],
+        "softness_px2": calibration.softness_px2,
         "edges": [edge_document(edge) for edge in calibration.edges],
     }
 

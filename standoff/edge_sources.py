@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.record import CaptureRecord
 from acquisition.session import Session
 from calibration.correction_maps import CorrectionMaps
 from calibration.edge_captures import edge_images, edge_records
@@ -20,7 +21,7 @@ from calibration.psf_calibration import EdgeImage
 from standoff.image_files import ImageFile, read_image
 from standoff.output import note
 
-__all__ = ["EdgeSources", "Reading", "from_files", "from_session"]
+__all__ = ["EdgeSources", "Reading", "from_files", "from_session", "origin_of"]
 
 _CLIPPED_FROM = 0.995  # of the saturation level
 
@@ -68,16 +69,12 @@ def from_session(session: Session, reading: Reading) -> EdgeSources:
             mean_dn = reading.correction.correct(mean_dn)
         return _shown(mean_dn, reading)
 
-    camera = session.devices.get("camera", {})
     return EdgeSources(
         count=len(records),
         images=edge_images(session, correction=reading.correction, frame_noise=reading.frame_noise),
         load=load,
-        origin=PsfOrigin(
-            camera_serial=_text(camera, "DeviceSerialNumber"),
-            camera_model=_text(camera, "DeviceModelName"),
-            camera_vendor=_text(camera, "DeviceVendorName"),
-            captured_utc=min(record.started_utc for record in records.values()),
+        origin=replace(
+            origin_of(session, list(records.values())),
             channel=reading.channel if reading.pattern else None,
         ),
         session=session,
@@ -100,6 +97,17 @@ def from_files(paths: Sequence[Path], reading: Reading) -> EdgeSources:
     channel = reading.channel if reading.pattern or reading.channel != "luma" else None
     return EdgeSources(
         count=len(paths), images=images(), load=load, origin=PsfOrigin(channel=channel)
+    )
+
+
+def origin_of(session: Session, records: Sequence[CaptureRecord]) -> PsfOrigin:
+    """Return the camera of a session, and when the first of these captures was taken."""
+    camera = session.devices.get("camera", {})
+    return PsfOrigin(
+        camera_serial=_text(camera, "DeviceSerialNumber"),
+        camera_model=_text(camera, "DeviceModelName"),
+        camera_vendor=_text(camera, "DeviceVendorName"),
+        captured_utc=min(record.started_utc for record in records),
     )
 
 

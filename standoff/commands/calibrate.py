@@ -8,19 +8,26 @@ from typing import Annotated
 import typer
 
 from acquisition.session import Session
-from calibration.covariance_fit import Estimate
 from calibration.errors import CalibrationError
 from calibration.files import psf_document, read_correction, read_noise, write_psf
 from calibration.linearise import Channel
 from calibration.mosaic import Pattern
 from calibration.mosaic_calibration import calibrate_mosaic
 from calibration.noise_model import level_noise
-from calibration.psf_calibration import EdgeImage, Method, PsfCalibration, Region, calibrate_psf
+from calibration.psf_calibration import (
+    CalibrationMethod,
+    EdgeImage,
+    PsfCalibration,
+    Region,
+    calibrate_psf,
+)
 from standoff.edge_sources import Reading, from_files, from_session
 from standoff.edge_table import edge_csv
-from standoff.options import Json, refuse_overwriting, refuse_suffix
-from standoff.output import note, print_json, print_table, progress_bar, say
+from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
+from standoff.output import note, print_json, progress_bar, say
+from standoff.psf_tables import print_psf
 from standoff.reports import require_writable, write_calibration_report, write_file
+from standoff.scene_calibration import calibrate_scenes
 
 __all__ = ["calibrate"]
 
@@ -43,8 +50,18 @@ def calibrate(
         Path | None, typer.Option(help="Capture session whose edge captures are used.")
     ] = None,
     method: Annotated[
-        Method, typer.Option(help="All edges at any angle, or as in the paper.")
+        CalibrationMethod,
+        typer.Option(
+            help="All edges at any angle, or as in the paper; without an edge target: the edges "
+            "of one scene, or one scene at two distances."
+        ),
     ] = "all-angles",
+    zoom: Annotated[
+        float | None,
+        typer.Option(
+            help="two-distance: ratio of the distances; else features tell.", callback=checked_zoom
+        ),
+    ] = None,
     region: Annotated[
         str | None, typer.Option(help="Part of the image to use: centre, or X,Y,W,H in px.")
     ] = None,
@@ -81,6 +98,12 @@ def calibrate(
         raise typer.BadParameter("give either photographs or --session DIR", param_hint="IMAGE...")
     if session is not None and (srgb or (channel is not None and bayer is None)):
         raise typer.BadParameter("captures are linear and grey; --bayer is for raw mosaics")
+    if zoom is not None and (method != "two-distance" or len(images or []) != 2):
+        raise typer.BadParameter(
+            "it is the ratio of two photographs' distances", param_hint="--zoom"
+        )
+    if method == "two-distance" and session is None and len(images or []) < 2:
+        raise typer.BadParameter("two-distance needs two photographs, the nearest first")
     if bayer is not None and channel == "luma":
         raise typer.BadParameter("a mosaic has red, green and blue", param_hint="--channel")
     if bayer is not None and srgb:
@@ -95,6 +118,18 @@ def calibrate(
         correction=None if correct is None else read_correction(correct),
         frame_noise=None if noise is None else level_noise(read_noise(noise)),
     )
+    if method == "single-image" or method == "two-distance":
+        if report is not None or bayer is not None or csv is not None:
+            raise typer.BadParameter(f"--report, --bayer and --csv do not go with method {method}")
+        calibration, origin = calibrate_scenes(images or [], session, reading, method, rule, zoom)
+        origin = replace(origin, region=region)
+        write_psf(out, calibration, origin)
+        if json:
+            print_json(psf_document(calibration, origin))
+            return
+        print_psf(calibration)
+        say(f"wrote {out}")
+        return
     sources = (
         from_files(images or [], reading)
         if session is None
@@ -128,51 +163,9 @@ def calibrate(
     if json:
         print_json(document)
         return
-    _print_result(calibration)
+    print_psf(calibration)
     written = ", ".join(str(path) for path in (out, csv, report) if path is not None)
     say(f"wrote {written}")
-
-
-def _print_result(calibration: PsfCalibration) -> None:
-    used = calibration.edges_used
-    say(f"{len(used)} of {len(calibration.edges)} edges used")
-    print_table(
-        "PSF",
-        ["", "total", "95 % interval", "optical", "95 % interval"],
-        [
-            [name, *_cells(total), *_cells(optical)]
-            for name, total, optical in (
-                ("sigma_x / px", calibration.sigma_x_px, calibration.optical_sigma_x_px),
-                ("sigma_y / px", calibration.sigma_y_px, calibration.optical_sigma_y_px),
-                ("rho", calibration.rho, calibration.optical_rho),
-            )
-        ],
-    )
-    if calibration.channels is not None:
-        print_table(
-            "Colours",
-            ["", "total sigma_x / px", "total sigma_y / px", "edges"],
-            [
-                [
-                    name,
-                    _cells(one.sigma_x_px)[0],
-                    _cells(one.sigma_y_px)[0],
-                    str(len(one.edges_used)),
-                ]
-                for name, one in calibration.channels.items()
-            ],
-        )
-    if calibration.field is not None:
-        say(
-            "the PSF changes over the frame: psf.json holds its field, no width less sure than "
-            f"{100 * calibration.field.worst_err:.1f} %"
-        )
-
-
-def _cells(estimate: Estimate | None) -> list[str]:
-    if estimate is None:
-        return ["not determined", ""]
-    return [f"{estimate.value:.4f}", f"{estimate.low:.4f} to {estimate.high:.4f}"]
 
 
 def _region_rule(text: str | None) -> Callable[[EdgeImage], Region | None]:

@@ -1,0 +1,133 @@
+"""The PSF from the edges of one photograph that was not taken for it.
+
+Luxen and Förstner, Characterizing image quality: blind estimation of the point spread function from
+a single image, PCV 2002: wherever the scene has a sharp edge, the width of its image is the PSF's
+across it, and widths over many directions give the covariance. Edges of an ordinary scene are not
+all sharp. Where they take a robust mean, the softness of the scene is modelled here: an edge's
+variance is ``n' Sigma n`` plus a softness of exponential distribution plus the error of its fit
+(an exponentially modified Gaussian), some edges are outliers; maximum likelihood finds Sigma and
+the mean softness together.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import exp, log, pi, sqrt, tanh
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import log_ndtr
+
+__all__ = ["FEWEST_EDGES", "SharpestWidths", "fit_sharpest_widths"]
+
+Array = NDArray[np.float64]
+
+FEWEST_EDGES = 12
+"""Edges that three elements of Sigma and the softness ask for, with a few to spare."""
+
+_OUTLIERS = 0.05  # share of edges that fit no sharp step at all
+_OUTLIER_SPREAD_PX2 = 1.0
+_LEAST_ERR_PX2 = 0.01  # of an edge's variance: texture beside an edge is not in its own error
+_STEP = 1e-3
+_RATIO_SPREAD = 0.15  # lenses blur about alike along x and y: prior of log(sigma_x / sigma_y)
+_TILT_SPREAD = 0.2  # and of atanh(rho)
+_WIDEST_ERR = 0.5  # of the width: an edge less sure says nothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SharpestWidths:
+    """Covariance of the PSF, px^2, that the sharpest edges agree on.
+
+    ``covariance_err_px2``, shape (3, 3), is of the elements (xx, xy, yy); ``softness_px2`` the
+    mean variance that the scene adds, ``edges_used`` how many edges were sure enough to count.
+    """
+
+    covariance_px2: Array
+    covariance_err_px2: Array
+    softness_px2: float
+    edges_used: int
+
+
+def fit_sharpest_widths(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> SharpestWidths:
+    """Fit the PSF to widths of edges of which some are soft by themselves.
+
+    Parameters
+    ----------
+    angles_deg
+        Direction of each edge line against +x, y down; shape ``(n,)``.
+    sigma_px, sigma_err_px
+        Width across each edge and its standard error, px.
+
+    Raises
+    ------
+    ValueError
+        If fewer than 12 edges are known to half of their width.
+    """
+    sure = sigma_err_px < _WIDEST_ERR * sigma_px
+    if np.count_nonzero(sure) < FEWEST_EDGES:
+        raise ValueError(
+            f"{np.count_nonzero(sure)} edges are sharp and clear enough, {FEWEST_EDGES} are needed"
+        )
+    normal = np.deg2rad(angles_deg[sure] + 90.0)
+    nx, ny = np.cos(normal), np.sin(normal)
+    variance = sigma_px[sure] ** 2
+    err = np.hypot(2 * sigma_px[sure] * sigma_err_px[sure], _LEAST_ERR_PX2)
+
+    def cost(parameters: Array) -> float:
+        xx, xy, yy = _covariance(parameters)
+        expected = nx**2 * xx + 2 * nx * ny * xy + ny**2 * yy
+        likely = _log_modified_gaussian(variance - expected, err, float(np.exp(parameters[3])))
+        spread = np.hypot(err, _OUTLIER_SPREAD_PX2)
+        outlying = -0.5 * ((variance - expected) / spread) ** 2 - np.log(sqrt(2 * pi) * spread)
+        joint = np.logaddexp(log(1 - _OUTLIERS) + likely, log(_OUTLIERS) + outlying)
+        unequal, tilted = parameters[1] / _RATIO_SPREAD, parameters[2] / _TILT_SPREAD
+        return -float(joint.sum()) + 0.5 * float(unequal**2 + tilted**2)
+
+    width = sqrt(float(np.quantile(variance, 0.25)))
+    best = None
+    for start_width, softness in ((width, 0.3), (0.8 * width, 1.0), (1.2 * width, 0.1)):
+        start = np.array([log(start_width), 0.0, 0.0, log(softness * width**2)])
+        found = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 2000})
+        if best is None or found.fun < best.fun:
+            best = found
+    assert best is not None
+    xx, xy, yy = _covariance(best.x)
+    hessian = _hessian(cost, best.x)
+    slopes = np.array([
+        (np.array(_covariance(best.x + step)) - np.array(_covariance(best.x - step))) / (2 * _STEP)
+        for step in _STEP * np.eye(4)
+    ]).T  # fmt: skip
+    errors = slopes @ np.linalg.pinv(hessian, hermitian=True) @ slopes.T
+    return SharpestWidths(
+        covariance_px2=np.array([[xx, xy], [xy, yy]]),
+        covariance_err_px2=errors,
+        softness_px2=float(np.exp(best.x[3])),
+        edges_used=int(np.count_nonzero(sure)),
+    )
+
+
+def _covariance(parameters: Array) -> tuple[float, float, float]:
+    """Elements xx, xy, yy from log mean width, log ratio of the widths and atanh of rho."""
+    mean, ratio, tilt = (float(value) for value in parameters[:3])
+    x, y = exp(mean + ratio / 2), exp(mean - ratio / 2)
+    return x * x, tanh(tilt) * x * y, y * y
+
+
+def _log_modified_gaussian(left: Array, err: Array, mean: float) -> Array:
+    """Log density of a Gaussian error plus an exponential of this mean."""
+    ratio = err / mean
+    return np.asarray(
+        -log(mean) + 0.5 * ratio**2 - left / mean + log_ndtr(left / err - ratio), dtype=np.float64
+    )
+
+
+def _hessian(cost: Callable[[Array], float], place: Array) -> Array:
+    steps = _STEP * np.eye(len(place))
+    return np.array([
+        [
+            (cost(place + a + b) - cost(place + a - b) - cost(place - a + b) + cost(place - a - b))
+            / (4 * _STEP**2)
+            for b in steps
+        ]
+        for a in steps
+    ])  # fmt: skip

@@ -1,0 +1,133 @@
+"""Where far pixels lie in a near photograph, and how much brighter they are: smooth corrections.
+
+A homography misses the lens's distortion, and two photographs see the same place under different
+vignetting. Both change slowly over the frame: a cubic displacement and a quartic gain on top of the
+homography, found by Gauss-Newton from coarse to fine.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from calibration.errors import CalibrationError
+
+__all__ = ["SmoothAlignment", "align_smoothly"]
+
+Array = NDArray[np.float64]
+
+_DISPLACEMENT_DEGREE = 3
+_GAIN_DEGREE = 4
+_BLURS_PX = (6.0, 3.0, 1.5, 0.8, 0.8, 0.8)  # of the far image, level by level
+_PSF_GUESS_PX = 0.7
+_MARGIN_PX = 4.0
+_LEAST_PIXELS = 2000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SmoothAlignment:
+    """Near coordinates and gain of every far pixel, each of the far image's shape.
+
+    ``far(p) = gain(p) (blurred near)(y(p), x(p)) + offset``. ``jacobian``, shape (2, 2), is the
+    mean of d(near x, near y) / d(far x, far y) over the pixels that both see.
+    """
+
+    y_px: Array
+    x_px: Array
+    gain: Array
+    jacobian: Array
+    residual_rms_dn: float
+
+
+def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothAlignment:
+    """Refine a homography by a smooth displacement and gain.
+
+    Parameters
+    ----------
+    near_dn, far_dn
+        Linear in light, shape ``(rows, cols)``.
+    far_to_near
+        Homography from far to near pixel centres, shape (3, 3), good to a few px.
+
+    Raises
+    ------
+    CalibrationError
+        If the images overlap in fewer than 2000 far pixels.
+    """
+    rows, cols = np.mgrid[: far_dn.shape[0], : far_dn.shape[1]].astype(np.float64)
+    start_x, start_y, scale = np.tensordot(
+        far_to_near, np.stack([cols, rows, np.ones_like(rows)]), axes=1
+    )
+    start_x, start_y = start_x / scale, start_y / scale
+    inside = _inside(start_y, start_x, near_dn.shape)
+    if np.count_nonzero(inside) < _LEAST_PIXELS:
+        raise CalibrationError("the two photographs hardly overlap: take the same scene in both")
+    u, v = _normalised(cols, inside), _normalised(rows, inside)
+    moves, gains = _monomials(u, v, _DISPLACEMENT_DEGREE), _monomials(u, v, _GAIN_DEGREE)
+    zoom = sqrt(abs(float(np.linalg.det(_mean_jacobian(start_y, start_x, inside)))))
+    move_x, move_y = np.zeros(len(moves)), np.zeros(len(moves))
+    gain = np.zeros(len(gains))
+    residual_rms = 0.0
+    for blur in _BLURS_PX:
+        x = start_x + np.tensordot(move_x, moves, axes=1)
+        y = start_y + np.tensordot(move_y, moves, axes=1)
+        used = inside & _inside(y, x, near_dn.shape)
+        own_px = sqrt((zoom * blur) ** 2 + _PSF_GUESS_PX**2 * (zoom**2 - 1))
+        smooth = gaussian_filter(near_dn, own_px)
+        slope_y, slope_x = _slopes(smooth)
+        place = np.stack([y[used], x[used]])
+        seen = map_coordinates(smooth, place, order=1)
+        seen_y = map_coordinates(slope_y, place, order=1)
+        seen_x = map_coordinates(slope_x, place, order=1)
+        target = gaussian_filter(far_dn, blur)[used]
+        shapes, lights = moves[:, used], gains[:, used]
+        brightness = 1.0 if not gain.any() else gain @ lights
+        design = np.vstack([
+            brightness * seen_x * shapes,
+            brightness * seen_y * shapes,
+            seen * lights,
+            np.ones_like(seen)[None],
+        ])  # fmt: skip
+        normal = design @ design.T
+        solution: Array = np.asarray(np.linalg.lstsq(normal, design @ target)[0], np.float64)
+        count = len(moves)
+        move_x, move_y = move_x + solution[:count], move_y + solution[count : 2 * count]
+        gain = solution[2 * count : -1]
+        residual_rms = float(np.sqrt(np.mean((solution @ design - target) ** 2)))
+    x = start_x + np.tensordot(move_x, moves, axes=1)
+    y = start_y + np.tensordot(move_y, moves, axes=1)
+    seen_by_both = inside & _inside(y, x, near_dn.shape)
+    return SmoothAlignment(
+        y_px=y,
+        x_px=x,
+        gain=np.tensordot(gain, gains, axes=1),
+        jacobian=_mean_jacobian(y, x, seen_by_both),
+        residual_rms_dn=residual_rms,
+    )
+
+
+def _inside(y: Array, x: Array, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    within_y = (y >= _MARGIN_PX) & (y <= shape[0] - 1 - _MARGIN_PX)
+    return np.asarray(within_y & (x >= _MARGIN_PX) & (x <= shape[1] - 1 - _MARGIN_PX))
+
+
+def _normalised(place: Array, inside: NDArray[np.bool_]) -> Array:
+    low, high = float(place[inside].min()), float(place[inside].max())
+    return np.asarray(2 * (place - low) / max(high - low, 1.0) - 1)
+
+
+def _monomials(u: Array, v: Array, degree: int) -> Array:
+    return np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)])
+
+
+def _mean_jacobian(y: Array, x: Array, inside: NDArray[np.bool_]) -> Array:
+    (x_down, x_right), (y_down, y_right) = _slopes(x), _slopes(y)
+    mean = [float(slope[inside].mean()) for slope in (x_right, x_down, y_right, y_down)]
+    return np.array(mean).reshape(2, 2)
+
+
+def _slopes(image: Array) -> tuple[Array, Array]:
+    down, right = np.gradient(image)
+    return np.asarray(down), np.asarray(right)

@@ -1,0 +1,122 @@
+"""``standoff calibrate`` without an edge target."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from tests.calibration.blob_scene import blob_photograph
+from tests.standoff.conftest import Command
+
+PSF = np.array([[0.45, 0.06], [0.06, 0.33]])
+NOISE_DN = 8.0
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A scene from once, one and a half times and twice as far, with noise."""
+    folder = tmp_path_factory.mktemp("scene")
+    rng = np.random.default_rng(5)
+    paths = []
+    for zoom in (1.0, 1.5, 2.0):
+        image = blob_photograph(zoom, PSF) + rng.normal(0, NOISE_DN, (240, 320))
+        path = folder / f"at_{zoom}.tif"
+        tifffile.imwrite(path, image.astype(np.float32))
+        paths.append(path)
+    return paths
+
+
+@pytest.fixture
+def noise_file(tmp_path: Path) -> Path:
+    path = tmp_path / "noise.json"
+    gain = 1e9  # no shot noise to speak of
+    path.write_text(
+        json.dumps(
+            {
+                "schema": "standoff.noise/1",
+                "gain_e_per_dn": gain,
+                "read_noise_e": NOISE_DN * gain,
+                "black_level_dn": 0.0,
+                "saturation_dn": 65535.0,
+                "frames_averaged": 1,
+            }
+        )
+    )
+    return path
+
+
+@pytest.mark.slow
+def test_a_height_series_calibrates_itself(
+    command: Command, photographs: list[Path], noise_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "psf.json"
+    words = ("calibrate", *photographs, "--method", "two-distance", "--out", out)
+    done = command(*words, "--noise", noise_file, "--json")
+    assert done.status == 0, done.err
+    document = json.loads(done.out)
+    assert document == json.loads(out.read_text())
+    assert document["method"] == "two-distance"
+    assert [round(pair["zoom"], 2) for pair in document["pairs"]] == [1.5, 2.0]
+    # The truth of the closed form.
+    assert document["sigma_x_px"] == pytest.approx(np.sqrt(0.45), rel=0.02)
+    assert document["sigma_y_px"] == pytest.approx(np.sqrt(0.33), rel=0.02)
+    assert document["rho"] == pytest.approx(0.06 / np.sqrt(0.45 * 0.33), abs=0.04)
+    expected = np.sqrt(document["sigma_x_px"] ** 2 - 1 / 12)
+    assert document["optical_sigma_x_px"] == pytest.approx(expected)
+    assert document["edges"] == []
+    far = tmp_path / "far.tif"
+    done = command("simulate", photographs[0], "--zoom", 2, "--psf", out, "--out", far)
+    assert done.status == 0, done.err
+
+
+@pytest.mark.slow
+def test_without_the_noise_a_note_says_so_and_a_given_zoom_needs_no_features(
+    command: Command, photographs: list[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "psf.json"
+    words = ("--method", "two-distance", "--zoom", 2, "--out", out)
+    done = command("calibrate", photographs[0], photographs[2], *words)
+    assert done.status == 0, done.err
+    assert "give --noise" in done.err
+    assert json.loads(out.read_text())["sigma_x_px"] == pytest.approx(np.sqrt(0.45), rel=0.1)
+
+
+@pytest.mark.slow
+def test_photographs_in_the_wrong_order_are_refused_in_one_line(
+    command: Command, photographs: list[Path], noise_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "psf.json"
+    words = ("--method", "two-distance", "--noise", noise_file, "--out", out)
+    done = command("calibrate", photographs[2], photographs[0], *words)
+    assert done.status == 1
+    assert "nearer than the reference" in done.err
+    assert not out.exists()
+
+
+def test_an_image_without_edges_tells_no_psf(
+    command: Command, photographs: list[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "psf.json"
+    done = command("calibrate", photographs[0], "--method", "single-image", "--out", out)
+    assert done.status == 1
+    assert "use a scene with sharp edges" in done.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("a.tif", "--method", "two-distance"),
+        ("a.tif", "b.tif", "c.tif", "--method", "two-distance", "--zoom", "2"),
+        ("a.tif", "--zoom", "2"),
+        ("a.tif", "b.tif", "--method", "two-distance", "--zoom", "0.5"),
+        ("a.tif", "b.tif", "--method", "two-distance", "--report", "r.html"),
+        ("a.tif", "--method", "single-image", "--bayer", "RGGB"),
+    ],
+)
+def test_options_that_do_not_go_together_are_wrong_usage(
+    command: Command, tmp_path: Path, wrong: tuple[str, ...]
+) -> None:
+    assert command("calibrate", *wrong, "--out", tmp_path / "psf.json").status == 2
