@@ -1,8 +1,9 @@
-"""KernelGAN: the composed generator beside the layers one by one, and what it recovers.
+"""KernelGAN: the composed generator beside the layers one by one; what blind methods recover.
 
 Without options, the time of one training step of both, in one run; 3000 steps are extrapolated
-from it. ``--table`` trains on images of a known PSF and prints the true blur variance beside the
-estimated one: about a minute for each kernel at 1000 steps.
+from it. ``--table`` prints the true blur variance beside the one that KernelGAN,
+Gaussian-KernelGAN, the edges of a single image and two distances find on images of a known PSF;
+a training takes a minute or less.
 
     python -m benchmarks.bench_kernelgan --table --seeds 3 --steps 3000
 """
@@ -12,14 +13,20 @@ import platform
 import statistics
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from torch import Tensor
 from torch.nn import functional
 
+from calibration.blind_calibration import calibrate_from_scene
+from calibration.errors import CalibrationError
+from calibration.psf_calibration import EdgeImage
+from calibration.two_distance import pair_psf
 from simulation.kernelgan import (
     KERNEL_MODELS,
     KernelGanError,
@@ -36,17 +43,43 @@ SHAPE = (580, 780)
 TABLE_SHAPE = (290, 390)  # a photograph of 780 x 580 downsampled by 2
 ZOOM = 2.0
 FULL_STEPS = 3000
+TOP_DN = 4000.0
+METHODS = (*KERNEL_MODELS, "single-image", "two-distance")
+
+Variances = tuple[float, float]
+Estimator = Callable[[float, int], Variances]
 
 
-def layer_by_layer(crop: Tensor, layers: Sequence[Tensor]) -> Tensor:
-    """Convolve layer by layer; sampled by a stride in the last layer wider than 1 px."""
+def layer_by_layer(crop: Tensor, layers: Sequence[Tensor], taps: Tensor) -> Tensor:
+    """Convolve layer by layer, then sample: what any zoom needs, the publication's order."""
+    x = crop[None, None]
+    for weight in layers:
+        x = functional.conv2d(x, weight)
+    return x[:, :, taps][:, :, :, taps]
+
+
+def layer_by_layer_with_stride(crop: Tensor, layers: Sequence[Tensor], _: Tensor) -> Tensor:
+    """The same at zoom 2 by a stride in the last layer wider than 1 px: a quarter of the rest."""
     x = crop[None, None]
     for place, weight in enumerate(layers):
         x = functional.conv2d(x, weight, stride=2 if place == 2 else 1)
     return x
 
 
-def generator_s(steps: int, *, is_composed: bool) -> list[float]:
+def composed(crop: Tensor, layers: Sequence[Tensor], taps: Tensor) -> Tensor:
+    """Compose the kernel, then convolve at the samples only."""
+    return sampled(crop, composed_kernel(layers)[0, 0], taps)
+
+
+Form = Callable[[Tensor, Sequence[Tensor], Tensor], Tensor]
+FORMS: dict[str, Form] = {
+    "composed": composed,
+    "layer by layer": layer_by_layer,
+    "... with stride": layer_by_layer_with_stride,
+}
+
+
+def generator_s(steps: int, form: Form) -> list[float]:
     """Times of forward and backward of the generator alone."""
     layers = DeepLinearGenerator(torch.Generator().manual_seed(0), 1.0, torch.float32).parameters
     crop = torch.rand(63, 63, generator=torch.Generator().manual_seed(1))
@@ -54,11 +87,7 @@ def generator_s(steps: int, *, is_composed: bool) -> list[float]:
     times = []
     for _ in range(steps):
         start = time.thread_time()
-        made = (
-            sampled(crop, composed_kernel(layers)[0, 0], taps)
-            if is_composed
-            else layer_by_layer(crop, layers)
-        )
+        made = form(crop, layers, taps)
         made.square().mean().backward()  # type: ignore[no-untyped-call]
         times.append(time.thread_time() - start)
     return times
@@ -79,49 +108,70 @@ def step_s(steps: int) -> list[float]:
 
 def print_speed(steps: int) -> None:
     # The first steps allocate and choose algorithms.
-    whole, composed, layered = (
-        statistics.median(times[3:])
-        for times in (
-            step_s(steps),
-            generator_s(steps, is_composed=True),
-            generator_s(steps, is_composed=False),
-        )
-    )
-    # All else in a step is the same for both.
-    by_layers = whole - composed + layered
+    whole_s = statistics.median(step_s(steps)[3:])
+    own_s = {name: statistics.median(generator_s(steps, form)[3:]) for name, form in FORMS.items()}
+    # All else in a step is the same for all.
+    rest_s = whole_s - own_s["composed"]
     print(f"medians of {steps - 3} steps at zoom 2 on {SHAPE[1]} x {SHAPE[0]}")
     print("CPU time of the one thread, so that other programs count less")
-    print("                  generator ms   whole step ms   3000 steps s (extrapolated)")
-    for name, own, step in (
-        ("composed", composed, whole),
-        ("layer by layer", layered, by_layers),
-    ):
-        print(f"  {name:15s} {own * 1e3:12.2f} {step * 1e3:15.2f} {FULL_STEPS * step:12.0f}")
+    print("                  generator ms  ratio   whole step ms  ratio   3000 steps s")
+    for name, own in own_s.items():
+        step = rest_s + own
+        print(
+            f"  {name:15s} {own * 1e3:12.2f} {own / own_s['composed']:6.1f}"
+            f" {step * 1e3:15.2f} {step / whole_s:6.1f} {FULL_STEPS * step:14.0f}"
+        )
     print(
-        f"  ratio           {layered / composed:12.1f} {by_layers / whole:15.1f}"
-        "   (the whole step by layers is the composed one with the other generator)"
+        "3000 steps are extrapolated; the whole step by layers is the composed one with the other"
     )
+    print("generator: discriminator, crops and regularisers are the same")
 
 
-def print_table(
-    models: Sequence[KernelModel], sigmas_px: Sequence[float], seeds: int, steps: int
-) -> None:
+def by_training(model: KernelModel, steps: int, sigma_px: float, seed: int) -> Variances:
+    """Variances of the kernel that a training on one photograph found, (y, x), px^2."""
+    image = dead_leaves(TABLE_SHAPE, sigma_px, seed)
+    settings = KernelGanSettings(zoom=ZOOM, model=model, steps=steps, seed=seed)
+    (xx, _), (_, yy) = estimate_kernel(image, settings).covariance_px2.tolist()
+    return yy, xx
+
+
+def by_edges(sigma_px: float, seed: int) -> Variances:
+    """The same from the edges of a photograph of squares: discs have no straight ones."""
+    image = TOP_DN * dead_leaves(TABLE_SHAPE, sigma_px, seed, discs_per_px=0.02, is_square=True)
+    calibration = calibrate_from_scene([EdgeImage(name="squares", image_dn=image)])
+    return _between(calibration.covariance_px2)
+
+
+def by_distances(sigma_px: float, seed: int) -> Variances:
+    """The same from that photograph and one of the scene from twice as far away."""
+    near, far = (TOP_DN * dead_leaves(TABLE_SHAPE, sigma_px, seed, zoom=z) for z in (1, 2))
+    matrix = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]])
+    return _between(pair_psf(near, far, matrix).covariance_px2)
+
+
+def _between(covariance_px2: NDArray[np.float64] | None) -> Variances:
+    """What a PSF adds at the zoom-out of the table."""
+    assert covariance_px2 is not None
+    (xx, _), (_, yy) = (covariance_px2 * (ZOOM**2 - 1)).tolist()
+    return yy, xx
+
+
+def print_table(methods: dict[str, Estimator], sigmas_px: Sequence[float], seeds: int) -> None:
     print(
-        f"{TABLE_SHAPE[1]} x {TABLE_SHAPE[0]} dead leaves, blurred by sigma and downsampled by 2; "
-        f"{steps} steps at zoom 2\nsigma in px before, variances in px^2 after downsampling; "
+        f"{TABLE_SHAPE[1]} x {TABLE_SHAPE[0]} dead leaves (squares for single-image), blurred by "
+        "sigma and downsampled by 2\n"
+        "sigma in px before, variances in px^2 after downsampling; "
         "true: what a camera of this PSF adds at zoom 2, Sigma (zoom^2 - 1)"
     )
-    for model in models:
-        print(f"\n{model}\n  sigma  seed   true   estimated y, x    mean   ratio")
+    for name, estimate in methods.items():
+        print(f"\n{name}\n  sigma  seed   true   estimated y, x    mean   ratio")
         truths, means = [], []
         for sigma_px in sigmas_px:
             true_px2 = sigma_px**2 / 4 * (ZOOM**2 - 1)
             for seed in range(seeds):
-                image = dead_leaves(TABLE_SHAPE, sigma_px / 2, seed)
-                settings = KernelGanSettings(zoom=ZOOM, model=model, steps=steps, seed=seed)
                 try:
-                    (xx, _), (_, yy) = estimate_kernel(image, settings).covariance_px2.tolist()
-                except KernelGanError as error:
+                    yy, xx = estimate(sigma_px / 2, seed)
+                except (KernelGanError, CalibrationError) as error:
                     print(f"  {sigma_px:5.2f} {seed:5d} {true_px2:6.2f}   {error}")
                     continue
                 mean = (xx + yy) / 2
@@ -138,7 +188,7 @@ def print_table(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--table", action="store_true", help="true against estimated variance")
-    parser.add_argument("--model", choices=KERNEL_MODELS, action="append")
+    parser.add_argument("--method", choices=METHODS, action="append", help="else all four")
     parser.add_argument("--sigmas", default="0.8,1.1,1.4,1.7,2.0")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--steps", type=int, default=None, help="1000 for the table, else 30")
@@ -150,7 +200,14 @@ def main() -> None:
     )
     if given.table:
         sigmas_px = [float(text) for text in given.sigmas.split(",")]
-        print_table(given.model or KERNEL_MODELS, sigmas_px, given.seeds, given.steps or 1000)
+        steps = given.steps or 1000
+        methods: dict[str, Estimator] = {
+            **{model: partial(by_training, model, steps) for model in KERNEL_MODELS},
+            "single-image": by_edges,
+            "two-distance": by_distances,
+        }
+        chosen = given.method or METHODS
+        print_table({name: methods[name] for name in chosen}, sigmas_px, given.seeds)
     else:
         print_speed(given.steps or 30)
 

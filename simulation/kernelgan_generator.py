@@ -5,6 +5,7 @@ from math import sqrt
 from typing import Protocol
 
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from torch import Tensor
 from torch.nn import functional
 
@@ -65,8 +66,10 @@ def sampled(crop: Tensor, kernel: Tensor, taps: Tensor) -> Tensor:
         Crop coordinates of the kernel's first weight, along either axis, shape (n,).
     """
     size = kernel.shape[0]
-    windows = crop.unfold(0, size, 1).unfold(1, size, 1)[taps][:, taps]
-    made = windows.reshape(-1, size * size) @ kernel.reshape(-1)
+    # Numpy's indexing copies whole rows of a window, torch's every number by itself.
+    windows = sliding_window_view(crop.numpy(), (size, size))
+    seen = torch.from_numpy(windows[taps.numpy()[:, None], taps.numpy()])
+    made = seen.reshape(-1, size * size) @ kernel.reshape(-1)
     return made.reshape(1, 1, len(taps), len(taps))
 
 
