@@ -137,8 +137,10 @@ def by_training(model: KernelModel, steps: int, sigma_px: float, seed: int) -> V
 
 def by_edges(sigma_px: float, seed: int) -> Variances:
     """The same from the edges of a photograph of squares: discs have no straight ones."""
-    image = TOP_DN * dead_leaves(TABLE_SHAPE, sigma_px, seed, discs_per_px=0.02, is_square=True)
-    calibration = calibrate_from_scene([EdgeImage(name="squares", image_dn=image)])
+    image = dead_leaves(
+        TABLE_SHAPE, sigma_px, seed, discs_per_px=0.003, is_square=True, radius_min_px=12.0
+    )
+    calibration = calibrate_from_scene([EdgeImage(name="squares", image_dn=TOP_DN * image)])
     return _between(calibration.covariance_px2)
 
 

@@ -1,6 +1,7 @@
 """The PSF from photographs of scenes that were not made for it: one image, or two distances."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -14,7 +15,7 @@ from calibration.registration import register
 from calibration.single_image import fit_sharpest_widths
 from calibration.two_distance import PairPsf, combined, pair_psf
 
-__all__ = ["calibrate_from_distances", "calibrate_from_scene"]
+__all__ = ["CLEAREST_SNR", "calibrate_from_distances", "calibrate_from_scene"]
 
 Array = NDArray[np.float64]
 
@@ -46,9 +47,10 @@ def calibrate_from_scene(
     names: list[str] = []
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
-        edges.extend(measure_edges(source, region(source)))
+        # What lies beside an edge of a scene is its noise, whatever the camera's is.
+        edges.extend(measure_edges(replace(source, noise=None), region(source)))
         progress(done)
-    clear = [edge for edge in edges if edge.is_used and edge.fit.snr >= CLEAREST_SNR]
+    clear = [e for e in edges if "saturated" not in e.flags and e.fit.snr >= CLEAREST_SNR]
     try:
         widths = fit_sharpest_widths(
             np.array([edge.fit.angle_deg for edge in clear]),

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 SUBPIXELS = 4
-RADIUS_MIN_SUBPX = 1.5
 
 
 def dead_leaves(
@@ -17,6 +16,7 @@ def dead_leaves(
     zoom: int = 1,
     *,
     is_square: bool = False,
+    radius_min_px: float = 0.375,
 ) -> NDArray[np.float64]:
     """Overlapping discs with radii of density ``r^-3``, levels 0.1 to 0.9, blurred and sampled.
 
@@ -24,14 +24,14 @@ def dead_leaves(
     blur is made there. Discs reach a quarter of the shorter side. With ``zoom`` the camera sees
     the scene of ``shape`` from that many times further away: pixel ``i`` of the smaller picture
     lies at ``zoom i + (zoom - 1) / 2`` of the one from nearby. ``is_square`` makes the discs
-    squares at any angle, which have straight edges.
+    squares at any angle, which have straight edges; none is smaller than ``radius_min_px``.
     """
     rng = np.random.default_rng(seed)
     rows, cols = (size * SUBPIXELS for size in shape)
     largest = min(rows, cols) / 4
     count = int(discs_per_px * shape[0] * shape[1])
     # The inverse of the distribution function of r^-3 between its ends.
-    between = rng.uniform(largest**-2, RADIUS_MIN_SUBPX**-2, count)
+    between = rng.uniform(largest**-2, (radius_min_px * SUBPIXELS) ** -2, count)
     radius = between**-0.5
     centre_x, centre_y = rng.uniform(0, cols, count), rng.uniform(0, rows, count)
     level = rng.uniform(0.1, 0.9, count)
