@@ -26,6 +26,7 @@ def test_the_peak_of_a_thin_lens_is_found_exactly_whatever_the_scale(
     assert peak.value == pytest.approx(0.01 * scale, rel=0.03)
 
 
+@pytest.mark.slow
 def test_the_error_covers_the_scatter() -> None:
     rng = np.random.default_rng(4)
     pulls = []

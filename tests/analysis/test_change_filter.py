@@ -111,6 +111,7 @@ def test_false_positives_fall_five_fold_at_equal_true_positives() -> None:
     assert plain_false >= 5 * max(false, 1), (plain_false, false)
 
 
+@pytest.mark.slow
 def test_a_softer_follow_up_is_refused() -> None:
     one = pair(1, 0.0)
     soft = gaussian_filter(one.followup, 0.7)

@@ -91,6 +91,7 @@ def chart_session(path: Path, *seeds: int) -> Session:
     return Session.open(path)
 
 
+@pytest.mark.slow
 def test_captures_that_do_not_show_one_target_are_named(tmp_path: Path) -> None:
     session = chart_session(tmp_path / "s", 3, 77)
     first, second = (record.file for record in session.records)
@@ -98,6 +99,7 @@ def test_captures_that_do_not_show_one_target_are_named(tmp_path: Path) -> None:
         compare_series(session, PSF)
 
 
+@pytest.mark.slow
 def test_one_pair_that_cannot_be_aligned_is_left_out_and_said(tmp_path: Path) -> None:
     session = chart_session(tmp_path / "s", 3, 3, 77)
     compared = compare_series(session, PSF)

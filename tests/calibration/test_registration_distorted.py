@@ -69,6 +69,7 @@ def test_with_one_percent_distortion_every_place_is_right_to_a_twentieth_of_a_pi
     assert abs(found.pose.k1 + 0.01) < 5 * found.k1_err + 1e-4
 
 
+@pytest.mark.slow
 def test_the_standard_error_of_a_place_is_of_the_size_of_its_error() -> None:
     found = register_distorted(photograph("grass", 1.0), photograph("grass", 1.6), psf())
     error = float(np.sqrt(np.mean(errors_px(found, 1.6) ** 2)))
@@ -87,6 +88,7 @@ def test_without_a_psf_it_is_as_good() -> None:
     assert np.median(errors_px(found, 1.6)) < 0.05
 
 
+@pytest.mark.slow
 def test_another_target_is_refused_also_where_the_zoom_is_known() -> None:
     for other in ("lesion", "gravel"):
         with pytest.raises(RegistrationError):
@@ -106,6 +108,7 @@ def test_a_part_of_a_frame_has_no_distortion_of_its_own() -> None:
     assert found.k1_err == 0.0
 
 
+@pytest.mark.slow
 def test_a_shifted_camera_is_found_in_spite_of_a_wrong_expectation() -> None:
     moved = CameraPose(height_mm=1.3 * (NEAR_MM + 10.0) - 10.0, offset_x_mm=40.0)
     found = register_distorted(

@@ -46,6 +46,7 @@ def test_a_hundred_edges_give_the_width_to_a_seventh(
     assert mean_width == pytest.approx(width, rel=1 / 7)
 
 
+@pytest.mark.slow
 def test_the_claimed_error_is_that_of_the_scatter() -> None:
     psf = 0.36 * np.eye(2)
     fits = [fit_sharpest_widths(*drawn(60, psf, 0.3, seed=seed)) for seed in range(40)]

@@ -109,6 +109,7 @@ def test_without_torch_the_error_says_what_to_install(monkeypatch: pytest.Monkey
         estimate_kernel(NOISE, KernelGanSettings(zoom=2.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["kernelgan", "gaussian-kernelgan"])
 def test_a_seed_gives_one_kernel_which_adds_up_to_1(model: Any) -> None:
     def trained(seed: int) -> NDArray[np.float64]:

@@ -31,6 +31,7 @@ def test_an_axial_follow_up_has_the_exact_sum_of_squared_weights(
     assert gain == pytest.approx(exact, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_tilted_follow_up_has_the_scatter_of_simulated_noise() -> None:
     shape, size = (200, 280), (280, 200)
     matrix = tilted(300.0, size, 20.0, 1.3)

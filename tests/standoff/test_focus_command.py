@@ -1,13 +1,15 @@
 import json
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from acquisition.bench import load_bench
+from acquisition.devices import Camera
 from acquisition.focus import Region
-from acquisition.focus_live import FocusOptions, FocusPoint, sweep_focus
+from acquisition.focus_live import FocusOptions, FocusPoint, focus_values, sweep_focus
 from acquisition.focus_sweep import fit_focus_peak
 from hil_mocks import SimulatedBench
 from tests.standoff.conftest import SMALL_BENCH, Command
@@ -110,3 +112,21 @@ def test_the_peak_is_within_one_percent_at_snr_20_with_20_percent_of_drift(bench
             np.array([p.height_mm for p in points]), np.array([p.value for p in points])
         )
         assert abs(peak.height_mm - FOCUS_MM) < 0.01 * 92.0
+
+
+@pytest.mark.parametrize(("before", "status"), [(0, 130), (9, 0)])
+def test_ctrl_c_ends_the_live_aid_well_once_a_value_was_shown(
+    command: Command,
+    bench: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    before: int,
+    status: int,
+) -> None:
+    def interrupted(camera: Camera, options: FocusOptions) -> Iterator[float]:
+        yield from islice(focus_values(camera, options), before)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("standoff.focus_runs.focus_values", interrupted)
+    done = command("focus", "--bench", bench)
+    assert done.status == status
+    assert ("% of peak" in done.err) == (before > 0)

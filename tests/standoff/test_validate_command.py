@@ -40,6 +40,7 @@ def psf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_session_becomes_tables_figures_and_a_report(
     command: Command, series: Path, psf: Path, tmp_path: Path
 ) -> None:
@@ -74,6 +75,7 @@ def identity_kernel() -> EstimatedKernel:
     return EstimatedKernel(weights=weights)
 
 
+@pytest.mark.slow
 def test_interrupted_it_goes_on_with_the_kernels_that_were_trained(
     command: Command, series: Path, psf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -195,6 +195,7 @@ def raw_get(hub: BenchHub, path: str) -> tuple[int, bytes]:
             thread.join()
 
 
+@pytest.mark.slow
 @given(name=st.text(max_size=120) | st.sampled_from(["..", ".", "a/b", "a\\b", "\0", "\udcff"]))
 def test_no_name_leads_out_of_the_folder(name: str) -> None:
     library = SessionLibrary(Path("/nowhere/sessions"))
