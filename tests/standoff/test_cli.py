@@ -173,6 +173,12 @@ def test_the_installed_command_runs_in_a_process_of_its_own() -> None:
     assert done.stdout == f"standoff {__version__}\n"
 
 
+def test_the_package_runs_as_a_module() -> None:
+    words = [sys.executable, "-m", "standoff", "--version"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert done.stdout == f"standoff {__version__}\n"
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
