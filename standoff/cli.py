@@ -3,7 +3,11 @@
 The application itself, with all its libraries, is imported when it runs; that takes seconds.
 """
 
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 from standoff.compiled_cache import drop_stale_code
 
@@ -15,7 +19,9 @@ EXIT_INTERRUPTED = 130
 def main() -> None:
     """Run the command line and exit."""
     try:
-        drop_stale_code()
+        with _no_interrupt_lost():
+            drop_stale_code()
+            import standoff.application  # noqa: F401
         status = run(sys.argv[1:])
     except KeyboardInterrupt:
         sys.stderr.write("standoff: interrupted; run the same command again\n")
@@ -28,3 +34,28 @@ def run(arguments: list[str]) -> int:
     from standoff.application import run as run_application
 
     return run_application(arguments)
+
+
+@contextmanager
+def _no_interrupt_lost() -> Iterator[None]:
+    """Raise a Ctrl-C at the end that something inside has swallowed, as imports may.
+
+    Where Ctrl-C is ignored, as in a shell's background, it stays so.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        yield
+        return
+    came = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal came
+        came = True
+        signal.default_int_handler(number, frame)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
