@@ -30,8 +30,7 @@ lint: $(FULL)
 	$(BIN)/lint-imports
 
 bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
-	for file in benchmarks/bench_*.py; do \
-		$(BIN)/python -m benchmarks.$$(basename $$file .py) || exit 1; done
+	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 
 clean:
 	rm -rf $(VENV) demo-output paper-output

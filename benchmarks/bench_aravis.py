@@ -1,14 +1,12 @@
 """The Aravis driver beside a bare loop over Aravis buffers, on the same simulated camera.
 
-Run with ``python -m benchmarks.bench_aravis [seconds]``. Cameras, bare loop and driver are
+Run with ``python -m benchmarks.bench_aravis [--seconds 60]``. Cameras, bare loop and driver are
 processes of their own, so that each client's processor time is the kernel's figure for the whole
 process: imports, threads of Aravis and all. Both clients run at the same time, each on a camera
 of its own, so that what else the machine does falls on both.
 """
 
 import json
-import os
-import platform
 import resource
 import subprocess
 import sys
@@ -26,6 +24,7 @@ from acquisition.aravis_library import load_aravis
 from acquisition.averaging import average_frames
 from acquisition.bench import CameraConfig
 from acquisition.devices import Frame
+from benchmarks.harness import Recorder, bench_parser
 from hil_mocks.gige.device import GigeDevice
 from hil_mocks.gige.frame_source import FrameRequest
 
@@ -168,15 +167,9 @@ def client(what: str, frames: int) -> dict[str, float]:
     return result
 
 
-def main(seconds: int) -> None:
+def compare(record: Recorder, seconds: float) -> None:
+    """Run both clients at once, then the driver's short averages."""
     frames = round(seconds * RATE_HZ)
-    library = load_aravis()
-    print(
-        f"Python {platform.python_version()}, numpy {np.__version__}, Aravis "
-        f"{library.aravis_version}, PyGObject {library.pygobject_version}, "
-        f"{platform.machine()}, {os.cpu_count()} cores; {COLS}x{ROWS} Mono12, {RATE_HZ} fps, "
-        "packets of 1500 bytes"
-    )
 
     with camera_process():
         client("driver", FRAMES_PER_AVERAGE)  # compiles what is not compiled yet
@@ -184,18 +177,47 @@ def main(seconds: int) -> None:
             bare, driver = clients_at_once.map(client, ("bare", "driver"), (frames, frames))
         latency = client("latency", FRAMES_PER_AVERAGE)
     for name, figures in (("bare Aravis loop", bare), ("driver and average", driver)):
-        print(
+        record.say(
             f"{name:20s} {figures['processor_s']:6.2f} s of processor time "
             f"({figures['user_s']:.2f} user, {figures['system_s']:.2f} system) for {frames} "
             f"frames in {figures['elapsed_s']:.1f} s, {figures['lost']:.0f} lost"
         )
-    print(f"ratio of processor times {driver['processor_s'] / bare['processor_s']:.2f}")
+    record.figure(
+        f"processor time of {frames} frames through driver and average",
+        driver["processor_s"],
+        "s",
+        peer="a bare loop over Aravis",
+        peer_value=bare["processor_s"],
+    )
+    record.say(f"ratio of processor times {driver['processor_s'] / bare['processor_s']:.2f}")
     ideal_s = (FRAMES_PER_AVERAGE + 1) / RATE_HZ
-    print(
+    record.figure(
+        f"average of {FRAMES_PER_AVERAGE} frames, start to stop",
+        1e3 * latency["median_s"],
+        "ms",
+        peer="the camera's own time for them",
+        peer_value=1e3 * ideal_s,
+    )
+    record.say(
         f"average of {FRAMES_PER_AVERAGE} frames: median of {AVERAGES} "
         f"{1e3 * latency['median_s']:.1f} ms, worst {1e3 * latency['worst_s']:.1f} ms; ideal "
         f"{1e3 * ideal_s:.1f} ms, ratio {latency['median_s'] / ideal_s:.2f}"
     )
+
+
+def main() -> None:
+    parser = bench_parser(__doc__)
+    parser.add_argument("--seconds", type=float, help="seconds of frames, 60")
+    given = parser.parse_args()
+    library = load_aravis()
+    with Recorder.of(
+        given,
+        "aravis",
+        packages=("numpy", "numba", "PyGObject"),
+        note=f"Aravis {library.aravis_version}; {COLS} x {ROWS} Mono12, {RATE_HZ} frames/s, "
+        "packets of 1500 bytes",
+    ) as record:
+        compare(record, given.seconds or record.pick(SECONDS, 5))
 
 
 if __name__ == "__main__":
@@ -212,4 +234,4 @@ if __name__ == "__main__":
         }
         print(json.dumps(outcome))
     else:
-        main(int(sys.argv[1]) if len(sys.argv) > 1 else SECONDS)
+        main()

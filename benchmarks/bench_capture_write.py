@@ -1,15 +1,12 @@
 """Time of a capture's parts for one camera of 780 x 580: average, focus value, storing.
 
-Run with ``python -m benchmarks.bench_capture_write [directory]``; the directory decides which
+Run with ``python -m benchmarks.bench_capture_write [--on DIRECTORY]``; the directory decides which
 disk is measured. Each line names its peer: the plain way to do the same.
 """
 
 import os
-import platform
-import sys
 import tempfile
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 from itertools import cycle
 from pathlib import Path
@@ -25,6 +22,8 @@ from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
 from acquisition.session import Session
 from acquisition.session_writer import SessionWriter
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import Work, medians_s
 
 ROWS, COLS, FRAMES, ROUNDS = 580, 780, 10, 40
 
@@ -111,27 +110,6 @@ def bench() -> BenchConfig:
     )
 
 
-def median_ms(work: Callable[[], object]) -> float:
-    """Median time of ``ROUNDS`` calls, in ms."""
-    times_ms = []
-    for _ in range(ROUNDS):
-        begin = time.perf_counter()
-        work()
-        times_ms.append(1e3 * (time.perf_counter() - begin))
-    return float(np.median(times_ms))
-
-
-def medians_in_turn_ms(*works: Callable[[], object]) -> list[float]:
-    """Median times of pieces of work that take turns, so that a disk's moods meet all, in ms."""
-    times_ms: list[list[float]] = [[] for _ in works]
-    for _ in range(ROUNDS):
-        for work, times in zip(works, times_ms, strict=True):
-            begin = time.perf_counter()
-            work()
-            times.append(1e3 * (time.perf_counter() - begin))
-    return [float(np.median(times)) for times in times_ms]
-
-
 def written_durably(path: Path, pages: NDArray[np.float32]) -> None:
     with path.open("wb") as file:
         tifffile.imwrite(file, pages)
@@ -139,9 +117,23 @@ def written_durably(path: Path, pages: NDArray[np.float32]) -> None:
         os.fsync(file.fileno())
 
 
-def report(what: str, ours_ms: float, peer: str, peer_ms: float) -> None:
-    ratio = peer_ms / ours_ms
-    print(f"{what:34s} {ours_ms:7.2f} ms   {peer:38s} {peer_ms:7.2f} ms   {ratio:5.2f} x")
+def compare(
+    record: Recorder,
+    what: str,
+    ours: Work,
+    peer: str,
+    theirs: Work,
+    rounds: int,
+    *,
+    is_warm: bool = False,
+) -> None:
+    """Time two pieces of work that take turns, so that a disk's moods meet both."""
+    ours_s, peer_s = medians_s([ours, theirs], rounds, is_warm=is_warm)
+    record.figure(what, 1e3 * ours_s, "ms", peer=peer, peer_value=1e3 * peer_s)
+    record.say(
+        f"{what:34s} {1e3 * ours_s:7.2f} ms   {peer:38s} {1e3 * peer_s:7.2f} ms   "
+        f"{peer_s / ours_s:5.2f} x"
+    )
 
 
 def numpy_average(images: list[NDArray[np.uint16]]) -> tuple[object, ...]:
@@ -168,25 +160,27 @@ def store(session: SessionWriter, entry: PlanEntry, averaged: AveragedFrames) ->
     )
 
 
-def main(directory: Path) -> None:
+def measure(record: Recorder, directory: Path) -> None:
     rng = np.random.default_rng(1)
     images = [rng.integers(0, 4096, (ROWS, COLS)).astype(np.uint16) for _ in range(FRAMES + 1)]
     camera = MemoryCamera(images)
-    print(
-        f"Python {platform.python_version()}, numpy {np.__version__}, "
-        f"tifffile {tifffile.__version__}, {platform.machine()}, medians of {ROUNDS}"
-    )
-    report(
+    rounds = record.pick(ROUNDS, 10)
+    record.say(f"medians of {rounds}")
+    compare(
+        record,
         f"average of {FRAMES} frames",
-        median_ms(lambda: average_frames(camera, FRAMES)),
+        lambda: average_frames(camera, FRAMES),
         "numpy mean and var of the float64 stack",
-        median_ms(lambda: numpy_average(images[1:])),
+        lambda: numpy_average(images[1:]),
+        rounds,
     )
-    report(
+    compare(
+        record,
         "focus value of a frame",
-        median_ms(lambda: focus_value(images[0], black_level_dn=64.0)),
+        lambda: focus_value(images[0], black_level_dn=64.0),
         "numpy differences in float64",
-        median_ms(lambda: numpy_focus(images[0])),
+        lambda: numpy_focus(images[0]),
+        rounds,
     )
     averaged = average_frames(camera, FRAMES)
     pages = np.stack([averaged.mean_dn, averaged.variance_dn2])
@@ -196,21 +190,35 @@ def main(directory: Path) -> None:
             path, plan=plan(), bench=bench(), devices={}, operator="benchmark"
         ) as session:
             entries = iter(session.entries)
-            ours_ms, plain_ms = medians_in_turn_ms(
+            compare(
+                record,
+                "store: TIFF, sha256, fsync, journal",
                 lambda: store(session, next(entries), averaged),
+                "tifffile and fsync",
                 lambda: written_durably(Path(folder) / f"plain{time.monotonic_ns()}.tif", pages),
+                rounds,
+                is_warm=True,  # the plan holds no entry to warm up with
             )
-        report("store: TIFF, sha256, fsync, journal", ours_ms, "tifffile and fsync", plain_ms)
         plain = next(Path(folder).glob("plain*.tif"))
         reader = Session.open(path)
-        record = reader.records[0]
-        report(
+        capture = reader.records[0]
+        compare(
+            record,
             "load: sha256, parse",
-            median_ms(lambda: reader.load(record)),
+            lambda: reader.load(capture),
             "tifffile alone, unverified",
-            median_ms(lambda: tifffile.imread(plain)),
+            lambda: tifffile.imread(plain),
+            rounds,
         )
 
 
+def main() -> None:
+    parser = bench_parser(__doc__)
+    parser.add_argument("--on", type=Path, metavar="DIRECTORY", default=tempfile.gettempdir())
+    given = parser.parse_args()
+    with Recorder.of(given, "capture_write", packages=("numpy", "numba", "tifffile")) as record:
+        measure(record, Path(given.on))
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.gettempdir()))
+    main()

@@ -7,15 +7,12 @@ reference merely resampled) in the same light fit and smoothing, and for the fil
 ``False alarms``: pixels flagged where only the pose and the noise changed, beside the stated rate.
 Both with a homography that ``register`` found.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.bench_changes [FIGURE.png]
+    OMP_NUM_THREADS=1 python -m benchmarks.bench_changes [--plot FIGURE.png]
 """
 
-import platform
-import sys
 from pathlib import Path
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
@@ -25,6 +22,7 @@ from analysis.change_filter import ChangeResult, find_changes, significance_thre
 from analysis.change_plots import plot_change_roc
 from analysis.change_roc import Roc, roc_of
 from analysis.report_page import png_bytes
+from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import register
 from hil_mocks.truth import BenchTruth
 from standoff.shipped_configs import shipped_config
@@ -61,9 +59,9 @@ def parts(pair: BenchPair, result: ChangeResult) -> tuple[NDArray[np.bool_], NDA
     return core, clear
 
 
-def curves(truth: BenchTruth) -> dict[str, Roc]:
+def curves(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> dict[str, Roc]:
     plain_in, plain_out, in_core, outside = [], [], [], []
-    for number, target in enumerate(TARGETS):
+    for number, target in enumerate(targets):
         for pose in POSES:
             pair = bench_pair(
                 truth,
@@ -86,17 +84,17 @@ def curves(truth: BenchTruth) -> dict[str, Roc]:
                 f"{100 * rate:.0f} %: {own[0].false_at(rate):6d} {own[1].false_at(rate):5d}"
                 for rate in TPR
             )
-            print(f"  {target:8s} {'tilted' if pose else 'upright':8s} {counts}")
+            record.say(f"  {target:8s} {'tilted' if pose else 'upright':8s} {counts}")
     return {
         "plain difference": roc_of(np.concatenate(plain_in), np.concatenate(plain_out)),
         "this filter": roc_of(np.concatenate(in_core), np.concatenate(outside)),
     }
 
 
-def false_alarms(truth: BenchTruth) -> None:
-    flagged, normal = np.zeros((2, len(STATED), len(TARGETS) * len(POSES) * NOISE_DRAWS))
+def false_alarms(record: Recorder, truth: BenchTruth, targets: tuple[str, ...], draws: int) -> None:
+    flagged, normal = np.zeros((2, len(STATED), len(targets) * len(POSES) * draws))
     frames = 0
-    for number, target in enumerate(TARGETS):
+    for number, target in enumerate(targets):
         for turn, pose in enumerate(POSES):
             clean = bench_pair(
                 truth,
@@ -106,7 +104,7 @@ def false_alarms(truth: BenchTruth) -> None:
                 frames_averaged=None,
                 **(SPOTS | {"contrast": 0.0}),
             )
-            for draw in range(NOISE_DRAWS):
+            for draw in range(draws):
                 pair = with_noise_of(
                     truth,
                     clean,
@@ -122,31 +120,50 @@ def false_alarms(truth: BenchTruth) -> None:
                     flagged[place, frames] = np.count_nonzero(over)
                     normal[place, frames] = np.count_nonzero(significance > norm.isf(share / 2))
                 frames += 1
-    print(f"{frames} frames without a change, pixels flagged a frame with their standard error:")
+    record.say(
+        f"{frames} frames without a change, pixels flagged a frame with their standard error:"
+    )
     for rate, counts, plain in zip(STATED, flagged, normal, strict=True):
         shown = "   ".join(
             f"{name} {of.mean():.2f} +- {of.std(ddof=1) / np.sqrt(frames):.2f}"
             for name, of in (("found", counts), ("by a normal tail", plain))
         )
-        print(f"  stated {rate:6.2f}   {shown}   frames with any: {np.count_nonzero(counts)}")
+        record.figure(
+            f"false alarms a frame, stated {rate:g}",
+            float(counts.mean()),
+            "px",
+            peer="by a normal tail",
+            peer_value=float(plain.mean()),
+        )
+        record.say(f"  stated {rate:6.2f}   {shown}   frames with any: {np.count_nonzero(counts)}")
 
 
 def main() -> None:
-    print(f"python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}")
-    print(f"{platform.machine()}, {sys.platform}")
-    truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 390, 290)
-    print("false pixels, plain difference and this filter, at true positives of")
-    rocs = curves(truth)
-    plain, own = rocs.values()
-    for rate in TPR:
-        ratio = plain.false_at(rate) / max(own.false_at(rate), 1)
-        print(
-            f"all, {100 * rate:.0f} %: {plain.false_at(rate)} and {own.false_at(rate)} of "
-            f"{plain.negatives}, {ratio:.0f} times fewer"
-        )
-    if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_bytes(png_bytes(plot_change_roc(rocs)))
-    false_alarms(truth)
+    parser = bench_parser(__doc__)
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the ROC as PNG")
+    given = parser.parse_args()
+    with Recorder.of(given, "changes", packages=("numpy", "scipy", "numba")) as record:
+        truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 390, 290)
+        targets = record.pick(TARGETS, TARGETS[:1])
+        record.say("false pixels, plain difference and this filter, at true positives of")
+        rocs = curves(record, truth, targets)
+        plain, own = rocs.values()
+        for rate in TPR:
+            false_plain, false_own = plain.false_at(rate), own.false_at(rate)
+            record.figure(
+                f"false pixels at {100 * rate:.0f} % true positives, of {plain.negatives}",
+                false_own,
+                "px",
+                peer="the plain difference",
+                peer_value=false_plain,
+            )
+            record.say(
+                f"all, {100 * rate:.0f} %: {false_plain} and {false_own} of "
+                f"{plain.negatives}, {false_plain / max(false_own, 1):.0f} times fewer"
+            )
+        if given.plot is not None:
+            given.plot.write_bytes(png_bytes(plot_change_roc(rocs)))
+        false_alarms(record, truth, targets, record.pick(NOISE_DRAWS, 2))
 
 
 if __name__ == "__main__":

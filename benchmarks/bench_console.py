@@ -1,24 +1,22 @@
 """The console under two viewers: pictures a second, latency, lost frames, processor, memory.
 
-Run with ``python -m benchmarks.bench_console [SECONDS]``; 600 is the figure in docs/console.md.
+Run with ``python -m benchmarks.bench_console [--seconds S]``; 600 is the figure in docs/console.md.
 The practice bench, the console and Chromium are processes of their own, all on this machine. The
 peer is the same console in the same run without a viewer. Latency is from the arrival of a frame
 at the console to its pixels being put on the page's canvas.
 """
 
 import os
-import platform
 import re
 import statistics
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 from playwright.sync_api import Page
 
+from benchmarks.harness import Recorder, bench_parser
 from tests.standoff.console.console_rig import ConsoleRig, console_rig, text
 
 SECONDS = 40.0
@@ -90,18 +88,17 @@ def lost_frames(page: Page) -> tuple[int, int]:
     return int(lost), int(all_)
 
 
-def measure(rig: ConsoleRig, seconds: float) -> None:
+def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
     (console,) = pids_of("console", parent=os.getpid())
     time.sleep(3)
     lost_at_first, all_at_first = lost_so_far(rig)
     began, alone_begin_s = process_of(console), time.monotonic()
     time.sleep(ALONE_S)
     alone_s = process_of(console).processor_s - began.processor_s
-    print(
-        f"without a viewer  {100 * alone_s / (time.monotonic() - alone_begin_s):5.1f} % of a core"
-    )
+    alone = alone_s / (time.monotonic() - alone_begin_s)
+    record.say(f"without a viewer  {100 * alone:5.1f} % of a core")
     lost, all_ = lost_so_far(rig)
-    print(f"                  {lost - lost_at_first} of {all_ - all_at_first} frames lost")
+    record.say(f"                  {lost - lost_at_first} of {all_ - all_at_first} frames lost")
     with rig.page() as one, rig.page() as other:
         pages = (one, other)
         time.sleep(5)
@@ -127,7 +124,7 @@ def measure(rig: ConsoleRig, seconds: float) -> None:
                     max(float(page.evaluate(HEAP_MB)) for page in pages),
                 )
             )
-            print(
+            record.say(
                 "  {:5.0f} s: console {:.1f} MB, page {:.1f} MB, heap {:.1f} MB".format(*memory[-1])
             )
         span_s = time.monotonic() - begin_s
@@ -137,34 +134,49 @@ def measure(rig: ConsoleRig, seconds: float) -> None:
             for page, before in zip(pages, drawn_before, strict=True)
         ]
         lost_after, all_after = lost_frames(one)
-        print(f"pictures/s        {rates[0]:5.1f} and {rates[1]:5.1f}")
-        print(f"latency           {statistics.median(latencies):5.1f} ms median of medians")
-        print(f"                  {statistics.median(worst):5.1f} ms worst of a second, median")
-        print(f"frames lost       {lost_after - lost_before} of {all_after - all_before}")
-        print(f"processor         {100 * used_s / span_s:5.1f} % of a core")
+        record.say(f"pictures/s        {rates[0]:5.1f} and {rates[1]:5.1f}")
+        record.say(f"latency           {statistics.median(latencies):5.1f} ms median of medians")
+        record.say(
+            f"                  {statistics.median(worst):5.1f} ms worst of a second, median"
+        )
+        record.say(f"frames lost       {lost_after - lost_before} of {all_after - all_before}")
+        record.figure("latency of a picture, median", statistics.median(latencies), "ms")
+        record.figure("pictures a second for each of two viewers", min(rates), "1/s")
+        record.figure(
+            "console with two viewers",
+            100 * used_s / span_s,
+            "% of a core",
+            peer="without a viewer",
+            peer_value=100 * alone,
+        )
+        record.say(f"processor         {100 * used_s / span_s:5.1f} % of a core")
         half = len(memory) // 2 or 1
         for name, place in (("console", 1), ("page", 2), ("heap", 3)):
             early = statistics.mean(row[place] for row in memory[:half])
             late = statistics.mean(row[place] for row in memory[half:] or memory)
-            print(
+            record.say(
                 f"memory {name:10} {memory[0][place]:6.1f} MB at first, second half less first "
                 f"half {late - early:+.1f} MB"
             )
 
 
 def main() -> None:
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
-    print(
-        f"Python {platform.python_version()}, starlette {version('starlette')}, "
-        f"uvicorn {version('uvicorn')}, {platform.machine()}, {os.cpu_count()} cores, "
-        f"load {os.getloadavg()[0]:.1f}; 780 x 580 px, two pages, {seconds:g} s"
-    )
+    parser = bench_parser(__doc__)
+    parser.add_argument("--seconds", type=float, help="seconds with two viewers, 40")
+    given = parser.parse_args()
     with (
+        Recorder.of(
+            given,
+            "console",
+            packages=("starlette", "uvicorn"),
+            note="780 x 580 px, two pages",
+        ) as record,
         tempfile.TemporaryDirectory() as folder,
         console_rig(Path(folder), mock_keys=WHOLE_FRAME) as rig,
     ):
-        measure(rig, seconds)
-    print(f"load {os.getloadavg()[0]:.1f}")
+        record.say(f"load {os.getloadavg()[0]:.1f}")
+        measure(record, rig, given.seconds or record.pick(SECONDS, 15.0))
+        record.say(f"load {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":

@@ -9,12 +9,9 @@ from d': ``2 / d'^2 / 1e-4 + 1 / (4 x 1e-4)``.
     OMP_NUM_THREADS=1 python -m benchmarks.bench_detectability
 """
 
-import platform
-import sys
 import time
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
@@ -24,12 +21,14 @@ from analysis.detectability_local import LocalChange, local_changes
 from analysis.detectability_observers import OBSERVERS, observer_templates
 from analysis.detectability_pair import compared_pair
 from analysis.detectability_signal import GaussianSignal
+from benchmarks.harness import Recorder, bench_parser
 from simulation import GaussianPsf
 from simulation.banded import apply_separable
 from tests.analysis.detectability_trials import run_trials
 
 SHAPE = (450, 600)
 ZOOMS = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
+QUICK_ZOOMS = (1.0, 1.5, 3.0)
 PSF = GaussianPsf(sigma_x_px=0.935, sigma_y_px=0.935)
 SPOT = GaussianSignal(sigma_px=2.0)
 NOISE_DN, CONTRAST_DN = 2.0, 12.0
@@ -100,14 +99,20 @@ def prepared(scene: FloatArray, zoom: float) -> tuple[LocalChange, list[FloatArr
 
 
 def main() -> None:
-    print(f"python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}")
-    print(f"{platform.machine()}, {sys.platform}")
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "detectability", packages=("numpy", "scipy", "numba")
+    ) as record:
+        compare(record, record.pick(ZOOMS, QUICK_ZOOMS))
+
+
+def compare(record: Recorder, zooms: tuple[float, ...]) -> None:
+    """Print the times by zoom, and their sums as figures."""
     rough = gaussian_filter(np.random.default_rng(0).standard_normal(SHAPE), 1.2)
     scene = 120 + 150 * rough
     analytic(scene, 1.5)  # compiles
     analytic_s, windows_s, frames_s = 0.0, 0.0, 0.0
-    print("zoom   d' npw, hotelling, cho    analytic / ms   windows / s   frames / s")
-    for zoom in ZOOMS:
+    record.say("zoom   d' npw, hotelling, cho    analytic / ms   windows / s   frames / s")
+    for zoom in zooms:
         compared_pair.cache_clear()
         start = time.perf_counter()
         values = analytic(scene, zoom)
@@ -117,15 +122,24 @@ def main() -> None:
         window_s = trials * window_trial_s(scene, zoom)
         frame_s = trials * frame_trial_s(scene, zoom)
         shown = "  ".join(f"{values[name]:6.3f}" for name in OBSERVERS)
-        print(f"{zoom:4.2f}   {shown}   {1e3 * took_s:10.0f}   {window_s:11.2f}   {frame_s:10.1f}")
+        record.say(
+            f"{zoom:4.2f}   {shown}   {1e3 * took_s:10.0f}   {window_s:11.2f}   {frame_s:10.1f}"
+        )
         analytic_s, windows_s, frames_s = (
             analytic_s + took_s,
             windows_s + window_s,
             frames_s + frame_s,
         )
-    print(f"curve: {analytic_s:.2f} s analytic")
-    print(f"Monte Carlo of 1 % in windows {windows_s:.0f} s: {windows_s / analytic_s:.0f} times")
-    print(f"Monte Carlo of 1 % in frames {frames_s:.0f} s: {frames_s / analytic_s:.0f} times")
+    record.say(f"curve: {analytic_s:.2f} s analytic")
+    for what, peer_s in (("windows", windows_s), ("frames", frames_s)):
+        record.figure(
+            f"curve of d' over {len(zooms)} zooms",
+            analytic_s,
+            "s",
+            peer=f"Monte Carlo of 1 % in {what}",
+            peer_value=peer_s,
+        )
+        record.say(f"Monte Carlo of 1 % in {what} {peer_s:.0f} s: {peer_s / analytic_s:.0f} times")
 
 
 if __name__ == "__main__":

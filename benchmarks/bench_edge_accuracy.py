@@ -5,12 +5,9 @@ the Cramer-Rao bound: of all pixels of the image within 6 sigma + 3 px of the tr
 place, curvature, width and both levels unknown, from numerical derivatives. Nothing unbiased is
 below 1; of N edges the figure itself scatters by 1 / sqrt(2 N).
 
-    python -m benchmarks.bench_edge_accuracy [--edges 2000] [--draws 200]
+    python -m benchmarks.bench_edge_accuracy [--edges 2000] [--draws 200] [--quick]
 """
 
-import argparse
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import hypot, sqrt
 
@@ -18,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.bench_edge_fit import exact_edge
+from benchmarks.harness import Recorder, bench_parser
 from calibration.covariance_fit import fit_covariance
 from calibration.edge_detection import find_edges
 from calibration.edge_fit import EdgeFit, fit_edge
@@ -62,12 +60,14 @@ def only_fit(image: Array, noise: LevelNoise | None = None) -> EdgeFit | None:
     return fit_edge(image, segments[0], noise=noise) if len(segments) == 1 else None
 
 
-def noise_free() -> None:
-    print("\nnoise-free, normals of 0 to 90 degrees in steps of 1: worst error of sigma in %")
-    print("  sigma   point-sampled, total   pixel square, optical   the same in 16 bit  missed")
-    for sigma_px in (0.3, 0.4, 0.5, 0.8, 1.5, 2.5):
+def noise_free(record: Recorder) -> None:
+    record.say("\nnoise-free, normals of 0 to 90 degrees in steps of 1: worst error of sigma in %")
+    record.say(
+        "  sigma   point-sampled, total   pixel square, optical   the same in 16 bit  missed"
+    )
+    for sigma_px in record.pick((0.3, 0.4, 0.5, 0.8, 1.5, 2.5), (0.5, 1.5)):
         worst, missed = [0.0, 0.0, 0.0], 0
-        for normal_deg in range(91):
+        for normal_deg in range(0, 91, record.pick(1, 5)):
             square = edge_image(sigma_px, normal_deg, has_pixel=True)
             for k, image in enumerate((edge_image(sigma_px, normal_deg), square, np.rint(square))):
                 if k == 0 and sigma_px < 0.4:
@@ -78,8 +78,9 @@ def noise_free() -> None:
                     missed += 1
                 else:
                     worst[k] = max(worst[k], abs(width / sigma_px - 1))
+        record.figure(f"worst error without noise, sigma {sigma_px} px", 100 * worst[1], "%")
         first = f"{100 * worst[0]:.4f}" if sigma_px >= 0.4 else "-"
-        print(
+        record.say(
             f"  {sigma_px:5.2f} {first:>22} {100 * worst[1]:23.4f} {100 * worst[2]:20.4f}"
             f" {missed:7d}"
         )
@@ -134,24 +135,28 @@ def noisy_cell(
     return tally
 
 
-def noise(edges: int) -> None:
+def noise(record: Recorder, edges: int) -> None:
     header = "  sigma   SNR  bias %  scatter %  rms/bound  in 95 %  missed"
-    print(f"\noptical width of {edges} edges a line, found and fitted\n{header}")
+    record.say(f"\noptical width of {edges} edges a line, found and fitted\n{header}")
     squares: list[float] = []
     for sigma_px in (0.5, 0.8, 1.5):
         for snr in (100.0, 30.0, 12.0):
             tally = noisy_cell(sigma_px, snr, edges)
             squares += tally.scaled
-            print(f"  {sigma_px:5.2f} {snr:5.0f}{tally.line()}")
-    print(f"  over all cells: rms/bound {np.sqrt(np.mean(np.square(squares))):.3f}")
-    print("shot noise, 15 times the variance on the bright side, line known")
-    print(f"  {0.8:5.2f} {30:5.0f}{noisy_cell(0.8, 30.0, edges, is_shot=True).line()}")
-    print("faint and short")
-    print(f"  {0.8:5.2f} {6:5.0f}{noisy_cell(0.8, 6.0, edges).line()}")
-    print(f"  {0.8:5.2f} {30:5.0f}{noisy_cell(0.8, 30.0, edges, length_px=20).line()}  20 px")
+            rms = float(np.sqrt(np.mean(np.square(tally.scaled))))
+            record.figure(
+                f"error of sigma over its bound, {sigma_px} px, SNR {snr:g}", rms, "of the bound"
+            )
+            record.say(f"  {sigma_px:5.2f} {snr:5.0f}{tally.line()}")
+    record.say(f"  over all cells: rms/bound {np.sqrt(np.mean(np.square(squares))):.3f}")
+    record.say("shot noise, 15 times the variance on the bright side, line known")
+    record.say(f"  {0.8:5.2f} {30:5.0f}{noisy_cell(0.8, 30.0, edges, is_shot=True).line()}")
+    record.say("faint and short")
+    record.say(f"  {0.8:5.2f} {6:5.0f}{noisy_cell(0.8, 6.0, edges).line()}")
+    record.say(f"  {0.8:5.2f} {30:5.0f}{noisy_cell(0.8, 30.0, edges, length_px=20).line()}  20 px")
 
 
-def tilted_psf(draws: int) -> None:
+def tilted_psf(record: Recorder, draws: int) -> None:
     """Covariance of a PSF with rho 0.35 behind the pixel, from 24 edges of 100 px."""
     sigma_x, sigma_y, rho, snr, count = 0.9, 0.7, 0.35, 30.0, 24
     truth = np.array([sigma_x, sigma_y, rho])
@@ -196,27 +201,23 @@ def tilted_psf(draws: int) -> None:
         held += [bool(e and e.low <= t <= e.high) for e, t in zip(estimates, truth, strict=True)]
         scaled.append((values - truth) / bounds)
     rms = np.sqrt(np.mean(np.square(scaled), axis=0))
-    print(f"\ntilted PSF, {count} edges of {SIDE_PX} px at SNR {snr:.0f}, {draws} draws")
+    record.say(f"\ntilted PSF, {count} edges of {SIDE_PX} px at SNR {snr:.0f}, {draws} draws")
     for name, ratio, inside in zip(("sigma_x", "sigma_y", "rho"), rms, held, strict=True):
-        print(
+        record.figure(f"error of {name} over its bound, tilted PSF", ratio, "of the bound")
+        record.say(
             f"  {name:8s} rms/bound {ratio:.3f}, in the 95 % interval {100 * inside / draws:.1f} %"
         )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Accuracy of the edge measurement.")
-    parser.add_argument("--edges", type=int, default=2000, help="edges in each cell of noise")
-    parser.add_argument("--draws", type=int, default=200, help="draws of the tilted PSF")
-    arguments = parser.parse_args()
-    steps: list[Callable[[], None]] = [
-        noise_free,
-        lambda: noise(arguments.edges),
-        lambda: tilted_psf(arguments.draws),
-    ]
-    for step in steps:
-        start = time.perf_counter()
-        step()
-        print(f"  ({time.perf_counter() - start:.0f} s)")
+    parser = bench_parser("Accuracy of the edge measurement.")
+    parser.add_argument("--edges", type=int, help="edges in each cell of noise, 2000")
+    parser.add_argument("--draws", type=int, help="draws of the tilted PSF, 200")
+    given = parser.parse_args()
+    with Recorder.of(given, "edge_accuracy", packages=("numpy", "scipy", "numba")) as record:
+        noise_free(record)
+        noise(record, given.edges or record.pick(2000, 100))
+        tilted_psf(record, given.draws or record.pick(200, 10))
 
 
 if __name__ == "__main__":

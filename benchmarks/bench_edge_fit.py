@@ -6,20 +6,16 @@ and judges the residuals), the search beside ``cv2.Canny`` with ``cv2.findContou
 single-threaded but for OpenCV.
 """
 
-import platform
-import sys
-import time
-from collections.abc import Callable
 from functools import partial
 
 import cv2
-import numba
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import best_s, shortest_s
 from calibration.edge_detection import find_edges
 from calibration.edge_fit import fit_edge
 from calibration.edge_segments import EdgeSegment, band_half_width, band_pixels, side_level
@@ -28,17 +24,6 @@ Array = NDArray[np.float64]
 
 SIGMAS_PX = (0.5, 0.8, 1.5)
 SIDE_PX = 100
-
-
-def best_s(call: Callable[[], object], seconds: float = 1.0) -> float:
-    """Shortest of as many runs as fit, after one that warms up."""
-    call()
-    best, end = np.inf, time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        start = time.perf_counter()
-        call()
-        best = min(best, time.perf_counter() - start)
-    return float(best)
 
 
 def exact_edge(parameters: Array, x: Array, y: Array) -> Array:
@@ -77,8 +62,8 @@ def naive_fit(image: Array, segment: EdgeSegment) -> float:
     return float(np.exp(fit.x[3]))
 
 
-def fit_speed() -> None:
-    print("\nfit of one edge of 100 px\n  sigma  angle   fit_edge ms   scipy ms  times faster")
+def fit_speed(record: Recorder) -> None:
+    record.say("\nfit of one edge of 100 px\n  sigma  angle   fit_edge ms   scipy ms  times faster")
     y, x = np.mgrid[:SIDE_PX, :SIDE_PX] - (SIDE_PX - 1) / 2
     for sigma_px in SIGMAS_PX:
         for angle_deg in (5.0, 35.0):
@@ -86,9 +71,18 @@ def fit_speed() -> None:
             image = exact_edge(truth, x, y)
             image += np.random.default_rng(1).normal(0, 25.0, image.shape)
             segment = find_edges(image, cell_px=1000.0)[0]
-            own_s = best_s(partial(fit_edge, image, segment))
-            peer_s = best_s(partial(naive_fit, image, segment))
-            print(
+            own_s, peer_s = shortest_s(
+                [partial(fit_edge, image, segment), partial(naive_fit, image, segment)],
+                record.pick(2.0, 0.2),
+            )
+            record.figure(
+                f"edge fit, sigma {sigma_px} px, {angle_deg:g} degrees",
+                own_s * 1e3,
+                "ms",
+                peer="scipy least_squares",
+                peer_value=peer_s * 1e3,
+            )
+            record.say(
                 f"  {sigma_px:5.2f} {angle_deg:6.0f} {own_s * 1e3:13.2f} {peer_s * 1e3:10.2f}"
                 f" {peer_s / own_s:13.1f}"
             )
@@ -110,13 +104,20 @@ def canny_and_contours(image: NDArray[np.uint8]) -> int:
     return len(cv2.findContours(ridge, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0])
 
 
-def search_speed() -> None:
+def search_speed(record: Recorder) -> None:
     image = chart()
     codes = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    own_s = best_s(partial(find_edges, image), 4.0)
-    peer_s = best_s(partial(canny_and_contours, codes), 2.0)
+    own_s = best_s(partial(find_edges, image), record.pick(4.0, 0.3))
+    peer_s = best_s(partial(canny_and_contours, codes), record.pick(2.0, 0.3))
     found = len(find_edges(image))
-    print(
+    record.figure(
+        f"search for edges, {image.shape[1]} x {image.shape[0]}",
+        own_s * 1e3,
+        "ms",
+        peer="OpenCV's Canny and contours",
+        peer_value=peer_s * 1e3,
+    )
+    record.say(
         f"\nsearch in {image.shape[1]} x {image.shape[0]} px: {found} edges in"
         f" {own_s * 1e3:.0f} ms; Canny and contours {peer_s * 1e3:.0f} ms,"
         f" {own_s / peer_s:.1f} times as long"
@@ -124,13 +125,14 @@ def search_speed() -> None:
 
 
 def main() -> None:
-    print(
-        f"{platform.processor() or platform.machine()}, Python {sys.version.split()[0]}, "
-        f"numpy {np.__version__}, numba {numba.__version__}, scipy {scipy.__version__}, "
-        f"OpenCV {cv2.__version__} with {cv2.getNumThreads()} threads"
-    )
-    fit_speed()
-    search_speed()
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(),
+        "edge_fit",
+        packages=("numpy", "numba", "scipy", "opencv-contrib-python-headless"),
+        note=f"OpenCV with {cv2.getNumThreads()} threads",
+    ) as record:
+        fit_speed(record)
+        search_speed(record)
 
 
 if __name__ == "__main__":

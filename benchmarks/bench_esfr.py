@@ -8,15 +8,14 @@ imported. Speed: one edge, samples at hand, single-threaded.
 """
 
 import importlib
-import platform
 import time
 from collections.abc import Callable
 
-import numba
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import best_s
 from calibration.edge_detection import find_edges
 from calibration.edge_fit import fit_edge
 from calibration.edge_samples import EdgeSamples, edge_samples
@@ -100,47 +99,61 @@ def quick_mtf() -> Callable[[Array], float] | None:
 
 
 def main() -> None:
-    print(
-        f"Python {platform.python_version()}, {platform.machine()}, numpy {np.__version__}", end=""
-    )
-    print(f", scipy {scipy.__version__}, numba {numba.__version__}")
-    peers: dict[str, Callable[[Array], float]] = {"spline": by_spline, "bins": by_bins}
-    quick = quick_mtf()
-    if quick is None:
-        print("quickMTF is not installed: pip install quickMTF to compare with it")
-    else:
-        peers["quickMTF"] = quick
-    rng = np.random.default_rng(1)
-    print(f"\n{'|error of MTF50| / %: median (largest)':40s}" + "".join(f"{n:>22s}" for n in peers))
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "esfr", packages=("numpy", "scipy", "numba")
+    ) as record:
+        peers: dict[str, Callable[[Array], float]] = {"spline": by_spline, "bins": by_bins}
+        quick = quick_mtf()
+        if quick is None:
+            record.say("quickMTF is not installed: pip install quickMTF to compare with it")
+        else:
+            peers["quickMTF"] = quick
+        rng = np.random.default_rng(1)
+        compare_errors(record, peers, rng)
+        clean = edge_image(0.8, 5.0, has_pixel=True)
+        image = clean + rng.normal(size=clean.shape) * NOISE_DN
+        samples, sigma = samples_of(image)
+        seconds = record.pick(1.0, 0.2)
+        own_s = best_s(lambda: measure_esfr(samples, sigma), seconds, time.thread_time)
+        record.say(f"\none edge, {samples.levels_dn.size} pixels / ms")
+        record.say(f"  spline, samples at hand  {1e3 * own_s:8.2f}")
+        peer_ms = None
+        if quick is not None:
+            peer_ms = 1e3 * best_s(lambda: quick(image), seconds, time.thread_time)
+            record.say(f"  quickMTF, whole image    {peer_ms:8.2f}")
+        record.figure(
+            "e-SFR of one edge",
+            1e3 * own_s,
+            "ms",
+            peer=None if peer_ms is None else "quickMTF",
+            peer_value=peer_ms,
+        )
+
+
+def compare_errors(
+    record: Recorder, peers: dict[str, Callable[[Array], float]], rng: np.random.Generator
+) -> None:
+    """Print the errors of MTF50 by kind of edge."""
+    heading = f"{'|error of MTF50| / %: median (largest)':40s}"
+    record.say("\n" + heading + "".join(f"{name:>22s}" for name in peers))
     for kind, edges in cases().items():
         for noise_dn in (0.0, NOISE_DN):
             errors: dict[str, list[float]] = {name: [] for name in peers}
             for clean, truth in edges:
-                for _ in range(DRAWS if noise_dn else 1):
+                for _ in range(record.pick(DRAWS, 1) if noise_dn else 1):
                     image = clean + rng.normal(size=clean.shape) * noise_dn
                     for name, measure in peers.items():
                         errors[name].append(100 * abs(measure(image) / truth - 1))
             label = f"{kind}, {'SNR 100' if noise_dn else 'no noise'}"
             cells = (f"{np.nanmedian(e):10.4f} ({np.nanmax(e):8.4f})" for e in errors.values())
-            print(f"{label:40s}" + "".join(f"{cell:>22s}" for cell in cells))
-    clean = edge_image(0.8, 5.0, has_pixel=True)
-    image = clean + rng.normal(size=clean.shape) * NOISE_DN
-    samples, sigma = samples_of(image)
-    print(f"\none edge, {samples.levels_dn.size} pixels / ms")
-    print(f"  spline, samples at hand  {best_ms(lambda: measure_esfr(samples, sigma)):8.2f}")
-    if quick is not None:
-        print(f"  quickMTF, whole image    {best_ms(lambda: quick(image)):8.2f}")
-
-
-def best_ms(call: Callable[[], object], seconds: float = 1.0) -> float:
-    """Shortest CPU time of as many runs as fit, after one that warms up."""
-    call()
-    best, end = np.inf, time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        start = time.thread_time()
-        call()
-        best = min(best, time.thread_time() - start)
-    return 1e3 * float(best)
+            record.say(f"{label:40s}" + "".join(f"{cell:>22s}" for cell in cells))
+            record.figure(
+                f"median error of MTF50: {label}",
+                float(np.nanmedian(errors["spline"])),
+                "%",
+                peer="ISO 12233 by bins",
+                peer_value=float(np.nanmedian(errors["bins"])),
+            )
 
 
 if __name__ == "__main__":

@@ -7,9 +7,7 @@ signal-to-noise ratio of white paper in one frame, with and without an exposure 
 over the sweep. "refused" counts sweeps without peak.
 """
 
-import platform
-import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +17,8 @@ from acquisition.bench import load_bench
 from acquisition.focus import focus_value
 from acquisition.focus_measures import FOCUS_MEASURES, FocusMeasure
 from acquisition.focus_sweep import NoFocusPeakError, fit_focus_peak
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import medians_s
 from hil_mocks.pinhole import CameraPose
 from hil_mocks.truth import BenchTruth
 
@@ -30,24 +30,22 @@ Views = dict[tuple[str, float], NDArray[np.float32]]
 CONFIGS = Path(__file__).parents[1] / "configs"
 
 
-def median_us(work: Callable[[], object]) -> float:
-    """Median time of a call, in us; the first one, which may compile, is not counted."""
-    work()
-    times_us = []
-    for _ in range(ROUNDS):
-        begin = time.perf_counter()
-        work()
-        times_us.append(1e6 * (time.perf_counter() - begin))
-    return float(np.median(times_us))
-
-
-def print_times() -> None:
+def compare_times(record: Recorder) -> None:
     frame = np.random.default_rng(1).integers(0, 4096, (580, 780)).astype(np.uint16)
-    copy_us = median_us(frame.copy)
-    print(f"copy of a 780 x 580 Mono12 frame: {copy_us:.0f} us")
-    for name in FOCUS_MEASURES:
-        ours_us = median_us(lambda name=name: focus_value(frame, black_level_dn=64, measure=name))  # type: ignore[misc]  # bound at once
-        print(f"{name:18s} {ours_us:6.0f} us {ours_us / copy_us:5.1f} x the copy")
+    measures = [
+        partial(focus_value, frame, black_level_dn=64, measure=name) for name in FOCUS_MEASURES
+    ]
+    copy_s, *times_s = medians_s([frame.copy, *measures], record.pick(ROUNDS, 50))
+    record.say(f"copy of a 780 x 580 Mono12 frame: {1e6 * copy_s:.0f} us")
+    for name, ours_s in zip(FOCUS_MEASURES, times_s, strict=True):
+        record.figure(
+            f"focus of a frame, {name}",
+            1e6 * ours_s,
+            "us",
+            peer="a copy of the frame",
+            peer_value=1e6 * copy_s,
+        )
+        record.say(f"{name:18s} {1e6 * ours_s:6.0f} us {ours_s / copy_s:5.1f} x the copy")
 
 
 def truth_of_bench() -> BenchTruth:
@@ -74,10 +72,11 @@ def sweep_errors(
     snr: float,
     drift: float,
     frames: int,
+    seeds: int,
 ) -> tuple[float, float, int]:
     """RMS and worst error in percent of the travel, and the number of refused sweeps."""
     errors, refused = [], 0
-    for seed in range(SEEDS):
+    for seed in range(seeds):
         rng = np.random.default_rng([seed, round(snr), frames])
         heights = MIDDLES_MM[seed % 4] + STEP_MM * (np.arange(STEPS) - STEPS // 2)
         exposure_us = snr**2 / 1.5 * np.linspace(1 - drift / 2, 1 + drift / 2, STEPS)
@@ -108,19 +107,38 @@ def sweep_errors(
     return float(np.sqrt(np.mean(np.square(errors)))), float(np.max(np.abs(errors))), refused
 
 
-def main() -> None:
-    print(f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}")
-    print_times()
-    truth = truth_of_bench()
+def compare_peaks(record: Recorder) -> None:
+    truth, seeds = truth_of_bench(), record.pick(SEEDS, 4)
     views: Views = {}
-    cases = [(snr, drift) for snr in (100.0, 50.0, 20.0, 10.0) for drift in (0.0, 0.2)]
+    levels = record.pick((100.0, 50.0, 20.0, 10.0), (20.0,))
+    cases = [(snr, drift) for snr in levels for drift in (0.0, 0.2)]
     for frames, target in ((1, "edge"), (1, "coins"), (10, "edge"), (10, "coins")):
-        print(f"\n{target}, mean of {frames}: rms / worst error of the peak in % of the travel")
-        print(" " * 18 + "".join(f"      SNR {s:3.0f} {100 * d:2.0f} %" for s, d in cases))
+        record.say(
+            f"\n{target}, mean of {frames}: rms / worst error of the peak in % of the travel"
+        )
+        record.say(" " * 18 + "".join(f"      SNR {s:3.0f} {100 * d:2.0f} %" for s, d in cases))
         for name in FOCUS_MEASURES:
-            cells = [sweep_errors(truth, views, target, name, *case, frames) for case in cases]
+            cells = [
+                sweep_errors(truth, views, target, name, *case, frames, seeds) for case in cases
+            ]
             line = "".join(f" {rms:5.2f} /{worst:5.2f} ({bad:2d})" for rms, worst, bad in cells)
-            print(f"{name:18s}{line}")
+            record.say(f"{name:18s}{line}")
+            for (snr, drift), (rms, _, _) in zip(cases, cells, strict=True):
+                if snr == 20.0 and drift:
+                    record.figure(
+                        f"error of the focus peak, {name}, {target}, mean of {frames}, "
+                        f"SNR {snr:g}, light drifts by {100 * drift:.0f} %",
+                        rms,
+                        "% of the travel",
+                    )
+
+
+def main() -> None:
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "focus", packages=("numpy", "numba")
+    ) as record:
+        compare_times(record)
+        compare_peaks(record)
 
 
 if __name__ == "__main__":

@@ -5,20 +5,17 @@ takes the scale of each capture from ``cv2.findHomography`` on SIFT matches with
 and the pupil from a straight line through distances and heights. ``covered`` is the share of cases
 whose error is within 1.96 of its own standard errors; 24 cases tell this to 4 points.
 
-    python benchmarks/bench_geometry.py [cases] [width_px]
+    python -m benchmarks.bench_geometry [--cases 24] [--width-px 780]
 """
 
-import platform
-import sys
 import time
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
+from benchmarks.harness import Recorder, bench_parser
 from calibration.errors import RegistrationError
 from calibration.feature_matches import homography_pose, match_features
 from calibration.geometry import GeometryCalibration, GeometryOptions, Measured
@@ -137,18 +134,17 @@ def peer_pupil_mm(case: Case) -> tuple[float, float]:
     return float(level / slope), float(np.abs(np.array(zooms) / true - 1).max())
 
 
-def main() -> None:
-    cases = int(sys.argv[1]) if len(sys.argv) > 1 else 24
-    width_px = int(sys.argv[2]) if len(sys.argv) > 2 else WIDTH_PX
-    print(
-        f"{platform.processor() or platform.machine()}, numpy {np.__version__}, "
-        f"scipy {scipy.__version__}, OpenCV {cv2.__version__}; {width_px} px wide"
-    )
-    print(
+def compare(record: Recorder, cases: int, width_px: int) -> None:
+    """Print a line for each case, and how the errors compare with what was claimed of them."""
+    record.say(
         "target     n  pupil err +- se / mm     peer/mm  zoom err  peer zoom  scale err"
         "   k1 err/%  tilt err / deg      s   peer s"
     )
     sigmas: dict[str, list[float]] = {}
+    own_zooms: list[float] = []
+    peer_zooms: list[float] = []
+    own_mm: list[float] = []
+    off_mm: list[float] = []
     for seed in range(cases):
         case = draw_case(seed, width_px)
         start = time.perf_counter()
@@ -176,13 +172,16 @@ def main() -> None:
         tilt_err = float(np.hypot(*(tilt - case.tilt_deg)))
         k1 = found.k1.value if found.k1 else np.nan
         err_mm = pupil.pupil_offset_mm - true_mm
-        print(
+        record.say(
             f"{case.target:9} {len(found.captures):2} {err_mm:+10.4f}"
             f" +- {pupil.pupil_offset_err_mm:.4f}"
             f" {peer_mm - true_mm:+11.3f} {zoom_err:9.1e} {peer_zoom:10.1e} {scale_err:10.1e}"
             f" {100 * (k1 - case.k1) / 0.01:+10.2f} {tilt_err:15.4f} {own_s:6.1f} {peer_s:8.1f}",
-            flush=True,
         )
+        own_zooms.append(zoom_err)
+        peer_zooms.append(peer_zoom)
+        own_mm.append(abs(err_mm))
+        off_mm.append(abs(peer_mm - true_mm))
         sigmas.setdefault("pupil", []).append(err_mm / pupil.pupil_offset_err_mm)
         for name, measured, true in (
             ("k1", found.k1, case.k1),
@@ -195,9 +194,36 @@ def main() -> None:
                 sigmas.setdefault(name, []).append((measured.value - true) / measured.err)
     for name, values in sigmas.items():
         within = np.abs(values) < 1.96
-        print(
+        record.figure(f"error of {name} over its standard error", float(np.std(values)), "se")
+        record.say(
             f"{name:12} covered {within.mean():.0%} of {len(values)}, rms {np.std(values):.2f} se"
         )
+    for what, unit, own, peer in (
+        ("worst error of a zoom, median of the cases", "1e-6", own_zooms, peer_zooms),
+        ("error of the pupil, median of the cases", "um", own_mm, off_mm),
+    ):
+        scale = 1e6 if unit == "1e-6" else 1e3
+        record.figure(
+            what,
+            scale * float(np.median(own)),
+            unit,
+            peer="homographies on SIFT, pair by pair",
+            peer_value=scale * float(np.nanmedian(peer)),
+        )
+
+
+def main() -> None:
+    parser = bench_parser(__doc__)
+    parser.add_argument("--cases", type=int, help="cameras, 24")
+    parser.add_argument("--width-px", type=int, default=WIDTH_PX)
+    given = parser.parse_args()
+    with Recorder.of(
+        given,
+        "geometry",
+        packages=("numpy", "scipy", "opencv-contrib-python-headless"),
+        note=f"{given.width_px} px wide",
+    ) as record:
+        compare(record, given.cases or record.pick(24, 3), given.width_px)
 
 
 if __name__ == "__main__":

@@ -1,18 +1,15 @@
 """What serving the simulated GigE camera costs: 67.5 frames/s of 780 x 580 px in Mono12.
 
-Run with ``python benchmarks/bench_gige_device.py``. The camera is a process of its own, so its
+The camera is a process of its own, so its
 processor time is that of the device alone; this process asks for frames and throws them away.
 The peer is one system call per packet, without the kernel's segmentation.
 """
 
 import itertools
 import multiprocessing
-import os
-import platform
 import socket
 import time
 from collections.abc import Callable
-from importlib.metadata import version
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -20,6 +17,7 @@ import numpy as np
 
 import hil_mocks.gige.stream
 from acquisition.bench import load_bench
+from benchmarks.harness import Recorder, bench_parser
 from hil_mocks.gige import FrameRequest
 from hil_mocks.gige.bootstrap import BootstrapAddress
 from hil_mocks.gige.features import features_of
@@ -114,7 +112,7 @@ class Client:
         self.stream.close()
 
 
-def measure(packet_size_bytes: int, max_segments: int) -> tuple[float, float]:
+def measure(packet_size_bytes: int, max_segments: int, seconds: float) -> tuple[float, float]:
     """Frames per second and share of one core."""
     ours, theirs = multiprocessing.get_context("spawn").Pipe()
     process = multiprocessing.get_context("spawn").Process(
@@ -127,7 +125,7 @@ def measure(packet_size_bytes: int, max_segments: int) -> tuple[float, float]:
     client.count_frames(1.0)
     ours.send("begin")
     begun_s = time.monotonic()
-    rate = client.count_frames(SECONDS)
+    rate = client.count_frames(seconds)
     ours.send("end")
     share = ours.recv() / (time.monotonic() - begun_s)
     client.close()
@@ -135,7 +133,7 @@ def measure(packet_size_bytes: int, max_segments: int) -> tuple[float, float]:
     return rate, share
 
 
-def milliseconds_of_parts() -> None:
+def milliseconds_of_parts(record: Recorder) -> None:
     """Where a frame's time goes, and what the sensor model's own noise would cost."""
     bench = PracticeBench(load_bench(CONFIG), height_mm=lambda: 200.0, address=ADDRESS)
     request = FrameRequest(
@@ -158,22 +156,32 @@ def milliseconds_of_parts() -> None:
         started_s = time.process_time()
         for _ in range(REPEATS):
             work()
-        print(f"{name:45s} {1e3 * (time.process_time() - started_s) / REPEATS:6.2f} ms")
+        taken_ms = 1e3 * (time.process_time() - started_s) / REPEATS
+        record.figure(name, taken_ms, "ms")
+        record.say(f"{name:45s} {taken_ms:6.2f} ms")
 
 
 def main() -> None:
-    print(
-        f"{platform.machine()}, {os.cpu_count()} cores, Linux {platform.release()}, "
-        f"Python {platform.python_version()}, numpy {version('numpy')}"
-    )
-    milliseconds_of_parts()
-    for packet_size_bytes in (1500, 8228):
-        rate, share = measure(packet_size_bytes, 64)
-        _, peer = measure(packet_size_bytes, 1)
-        print(
-            f"packets of {packet_size_bytes} bytes: {rate:5.1f} frames/s, {100 * share:4.1f} % of "
-            f"a core; one call per packet {100 * peer:4.1f} %, {peer / share:.1f} times"
-        )
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "gige_device", packages=("numpy", "numba")
+    ) as record:
+        milliseconds_of_parts(record)
+        seconds = record.pick(SECONDS, 2.0)
+        for packet_size_bytes in (1500, 8228):
+            rate, share = measure(packet_size_bytes, 64, seconds)
+            _, peer = measure(packet_size_bytes, 1, seconds)
+            record.figure(
+                f"serve 67.5 frames/s in packets of {packet_size_bytes} bytes",
+                100 * share,
+                "% of a core",
+                peer="one call for each packet",
+                peer_value=100 * peer,
+            )
+            record.say(
+                f"packets of {packet_size_bytes} bytes: {rate:5.1f} frames/s, "
+                f"{100 * share:4.1f} % of a core; one call per packet {100 * peer:4.1f} %, "
+                f"{peer / share:.1f} times"
+            )
 
 
 if __name__ == "__main__":

@@ -8,10 +8,7 @@ a training takes a minute or less.
     python -m benchmarks.bench_kernelgan --table --seeds 3 --steps 3000
 """
 
-import argparse
-import platform
 import statistics
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -23,6 +20,7 @@ from scipy.stats import spearmanr
 from torch import Tensor
 from torch.nn import functional
 
+from benchmarks.harness import Recorder, bench_parser
 from calibration.blind_calibration import calibrate_from_scene
 from calibration.errors import CalibrationError
 from calibration.psf_calibration import EdgeImage
@@ -106,25 +104,32 @@ def step_s(steps: int) -> list[float]:
     return times
 
 
-def print_speed(steps: int) -> None:
+def print_speed(record: Recorder, steps: int) -> None:
     # The first steps allocate and choose algorithms.
     whole_s = statistics.median(step_s(steps)[3:])
     own_s = {name: statistics.median(generator_s(steps, form)[3:]) for name, form in FORMS.items()}
     # All else in a step is the same for all.
     rest_s = whole_s - own_s["composed"]
-    print(f"medians of {steps - 3} steps at zoom 2 on {SHAPE[1]} x {SHAPE[0]}")
-    print("CPU time of the one thread, so that other programs count less")
-    print("                  generator ms  ratio   whole step ms  ratio   3000 steps s")
+    record.figure(
+        "a training step at zoom 2",
+        whole_s * 1e3,
+        "ms",
+        peer="layer by layer",
+        peer_value=(rest_s + own_s["layer by layer"]) * 1e3,
+    )
+    record.say(f"medians of {steps - 3} steps at zoom 2 on {SHAPE[1]} x {SHAPE[0]}")
+    record.say("CPU time of the one thread, so that other programs count less")
+    record.say("                  generator ms  ratio   whole step ms  ratio   3000 steps s")
     for name, own in own_s.items():
         step = rest_s + own
-        print(
+        record.say(
             f"  {name:15s} {own * 1e3:12.2f} {own / own_s['composed']:6.1f}"
             f" {step * 1e3:15.2f} {step / whole_s:6.1f} {FULL_STEPS * step:14.0f}"
         )
-    print(
+    record.say(
         "3000 steps are extrapolated; the whole step by layers is the composed one with the other"
     )
-    print("generator: discriminator, crops and regularisers are the same")
+    record.say("generator: discriminator, crops and regularisers are the same")
 
 
 def by_training(model: KernelModel, steps: int, sigma_px: float, seed: int) -> Variances:
@@ -158,15 +163,17 @@ def _between(covariance_px2: NDArray[np.float64] | None) -> Variances:
     return yy, xx
 
 
-def print_table(methods: dict[str, Estimator], sigmas_px: Sequence[float], seeds: int) -> None:
-    print(
+def print_table(
+    record: Recorder, methods: dict[str, Estimator], sigmas_px: Sequence[float], seeds: int
+) -> None:
+    record.say(
         f"{TABLE_SHAPE[1]} x {TABLE_SHAPE[0]} dead leaves (squares for single-image), blurred by "
         "sigma and downsampled by 2\n"
         "sigma in px before, variances in px^2 after downsampling; "
         "true: what a camera of this PSF adds at zoom 2, Sigma (zoom^2 - 1)"
     )
     for name, estimate in methods.items():
-        print(f"\n{name}\n  sigma  seed   true   estimated y, x    mean   ratio")
+        record.say(f"\n{name}\n  sigma  seed   true   estimated y, x    mean   ratio")
         truths, means = [], []
         for sigma_px in sigmas_px:
             true_px2 = sigma_px**2 / 4 * (ZOOM**2 - 1)
@@ -174,21 +181,20 @@ def print_table(methods: dict[str, Estimator], sigmas_px: Sequence[float], seeds
                 try:
                     yy, xx = estimate(sigma_px / 2, seed)
                 except (KernelGanError, CalibrationError) as error:
-                    print(f"  {sigma_px:5.2f} {seed:5d} {true_px2:6.2f}   {error}")
+                    record.say(f"  {sigma_px:5.2f} {seed:5d} {true_px2:6.2f}   {error}")
                     continue
                 mean = (xx + yy) / 2
                 truths.append(true_px2)
                 means.append(mean)
-                print(
+                record.say(
                     f"  {sigma_px:5.2f} {seed:5d} {true_px2:6.2f} {yy:10.2f} {xx:6.2f} {mean:7.2f}"
-                    f" {mean / true_px2:7.2f}",
-                    flush=True,
+                    f" {mean / true_px2:7.2f}"
                 )
-        print(f"  rank correlation {spearmanr(truths, means).statistic:.3f}")
+        record.say(f"  rank correlation {spearmanr(truths, means).statistic:.3f}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = bench_parser(__doc__)
     parser.add_argument("--table", action="store_true", help="true against estimated variance")
     parser.add_argument("--method", choices=METHODS, action="append", help="else all four")
     parser.add_argument("--sigmas", default="0.8,1.1,1.4,1.7,2.0")
@@ -196,22 +202,21 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=None, help="1000 for the table, else 30")
     given = parser.parse_args()
     torch.set_num_threads(1)
-    print(
-        f"{platform.processor() or platform.machine()}, Python {sys.version.split()[0]}, "
-        f"numpy {np.__version__}, torch {torch.__version__}; float32, one thread"
-    )
-    if given.table:
-        sigmas_px = [float(text) for text in given.sigmas.split(",")]
+    with Recorder.of(
+        given, "kernelgan", packages=("numpy", "torch"), note="float32, one thread"
+    ) as record:
+        if not given.table:
+            print_speed(record, given.steps or record.pick(30, 15))
+            return
         steps = given.steps or 1000
         methods: dict[str, Estimator] = {
             **{model: partial(by_training, model, steps) for model in KERNEL_MODELS},
             "single-image": by_edges,
             "two-distance": by_distances,
         }
+        sigmas_px = [float(text) for text in given.sigmas.split(",")]
         chosen = given.method or METHODS
-        print_table({name: methods[name] for name in chosen}, sigmas_px, given.seeds)
-    else:
-        print_speed(given.steps or 30)
+        print_table(record, {name: methods[name] for name in chosen}, sigmas_px, given.seeds)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
 """Gain and read noise of the simulated bench against its truth, and beside PyPI's emva1288.
 
-Run with ``python -m benchmarks.bench_noise [PYTHON]``; PYTHON is the interpreter of an environment
-of its own that has ``emva1288`` (the project's has not). Both get the same frames: two for each
-level, as that package takes them. The scatter over 10 seeds tells whether our errors are honest.
+Run with ``python -m benchmarks.bench_noise [--peer PYTHON]``; PYTHON is the interpreter of an
+environment of its own that has ``emva1288`` (the project's has not). Both get the same frames: two
+for each level, as that package takes them. The scatter over 10 seeds tells whether our errors are
+honest.
 """
 
 import json
-import platform
 import subprocess
 import sys
 import tempfile
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
+from benchmarks.harness import Recorder, bench_parser
 from calibration.photon_transfer import LevelSample, Saturation, fit_photon_transfer
 from hil_mocks.pinhole import CameraPose
 from hil_mocks.truth import BenchTruth
@@ -110,15 +111,15 @@ def peer(python: str, frames: dict[tuple[str, float], Pair]) -> tuple[float, flo
     return float(result["gain"]), float(result["read"])
 
 
-def main(python: str | None) -> None:
+def compare(record: Recorder, python: str | None) -> None:
+    """Print gain and read noise by seed, and how often the truth was within the errors."""
     truth = BenchTruth(load_bench(CONFIGS / "simulated.toml"))
-    print(f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}")
-    print(
-        f"truth: gain {truth.sensor.gain_e_per_dn} e/DN, read noise {truth.sensor.read_noise_e} e"
-    )
+    gain_true, read_true = truth.sensor.gain_e_per_dn, truth.sensor.read_noise_e
+    record.say(f"truth: gain {gain_true} e/DN, read noise {read_true} e")
     part = (slice(0, 290), slice(0, 390))
     pulls = []
-    for seed in range(SEEDS):
+    seeds = record.pick(SEEDS, 3)
+    for seed in range(seeds):
         view = (slice(None), slice(None)) if seed == 0 else part
         frames = {
             (kind, exposure): pair(truth, kind, exposure, seed, view)
@@ -126,17 +127,40 @@ def main(python: str | None) -> None:
             for kind in ("dark", "flat")
         }
         gain, gain_err, read, read_err = ours(frames)
-        pulls.append(((gain - 5.0) / gain_err, (read - 12.0) / read_err))
-        print(f"seed {seed}: {gain:.4f} +- {gain_err:.4f} e/DN, {read:.3f} +- {read_err:.3f} e")
-        if seed == 0 and python is not None:
-            peer_gain, peer_read = peer(python, frames)
-            print(
-                f"  emva1288: {peer_gain:.4f} e/DN ({100 * (gain / peer_gain - 1):+.2f} %), "
-                f"{peer_read:.3f} e ({100 * (read / peer_read - 1):+.2f} %)"
-            )
+        pulls.append(((gain - gain_true) / gain_err, (read - read_true) / read_err))
+        record.say(
+            f"seed {seed}: {gain:.4f} +- {gain_err:.4f} e/DN, {read:.3f} +- {read_err:.3f} e"
+        )
+        if seed == 0:
+            peer_gain, peer_read = (None, None) if python is None else peer(python, frames)
+            for what, found, true, theirs in (
+                ("gain", gain, gain_true, peer_gain),
+                ("read noise", read, read_true, peer_read),
+            ):
+                record.figure(
+                    f"error of the {what}, two frames a level",
+                    100 * abs(found / true - 1),
+                    "%",
+                    peer=None if theirs is None else "emva1288",
+                    peer_value=None if theirs is None else 100 * abs(theirs / true - 1),
+                )
+                if theirs is not None:
+                    record.say(
+                        f"  emva1288: {what} {theirs:.4f} ({100 * (found / theirs - 1):+.2f} %)"
+                    )
     inside = [int(np.sum(np.abs(np.array(pulls)[:, k]) < 2)) for k in (0, 1)]
-    print(f"truth within 2 standard errors: gain {inside[0]}, read noise {inside[1]} of {SEEDS}")
+    record.say(
+        f"truth within 2 standard errors: gain {inside[0]}, read noise {inside[1]} of {seeds}"
+    )
+
+
+def main() -> None:
+    parser = bench_parser(__doc__)
+    parser.add_argument("--peer", metavar="PYTHON", help="interpreter that has emva1288")
+    given = parser.parse_args()
+    with Recorder.of(given, "noise", packages=("numpy", "scipy")) as record:
+        compare(record, given.peer)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else None)
+    main()

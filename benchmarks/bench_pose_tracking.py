@@ -5,11 +5,9 @@ it, for the speed; the peer is ``register`` on every frame. Then at random poses
 to do with each other, for the verdicts: each is held against the one from the bench's own
 homography; those within 5 % of the threshold do not count.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.bench_pose_tracking [POSES]
+    OMP_NUM_THREADS=1 python -m benchmarks.bench_pose_tracking [--poses 200]
 """
 
-import platform
-import sys
 import time
 from math import cos, sin
 
@@ -21,6 +19,7 @@ from acquisition.bench import load_bench
 from analysis.detectability_curves import DetectabilityCurve
 from analysis.pose_quality import judge_pose
 from analysis.pose_tracker import PoseTracker
+from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import register
 from hil_mocks.pinhole import CameraPose
 from hil_mocks.truth import BenchTruth
@@ -66,7 +65,7 @@ def path(truth: BenchTruth) -> list[Image]:
     return [shot(truth, "coins", pose, rng) for pose in poses]
 
 
-def speed(truth: BenchTruth) -> None:
+def speed(record: Recorder, truth: BenchTruth) -> None:
     reference, frames = reference_frame(truth, "coins", 0), path(truth)
     tracker = PoseTracker(reference, CURVE, MIN_D_PRIME)
     took_s: list[float] = []
@@ -81,13 +80,20 @@ def speed(truth: BenchTruth) -> None:
         register(reference, frame)
         full_s.append(time.perf_counter() - start)
     followed, full = float(np.median(took_s)), float(np.median(full_s))
-    print(f"{len(frames)} frames of a path: searched as a whole {tracker.anchors}")
-    print(f"a followed frame {1e3 * followed:.0f} ms: {1 / followed:.0f} frames a second")
-    print(f"slowest {1e3 * max(took_s):.0f} ms; an anchor {1e3 * max(anchor_s):.0f} ms")
-    print(f"full registration {1e3 * full:.0f} ms: {full / followed:.0f} times as long")
+    record.say(f"{len(frames)} frames of a path: searched as a whole {tracker.anchors}")
+    record.figure(
+        "pose of a followed frame",
+        1e3 * followed,
+        "ms",
+        peer="full registration",
+        peer_value=1e3 * full,
+    )
+    record.say(f"a followed frame {1e3 * followed:.0f} ms: {1 / followed:.0f} frames a second")
+    record.say(f"slowest {1e3 * max(took_s):.0f} ms; an anchor {1e3 * max(anchor_s):.0f} ms")
+    record.say(f"full registration {1e3 * full:.0f} ms: {full / followed:.0f} times as long")
 
 
-def verdicts(truth: BenchTruth, count: int) -> None:
+def verdicts(record: Recorder, truth: BenchTruth, count: int) -> None:
     decided = right = unknown = anchors = 0
     errors = []
     for number, target in enumerate(TARGETS):
@@ -104,19 +110,29 @@ def verdicts(truth: BenchTruth, count: int) -> None:
                 decided += 1
                 right += found.accepted == true.is_accepted
         anchors += tracker.anchors
-    print(f"{count} random poses: {anchors} searched as a whole, {unknown} not recognised")
-    print(f"{decided} farther than 5 % from the threshold, of them right: {right / decided:.1%}")
+    record.say(f"{count} random poses: {anchors} searched as a whole, {unknown} not recognised")
+    record.say(
+        f"{decided} farther than 5 % from the threshold, of them right: {right / decided:.1%}"
+    )
+    record.figure("random poses judged right", 100 * right / decided, "%")
     worst = np.percentile(np.abs(errors), [50, 95, 100])
-    print("error of d': median {:.2%}, 95 % {:.2%}, largest {:.2%}".format(*worst))
+    record.say("error of d': median {:.2%}, 95 % {:.2%}, largest {:.2%}".format(*worst))
 
 
 def main() -> None:
     cv2.setNumThreads(1)
-    print(f"python {platform.python_version()}, numpy {np.__version__}, opencv {cv2.__version__}")
-    print(f"{platform.machine()}, {sys.platform}")
-    truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 780, 580)
-    speed(truth)
-    verdicts(truth, int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    parser = bench_parser(__doc__)
+    parser.add_argument("--poses", type=int, help="random poses, 200")
+    given = parser.parse_args()
+    with Recorder.of(
+        given,
+        "pose_tracking",
+        packages=("numpy", "numba", "opencv-contrib-python-headless"),
+        note="OpenCV with one thread",
+    ) as record:
+        truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 780, 580)
+        speed(record, truth)
+        verdicts(record, truth, given.poses or record.pick(200, 30))
 
 
 if __name__ == "__main__":

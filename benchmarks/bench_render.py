@@ -1,15 +1,13 @@
 """Speed and accuracy of the simulated bench, beside the obvious ways to do the same.
 
-Run with ``python benchmarks/bench_render.py``; one thread is used.
+One thread is used.
 """
 
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import platform
-from collections.abc import Callable
-from importlib.metadata import version
+import itertools
 from math import cos, radians, sin
 from pathlib import Path
 from time import perf_counter
@@ -19,32 +17,23 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from acquisition.bench import BenchConfig, load_bench
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import best_s
 from hil_mocks import BenchTruth, CameraPose
 from hil_mocks.scenes import Edge, Placed
 from hil_mocks.spline import PeriodicImage
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"
-REPEATS = 5
+SECONDS = 2.0
 EDGE_DEG = 7.0
 EVEN_FIELD = {"simulated.corner_sigma_gain": 0.0, "simulated.k1": 0.0}
 
 
-def seconds(work: Callable[[], object]) -> float:
-    """Shortest of a few runs, after one to warm up."""
-    work()
-    times = []
-    for _ in range(REPEATS):
-        start = perf_counter()
-        work()
-        times.append(perf_counter() - start)
-    return min(times)
-
-
-def rendering_seconds(config: BenchConfig, target: str) -> float:
+def rendering_seconds(config: BenchConfig, target: str, seconds: float) -> float:
     truth = BenchTruth(config)
-    heights_mm = iter(np.arange(200.0, 300.0))
-    return seconds(
-        lambda: truth.irradiance(target, EDGE_DEG, CameraPose(height_mm=float(next(heights_mm))))
+    heights_mm = itertools.count(200.0)
+    return best_s(
+        lambda: truth.irradiance(target, EDGE_DEG, CameraPose(height_mm=next(heights_mm))), seconds
     )
 
 
@@ -63,60 +52,78 @@ def supersampled_edge(truth: BenchTruth, samples_per_px: int) -> NDArray[np.floa
     return np.asarray(blocks.mean(axis=(1, 3))[pad:-pad, pad:-pad])
 
 
-def compare_with_supersampling() -> None:
+def compare_with_supersampling(record: Recorder) -> None:
     truth = BenchTruth(load_bench(CONFIG, EVEN_FIELD | {"simulated.optical_rho": 0.0}))
     scene = Placed(scene=Edge(low=0.0, high=1.0), angle_deg=EDGE_DEG)
     pose = CameraPose(height_mm=200.0)
-    exact_s = seconds(lambda: truth.renderer.irradiance(scene, pose))
+    exact_s = best_s(lambda: truth.renderer.irradiance(scene, pose), record.pick(SECONDS, 0.2))
     exact = truth.renderer.irradiance(scene, pose)
-    print(f"edge, this renderer                       {exact_s:6.2f} s")
+    record.say(f"edge, this renderer                       {exact_s:6.2f} s")
     for samples_per_px in (4, 8, 16):
         start = perf_counter()
         plain = supersampled_edge(truth, samples_per_px)
         plain_s = perf_counter() - start
-        print(
+        record.figure(
+            "render an edge exactly",
+            exact_s * 1e3,
+            "ms",
+            peer=f"{samples_per_px} x {samples_per_px} samples, blurred and averaged",
+            peer_value=plain_s * 1e3,
+        )
+        record.say(
             f"edge, {samples_per_px:2d} x {samples_per_px:2d} samples blurred and averaged "
             f"{plain_s:6.2f} s, {plain_s / exact_s:4.1f} times; differs by up to "
             f"{np.abs(plain - exact).max():.1e}"
         )
 
 
-def compare_spline() -> None:
+def compare_spline(record: Recorder) -> None:
     image = PeriodicImage(np.random.default_rng(0).random((1024, 1024), dtype=np.float32))
     cols, rows = np.meshgrid(np.arange(2340) * 0.6, np.arange(1740) * 0.6)
-    ours_s = seconds(lambda: image.blurred(cols, rows, 1.0))
+    seconds = record.pick(SECONDS, 0.2)
+    ours_s = best_s(lambda: image.blurred(cols, rows, 1.0), seconds)
     coefficients = np.ones((2048, 2048), dtype=np.float32)
-    theirs_s = seconds(
+    theirs_s = best_s(
         lambda: map_coordinates(
             coefficients, [rows, cols], order=3, mode="grid-wrap", prefilter=False
-        )
+        ),
+        seconds,
     )
-    print(
+    record.figure(
+        "cubic spline, a million points",
+        ours_s / cols.size * 1e9,
+        "ms",
+        peer="scipy's map_coordinates",
+        peer_value=theirs_s / cols.size * 1e9,
+    )
+    record.say(
         f"cubic spline, {cols.size / 1e6:.1f} million points: {ours_s:.2f} s; "
         f"scipy's map_coordinates {theirs_s:.2f} s, {theirs_s / ours_s:.1f} times"
     )
 
 
 def main() -> None:
-    print(
-        f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, "
-        f"numpy {version('numpy')}, scipy {version('scipy')}, numba {version('numba')}"
-    )
-    even, full = load_bench(CONFIG, EVEN_FIELD), load_bench(CONFIG)
-    for target in ("edge", "brick", "lesion", "chart", "board"):
-        even_s, full_s = (rendering_seconds(config, target) for config in (even, full))
-        print(
-            f"{target:8s} even field {even_s:5.2f} s, "
-            f"distortion and growth to the corner {full_s:5.2f} s"
-        )
-    truth = BenchTruth(full)
-    light = truth.irradiance("brick", 0.0, CameraPose(height_mm=200.0))
-    rng = np.random.default_rng(0)
-    electrons = truth.sensor.electrons(light, 9000.0)
-    frame_s = seconds(lambda: truth.sensor.expose(electrons, 0.0, "Mono12", rng))
-    print(f"noise of one frame {1e3 * frame_s:.0f} ms")
-    compare_with_supersampling()
-    compare_spline()
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "render", packages=("numpy", "scipy", "numba")
+    ) as record:
+        seconds = record.pick(SECONDS, 0.2)
+        even, full = load_bench(CONFIG, EVEN_FIELD), load_bench(CONFIG)
+        for target in ("edge", "brick", "lesion", "chart", "board"):
+            even_s, full_s = (rendering_seconds(one, target, seconds) for one in (even, full))
+            record.figure(f"render {target}", full_s * 1e3, "ms")
+            record.say(
+                f"{target:8s} even field {even_s:5.2f} s, "
+                f"distortion and growth to the corner {full_s:5.2f} s"
+            )
+        truth = BenchTruth(full)
+        light = truth.irradiance("brick", 0.0, CameraPose(height_mm=200.0))
+        rng = np.random.default_rng(0)
+        electrons = truth.sensor.electrons(light, 9000.0)
+        frame_s = best_s(lambda: truth.sensor.expose(electrons, 0.0, "Mono12", rng), seconds)
+        record.figure("noise of a frame of the simulated sensor", frame_s * 1e3, "ms")
+        record.say(f"noise of one frame {1e3 * frame_s:.0f} ms")
+        compare_with_supersampling(record)
+        compare_spline(record)
 
 
 if __name__ == "__main__":

@@ -3,11 +3,8 @@
 Run with ``python benchmarks/bench_stage_wire.py``.
 """
 
-import platform
 from collections.abc import Callable
-from importlib.metadata import version
-from statistics import median
-from time import monotonic, perf_counter
+from time import monotonic
 
 import serial
 
@@ -16,6 +13,8 @@ from acquisition.grbl_wire import parse_line
 from acquisition.serial_link import SerialLink
 from acquisition.serial_port import open_serial_port
 from acquisition.zaber_wire import checksum, parse_message
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import best_s, median_s
 from hil_mocks.serial_stage import SerialStage
 
 REPORT = b"<Jog|MPos:0.000,0.000,-98.000|Bf:15,128|FS:1200,0|Ov:100,100,100>"
@@ -27,15 +26,9 @@ BYTES_PER_S = 11_520
 """115200 baud, 8N1."""
 
 
-def seconds(work: Callable[[], object]) -> float:
-    begin = perf_counter()
-    work()
-    return perf_counter() - begin
-
-
 def line_rate(parse: Callable[[bytes], object], line: bytes) -> float:
     """Lines per second."""
-    return LINES / min(seconds(lambda: [parse(line) for _ in range(LINES)]) for _ in range(3))
+    return LINES / best_s(lambda: [parse(line) for _ in range(LINES)], 0.2)
 
 
 def bare_round_trip_s(path: str) -> float:
@@ -45,7 +38,7 @@ def bare_round_trip_s(path: str) -> float:
             port.write(b"?")
             port.readline()
 
-        return median(seconds(ask) for _ in range(ROUND_TRIPS))
+        return median_s(ask, ROUND_TRIPS)
 
 
 def driver_round_trip_s(path: str) -> float:
@@ -53,22 +46,43 @@ def driver_round_trip_s(path: str) -> float:
     controller = GrblController(link, clock=monotonic)
     controller.get_in_step(may_boot=True)
     try:
-        return median(seconds(controller.status) for _ in range(ROUND_TRIPS))
+        return median_s(controller.status, ROUND_TRIPS)
     finally:
         controller.close()
 
 
 def main() -> None:
-    print(f"Python {platform.python_version()}, pyserial {version('pyserial')}")
-    for name, parse, line in (("Grbl", parse_line, REPORT), ("Zaber", parse_message, REPLY)):
-        rate = line_rate(parse, line)
-        wire = BYTES_PER_S / (len(line) + 2)
-        print(f"{name}: {rate:9.0f} lines/s, {rate / wire:5.0f} times what 115200 baud carries")
-    with SerialStage("grbl") as stage:
-        bare_s = bare_round_trip_s(stage.port)
-        driver_s = driver_round_trip_s(stage.port)
-    print(f"status round trip: bare readline {bare_s * 1e3:.2f} ms, driver {driver_s * 1e3:.2f} ms")
-    print(f"ratio driver / bare: {driver_s / bare_s:.2f} (the emulator looks every 2 ms)")
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "stage_wire", packages=("pyserial",)
+    ) as record:
+        for name, parse, line in (("Grbl", parse_line, REPORT), ("Zaber", parse_message, REPLY)):
+            rate = line_rate(parse, line)
+            wire = BYTES_PER_S / (len(line) + 2)
+            record.figure(
+                f"parse a line of {name}",
+                1e6 / rate,
+                "us",
+                peer="the line itself at 115200 baud",
+                peer_value=1e6 / wire,
+            )
+            record.say(
+                f"{name}: {rate:9.0f} lines/s, {rate / wire:5.0f} times what 115200 baud carries"
+            )
+        with SerialStage("grbl") as stage:
+            bare_s = bare_round_trip_s(stage.port)
+            driver_s = driver_round_trip_s(stage.port)
+        record.figure(
+            "status round trip",
+            driver_s * 1e3,
+            "ms",
+            peer="bare pyserial readline",
+            peer_value=bare_s * 1e3,
+        )
+        record.say(
+            f"status round trip: bare readline {bare_s * 1e3:.2f} ms, driver "
+            f"{driver_s * 1e3:.2f} ms\n"
+            f"ratio driver / bare: {driver_s / bare_s:.2f} (the emulator looks every 2 ms)"
+        )
 
 
 if __name__ == "__main__":

@@ -3,30 +3,25 @@
 Everything here runs on one thread by itself; float32, weights cached. ``peer`` is ``Image.resize``
 with the same box, then ``gaussian_filter`` with the paper's width; ``memcpy`` copies the input.
 
-    python benchmarks/bench_zoom_out.py [--plot docs/images/zoom-out-cost.png]
+    python -m benchmarks.bench_zoom_out [--plot docs/images/zoom-out-cost.png]
 
 plots how the cost grows with image size and zoom as well.
 """
 
-import argparse
-import platform
-import sys
-import time
 from collections.abc import Callable
 from functools import partial
 from math import sqrt
 from pathlib import Path
 
-import numba
 import numpy as np
-import PIL
-import scipy
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from analysis.comparison_plots import MODEL_COLOURS
 from analysis.report_page import in_report_style, new_figure, png_bytes
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import best_s, shortest_s
 from simulation import MODELS, GaussianPsf, SamplingGrid, zoom_out
 
 SIGMA_PX = 0.935
@@ -34,24 +29,6 @@ SHAPES = ((580, 780), (3000, 4000))
 ZOOMS = (1.3, 2.0, 3.0)
 GROWTH_MEGAPIXELS = (0.1, 0.3, 1.0, 3.0, 12.0, 24.0)
 GROWTH_ZOOMS = (1.05, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0)
-
-
-def best_s(call: Callable[[], object], seconds: float = 1.0) -> float:
-    """Shortest of as many runs as fit, after one that warms up."""
-    return shortest_s([call], seconds)[0]
-
-
-def shortest_s(calls: list[Callable[[], object]], seconds: float) -> list[float]:
-    """Shortest run of each, called in turn so that all of them meet the same machine."""
-    for call in calls:
-        call()
-    best, end = [np.inf] * len(calls), time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        for place, call in enumerate(calls):
-            start = time.perf_counter()
-            call()
-            best[place] = min(best[place], time.perf_counter() - start)
-    return [float(time_s) for time_s in best]
 
 
 def pillow_and_scipy(image: NDArray[np.float32], zoom: float) -> NDArray[np.float32]:
@@ -97,38 +74,51 @@ def plot_growth(path: Path) -> None:
     path.write_bytes(png_bytes(figure))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Speed of the zoom-out models.")
-    parser.add_argument("--plot", type=Path, help="also plot the cost by size and zoom")
-    plot = parser.parse_args().plot
-    print(
-        f"{platform.processor() or platform.machine()}, Python {sys.version.split()[0]}, "
-        f"numpy {np.__version__}, numba {numba.__version__}, scipy {scipy.__version__}, "
-        f"Pillow {PIL.__version__}; one thread, float32, sigma {SIGMA_PX} px"
-    )
+def compare(record: Recorder, shape: tuple[int, int]) -> None:
+    """Print a table of all models and zooms for one size."""
     psf = GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
-    for shape in SHAPES:
-        image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
-        copy = np.empty_like(image)
-        memcpy_s = best_s(partial(np.copyto, copy, image))
-        print(f"\n{shape[1]} x {shape[0]}, memcpy {memcpy_s * 1e3:.2f} ms")
-        print("  zoom  model        ms   peer ms  times faster  memcpys")
-        speedups: dict[str, list[float]] = {model: [] for model in MODELS}
-        for zoom in ZOOMS:
-            calls: list[Callable[[], object]] = [partial(pillow_and_scipy, image, zoom)]
-            calls += [partial(zoom_out, image, zoom, psf, model) for model in MODELS]
-            peer_s, *times_s = shortest_s(calls, 4.0)
-            for model, own_s in zip(MODELS, times_s, strict=True):
-                speedups[model].append(peer_s / own_s)
-                print(
-                    f"  {zoom:4.1f}  {model:8s} {own_s * 1e3:7.2f} {peer_s * 1e3:8.2f}"
-                    f" {peer_s / own_s:12.1f} {own_s / memcpy_s:9.1f}"
-                )
-        means = ", ".join(f"{model} {np.mean(ratios):.1f}" for model, ratios in speedups.items())
-        print(f"  mean times faster: {means}")
-    if plot is not None:
-        plot_growth(plot)
-        print(f"\nwrote {plot}")
+    image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
+    copy = np.empty_like(image)
+    memcpy_s = best_s(partial(np.copyto, copy, image), record.pick(1.0, 0.1))
+    record.say(f"\n{shape[1]} x {shape[0]}, memcpy {memcpy_s * 1e3:.2f} ms")
+    record.say("  zoom  model        ms   peer ms  times faster  memcpys")
+    speedups: dict[str, list[float]] = {model: [] for model in MODELS}
+    for zoom in ZOOMS:
+        calls: list[Callable[[], object]] = [partial(pillow_and_scipy, image, zoom)]
+        calls += [partial(zoom_out, image, zoom, psf, model) for model in MODELS]
+        peer_s, *times_s = shortest_s(calls, record.pick(4.0, 0.3))
+        for model, own_s in zip(MODELS, times_s, strict=True):
+            speedups[model].append(peer_s / own_s)
+            record.figure(
+                f"{model}, {shape[1]} x {shape[0]}, zoom {zoom}",
+                own_s * 1e3,
+                "ms",
+                peer="Pillow + scipy",
+                peer_value=peer_s * 1e3,
+            )
+            record.say(
+                f"  {zoom:4.1f}  {model:8s} {own_s * 1e3:7.2f} {peer_s * 1e3:8.2f}"
+                f" {peer_s / own_s:12.1f} {own_s / memcpy_s:9.1f}"
+            )
+    means = ", ".join(f"{model} {np.mean(ratios):.1f}" for model, ratios in speedups.items())
+    record.say(f"  mean times faster: {means}")
+
+
+def main() -> None:
+    parser = bench_parser("Speed of the zoom-out models.")
+    parser.add_argument("--plot", type=Path, help="also plot the cost by size and zoom")
+    given = parser.parse_args()
+    with Recorder.of(
+        given,
+        "zoom_out",
+        packages=("numpy", "numba", "scipy", "Pillow"),
+        note=f"one thread, float32, sigma {SIGMA_PX} px",
+    ) as record:
+        for shape in SHAPES:
+            compare(record, shape)
+        if given.plot is not None:
+            plot_growth(given.plot)
+            record.say(f"\nwrote {given.plot}")
 
 
 if __name__ == "__main__":

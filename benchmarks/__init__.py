@@ -1,0 +1,1 @@
+"""Speed and accuracy beside their peers; ``python -m benchmarks`` runs all of them."""
