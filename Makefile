@@ -8,7 +8,7 @@ CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
 EXTRAS := aravis,kernelgan,console,cluster,pdf,dev
 
-.PHONY: demo paper test setup lint bench clean
+.PHONY: demo paper test setup lint bench fuzz clean
 
 demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
 	$(BIN)/standoff demo --out demo-output
@@ -31,6 +31,10 @@ lint: $(FULL)
 
 bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
+
+MINUTES ?= 10
+fuzz: $(FULL)  ## Search for input that crashes a reader, by the clock.
+	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
 clean:
 	rm -rf $(VENV) demo-output paper-output

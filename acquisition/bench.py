@@ -1,6 +1,5 @@
 """The bench file: what differs between benches, checked key by key."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -8,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from acquisition.camera_address import address_fault
 from acquisition.errors import BenchConfigError
+from acquisition.foreign_text import parse_toml
 
 __all__ = [
     "BenchConfig",
@@ -190,14 +190,17 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
         the message names the file and the key.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = parse_toml(path.read_bytes())
     except OSError as error:
         raise BenchConfigError(f"bench file {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise BenchConfigError(f"bench file {path}: not valid TOML: {error}") from error
     for key, value in (overrides or {}).items():
         section, _, name = key.partition(".")
-        table.setdefault(section, {})[name] = value
+        keys = table.setdefault(section, {})
+        if not isinstance(keys, dict):
+            raise BenchConfigError(f"bench file {path}: {section} is not a table of keys")
+        keys[name] = value
     try:
         return BenchConfig.model_validate(table)
     except ValidationError as error:
@@ -226,8 +229,8 @@ def parse_overrides(settings: list[str]) -> dict[str, Any]:
                 f"{section} has {', '.join(known)}"
             )
         try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+            value = parse_toml(f"value = {text}")["value"]
+        except ValueError:
             value = text.strip()
         overrides[f"{section}.{name}"] = value
     return overrides

@@ -1,8 +1,6 @@
 """A capture as an ImageJ TIFF: mean, temporal variance, scale and record, in one plain file."""
 
-import io
 import json
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +11,8 @@ import tifffile
 from numpy.typing import NDArray
 
 from acquisition.errors import SessionError
+from acquisition.foreign_text import parse_json
+from acquisition.foreign_tiff import read_tiff
 from acquisition.record import CaptureRecord
 
 __all__ = ["CaptureImages", "parse_capture", "read_capture", "write_capture", "write_frames"]
@@ -83,16 +83,14 @@ def parse_capture(data: bytes, *, source: str) -> CaptureImages:
         If the bytes are no such file. Pixels are not checked here: the journal's hash does.
     """
     try:
-        with tifffile.TiffFile(io.BytesIO(data)) as tiff:
-            info = (tiff.imagej_metadata or {}).get("Info")
-            pages = [page.asarray() for page in tiff.pages]
-        document = json.loads(info) if info is not None else None
-    except (tifffile.TiffFileError, struct.error, ValueError, LookupError, TypeError) as error:
+        tiff = read_tiff(data)
+        document = parse_json(tiff.info) if tiff.info is not None else None
+    except ValueError as error:
         raise SessionError(f"{source}: not a readable TIFF file: {error}") from error
-    if not isinstance(document, dict) or len(pages) not in (1, 2):
+    if not isinstance(document, dict) or len(tiff.images) not in (1, 2):
         raise SessionError(f"{source}: a TIFF file, but not a capture of a session")
     record = CaptureRecord.from_json(document, source=source)
-    mean_dn, *variances = [np.asarray(page, dtype=np.float32) for page in pages]
+    mean_dn, *variances = [np.asarray(page, dtype=np.float32) for page in tiff.images]
     try:
         return CaptureImages(
             mean_dn=mean_dn, variance_dn2=variances[0] if variances else None, record=record

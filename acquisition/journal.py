@@ -14,6 +14,7 @@ from typing import Any, Literal, Self, get_args
 from acquisition.atomic_write import fsync_directory
 from acquisition.errors import SessionError
 from acquisition.file_lock import lock_exclusively
+from acquisition.foreign_text import parse_json
 from acquisition.record import utc_text
 
 __all__ = [
@@ -70,7 +71,7 @@ class JournalEvent:
         ValueError
             If it is not an event; the message says why.
         """
-        document = json.loads(line.decode())
+        document = parse_json(line)
         if not isinstance(document, dict):
             raise ValueError("not a JSON object")  # noqa: TRY004
         facts = {key: value for key, value in document.items() if key not in _OWN_KEYS}

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from acquisition.bench import BenchConfig
 from acquisition.errors import SessionError
+from acquisition.foreign_text import parse_json
 from acquisition.plan import CapturePlan, parse_plan
 
 __all__ = ["MANIFEST_NAME", "Manifest", "software_versions"]
@@ -63,7 +64,7 @@ class Manifest:
             If it is not the session.json of a session of this version.
         """
         try:
-            document = json.loads(data.decode())
+            document = parse_json(data)
         except ValueError as error:
             raise SessionError(f"{source}: damaged ({error}); restore it from a copy") from error
         if not isinstance(document, dict) or document.get("schema") != _SCHEMA:

@@ -1,7 +1,6 @@
 """The capture plan: which targets, orientations and heights, in the order the operator works."""
 
 import math
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from pydantic import (
 
 from acquisition.bench import validation_lines
 from acquisition.errors import PlanError
+from acquisition.foreign_text import parse_toml
 
 __all__ = [
     "CaptureKind",
@@ -207,10 +207,10 @@ def load_plan(path: Path) -> CapturePlan:
         the message names the file and the key.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = parse_toml(path.read_bytes())
     except OSError as error:
         raise PlanError(f"plan file {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise PlanError(f"plan file {path}: not valid TOML: {error}") from error
     return parse_plan(table, source=f"plan file {path}")
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from acquisition.atomic_write import atomic_write
+from acquisition.foreign_text import parse_json
 from analysis.detectability_observers import Observer
 from analysis.errors import AnalysisError, ResultsFileError
 from simulation import Model
@@ -155,7 +156,7 @@ def read_curves(path: Path) -> CurvesFile:
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parse_json(path.read_bytes())
     except OSError as error:
         raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:

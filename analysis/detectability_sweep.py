@@ -21,6 +21,7 @@ from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 
 from acquisition.atomic_write import atomic_write
+from acquisition.foreign_text import parse_json
 from analysis.detectability import Scenario, scene_artefact
 from analysis.detectability_artefact import ArtefactTiles
 from analysis.errors import AnalysisError, ResultsFileError
@@ -182,7 +183,7 @@ def _read_cells(path: Path | None) -> dict[str, SceneStatistics]:
         whole = text[: text.rfind(b"\n") + 1]
         if whole != text:
             atomic_write(path, whole)
-        lines = [json.loads(line) for line in whole.splitlines()]
+        lines = [parse_json(line) for line in whole.splitlines()]
         return {
             line["key"]: SceneStatistics(
                 mean_dn=line["mean_dn"],

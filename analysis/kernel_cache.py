@@ -10,6 +10,7 @@ import os
 from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ class KernelCache:
             return None
         except OSError as error:
             raise ResultsFileError(f"cannot read {path}: {error.strerror or error}") from error
-        except (ValueError, EOFError):
+        except (ValueError, EOFError, SyntaxError, TokenError):
             # It is trained again, and the file replaced.
             return None
 

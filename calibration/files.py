@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from acquisition.atomic_write import atomic_write
+from acquisition.foreign_text import parse_json
 from calibration.correction_maps import CorrectionMaps
 from calibration.errors import (
     CalibrationError,
@@ -132,7 +133,10 @@ def read_noise(path: Path) -> CaptureNoise:
         value = document.get(name)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise NoiseFileError(f"{path}: {name} is {value!r}, expected a number")
-        values[name] = value
+        try:
+            values[name] = float(value)
+        except OverflowError as error:
+            raise NoiseFileError(f"{path}: {name} is beyond all numbers") from error
     try:
         return CaptureNoise(
             gain_e_per_dn=values["gain_e_per_dn"],
@@ -208,7 +212,7 @@ def read_homography(path: Path) -> StoredHomography:
 
 
 def _whole(value: float) -> int:
-    if value != int(value):
+    if not np.isfinite(value) or value != int(value):
         raise ValueError(f"frames_averaged is {value}, expected a whole number")
     return int(value)
 
@@ -218,7 +222,7 @@ def _document(
 ) -> dict[str, Any]:
     """Read a JSON object and check its schema."""
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parse_json(path.read_bytes())
     except OSError as error:
         raise failure(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:

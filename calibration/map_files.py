@@ -11,6 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from acquisition.atomic_write import atomic_write
+from acquisition.foreign_tiff import TiffDamageError, read_tiff
 from calibration.correction_maps import CorrectionMaps
 from calibration.errors import NoiseFileError
 
@@ -100,4 +101,7 @@ def _plane(path: Path, name: str, entry: object) -> NDArray[Any]:
         raise NoiseFileError(
             f"{place} is not the map that {path.name} was written with; run standoff noise again"
         )
-    return np.asarray(tifffile.imread(BytesIO(data)))
+    try:
+        return read_tiff(data, first_alone=True).images[0]
+    except TiffDamageError as error:
+        raise NoiseFileError(f"{place}: not a readable TIFF file: {error}") from error

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from acquisition.atomic_write import atomic_write
+from acquisition.foreign_tiff import TiffDamageError, read_tiff
 from calibration.linearise import luma_plane
 from standoff.errors import ApplicationError, ImageFileError
 
@@ -190,24 +191,9 @@ def _saturation(pixels: NDArray[np.generic], full_scale: float | None) -> float 
 def _tiff_pixels(data: bytes, path: Path) -> NDArray[Any]:
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     try:
-        with tifffile.TiffFile(BytesIO(data)) as file:
-            page = file.pages[0]
-            pixels = np.asarray(page.asarray())
-            expected = page.shape
-    except (
-        tifffile.TiffFileError,
-        ValueError,
-        TypeError,
-        IndexError,
-        KeyError,
-        OSError,
-        RuntimeError,
-        struct.error,
-        zlib.error,
-    ) as error:
-        raise ImageFileError(f"{path}: not a whole TIFF image: {_brief(error)}") from error
-    if pixels.shape != expected:
-        raise ImageFileError(f"{path}: cut short: {pixels.shape} of {expected} pixels")
+        pixels = read_tiff(data, first_alone=True).images[0]
+    except TiffDamageError as error:
+        raise ImageFileError(f"{path}: not a whole TIFF image: {error}") from error
     if pixels.ndim == 3 and pixels.shape[0] in (3, 4) and pixels.shape[2] > 4:
         pixels = np.moveaxis(pixels, 0, -1)  # planar configuration: colours come first
     return pixels
@@ -228,7 +214,14 @@ def _pillow_pixels(data: bytes, path: Path) -> NDArray[Any]:
             return np.asarray(image)
     except UnidentifiedImageError as error:
         raise ImageFileError(f"{path}: not an image (TIFF, PNG or JPEG expected)") from error
-    except (OSError, ValueError, SyntaxError, struct.error, zlib.error) as error:
+    except (
+        Image.DecompressionBombError,
+        OSError,
+        ValueError,
+        SyntaxError,
+        struct.error,
+        zlib.error,
+    ) as error:
         raise ImageFileError(f"{path}: not a whole image: {_brief(error)}") from error
 
 

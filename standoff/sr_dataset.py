@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.atomic_write import atomic_write
+from acquisition.foreign_text import parse_json
 from simulation import GaussianPsf, Model
 from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.errors import ApplicationError, ImageFileError
@@ -79,7 +80,7 @@ def write_sr_dataset(
         If ``out`` holds pairs of other settings, or cannot be written.
     """
     try:
-        lines = _manifest(out)
+        lines = manifest_lines(out)
         _prepare(out, settings, is_empty=not lines)
         done = {line["image_sha256"] for line in lines}
         refused = []
@@ -131,7 +132,7 @@ def _prepare(out: Path, settings: SrDatasetSettings, *, is_empty: bool) -> None:
     atomic_write(about, document.encode("utf-8"))
 
 
-def _manifest(out: Path) -> list[dict[str, Any]]:
+def manifest_lines(out: Path) -> list[dict[str, Any]]:
     """Read the lines of the manifest whose files are there.
 
     A line cut short by a power cut is taken off, and all of an image with a file missing.
@@ -139,12 +140,12 @@ def _manifest(out: Path) -> list[dict[str, Any]]:
     path = out / MANIFEST_NAME
     if not path.is_file():
         return []
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
     if whole != text:
-        atomic_write(path, whole.encode("utf-8"))
+        atomic_write(path, whole)
     try:
-        lines = [json.loads(line) for line in whole.splitlines()]
+        lines = [parse_json(line) for line in whole.splitlines()]
         broken = {
             line["image_sha256"]
             for line in lines

@@ -1,0 +1,72 @@
+"""TIFF files that may be damaged or of any origin: all that can be wrong is one error."""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+import tifffile
+from numpy.typing import NDArray
+
+__all__ = ["TiffDamageError", "TiffPages", "read_tiff"]
+
+LARGEST_RATIO = 2000
+"""No compression of TIFF gains more; a page that would be larger has a damaged size."""
+
+# What tifffile and its codecs raise over files with flipped bytes, found by fuzzing.
+_DAMAGE = (
+    tifffile.TiffFileError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
+
+
+class TiffDamageError(ValueError):
+    """Bytes are no TIFF file, or a damaged one; the message is one short line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TiffPages:
+    """The images of a file in order, and ImageJ's Info where there is one."""
+
+    images: tuple[NDArray[Any], ...]
+    info: str | None
+
+
+def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
+    """Read the pages of a TIFF file, or the first one.
+
+    Raises
+    ------
+    TiffDamageError
+        If it cannot be read, or a page is cut short.
+    """
+    try:
+        with tifffile.TiffFile(BytesIO(data)) as tiff:
+            info = (tiff.imagej_metadata or {}).get("Info")
+            pages = [tiff.pages[0]] if first_alone else list(tiff.pages)
+            images = tuple(_pixels(page, len(data)) for page in pages)
+    except TiffDamageError:
+        raise
+    except _DAMAGE as error:
+        text = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TiffDamageError(text) from error
+    return TiffPages(images=images, info=info if isinstance(info, str) else None)
+
+
+def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, file_bytes: int) -> NDArray[Any]:
+    if page.nbytes > LARGEST_RATIO * file_bytes:
+        raise TiffDamageError(f"a page of {page.shape} pixels in a file of {file_bytes} bytes")
+    pixels: NDArray[Any] = page.asarray()
+    if pixels.shape != page.shape:
+        raise TiffDamageError(f"cut short: {pixels.shape} of {page.shape} pixels")
+    return pixels

@@ -1,0 +1,253 @@
+"""Files of results: psf.json, noise.json, geometry.json, H.json, curves, sweeps, photographs."""
+
+import hashlib
+import json
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tifffile
+
+from analysis.detectability_curves import read_curves
+from analysis.detectability_sweep import SweepPlan, sweep_images
+from analysis.errors import ResultsFileError
+from analysis.kernel_cache import KernelCache
+from analysis.series import COMPARISON_SCHEMA, read_comparison
+from calibration.errors import (
+    GeometryFileError,
+    HomographyFileError,
+    NoiseFileError,
+    PsfFileError,
+)
+from calibration.files import (
+    GEOMETRY_SCHEMA,
+    HOMOGRAPHY_SCHEMA,
+    NOISE_SCHEMA,
+    psf_document,
+    read_correction,
+    read_geometry,
+    read_homography,
+    read_noise,
+    read_psf,
+)
+from calibration.psf_calibration import calibrate_psf
+from simulation.kernelgan import KernelGanSettings
+from standoff.errors import ApplicationError, ImageFileError
+from standoff.image_files import read_image
+from standoff.sr_dataset import MANIFEST_NAME, manifest_lines
+from tests.calibration.edge_photographs import photographs
+from tests.fuzz.damage import damaged_bytes, damaged_json
+from tests.fuzz.target import FuzzTarget, from_file
+
+
+def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
+    buffer = BytesIO()
+    tifffile.imwrite(buffer, pixels, **options)
+    return buffer.getvalue()
+
+
+def photograph_samples() -> tuple[bytes, ...]:
+    rng = np.random.default_rng(1)
+    grey = rng.integers(0, 65535, (20, 24)).astype(np.uint16)
+    colour = rng.integers(0, 255, (12, 16, 3)).astype(np.uint8)
+    encoded = [cv2.imencode(end, colour)[1].tobytes() for end in (".png", ".jpg", ".bmp")]
+    return (
+        *encoded,
+        cv2.imencode(".png", grey)[1].tobytes(),
+        tiff(grey),
+        tiff(grey.astype(np.float32), tile=(16, 16)),
+        tiff(colour, photometric="rgb", compression="zlib"),
+        tiff(np.stack([grey, grey]), photometric="minisblack", bigtiff=True),
+    )
+
+
+PSF = psf_document(calibrate_psf(photographs([4.0, 94.0])))
+NOISE: dict[str, Any] = {
+    "schema": NOISE_SCHEMA,
+    "gain_e_per_dn": 5.0,
+    "read_noise_e": 12.0,
+    "black_level_dn": 64.0,
+    "frames_averaged": 10,
+    "maps": {},
+}
+MAPS = {
+    "noise-dark.tif": tiff(np.full((4, 5), 64, np.float32)),
+    "noise-flat.tif": tiff(np.ones((4, 5), np.float32)),
+    "noise-defects.tif": tiff(np.zeros((4, 5), np.uint8)),
+}
+LISTED = {
+    name.partition("-")[2].removesuffix(".tif"): {
+        "file": name,
+        "sha256": hashlib.sha256(content).hexdigest(),
+    }
+    for name, content in MAPS.items()
+}
+GEOMETRY: dict[str, Any] = {
+    "schema": GEOMETRY_SCHEMA,
+    "heights_mm": [1.0, 2.0],
+    "scale_px_per_mm": [3.0, 2.0],
+    "pupil_offset_mm": 4.0,
+    "k1": None,
+    "k2": 0.1,
+    "tilt_deg": 0.2,
+    "axis_drift_px_per_mm": 0.3,
+    "zooms": [{"near_height_mm": 1, "far_height_mm": 2, "zoom": 1.2, "zoom_err": 0.1}],
+    "undetermined": {"k1": "why"},
+}
+HOMOGRAPHY: dict[str, Any] = {
+    "schema": HOMOGRAPHY_SCHEMA,
+    "matrix": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]],
+    "size": [30, 20],
+}
+CURVES: dict[str, Any] = {
+    "schema": "standoff.detectability/1",
+    "curves": [
+        {
+            "model": "matched",
+            "observer": "hotelling",
+            "noise_dn": 2.0,
+            "contrast_dn": 12.0,
+            "signal_sigma_px": 2.0,
+            "zoom": [1.0, 2.0],
+            "dprime": [3.0, 2.0],
+            "dprime_low": [2.0, 1.0],
+            "dprime_high": [4.0, 3.0],
+            "auc": [0.9, 0.8],
+        }
+    ],
+}
+CELL: dict[str, Any] = {
+    "key": "k",
+    "mean_dn": 1.0,
+    "products_dn2": {"shape": [1], "float64": "AAAAAAAA8D8="},
+    "pixels": {"shape": [1], "float64": "AAAAAAAA8D8="},
+}
+PAIR: dict[str, Any] = {"image_sha256": "a", "high": "h.png", "low": "l.png"}
+SWEEP = SweepPlan(scenario=None, models=(), zooms=(), tiles_per_side=1)  # type: ignore[arg-type]
+KERNEL_OF = np.zeros((4, 4), np.uint8)
+
+
+def use_psf(path: Path) -> None:
+    """Read, and ask for all that a simulation asks for."""
+    psf = read_psf(path)
+    psf.total_psf(str(path))
+    psf.total_field(str(path))
+    psf.measured_transfer(str(path))
+
+
+def use_correction(path: Path) -> None:
+    for name, content in MAPS.items():
+        path.with_name(name).write_bytes(content)
+    read_correction(path)
+
+
+def damaged_map(data: bytes) -> object:
+    """A map that is damaged, while its sum says it is what was written."""
+    listed = LISTED | {
+        "dark": {"file": "noise-dark.tif", "sha256": hashlib.sha256(data).hexdigest()}
+    }
+    document = json.dumps(NOISE | {"maps": listed}).encode()
+    beside = tuple((MAPS | {"noise-dark.tif": data}).items())
+    return from_file(read_correction, "noise.json", *beside)(document)
+
+
+def read_cells(path: Path) -> object:
+    return sweep_images([], np.load, SWEEP, results=path)
+
+
+def read_kernel(data: bytes) -> object:
+    settings = KernelGanSettings(zoom=2.0)
+
+    def load(path: Path) -> object:
+        cache = KernelCache(path.parent)
+        path.rename(cache.path(KERNEL_OF, settings))
+        return cache.load(KERNEL_OF, settings)
+
+    return from_file(load, "kernel.npy")(data)
+
+
+def npy(values: np.ndarray[Any, Any]) -> bytes:
+    buffer = BytesIO()
+    np.save(buffer, values)
+    return buffer.getvalue()
+
+
+RESULT_TARGETS = (
+    FuzzTarget(
+        name="psf.json",
+        data=damaged_json(PSF),
+        read=from_file(use_psf, "psf.json"),
+        documented=(PsfFileError,),
+        examples=120,
+    ),
+    FuzzTarget(
+        name="noise.json",
+        data=damaged_json(NOISE),
+        read=from_file(read_noise, "noise.json"),
+        documented=(NoiseFileError,),
+    ),
+    FuzzTarget(
+        name="noise.json with maps",
+        data=damaged_json(NOISE | {"maps": LISTED}),
+        read=from_file(use_correction, "noise.json"),
+        documented=(NoiseFileError,),
+    ),
+    FuzzTarget(
+        name="map of a noise.json",
+        data=damaged_bytes((MAPS["noise-dark.tif"],)),
+        read=damaged_map,
+        documented=(NoiseFileError,),
+        examples=150,
+    ),
+    FuzzTarget(
+        name="geometry.json",
+        data=damaged_json(GEOMETRY),
+        read=from_file(read_geometry, "geometry.json"),
+        documented=(GeometryFileError,),
+    ),
+    FuzzTarget(
+        name="H.json",
+        data=damaged_json(HOMOGRAPHY),
+        read=from_file(read_homography, "H.json"),
+        documented=(HomographyFileError,),
+    ),
+    FuzzTarget(
+        name="curves.json",
+        data=damaged_json(CURVES),
+        read=from_file(read_curves, "curves.json"),
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="comparison of a series",
+        data=damaged_json({"schema": COMPARISON_SCHEMA, "pairs": []}),
+        read=from_file(read_comparison, "comparison.json"),
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="finished cells of a sweep",
+        data=damaged_json(CELL).map(lambda line: line + b"\n"),
+        read=from_file(read_cells, "cells.jsonl"),
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="manifest of training pairs",
+        data=damaged_json(PAIR).map(lambda line: line + b"\n"),
+        read=from_file(lambda path: manifest_lines(path.parent), MANIFEST_NAME),
+        documented=(ApplicationError,),
+    ),
+    FuzzTarget(
+        name="cached kernel",
+        data=damaged_bytes((npy(np.full((13, 13), 1 / 169)),)),
+        read=read_kernel,
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="photograph",
+        data=damaged_bytes(photograph_samples()),
+        read=from_file(read_image, "photograph.dat"),
+        documented=(ImageFileError,),
+        examples=200,
+    ),
+)

@@ -1,0 +1,238 @@
+"""Bytes on wires: GVCP and GVSP datagrams, serial lines into the drivers and the emulators."""
+
+from collections.abc import Callable
+from functools import cache
+
+from hypothesis import strategies as st
+
+from acquisition.errors import DeviceError
+from acquisition.grbl_stage import GrblStage
+from acquisition.pixel_decoding import decode_pixels
+from acquisition.zaber_stage import ZaberStage
+from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
+from hil_mocks.gige.control import ControlChannel
+from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.features import features_of
+from hil_mocks.gige.gvcp import (
+    CommandCode,
+    GvcpError,
+    RegisterWrite,
+    ResendRequest,
+    encode_command,
+    encode_read_memory,
+    encode_read_registers,
+    encode_resend_request,
+    encode_write_memory,
+    encode_write_registers,
+    parse_acknowledge,
+)
+from hil_mocks.gige.registers import RegisterMap
+from hil_mocks.gige.settings import CameraState
+from hil_mocks.grbl_firmware import GrblFirmware
+from hil_mocks.plant import StagePlant
+from hil_mocks.serial_line import LineFaults, SerialLine
+from hil_mocks.zaber_firmware import ZaberFirmware
+from tests.fuzz.damage import damaged_bytes
+from tests.fuzz.target import FuzzTarget
+from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, zaber_rig
+
+PEER = ("127.0.0.1", 5000)
+CONTROL = [RegisterWrite(address=BootstrapAddress.CONTROL_PRIVILEGE, value=2)]
+
+
+@cache
+def feature_addresses() -> tuple[int, ...]:
+    return tuple(feature.address for feature in features_of(None, has_temperature=True))
+
+
+def commands() -> tuple[bytes, ...]:
+    """One sound datagram of each kind, and writes to every feature."""
+    writes = [
+        encode_write_registers([RegisterWrite(address=address, value=1)])
+        for address in (*feature_addresses(), BootstrapAddress.STREAM_PORT)
+    ]
+    payloads = [
+        (CommandCode.DISCOVERY, b""),
+        (CommandCode.READREG, encode_read_registers([0, BootstrapAddress.CONTROL_PRIVILEGE])),
+        (CommandCode.READMEM, encode_read_memory(0, 512)),
+        (CommandCode.WRITEMEM, encode_write_memory(feature_addresses()[0], bytes(8))),
+        (
+            CommandCode.PACKETRESEND,
+            encode_resend_request(ResendRequest(channel=0, block_id=1, first=0, last=9)),
+        ),
+        *((CommandCode.WRITEREG, payload) for payload in writes),
+    ]
+    return tuple(encode_command(code, 7, payload) for code, payload in payloads)
+
+
+def control_camera(datagram: bytes) -> None:
+    """Give a datagram to a camera under control; whatever it does, it answers the next one.
+
+    The camera's control channel alone: what it streams, and where to, stays on paper.
+    """
+    features = features_of(None, has_temperature=True)
+    state = CameraState(features, shape=(64, 96), black_level_dn=64.0)
+    registers = RegisterMap(
+        Identity(),
+        "127.0.0.1",
+        features,
+        state,
+        commands=dict.fromkeys(
+            ("AcquisitionStart", "AcquisitionStop", "TriggerSoftware"), lambda: None
+        ),
+        fire_test_packet=lambda: None,
+    )
+    registers.describe(features)
+    registers.power_up()
+    channel = ControlChannel(registers, GigeFaults, resend=lambda _: None, end_stream=lambda: None)
+    take_control = encode_command(CommandCode.WRITEREG, 1, encode_write_registers(CONTROL))
+    assert channel.answer(take_control, PEER) is not None
+    answer = channel.answer(datagram, PEER)
+    if answer is not None:
+        parse_acknowledge(answer)
+    asked = encode_command(CommandCode.READREG, 9, encode_read_registers([0]))
+    again = channel.answer(asked, PEER)
+    assert again is not None
+    assert parse_acknowledge(again).request_id == 9
+    for feature in features:
+        state.value(feature.name)
+
+
+def disturbed(data: bytes) -> LineFaults:
+    """Bytes as a fault of the line: the first says which, the others come over it."""
+    kind, rest = data[0] % 6, data[1:]
+    match kind:
+        case 0:
+            return LineFaults(before=rest)
+        case 1:
+            return LineFaults(inside=rest)
+        case 2:
+            return LineFaults(after=rest)
+        case 3:
+            return LineFaults(swap=rest[:2].ljust(2, b"0"), count=data[0])
+        case 4:
+            return LineFaults(cut=bool(data[0] & 8), merge=True, before=rest, count=3)
+        case _:
+            return LineFaults(chatter=rest + b"\n")
+
+
+def drive(rig: GrblRig | ZaberRig, data: bytes) -> None:
+    """Connect, then home, move, ask and stop over a line that is disturbed from some step on.
+
+    Every step may fail with an error of its own, and the next one is tried all the same.
+    """
+    stage: GrblStage | ZaberStage = rig.stage
+    steps: tuple[Callable[[], object], ...] = (
+        stage.connect,
+        lambda: stage.home(60),
+        lambda: stage.move_to(120.0, 20),
+        stage.position_mm,
+        lambda: stage.state,
+        stage.stop,
+        stage.clear_alarm,
+    )
+    failed: DeviceError | None = None
+    for place, step in enumerate(steps):
+        if place == data[0] % 4:
+            rig.line.faults = disturbed(data)
+        try:
+            step()
+        except DeviceError as error:
+            failed = error
+    if failed is not None:
+        raise failed
+
+
+def drive_grbl(data: bytes) -> None:
+    rig = grbl_rig(connect=False, boots=False)
+    drive(rig, data)
+
+
+def drive_zaber(data: bytes) -> None:
+    drive(zaber_rig(connect=False), data)
+
+
+def into_emulator(firmware: GrblFirmware | ZaberFirmware, data: bytes) -> None:
+    """Give bytes to a controller in two pieces, and let time pass."""
+    line = SerialLine(firmware)
+    half = len(data) // 2
+    for piece, now_s in ((data[:half], 0.5), (data[half:], 3.0), (b"?\n/\n", 10.0)):
+        line.send(piece)
+        line.take(now_s)
+
+
+def into_grbl(data: bytes) -> None:
+    into_emulator(GrblFirmware(StagePlant(start_mm=150.0)), data)
+
+
+def into_zaber(data: bytes) -> None:
+    into_emulator(ZaberFirmware(StagePlant(start_mm=150.0)), data)
+
+
+def decode_frame(data: bytes) -> None:
+    decode_pixels(data[1:], ("Mono8", "Mono12", "Mono12Packed")[data[0] % 3], (4, 6))
+
+
+GRBL_LINES = (
+    b"$X\n$J=G90G21Z-10.000F600\n?\n$$\n$H\n",
+    b"\x18\x85$I\n$130=400\n$13=1\nG0Z1\n",
+    b"ok\r\n<Idle|MPos:0.000,0.000,-98.000|FS:0,0>\r\nALARM:1\r\nGrbl 1.1h ['$' for help]\r\n",
+    b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\nerror:15\r\n$13=1\r\n",
+)
+ZABER_LINES = (
+    b"/1 1 07 home\n/1 1 08 move abs 40000\n/1 1 09 get pos\n",
+    b"/1 1 10 set limit.max 1e400\n/1 1 11 set maxspeed nan\n/1 1 estop\n/1 1 warnings\n",
+    b"@01 1 07 OK IDLE -- 0:21\r\n!01 1 IDLE --\r\n#01 1 data\r\n",
+    b"@01 1 00 RJ IDLE WR BADDATA\r\n@01 1 01 OK BUSY FS nan\r\n",
+)
+
+
+def at_least_one_byte(samples: tuple[bytes, ...]) -> st.SearchStrategy[bytes]:
+    return st.builds(
+        lambda first, rest: first + rest, st.binary(min_size=1, max_size=1), damaged_bytes(samples)
+    )
+
+
+WIRE_TARGETS = (
+    FuzzTarget(
+        name="GVCP into the camera",
+        data=damaged_bytes(commands()),
+        read=control_camera,
+        documented=(GvcpError,),
+        examples=300,
+    ),
+    FuzzTarget(
+        name="pixels of a frame",
+        data=at_least_one_byte((bytes(48),)),
+        read=decode_frame,
+        documented=(DeviceError, ValueError),
+    ),
+    FuzzTarget(
+        name="serial line into the Grbl driver",
+        data=at_least_one_byte(GRBL_LINES),
+        read=drive_grbl,
+        documented=(DeviceError,),
+        examples=25,
+    ),
+    FuzzTarget(
+        name="serial line into the Zaber driver",
+        data=at_least_one_byte(ZABER_LINES),
+        read=drive_zaber,
+        documented=(DeviceError,),
+        examples=25,
+    ),
+    FuzzTarget(
+        name="serial line into the Grbl emulator",
+        data=damaged_bytes(GRBL_LINES),
+        read=into_grbl,
+        documented=(),
+        examples=200,
+    ),
+    FuzzTarget(
+        name="serial line into the Zaber emulator",
+        data=damaged_bytes(ZABER_LINES),
+        read=into_zaber,
+        documented=(),
+        examples=200,
+    ),
+)
