@@ -8,7 +8,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from hil_mocks.serial_line import SerialLine
+from hil_mocks.serial_line import LineFaults, SerialLine
 
 __all__ = ["PtyPort"]
 
@@ -38,14 +38,16 @@ class PtyPort:
 
     def start(self) -> None:
         """Open the pseudo-terminal and serve it."""
-        import tty  # Windows, where nobody starts this, has none
-
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self._open_terminal()
         self._thread = Thread(target=self._serve, name=f"pty {self.path}", daemon=True)
         self._thread.start()
+
+    def plug_in(self) -> None:
+        """Put the cable back that a fault has pulled out; the path may be another one."""
+        with self._lock:
+            self.line.faults = LineFaults()
+            if self._master is None:
+                self._open_terminal()
 
     def close(self) -> None:
         """End the thread and take the port away; closing twice is harmless."""
@@ -69,6 +71,15 @@ class PtyPort:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _open_terminal(self) -> None:
+        import tty  # Windows, where nobody starts this, has none
+
+        master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(master, False)
+        self.path = os.ttyname(self._slave)
+        self._master = master
 
     def _serve(self) -> None:
         while not self._ended.is_set():

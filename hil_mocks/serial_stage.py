@@ -1,6 +1,7 @@
 """A simulated stage on a pseudo-terminal: mechanics, controller and port, living in real time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from time import monotonic
 from types import TracebackType
 from typing import Literal, Self
@@ -56,6 +57,16 @@ class SerialStage:
         """Where the camera really is at this moment."""
         with self._pty.locked():
             return self.plant.true_height_mm
+
+    def plug_in(self) -> None:
+        """Put the cable back that a fault has pulled out; ``port`` may be another one."""
+        self._pty.plug_in()
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Let nothing live on while something of it is changed."""
+        with self._pty.locked():
+            yield
 
     def __enter__(self) -> Self:
         self._pty.start()
