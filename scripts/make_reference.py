@@ -1,0 +1,244 @@
+"""Writes docs/reference: commands from the command line, configs and files from their models.
+
+Run with ``python -m scripts.make_reference`` from the checkout; a test says when it is due.
+"""
+
+import inspect
+import types
+from pathlib import Path
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from acquisition.bench import (
+    BenchConfig,
+    CameraConfig,
+    CaptureConfig,
+    OpticsConfig,
+    SimulatedConfig,
+    StageConfig,
+)
+from acquisition.journal import EventKind
+from acquisition.manifest import Manifest
+from acquisition.plan import CapturePlan, PlanTarget
+from acquisition.record import CaptureRecord
+from analysis.detectability_curves import CurvesFile, DetectabilityCurve
+from calibration.geometry_document import StoredGeometry, StoredGeometryCapture, StoredZoom
+from calibration.stored_psf import (
+    StoredCamera,
+    StoredCurve,
+    StoredEdge,
+    StoredField,
+    StoredHeight,
+    StoredHeightTrend,
+    StoredPsf,
+    StoredTransfer,
+)
+from simulation.capture_noise import CaptureNoise
+from standoff.application import app
+
+REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
+MADE = "Made from the code by `python -m scripts.make_reference`; do not edit.\n"
+
+
+def commands_page() -> str:
+    """Every command with its arguments and options."""
+    parts = [f"# Commands\n\n{MADE}"]
+    root: Any = typer.main.get_command(app)
+    for name, command in sorted(root.commands.items()):
+        parts += _command(f"standoff {name}", command)
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _command(name: str, command: Any) -> list[str]:  # noqa: ANN401 - typer's own click
+    parts = [f"## {name}\n", inspect.cleandoc(command.help or "").replace("\b\n", ""), ""]
+    shown = [parameter for parameter in command.params if not getattr(parameter, "hidden", False)]
+    if shown:
+        parts += ["| | takes | default | |", "| --- | --- | --- | --- |"]
+        parts += [_parameter(parameter) for parameter in shown]
+        parts.append("")
+    for inner, other in sorted(getattr(command, "commands", {}).items()):
+        parts += _command(f"{name} {inner}", other)
+    return parts
+
+
+def _parameter(parameter: Any) -> str:  # noqa: ANN401 - typer's own click
+    is_option = parameter.param_type_name == "option"
+    names = [*parameter.opts, *parameter.secondary_opts] if is_option else [parameter.name.upper()]
+    annotation = parameter.type_descriptor.annotation
+    kind = "" if getattr(parameter, "is_flag", False) else _type(annotation)
+    default = parameter.default
+    if parameter.required:
+        shown = "required"
+    elif default is None or default is False or callable(default) or isinstance(default, tuple):
+        shown = ""
+    else:
+        value = getattr(default, "value", default)
+        shown = f"`{value}`" if isinstance(value, str | int | float | Path) else ""
+    text = " ".join((getattr(parameter, "help", None) or "").split())
+    return f"| {_code(names)} | {_cell(kind)} | {shown} | {_cell(text)} |"
+
+
+def _code(names: list[str]) -> str:
+    return " ".join(f"`{name}`" for name in names)
+
+
+def configs_page() -> str:
+    """Every key of a bench file and of a capture plan."""
+    parts = [f"# Bench files and capture plans\n\n{MADE}"]
+    parts += [
+        "Both are TOML. A key that is unknown, missing or out of range is an error that names"
+    ]
+    parts += ["it. Shipped examples are in `configs/`; `--set section.key=value` replaces one key."]
+    parts += ["\n## Bench file\n"]
+    for name, section in (
+        ("camera", CameraConfig),
+        ("stage", StageConfig),
+        ("optics", OpticsConfig),
+        ("capture", CaptureConfig),
+        ("simulated", SimulatedConfig),
+    ):
+        field = BenchConfig.model_fields[name]
+        parts += [f"### [{name}]{'' if field.is_required() else ' (optional)'}\n"]
+        parts += _model(section)
+    parts += ["## Capture plan\n", *_model(CapturePlan), "### [[targets]]\n", *_model(PlanTarget)]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
+    (
+        "psf.json",
+        'Schema `standoff.psf/1`. Written by `calibrate`; sigma without a prefix is total. "-" as '
+        "default: the key must be there, though it may be null where its type says so.",
+        (
+            StoredPsf,
+            StoredEdge,
+            StoredField,
+            StoredHeightTrend,
+            StoredHeight,
+            StoredTransfer,
+            StoredCurve,
+            StoredCamera,
+        ),
+    ),
+    (
+        "noise.json",
+        "Schema `standoff.noise/1`. Written by `noise`; what a reader needs. Each figure has a key "
+        "that ends in `_err`, and `maps` names the dark, flat and defect maps beside it.",
+        (CaptureNoise,),
+    ),
+    (
+        "geometry.json",
+        "Schema `standoff.geometry/1`. Written by `geometry`.",
+        (StoredGeometry, StoredZoom, StoredGeometryCapture),
+    ),
+    (
+        "curves.json",
+        "Schema `standoff.detectability/1`. Written by `detectability`.",
+        (CurvesFile, DetectabilityCurve),
+    ),
+    (
+        "session.json",
+        "Schema `standoff.session/1`. What a capture session was made with; see "
+        "[capture-sessions.md](../capture-sessions.md).",
+        (Manifest,),
+    ),
+    (
+        "captures/*.tif and journal.jsonl",
+        "The record of a capture, as JSON in ImageJ's Info and in the journal's `capture` events. "
+        f"Events of the journal: {', '.join(f'`{kind}`' for kind in get_args(EventKind))}.",
+        (CaptureRecord,),
+    ),
+)
+
+
+def files_page() -> str:
+    """Every key of the files that a person may open."""
+    parts = [f"# File formats\n\n{MADE}"]
+    parts += ["All JSON is UTF-8, finite numbers only; units are in the names. `H.json` holds"]
+    parts += [
+        '`{"schema": "standoff.homography/1", "matrix": 3 x 3, "size": [width, height]}`: the'
+    ]
+    parts += ["matrix takes follow-up pixel centres (x, y, 1) to those of the reference.\n"]
+    for name, about, models in FILES:
+        parts += [f"## {name}\n", about, ""]
+        for model in models:
+            if len(models) > 1:
+                parts += [f"### {model.__name__}\n", _first_paragraph(model), ""]
+            parts += _model(model)
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _model(model: type) -> list[str]:
+    rows = ["| key | type | default | |", "| --- | --- | --- | --- |"]
+    if issubclass(model, BaseModel):
+        for name, field in model.model_fields.items():
+            default = "-" if field.is_required() else f"`{_default(field)}`"
+            rows.append(
+                f"| `{field.alias or name}` | {_cell(_type(field.annotation))} | {_cell(default)} "
+                f"| {_cell('; '.join(filter(None, [field.description, _bounds(field)])))} |"
+            )
+    else:
+        hints = get_type_hints(model)
+        rows += [f"| `{name}` | {_cell(_type(hints[name]))} | - | |" for name in _fields(model)]
+    return [*rows, ""]
+
+
+def _fields(model: type) -> tuple[str, ...]:
+    return tuple(getattr(model, "__dataclass_fields__", {}))
+
+
+def _default(field: FieldInfo) -> object:
+    value = field.get_default(call_default_factory=True, validated_data={})
+    return value.model_dump() if isinstance(value, BaseModel) else value
+
+
+def _bounds(field: FieldInfo) -> str:
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+    found = [
+        f"{sign} {getattr(rule, name)}"
+        for rule in field.metadata
+        for name, sign in signs.items()
+        if getattr(rule, name, None) is not None
+    ]
+    return ", ".join(found)
+
+
+def _type(kind: object) -> str:
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind is type(None):
+        return "null"
+    if origin is Literal:
+        return ", ".join(f'"{value}"' for value in inner)
+    if origin in (Union, types.UnionType):
+        return " or ".join(_type(one) for one in inner)
+    if origin is not None and hasattr(kind, "__metadata__"):
+        return _type(inner[0])
+    if inner and origin is not None:
+        named = [_type(one) for one in inner if one is not Ellipsis]
+        return f"{getattr(origin, '__name__', origin)} of {', '.join(named)}"
+    return getattr(kind, "__name__", str(kind))
+
+
+def _first_paragraph(model: type) -> str:
+    return inspect.cleandoc(model.__doc__ or "").split("\n\n")[0].replace("``", "`")
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+PAGES = {"commands.md": commands_page, "configs.md": configs_page, "files.md": files_page}
+
+
+def main() -> None:
+    """Write all pages."""
+    REFERENCE.mkdir(parents=True, exist_ok=True)
+    for name, page in PAGES.items():
+        (REFERENCE / name).write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
