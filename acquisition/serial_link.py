@@ -64,11 +64,6 @@ class SerialLink:
         self._partial = b""
         self._lines: deque[bytes] = deque()
 
-    @property
-    def is_open(self) -> bool:
-        """Whether nobody has closed it."""
-        return self._is_open
-
     def write(self, data: bytes) -> None:
         """Send bytes.
 

@@ -105,11 +105,6 @@ class PhotonTransfer:
         """Electrons at saturation."""
         return self.gain_e_per_dn * (self.saturation.level_dn - self.dark.black_level_dn)
 
-    @property
-    def dynamic_range(self) -> float:
-        """Saturation over read noise; infinite without read noise."""
-        return self.saturation_e / self.read_noise_e if self.read_noise_e > 0 else float("inf")
-
     def variance_dn2(self, light_dn: NDArray[np.float64]) -> NDArray[np.float64]:
         """The fitted variance of one frame at a level above black."""
         return self.offset_dn2 + self.slope_dn * light_dn + self.curvature * light_dn**2

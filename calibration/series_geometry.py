@@ -139,10 +139,6 @@ class Adjustment:
     rms_px: tuple[float, ...]
     match_counts: tuple[int, ...]
 
-    def lens_of(self, capture: int) -> PlaneLens:
-        """Lens and tilt of a capture."""
-        return self.lenses[self.layout.series[capture]]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:

@@ -24,7 +24,6 @@ class VirtualPort:
 
     def __init__(self, line: SerialLine, *, clock: SimulatedClock) -> None:
         self.line = line
-        self.is_open = True
         self._clock = clock
 
     def read(self) -> bytes:
@@ -53,8 +52,7 @@ class VirtualPort:
         self.line.send(data)
 
     def close(self) -> None:
-        """Give the port back."""
-        self.is_open = False
+        """Give the port back: there is none to give."""
 
     def _check_plugged(self) -> None:
         if self.line.is_unplugged:
