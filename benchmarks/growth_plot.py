@@ -43,6 +43,8 @@ def plot_growths(growths: Sequence[Growth]) -> bytes:
             axes.plot(sizes, peer_ms, "--s", color="#1b1f24", markersize=3, label=growth.peer)
             axes.legend(fontsize=7.5)
         axes.set(xscale="log", yscale="log", xlabel=growth.label, ylabel="time / ms")
+        axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
+        axes.minorticks_off()
         axes.set_title(f"{growth.what}\nexponent {growth.exponent:.2f}")
     for axes in panels[len(growths) :]:
         axes.set_axis_off()

@@ -9,11 +9,12 @@ from benchmarks.harness import Figure
 
 HEADING = """# Benchmarks
 
-Made by `python -m benchmarks --page docs/benchmarks.md`{mode}; do not edit. Every row was measured
-in one run with its peer; **times** is the peer's figure over ours: how many times faster or more
-exact we are. Rows without a peer stand for themselves. What a benchmark does and what it leaves
-out is said at the top of `benchmarks/bench_NAME.py`; its whole text comes from
-`python -m benchmarks.bench_NAME`.
+Made by `python -m benchmarks --page docs/benchmarks.md`; do not edit.{mode}
+
+Every row was measured in one run with its peer; **times** is the peer's figure over ours: how many
+times faster or more exact we are. Rows without a peer stand for themselves. What a benchmark does
+and leaves out is said at the top of `benchmarks/bench_NAME.py`; `python -m benchmarks.bench_NAME`
+prints all of it.
 
 {environment}
 
@@ -45,7 +46,11 @@ def benchmark_page(path: Path, *, plot: str, is_quick: bool, failed: Iterable[st
         found = head["environment"]
         if isinstance(found, dict):
             facts |= found
-    mode = " in its quick mode, which times each thing briefly" if is_quick else ""
+    mode = (
+        " This run was `--quick`: each thing was timed briefly, and other programs ran beside it."
+        if is_quick
+        else ""
+    )
     parts = [HEADING.format(mode=mode, environment=environment_line(facts) + ".", plot=plot)]
     parts += [f"`{name}` could not run here.\n" for name in failed]
     for head in heads:
