@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
+from benchmarks.harness import Recorder, bench_parser
 from calibration.blind_calibration import (
     CLEAREST_SNR,
     calibrate_from_distances,
@@ -50,36 +51,45 @@ def ratios(found: PsfCalibration, truth_px: NDArray[np.float64]) -> NDArray[np.f
 
 
 def main() -> None:
-    for lens_px in LENSES_PX:
-        keys = {
-            "simulated.corner_sigma_gain": 0.0,
-            "simulated.optical_sigma_x_px": lens_px[0],
-            "simulated.optical_sigma_y_px": lens_px[1],
-        }
-        truth = BenchTruth(load_bench(CONFIG, keys))
-        truth_px = np.sqrt(np.square(lens_px) + 1 / 12)
-        pupil_mm = truth.camera.distance_mm(0.0)
-        far_mm = 2 * (NEAR_MM + pupil_mm) - pupil_mm
-        print(f"\ntotal sigma {truth_px[0]:.3f}, {truth_px[1]:.3f} px: found / true, x and y")
-        print("  print          two-distance    single-image  edges")
-        columns: dict[str, list[float]] = {"two-distance": [], "single-image": []}
-        for seed, name in enumerate(PHOTOGRAPHS):
-            pair = [photograph(truth, name, h, seed) for h in (NEAR_MM, far_mm)]
-            by_pair = ratios(calibrate_from_distances([pair]), truth_px)
-            columns["two-distance"].extend(by_pair)
-            line = f"  {name:12s} {by_pair[0]:7.3f} {by_pair[1]:7.3f}"
-            try:
-                alone = calibrate_from_scene([photograph(truth, name, SCENE_MM, seed)])
-            except CalibrationError:
-                print(f"{line}       -       -", flush=True)
-                continue
-            by_edges = ratios(alone, truth_px)
-            columns["single-image"].extend(by_edges)
-            clear = sum(edge.fit.snr >= CLEAREST_SNR for edge in alone.edges)
-            print(f"{line} {by_edges[0]:7.3f} {by_edges[1]:7.3f} {clear:6d}", flush=True)
-        for method, values in columns.items():
-            error = 100 * float(np.median(np.abs(np.array(values) - 1)))
-            print(f"  {method}: median error {error:.1f} %, median ratio {np.median(values):.3f}")
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "blind_psf", packages=("numpy",)
+    ) as record:
+        for lens_px in record.pick(LENSES_PX, LENSES_PX[:1]):
+            judge_lens(record, lens_px)
+
+
+def judge_lens(record: Recorder, lens_px: tuple[float, float]) -> None:
+    """Print the table of one lens."""
+    keys = {
+        "simulated.corner_sigma_gain": 0.0,
+        "simulated.optical_sigma_x_px": lens_px[0],
+        "simulated.optical_sigma_y_px": lens_px[1],
+    }
+    truth = BenchTruth(load_bench(CONFIG, keys))
+    truth_px = np.sqrt(np.square(lens_px) + 1 / 12)
+    pupil_mm = truth.camera.distance_mm(0.0)
+    far_mm = 2 * (NEAR_MM + pupil_mm) - pupil_mm
+    record.say(f"\ntotal sigma {truth_px[0]:.3f}, {truth_px[1]:.3f} px: found / true, x and y")
+    record.say("  print          two-distance    single-image  edges")
+    columns: dict[str, list[float]] = {"two-distance": [], "single-image": []}
+    for seed, name in enumerate(PHOTOGRAPHS):
+        pair = [photograph(truth, name, h, seed) for h in (NEAR_MM, far_mm)]
+        by_pair = ratios(calibrate_from_distances([pair]), truth_px)
+        columns["two-distance"].extend(by_pair)
+        line = f"  {name:12s} {by_pair[0]:7.3f} {by_pair[1]:7.3f}"
+        try:
+            alone = calibrate_from_scene([photograph(truth, name, SCENE_MM, seed)])
+        except CalibrationError:
+            record.say(f"{line}       -       -")
+            continue
+        by_edges = ratios(alone, truth_px)
+        columns["single-image"].extend(by_edges)
+        clear = sum(edge.fit.snr >= CLEAREST_SNR for edge in alone.edges)
+        record.say(f"{line} {by_edges[0]:7.3f} {by_edges[1]:7.3f} {clear:6d}")
+    for method, values in columns.items():
+        error = 100 * float(np.median(np.abs(np.array(values) - 1)))
+        record.figure(f"{method}: error of sigma, lens {lens_px[0]:g} px", error, "%")
+        record.say(f"  {method}: median error {error:.1f} %, median ratio {np.median(values):.3f}")
 
 
 if __name__ == "__main__":

@@ -5,20 +5,19 @@
 precise and its default upscaling. Errors are distances in the reference between where pixels lie
 and where a pose puts them, in px, medians over the frame. ``claimed`` is our own standard error.
 
-    python -m benchmarks.bench_registration [width_px]
+    python -m benchmarks.bench_registration [--width-px 780]
 """
 
-import platform
 import sys
 import time
 from dataclasses import replace
 
 import cv2
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
+from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import DistortedPose, register_distorted
 from hil_mocks import BenchTruth
 from simulation import GaussianPsf
@@ -36,16 +35,27 @@ TOLERANCE_PX = 3.0
 MEDIAN_MAX_PX = 0.05
 
 
-def main(width_px: int) -> None:
-    print(f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__},")
-    print(f"OpenCV {cv2.__version__}, {width_px} px wide, {FRAMES} frames averaged")
+def main() -> None:
+    parser = bench_parser(__doc__)
+    parser.add_argument("--width-px", type=int, default=780)
+    given = parser.parse_args()
+    note = f"{given.width_px} px wide, {FRAMES} frames averaged"
+    packages = ("numpy", "scipy", "opencv-contrib-python-headless")
+    with Recorder.of(given, "registration", packages=packages, note=note) as record:
+        judge(record, given.width_px)
+
+
+def judge(record: Recorder, width_px: int) -> None:
+    """Print the error of every target and zoom."""
     truth = bench_of(width_px)
     (xx, xy), (_, yy) = truth.total_covariance_px2(NEAR_MM).tolist()
     psf = GaussianPsf(sigma_x_px=xx**0.5, sigma_y_px=yy**0.5, rho=xy / (xx * yy) ** 0.5)
     rng = np.random.default_rng(1)
     ours: list[float] = []
-    print("target   zoom   ours / px  claimed  precise SIFT  default SIFT  0.35 (z-1)  seconds")
-    for target in TARGETS:
+    record.say(
+        "target   zoom   ours / px  claimed  precise SIFT  default SIFT  0.35 (z-1)  seconds"
+    )
+    for target in record.pick(TARGETS, TARGETS[:1]):
         near = photograph(truth, target, NEAR_MM, rng)
         for zoom in ZOOMS:
             offset_mm = truth.camera.pupil_offset_mm
@@ -60,12 +70,12 @@ def main(width_px: int) -> None:
                 peer_error_px(near, far, found.pose, truth, far_mm, is_precise=is_precise)
                 for is_precise in (True, False)
             ]
-            print(
+            record.say(
                 f"{target:<7}  {zoom:4.2f}  {error_px:10.4f}  {found.place_err_px:7.4f}  "
-                f"{peers[0]:12.3f}  {peers[1]:12.3f}  {0.35 * (zoom - 1):10.3f}  {seconds:7.1f}",
-                flush=True,
+                f"{peers[0]:12.3f}  {peers[1]:12.3f}  {0.35 * (zoom - 1):10.3f}  {seconds:7.1f}"
             )
-    print(f"median of all {np.median(ours):.4f} px, largest {max(ours):.4f} px")
+    record.figure("median error of a registration", float(np.median(ours)), "px")
+    record.say(f"median of all {np.median(ours):.4f} px, largest {max(ours):.4f} px")
     if max(ours) > MEDIAN_MAX_PX:
         sys.exit(f"a pair is off by more than {MEDIAN_MAX_PX} px")
 
@@ -140,4 +150,4 @@ def peer_error_px(
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 780)
+    main()

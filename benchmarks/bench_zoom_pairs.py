@@ -11,16 +11,12 @@ exits 0 with a remark where the folder is not named.
 """
 
 import os
-import platform
 import sys
 from collections import defaultdict
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
-import cv2
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.optimize import minimize
@@ -29,6 +25,7 @@ from analysis.comparison import mean_metrics
 from analysis.followup_alignment import scaled_up
 from analysis.metrics import ImageMetrics, compare_images
 from analysis.processing import process_for_comparison
+from benchmarks.harness import Recorder, bench_parser
 from calibration.linearise import luma_plane
 from simulation import GaussianPsf, Model, zoom_out
 
@@ -60,47 +57,62 @@ class Pair:
 
 
 def main() -> None:
+    packages = ("numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
+    given = bench_parser(__doc__).parse_args()
+    with Recorder.of(given, "zoom_pairs", packages=packages) as record:
+        judge_cameras(record)
+
+
+def judge_cameras(record: Recorder) -> None:
+    """Print Table II of every camera."""
     folder = os.environ.get("STANDOFF_REAL_DATA")
     if folder is None:
-        print("STANDOFF_REAL_DATA does not name a folder of real photographs: nothing to do")
+        record.say("STANDOFF_REAL_DATA does not name a folder of real photographs: nothing to do")
         return
-    print(
-        f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}, "
-    )
-    print(f"OpenCV {cv2.__version__}, scikit-image {version('scikit-image')}")
     cameras: dict[str, list[Pair]] = defaultdict(list)
     for pair in read_pairs(Path(folder) / "zoom_pairs"):
         cameras[pair.camera].append(pair)
     if not cameras:
         sys.exit(f"{folder}/zoom_pairs holds no photographs")
-    failures = [camera for camera, pairs in cameras.items() if not print_camera(camera, pairs)]
+    failures = [
+        camera for camera, pairs in cameras.items() if not print_camera(record, camera, pairs)
+    ]
     if failures:
         sys.exit(f"the paper's model does not beat bicubic on {', '.join(failures)}")
 
 
-def print_camera(camera: str, pairs: list[Pair]) -> bool:
+def print_camera(record: Recorder, camera: str, pairs: list[Pair]) -> bool:
     """Print Table II of one camera; whether the paper's model is better in all five metrics."""
     found: dict[Model, list[ImageMetrics]] = defaultdict(list)
-    print(f"\n{camera}, zoom {ZOOMS[camera]}, {len(pairs)} pairs")
+    record.say(f"\n{camera}, zoom {ZOOMS[camera]}, {len(pairs)} pairs")
     for judged in pairs:
         others = [pair for pair in pairs if pair is not judged]
         psf = fitted_psf(others)
-        print(f"  {judged.name}: sigma x {psf.sigma_x_px:.3f}, y {psf.sigma_y_px:.3f} px fitted on "
-              f"{', '.join(pair.name for pair in others)}")  # fmt: skip
+        names = ", ".join(pair.name for pair in others)
+        widths = f"sigma x {psf.sigma_x_px:.3f}, y {psf.sigma_y_px:.3f} px"
+        record.say(f"  {judged.name}: {widths} fitted on {names}")
         for model in MODELS:
             found[model].append(judged.metrics(model, psf))
-    print("  model      correlation     MSE     NMI  PSNR / dB    SSIM")
+    record.say("  model      correlation     MSE     NMI  PSNR / dB    SSIM")
     means = {model: mean_metrics(found[model]) for model in MODELS}
+    record.figure(
+        f"MSE of the paper's model, {camera}",
+        means["paper"].mse_dn2,
+        "DN^2",
+        peer="bicubic",
+        peer_value=means["bicubic"].mse_dn2,
+    )
     for model, mean in means.items():
         figures = f"{mean.correlation:.4f}  {mean.mse_dn2:6.2f}  {mean.nmi:.4f}      "
-        print(f"  {model:<9}       {figures}{mean.psnr_db:5.2f}  {mean.ssim:.4f}")
+        record.say(f"  {model:<9}       {figures}{mean.psnr_db:5.2f}  {mean.ssim:.4f}")
     better = {
         name: (getattr(means["paper"], name) < getattr(means["bicubic"], name))
         if name == "mse_dn2"
         else (getattr(means["paper"], name) > getattr(means["bicubic"], name))
         for name in METRICS
     }
-    print("  paper better than bicubic:", ", ".join(f"{n} {b}" for n, b in better.items()))
+    verdicts = ", ".join(f"{name} {is_better}" for name, is_better in better.items())
+    record.say(f"  paper better than bicubic: {verdicts}")
     return all(better.values())
 
 
