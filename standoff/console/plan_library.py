@@ -1,9 +1,9 @@
 """The capture plans that an operator can choose from."""
 
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
+from acquisition.foreign_text import parse_toml
 from acquisition.plan import CapturePlan, load_plan
 from standoff.errors import ApplicationError
 
@@ -55,6 +55,6 @@ class PlanLibrary:
 def _is_plan(path: Path) -> bool:
     """Whether a TOML file says of itself that it is a plan; its content is checked when loaded."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8")).get("schema") == PLAN_SCHEMA
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return parse_toml(path.read_bytes()).get("schema") == PLAN_SCHEMA
+    except (OSError, ValueError):
         return False

@@ -1,11 +1,11 @@
 """What the page of one session shows."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from shlex import quote
 from typing import Any
 
+from acquisition.foreign_text import parse_json
 from acquisition.session import Session, SessionCapture
 from standoff.console.session_library import SessionLibrary
 from standoff.reports import RESULTS_FOLDER
@@ -92,7 +92,7 @@ def _psf(session: Session) -> list[dict[str, str]]:
     try:
         if path.is_symlink() or path.stat().st_size > MAX_RESULT_BYTES:
             return []
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        stored = parse_json(path.read_bytes())
     except (OSError, ValueError):
         return []
     if not isinstance(stored, dict):
