@@ -120,10 +120,11 @@ def _with_defaults(bench: Mapping[str, Any]) -> Mapping[str, Any]:
         return bench
 
 
-def _identities(devices: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def _identities(devices: Mapping[str, object]) -> dict[str, Any]:
     return {
         role: {key: device[key] for key in _IDENTITY_KEYS if key in device}
         for role, device in devices.items()
+        if isinstance(device, Mapping)
     }
 
 

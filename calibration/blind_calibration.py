@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.covariance_fit import Estimate
 from calibration.edge_measurement import EdgeImage, EdgeMeasurement, Region, measure_edges
-from calibration.errors import CalibrationError, NoEdgeError
+from calibration.errors import CalibrationError, NoEdgeError, RegistrationError
 from calibration.psf_calibration import CalibrationMethod, PairWidths, PsfCalibration
 from calibration.registration import register
 from calibration.single_image import fit_sharpest_widths
@@ -130,7 +130,10 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
                     "expose shorter"
                 )
     if zoom is None:
-        matrix = register(near.image_dn, far.image_dn).matrix
+        try:
+            matrix = register(near.image_dn, far.image_dn).matrix
+        except RegistrationError as error:
+            raise CalibrationError(f"{error}; the nearer photograph comes first") from error
     else:
         matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)
     image = near.image_dn

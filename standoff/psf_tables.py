@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+from calibration.blind_calibration import CLEAREST_SNR
 from calibration.covariance_fit import Estimate
 from calibration.psf_calibration import PsfCalibration
-from standoff.output import print_table, say
+from standoff.output import note, print_table, say
 
 __all__ = ["print_psf"]
 
@@ -27,6 +28,9 @@ def print_psf(calibration: PsfCalibration) -> None:
                 for pair in calibration.pairs
             ],
         )
+    elif calibration.softness_px2 is not None:
+        clear = sum(edge.fit.snr >= CLEAREST_SNR for edge in calibration.edges)
+        say(f"{clear} of {len(calibration.edges)} edges are clear enough")
     else:
         say(f"{len(used)} of {len(calibration.edges)} edges used")
     print_table(
@@ -62,9 +66,10 @@ def print_psf(calibration: PsfCalibration) -> None:
         )
     if calibration.softness_px2 is not None:
         softness_px = calibration.softness_px2**0.5
-        say(
-            f"the scene's own edges are soft by {softness_px:.2f} px on average; "
-            "from one image the widths are right to some 10 to 15 %"
+        say(f"the scene's own edges are soft by {softness_px:.2f} px on average")
+        note(
+            "one image cannot tell a soft scene from a soft lens; the intervals hold for a scene "
+            "with edges sharper than a pixel; --method two-distance does better"
         )
 
 
