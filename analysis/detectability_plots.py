@@ -80,7 +80,7 @@ def plot_detectability(
         )
         for place, value in enumerate(values)
     ]
-    figure.legend(handles=handles, loc="outside right upper", fontsize=8)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
     level = float(getattr(curves[0], fixed))
     figure.suptitle(
         f"{_NAMES[fixed]} {level:.4g} DN; bands: 95 % over images and positions", fontsize=9

@@ -74,7 +74,13 @@ def plot_curves(validation: Validation) -> Figure:
         )
         grid[-1, number].set_xlabel("zoom-out z")
     handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6), fontsize=8)
+    figure.legend(
+        handles,
+        names,
+        loc="outside lower center",
+        ncols=min(len(names), 2 * grid.shape[1]),
+        fontsize=8,
+    )
     return figure
 
 
