@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.atomic_write import atomic_write
+from acquisition.foreign_text import parse_json
 from analysis.errors import ResultsFileError
 from analysis.metrics import ImageMetrics
 from analysis.paper_tables import PAPER_TABLE_1, PAPER_TABLE_2
@@ -74,7 +75,7 @@ def read_validation(path: Path) -> dict[str, Any]:
         If it cannot be read or is of another schema.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parse_json(path.read_bytes())
     except OSError as error:
         raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:
