@@ -105,7 +105,15 @@ class RawClient:
 
     def ask(self, code: int, payload: bytes = b"") -> Acknowledge:
         """Send a command and return its acknowledge; TimeoutError if there is none."""
-        return self.ask_raw(encode_command(code, next(self._requests), payload))
+        return self._ask_once(code, payload, REPLY_S)
+
+    def _ask_once(self, code: int, payload: bytes, timeout_s: float) -> Acknowledge:
+        """The acknowledge of this very command: late ones for earlier commands are dropped."""
+        request_id = next(self._requests)
+        acknowledge = self.ask_raw(encode_command(code, request_id, payload), timeout_s)
+        while acknowledge.request_id != request_id:
+            acknowledge = self.acknowledge(timeout_s)
+        return acknowledge
 
     def ask_raw(self, datagram: bytes, timeout_s: float = REPLY_S) -> Acknowledge:
         self.control.sendto(datagram, self.camera)
@@ -117,7 +125,7 @@ class RawClient:
 
     def is_answered(self, timeout_s: float = SILENCE_S) -> bool:
         try:
-            self.ask_raw(encode_command(CommandCode.DISCOVERY, next(self._requests)), timeout_s)
+            self._ask_once(CommandCode.DISCOVERY, b"", timeout_s)
         except TimeoutError:
             return False
         return True
