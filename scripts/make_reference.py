@@ -37,7 +37,7 @@ from calibration.stored_psf import (
     StoredTransfer,
 )
 from simulation.capture_noise import CaptureNoise
-from standoff.application import app
+from standoff.application import application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
 MADE = "Made from the code by `python -m scripts.make_reference`; do not edit.\n"
@@ -46,7 +46,7 @@ MADE = "Made from the code by `python -m scripts.make_reference`; do not edit.\n
 def commands_page() -> str:
     """Every command with its arguments and options."""
     parts = [f"# Commands\n\n{MADE}"]
-    root: Any = typer.main.get_command(app)
+    root: Any = typer.main.get_command(application([]))
     for name, command in sorted(root.commands.items()):
         parts += _command(f"standoff {name}", command)
     return "\n".join(parts).rstrip() + "\n"

@@ -3,54 +3,82 @@
 0 done, 1 a device or data error in one line, 2 wrong usage, 130 interrupted.
 """
 
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
 
 from standoff import __version__
-from standoff.commands.calibrate import calibrate
-from standoff.commands.capture import capture
-from standoff.commands.changes import changes
-from standoff.commands.compare import compare
-from standoff.commands.console import console
-from standoff.commands.demo import demo
-from standoff.commands.detectability import detectability
-from standoff.commands.doctor import cameras, doctor
-from standoff.commands.focus import focus
-from standoff.commands.geometry import geometry
-from standoff.commands.limits import limits
-from standoff.commands.mock import mock
-from standoff.commands.noise import noise
-from standoff.commands.paper import paper
-from standoff.commands.photographs import import_photographs
-from standoff.commands.pose import pose
-from standoff.commands.report import report
-from standoff.commands.sessions import session, verify
-from standoff.commands.simulate import simulate
-from standoff.commands.sr_pairs import sr_pairs
-from standoff.commands.stage import stage
-from standoff.commands.validate import validate
 from standoff.errors import REPORTED_ERRORS
 from standoff.output import ERRORS
 
-__all__ = ["app", "run"]
+__all__ = ["COMMANDS", "application", "run_application"]
 
 EXIT_REPORTED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
-app = typer.Typer(
-    name="standoff",
-    help=(
-        "Calibrate a bench camera's PSF, simulate the scene from further away, and say how "
-        "much a change of camera pose costs in change detection."
-    ),
-    invoke_without_command=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+COMMANDS = {
+    "demo": "demo:demo",
+    "capture": "capture:capture",
+    "session": "sessions:session",
+    "verify": "sessions:verify",
+    "import": "photographs:import_photographs",
+    "calibrate": "calibrate:calibrate",
+    "compare": "compare:compare",
+    "focus": "focus:focus",
+    "geometry": "geometry:geometry",
+    "noise": "noise:noise",
+    "simulate": "simulate:simulate",
+    "sr-pairs": "sr_pairs:sr_pairs",
+    "detectability": "detectability:detectability",
+    "limits": "limits:limits",
+    "pose": "pose:pose",
+    "changes": "changes:changes",
+    "validate": "validate:validate",
+    "paper": "paper:paper",
+    "report": "report:report",
+    "console": "console:console",
+    "mock": "mock:mock",
+    "doctor": "doctor:doctor",
+    "cameras": "doctor:cameras",
+    "stage": "stage:stage",
+}
+"""Where each command lives, in standoff.commands, in the order of the help."""
+
+
+def application(arguments: list[str]) -> typer.Typer:
+    """Return the application for a command line, with the command that it names.
+
+    Only that command is imported, as all of them with their libraries take seconds; where the
+    first argument names none, as for the help or a misspelt name, all are there.
+    """
+    app = typer.Typer(
+        name="standoff",
+        help=(
+            "Calibrate a bench camera's PSF, simulate the scene from further away, and say how "
+            "much a change of camera pose costs in change detection."
+        ),
+        invoke_without_command=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_show_help)
+    named = [name for name in arguments[:1] if name in COMMANDS]
+    for name in named or COMMANDS:
+        command = _imported(COMMANDS[name])
+        if isinstance(command, typer.Typer):
+            app.add_typer(command)
+        else:
+            app.command(name)(command)
+    return app
+
+
+def _imported(place: str) -> Any:  # noqa: ANN401 - a function, or a group of them
+    module, name = place.split(":")
+    return getattr(import_module(f"standoff.commands.{module}"), name)
 
 
 def _show_version(wanted: bool) -> None:
@@ -59,8 +87,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def standoff(
+def _show_help(
     context: typer.Context,
     version: Annotated[
         bool,
@@ -73,36 +100,7 @@ def standoff(
         raise typer.Exit(EXIT_USAGE)
 
 
-for command in (
-    demo,
-    capture,
-    verify,
-    calibrate,
-    compare,
-    focus,
-    geometry,
-    noise,
-    simulate,
-    sr_pairs,
-    detectability,
-    limits,
-    pose,
-    changes,
-    validate,
-    paper,
-    report,
-    console,
-    mock,
-    doctor,
-    cameras,
-    stage,
-):
-    app.command(command.__name__.replace("_", "-"))(command)
-app.command("import")(import_photographs)
-app.add_typer(session)
-
-
-def run(arguments: list[str]) -> int:
+def run_application(app: typer.Typer, arguments: list[str]) -> int:
     """Run one command line and return its exit status; errors are one line on stderr."""
     try:
         status = app(arguments, standalone_mode=False, prog_name="standoff")

@@ -1,6 +1,6 @@
 """The command line's entry: light, so that Ctrl-C is answered from the first moment on.
 
-The application itself, with all its libraries, is imported when it runs; that takes seconds.
+The application and the libraries of its command are imported when it runs; that takes seconds.
 """
 
 import signal
@@ -18,11 +18,14 @@ EXIT_INTERRUPTED = 130
 
 def main() -> None:
     """Run the command line and exit."""
+    arguments = sys.argv[1:]
     try:
         with _no_interrupt_lost():
             drop_stale_code()
-            import standoff.application  # noqa: F401
-        status = run(sys.argv[1:])
+            from standoff.application import application, run_application
+
+            app = application(arguments)
+        status = run_application(app, arguments)
     except KeyboardInterrupt:
         sys.stderr.write("standoff: interrupted; run the same command again\n")
         status = EXIT_INTERRUPTED
@@ -31,9 +34,9 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit status; errors are one line on stderr."""
-    from standoff.application import run as run_application
+    from standoff.application import application, run_application
 
-    return run_application(arguments)
+    return run_application(application(arguments), arguments)
 
 
 @contextmanager

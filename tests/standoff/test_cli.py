@@ -8,8 +8,10 @@ import pytest
 import tifffile
 from PIL import Image
 
+import standoff.commands
 import standoff.commands.simulate
 from standoff import __version__
+from standoff.application import COMMANDS
 from tests.calibration.closed_form import edge_image
 from tests.standoff.conftest import Command
 
@@ -221,3 +223,18 @@ def test_a_file_where_the_results_folder_should_be_is_named(
     assert done.status == 1
     assert_one_line(done.err)
     assert "results" in done.err
+
+
+def test_every_module_of_the_commands_is_within_reach() -> None:
+    folder = Path(standoff.commands.__file__).parent
+    within_reach = {place.split(":")[0] for place in COMMANDS.values()}
+    assert within_reach == {path.stem for path in folder.glob("*.py")} - {"__init__"}
+
+
+def test_a_command_imports_no_other() -> None:
+    code = (
+        "import sys; from standoff.application import application; application(['verify']); "
+        "print(*(m for m in ('matplotlib', 'numba', 'cv2', 'torch') if m in sys.modules), end='')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
