@@ -1,6 +1,6 @@
 """The application: registers the commands and turns errors into exit statuses.
 
-0 done, 1 a device or data error in one line, 2 wrong usage, 130 interrupted.
+0 done, 1 a device or data error in one line, 2 wrong usage, 130 interrupted, 143 by SIGTERM.
 """
 
 from importlib import import_module

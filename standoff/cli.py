@@ -5,7 +5,7 @@ The application and the libraries of its command are imported when it runs; that
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -14,22 +14,46 @@ from standoff.compiled_cache import drop_stale_code
 __all__ = ["main", "run"]
 
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
 
 
 def main() -> None:
     """Run the command line and exit."""
-    arguments = sys.argv[1:]
+    sys.exit(_interrupted_by_termination(lambda: _imported_and_run(sys.argv[1:])))
+
+
+def _imported_and_run(arguments: list[str]) -> int:
     try:
         with _no_interrupt_lost():
             drop_stale_code()
             from standoff.application import application, run_application
 
             app = application(arguments)
-        status = run_application(app, arguments)
+        return run_application(app, arguments)
     except KeyboardInterrupt:
         sys.stderr.write("standoff: interrupted; run the same command again\n")
-        status = EXIT_INTERRUPTED
-    sys.exit(status)
+        return EXIT_INTERRUPTED
+
+
+def _interrupted_by_termination(work: Callable[[], int]) -> int:
+    """Do the work, and let SIGTERM end it as Ctrl-C does: the stage stops, files are whole.
+
+    A second SIGTERM ends the process at once.
+    """
+    came = False
+
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        nonlocal came
+        came = True
+        signal.signal(number, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        status = work()
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    return EXIT_TERMINATED if came and status == EXIT_INTERRUPTED else status
 
 
 def run(arguments: list[str]) -> int:

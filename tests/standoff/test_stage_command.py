@@ -121,10 +121,16 @@ def test_a_dead_line_is_one_line_with_the_remedy(command: Command, serve: Serve)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("protocol", "action"), [("grbl", "move"), ("grbl", "home"), ("zaber", "move")]
+    ("protocol", "action", "number"),
+    [
+        ("grbl", "move", signal.SIGINT),
+        ("grbl", "home", signal.SIGINT),
+        ("zaber", "move", signal.SIGINT),
+        ("grbl", "move", signal.SIGTERM),
+    ],
 )
-def test_ctrl_c_stops_the_stage_under_control(
-    command: Command, serve: Serve, protocol: StageProtocol, action: str
+def test_ctrl_c_and_sigterm_stop_the_stage_under_control(
+    command: Command, serve: Serve, protocol: StageProtocol, action: str, number: signal.Signals
 ) -> None:
     # In real time: homing from 300 mm takes 9 s, the move 14 s.
     served = serve(protocol, 1.0)
@@ -144,12 +150,12 @@ def test_ctrl_c_stops_the_stage_under_control(
         deadline = time.monotonic() + START_TIMEOUT_S
         while abs(served.true_height_mm - start_mm) < 5.0 and time.monotonic() < deadline:
             time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         out, err = process.communicate(timeout=START_TIMEOUT_S)
     finally:
         process.kill()
         process.wait()
-    assert process.returncode == 130, err
+    assert process.returncode == 128 + number, err
     assert out == ""
     stopped_mm = served.true_height_mm
     time.sleep(0.2)
