@@ -1,5 +1,6 @@
 """``standoff limits``: how far the camera may be moved before changes are no longer found."""
 
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -121,11 +122,17 @@ def _camera(
         return ViewingCamera(focal_length_px=focal, width_px=width, height_px=height)
     if focal_length_px is None or image_size is None:
         raise typer.BadParameter("give --geometry, or --focal-length-px and --image-size")
+    size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", image_size.strip().lower(), re.ASCII)
+    if size is None:
+        raise typer.BadParameter(f"--image-size is WxH in px, such as 780x580, not {image_size}")
     try:
-        width, height = (int(part) for part in image_size.lower().split("x"))
-        return ViewingCamera(focal_length_px=focal_length_px, width_px=width, height_px=height)
+        return ViewingCamera(
+            focal_length_px=focal_length_px, width_px=int(size[1]), height_px=int(size[2])
+        )
     except ValueError as error:
-        raise typer.BadParameter(f"{image_size} or {focal_length_px:g}: {error}") from error
+        raise typer.BadParameter(
+            f"--focal-length-px {focal_length_px:g}, --image-size {image_size}: {error}"
+        ) from error
 
 
 def _print_limits(name: str, min_dprime: float, found: PoseLimits, where: str) -> None:

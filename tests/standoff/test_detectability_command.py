@@ -171,6 +171,24 @@ def test_an_ambiguous_curve_is_wrong_usage(
     assert message in done.err
 
 
+@pytest.mark.parametrize(
+    ("focal_length_px", "size", "message"),
+    [
+        ("800", "640xabc", "--image-size is WxH in px, such as 780x580, not 640xabc"),
+        ("800", "640", "--image-size is WxH in px"),
+        ("-1", "640x480", "--focal-length-px -1"),
+        ("800", "8x8", "a frame of at least 16 x 16 px"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_wrong_usage(
+    command: Command, curves_file: Path, focal_length_px: str, size: str, message: str
+) -> None:
+    camera = ("--focal-length-px", focal_length_px, "--image-size", size)
+    done = command("limits", "--curves", curves_file, "--min-dprime", 3, *camera, "--noise", 1)
+    assert done.status == 2
+    assert message in done.err
+
+
 def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:
     done = command("limits", "--curves", curves_file, "--min-dprime", 3)
     assert done.status == 2
