@@ -85,9 +85,12 @@ def calibrate(
         typer.Option(help="noise.json whose dark, flat and defect maps are taken off."),
     ] = None,
     csv: Annotated[
-        Path | None, typer.Option(help="Also write a table of all edges, with their SFR.")
+        Path | None,
+        typer.Option(help="Also write a table of all edges of an edge target, with their SFR."),
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Also write a report: HTML or PDF.")] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Also write a report of an edge target: HTML or PDF.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Measure the camera's PSF from photographs of straight edges, at any angle."""
