@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from acquisition.atomic_write import atomic_write
@@ -21,6 +21,7 @@ __all__ = [
     "CurvesFile",
     "DetectabilityCurve",
     "curves_document",
+    "d_prime_between",
     "read_curves",
     "write_curves",
 ]
@@ -29,7 +30,8 @@ CURVES_SCHEMA = "standoff.detectability/1"
 
 _NOTE = (
     "Every d' is an upper bound: sampling, sharpness, noise and the artefact of the alignment are "
-    "in the model; exposure, registration error, gloss, parallax, defocus and motion are not."
+    "in the model; exposure, registration error, gloss, parallax, defocus and motion are not. "
+    "Between two zooms 1/d' is read as straight."
 )
 
 
@@ -60,6 +62,8 @@ class DetectabilityCurve(BaseModel):
                 raise ValueError(f"{name} has {len(getattr(self, name))} values, zoom more or less")
         if self.zoom[0] < 1 or any(np.diff(self.zoom) <= 0):
             raise ValueError("zoom must rise from 1 or more")
+        if min(*self.dprime, *self.dprime_low, *self.dprime_high) < 0:
+            raise ValueError("d' and its interval must be 0 or more")
         return self
 
     @property
@@ -71,15 +75,16 @@ class DetectabilityCurve(BaseModel):
         )
 
     def d_prime_at(self, zoom: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return d' between the curve's zooms, linear in zoom; NaN beyond the last one.
+        """Return d' between the curve's zooms, 1/d' straight in zoom; NaN beyond the last one.
 
         Below the first zoom, and below 1, the first value holds: a nearer follow-up is no worse.
+        ``d_prime_between`` says why.
         """
-        value = np.interp(zoom, self.zoom, self.dprime)
+        value = d_prime_between(self.zoom, self.dprime, zoom)
         return np.asarray(np.where(np.asarray(zoom) > self.zoom[-1] + 1e-9, np.nan, value))
 
     def largest_zoom(self, min_dprime: float) -> float | None:
-        """Largest zoom up to which d' stays at the threshold or above.
+        """Largest zoom up to which ``d_prime_at`` stays at the threshold or above.
 
         None if it is below from the start; the last zoom of the curve if it never falls below.
         """
@@ -90,11 +95,21 @@ class DetectabilityCurve(BaseModel):
         if first == 0:
             return None
         (z0, z1), (d0, d1) = self.zoom[first - 1 : first + 1], self.dprime[first - 1 : first + 1]
-        return z0 + (z1 - z0) * (d0 - min_dprime) / (d0 - d1)
+        # (1/m - 1/d0) / (1/d1 - 1/d0), without a division by a d1 of 0.
+        return z0 + (z1 - z0) * (d1 / min_dprime) * ((d0 - min_dprime) / (d0 - d1))
 
     def contrast_found(self, zoom: float, min_dprime: float) -> float:
-        """Least contrast in DN that reaches a d' at a zoom; d' is proportional to contrast."""
-        return self.contrast_dn * min_dprime / float(self.d_prime_at(zoom))
+        """Least contrast in DN that reaches a d' at a zoom; d' is proportional to contrast.
+
+        Raises
+        ------
+        AnalysisError
+            If d' is 0 there: no contrast will do.
+        """
+        d_prime = float(self.d_prime_at(zoom))
+        if d_prime == 0:
+            raise AnalysisError(f"d' is 0 at zoom {zoom:.3g}: no contrast is found there")
+        return self.contrast_dn * min_dprime / d_prime
 
 
 class CurveChoice(BaseModel):
@@ -145,6 +160,31 @@ class CurvesFile(BaseModel):
         raise AmbiguousCurveError(
             f"{len(fitting)} curves fit; choose by {' and '.join(open_keys) or 'another file'}"
         )
+
+
+def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> NDArray[np.float64]:
+    """Return d' at any zoom, 1/d' straight between those computed; outside, the nearest one.
+
+    The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that
+    1/d' is much like a hyperbola, which bends upwards: its chord reads d' a little too low, where
+    the chord of d' itself reads up to several times too much. See docs/theory-detectability.md.
+
+    Parameters
+    ----------
+    zooms, d_primes
+        What was computed: zooms in rising order, d' of 0 or more. Beside a d' of 0 it is 0 in the
+        whole open interval: nothing says where it vanished.
+    zoom
+        Any shape; NaN gives NaN.
+    """
+    nodes, values = np.asarray(zooms, np.float64), np.asarray(d_primes, np.float64)
+    within = np.clip(np.asarray(zoom, np.float64), nodes[0], nodes[-1])
+    straight = np.interp(within, nodes, values)
+    with np.errstate(divide="ignore", over="ignore"):  # a d' of 0, or next to it
+        # Rounding must not lift it above the chord of d' itself.
+        reciprocal = np.maximum(np.interp(within, nodes, 1 / values), 1 / straight)
+    # 1 / (1 / d') is not always d', and a threshold may be a computed value.
+    return np.asarray(np.where(np.isin(within, nodes), straight, 1 / reciprocal))
 
 
 def read_curves(path: Path) -> CurvesFile:

@@ -3,14 +3,16 @@
 from collections.abc import Sequence
 from typing import Final, Literal
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from analysis.comparison_plots import MODEL_COLOURS
-from analysis.detectability_curves import DetectabilityCurve
+from analysis.detectability_curves import DetectabilityCurve, d_prime_between
 from analysis.report_page import in_report_style, new_figure
 
-__all__ = ["OBSERVER_NAMES", "plot_detectability"]
+__all__ = ["OBSERVER_NAMES", "draw_curve", "plot_detectability"]
 
 OBSERVER_NAMES = {
     "npw": "non-prewhitening",
@@ -21,7 +23,23 @@ _STYLES: Final[tuple[Literal["-", "--", ":", "-."], ...]] = ("-", "--", ":", "-.
 _WIDTHS = {"paper": 3.2, "lmmse": 2.2}
 """Models whose curves nearly coincide with that of ``matched`` show beneath it."""
 
+_DRAWN = 200
+"""Places along a curve that bends between the zooms computed."""
+
 _NAMES = {"noise_dn": "noise", "contrast_dn": "contrast"}
+
+
+def draw_curve(axes: Axes, curve: DetectabilityCurve, colour: str) -> Line2D:
+    """Draw d' and its interval as they are read; the line's markers are the zooms computed."""
+    zoom = np.union1d(curve.zoom, np.linspace(curve.zoom[0], curve.zoom[-1], _DRAWN))
+    low, d_prime, high = (
+        d_prime_between(curve.zoom, values, zoom)
+        for values in (curve.dprime_low, curve.dprime, curve.dprime_high)
+    )
+    computed = np.flatnonzero(np.isin(zoom, curve.zoom)).tolist()
+    axes.fill_between(zoom, low, high, color=colour, alpha=0.15, lw=0)
+    [line] = axes.plot(zoom, d_prime, color=colour, markevery=computed)
+    return line
 
 
 @in_report_style
@@ -52,17 +70,8 @@ def plot_detectability(
             colour = MODEL_COLOURS[curve.model]
             width = _WIDTHS.get(curve.model, 1.2)
             style = _STYLES[values.index(float(getattr(curve, varied))) % len(_STYLES)]
-            axes.plot(
-                curve.zoom,
-                curve.dprime,
-                color=colour,
-                linestyle=style,
-                linewidth=width,
-                zorder=3 - width / 4,
-            )
-            axes.fill_between(
-                curve.zoom, curve.dprime_low, curve.dprime_high, color=colour, alpha=0.15, lw=0
-            )
+            line = draw_curve(axes, curve, colour)
+            line.set(linestyle=style, linewidth=width, zorder=3 - width / 4)
         axes.set(title=OBSERVER_NAMES[observer], xlabel="zoom-out z (ratio of the distances)")
         axes.set_ylim(bottom=0)
     panels[0].set_ylabel("detectability d′ (upper bound)")

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.detectability_curves import DetectabilityCurve
+from analysis.detectability_plots import draw_curve
 from analysis.pose_limits import PoseLimits
 from analysis.pose_quality import PoseQuality
 from analysis.report_page import in_report_style, new_figure
@@ -53,15 +54,14 @@ def plot_pose(followup: NDArray[np.floating[Any]], quality: PoseQuality) -> Figu
 
 @in_report_style
 def plot_limits(curve: DetectabilityCurve, limits: PoseLimits, min_d_prime: float) -> Figure:
-    """Plot d' against zoom with the threshold, and the allowed zoom against the tilt."""
+    """Plot d' against zoom with the threshold, and the allowed zoom against the tilt.
+
+    Dots are what was computed.
+    """
     figure = new_figure(8.4, 3.4)
     against_zoom, against_tilt = figure.subplots(1, 2)
-    against_zoom.plot(
-        curve.zoom, curve.dprime, color=_BLUE, label=f"{curve.model} {curve.observer}"
-    )
-    against_zoom.fill_between(
-        curve.zoom, curve.dprime_low, curve.dprime_high, color=_BLUE, alpha=0.2, lw=0
-    )
+    line = draw_curve(against_zoom, curve, _BLUE)
+    line.set(marker="o", markersize=3, label=f"{curve.model} {curve.observer}")
     against_zoom.axhline(min_d_prime, color=_RED, linestyle="--", label="threshold")
     against_zoom.axvline(limits.zoom, color="0.4", linestyle=":", label=f"limit {limits.zoom:.3g}")
     against_zoom.set(

@@ -28,7 +28,7 @@ def test_the_first_frame_is_searched_and_the_next_ones_are_followed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("zoom", "is_accepted", "reason"), [(1.1, True, "good: d′ 3.6"), (1.6, False, "too far: ")]
+    ("zoom", "is_accepted", "reason"), [(1.1, True, "good: d′ 3.3"), (1.6, False, "too far: ")]
 )
 def test_the_verdict_has_a_margin_and_a_reason(zoom: float, is_accepted: bool, reason: str) -> None:
     verdict = tracker().update(seen_from(scene(), pose(zoom)))

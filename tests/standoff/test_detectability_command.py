@@ -129,11 +129,11 @@ def test_limits_as_table_json_and_plot(command: Command, curves_file: Path, tmp_
     plot = tmp_path / "limits.svg"
     done = command(*asked, "--plot", plot, "--at-zoom", 1.5)
     assert done.status == 0, done.err
-    assert "straight back: up to 1.250 times the distance" in done.out
+    assert "straight back: up to 1.167 times the distance" in done.out
     assert "contrasts from 18 DN are found" in done.out
     assert plot.read_bytes().startswith(b"<?xml")
     document = json.loads(command(*asked, "--json").out)
-    assert document["zoom"] == 1.25
+    assert document["zoom"] == pytest.approx(7 / 6)  # where 4 / (2 z - 1) is 3
     assert document["is_upper_bound"] is True
 
 
@@ -206,14 +206,14 @@ def test_a_pose_is_registered_and_judged(
     tifffile.imwrite(far, zoom_out(tifffile.imread(scene_file), 1.3, PSF))
     picture = tmp_path / "pose.png"
     asked = ("pose", scene_file, far, "--curves", curves_file, "--observer", "npw")
-    accepted = command(*asked, "--min-dprime", 2.7, "--psf", psf_file, "--picture", picture)
+    accepted = command(*asked, "--min-dprime", 2.4, "--psf", psf_file, "--picture", picture)
     assert accepted.status == 0, accepted.err
-    assert accepted.out.startswith("accepted: min d' 2.8")
+    assert accepted.out.startswith("accepted: min d' 2.5")
     assert picture.read_bytes().startswith(b"\x89PNG")
-    document = json.loads(command(*asked, "--min-dprime", 2.9, "--json").out)
+    document = json.loads(command(*asked, "--min-dprime", 2.6, "--json").out)
     assert document["is_accepted"] is False
-    # Straight back by 1.3: d' of the curve there is 2.8.
-    assert document["dprime_decisive"] == pytest.approx(2.8, abs=0.03)
+    # Straight back by 1.3: d' of the curve there is 4 / (2 z - 1).
+    assert document["dprime_decisive"] == pytest.approx(2.5, abs=0.03)
     assert document["overlap"] == 1.0
     assert command(*asked[:5], "--min-dprime", 2).status == 2
 

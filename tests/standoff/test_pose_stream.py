@@ -24,7 +24,7 @@ def asked(tmp_path: Path) -> tuple[object, ...]:
     write_curves(tmp_path / "curves.json", curves_document([curve()]))
     return (
         *("pose", tmp_path / "reference.tif", "--curves", tmp_path / "curves.json"),
-        *("--min-dprime", 3.4),
+        *("--min-dprime", 3.2),
     )
 
 
@@ -64,8 +64,9 @@ def test_the_summary_is_one_json_document(
     assert (document["frames"], document["accepted"], document["lost"]) == (2, 2, 0)
     assert document["anchors"] == 1
     assert [verdict["frame"] for verdict in document["verdicts"]] == ["frame-0.tif", "frame-1.tif"]
-    assert document["last"]["dprime_decisive"] == pytest.approx(3.6, abs=0.05)
-    assert document["last"]["margin"] == pytest.approx(3.6 / 3.4 - 1, abs=0.02)
+    # Straight back by 1.1: d' of the curve there is 4 / (2 z - 1).
+    assert document["last"]["dprime_decisive"] == pytest.approx(10 / 3, abs=0.05)
+    assert document["last"]["margin"] == pytest.approx(10 / 3 / 3.2 - 1, abs=0.02)
 
 
 def test_a_watched_folder_is_read_until_ctrl_c(
