@@ -14,18 +14,8 @@ from acquisition.errors import (
     StageNotHomedError,
 )
 from hil_mocks.serial_line import LineFaults
+from tests.hil_mocks.grbl_checks import ROUND_MM, TARGET_MM, assert_works_again
 from tests.hil_mocks.stage_rigs import GrblRig, grbl_rig, homed_grbl
-
-TARGET_MM = 120.0
-ROUND_MM = 0.005  # the position after a homing is known to a step of 0.004 mm
-
-
-def assert_works_again(rig: GrblRig) -> None:
-    """The stage goes where it is sent, and is where it says."""
-    read_back_mm = rig.stage.move_to(60.0, 120)
-    assert read_back_mm == pytest.approx(60.0, abs=rig.config.tolerance_mm)
-    assert rig.plant.true_height_mm == pytest.approx(read_back_mm, abs=ROUND_MM)
-
 
 PASSING = {
     "byte by byte": LineFaults(chunk_bytes=1),

@@ -1,66 +1,24 @@
-from collections.abc import Callable
-from math import cos, radians, sin
+from math import cos, radians
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
-from skimage import data
 
-from simulation import GaussianPsf, PsfField, SamplingGrid, simulate_pose, zoom_out_on_grid
-from tests.simulation.closed_form import gaussian_blob
+from simulation import GaussianPsf, SamplingGrid, simulate_pose, zoom_out_on_grid
+from tests.simulation.poses import (
+    PHOTOGRAPH,
+    PSF,
+    TILTED_PSF,
+    FloatArray,
+    about_centre,
+    blob,
+    constant_field,
+    tilted,
+    turn,
+)
 
-FloatArray = NDArray[np.float64]
-
-PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7)
-TILTED_PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.3)
 IDENTITY = np.eye(3)
-
-# scikit-image declares no types for its photographs.
-load_camera: Callable[[], NDArray[np.uint8]] = data.camera
-PHOTOGRAPH = load_camera().astype(np.float64)[100:300, 120:400]
-
-
-def about_centre(
-    linear: FloatArray, reference: tuple[int, int], size: tuple[int, int]
-) -> FloatArray:
-    """Affine homography that takes the follow-up's centre to the reference's; (width, height)."""
-    matrix = np.eye(3)
-    matrix[:2, :2] = linear
-    centre, own = (np.array(s) / 2 - 0.5 for s in (reference, size))
-    matrix[:2, 2] = centre - linear @ own
-    return matrix
-
-
-def turn(angle_deg: float) -> FloatArray:
-    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
-    return np.array([[c, -s], [s, c]])
-
-
-def tilted(focal_px: float, size: tuple[int, int], tilt_deg: float, zoom: float) -> FloatArray:
-    """Camera that leans towards +x and looks at the reference's centre from ``zoom`` times away.
-
-    The plane lies at distance 1 of the upright reference camera.
-    """
-    t = radians(tilt_deg)
-    rotation = np.array([[cos(t), 0, sin(t)], [0, 1, 0], [-sin(t), 0, cos(t)]])
-    pupil = np.array([0, 0, 1]) - zoom * rotation[:, 2]
-    rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
-    on_plane = np.array([rays[0], rays[1], rotation[2]])
-    intrinsic = np.array(
-        [[focal_px, 0, size[0] / 2 - 0.5], [0, focal_px, size[1] / 2 - 0.5], [0, 0, 1]]
-    )
-    return np.asarray(intrinsic @ on_plane @ np.linalg.inv(intrinsic))
-
-
-def blob(shape: tuple[int, int], centre_xy: FloatArray, covariance_xy: FloatArray) -> FloatArray:
-    """Unit volume, covariance in order (x, y)."""
-    return gaussian_blob(
-        np.arange(shape[0]) - centre_xy[1],
-        np.arange(shape[1]) - centre_xy[0],
-        covariance_xy[::-1, ::-1],
-    )
 
 
 @pytest.mark.parametrize("psf", [PSF, TILTED_PSF])
@@ -311,57 +269,6 @@ def test_a_homography_counts_up_to_its_factor() -> None:
     first, second = (simulate_pose(PHOTOGRAPH, m, (280, 200), PSF) for m in (matrix, -7e3 * matrix))
     assert first.image == pytest.approx(second.image, abs=1e-9)
     assert (first.nearer == second.nearer).all()
-
-
-def constant_field(width: int, height: int, psf: GaussianPsf) -> PsfField:
-    (xx, xy), (_, yy) = psf.covariance_px2
-    coefficients = np.zeros((3, 6))
-    coefficients[:, 0] = xx, xy, yy
-    return PsfField(width_px=width, height_px=height, coefficients_px2=coefficients)
-
-
-def test_an_even_field_is_one_psf() -> None:
-    matrix = tilted(300.0, (280, 200), 15.0, 1.2)
-    one = simulate_pose(PHOTOGRAPH, matrix, (280, 200), TILTED_PSF)
-    field = simulate_pose(PHOTOGRAPH, matrix, (280, 200), constant_field(280, 200, TILTED_PSF))
-    assert field.image == pytest.approx(one.image, abs=1e-9)
-    assert (field.nearer == one.nearer).all()
-
-
-def test_a_shift_over_a_field_blurs_by_the_difference_of_its_two_places() -> None:
-    # Sigma grows to the right by 1 px^2 per r; the follow-up sees everything 40 px further right.
-    size, shift = (201, 101), 40
-    coefficients = np.zeros((3, 3))
-    coefficients[[0, 2], 0] = 1.5
-    coefficients[[0, 2], 1] = 1.0
-    field = PsfField(width_px=size[0], height_px=size[1], coefficients_px2=coefficients)
-    matrix = np.array([[1.0, 0, -shift], [0, 1, 0], [0, 0, 1]])
-    image = blob((101, 201), np.array([70.0, 50.0]), 9 * np.eye(2))
-    simulated = simulate_pose(image, matrix, size, field)
-    seen = ~simulated.outside
-    assert not simulated.nearer.any()
-    gained = shift / field.corner_radius_px
-    expected = blob((101, 201), np.array([110.0, 50.0]), (9 + gained) * np.eye(2))
-    # The common blur's kernel is cut as zoom_out's is: 5e-4 of the peak.
-    assert simulated.image[seen] == pytest.approx(expected[seen], abs=1e-3 * expected.max())
-    # Back to the left the follow-up is the sharper one.
-    back = simulate_pose(image, np.linalg.inv(matrix), size, field)
-    assert back.nearer[~back.outside].all()
-
-
-def test_a_part_of_the_follow_up_has_the_psf_of_its_place_in_the_frame() -> None:
-    coefficients = np.zeros((3, 6))
-    coefficients[[0, 2], 0] = 0.5
-    coefficients[[0, 2], 1:] = 0.1, -0.05, 0.2, 0.0, 0.3
-    field = PsfField(width_px=280, height_px=200, coefficients_px2=coefficients)
-    matrix = tilted(300.0, (280, 200), 10.0, 1.2)
-    whole = simulate_pose(PHOTOGRAPH, matrix, (280, 200), field).image
-    moved = matrix @ np.array([[1.0, 0, 60], [0, 1, 30], [0, 0, 1]])
-    part = simulate_pose(PHOTOGRAPH, moved, (150, 120), field, origin_px=(60.0, 30.0)).image
-    # The common blur is chosen for what is seen, and its kernel is cut off at 1e-3 of 255.
-    assert part == pytest.approx(whole[30:150, 60:210], abs=0.6)
-    wrong = simulate_pose(PHOTOGRAPH, moved, (150, 120), field, origin_px=(0.0, 0.0)).image
-    assert abs(wrong - whole[30:150, 60:210]).max() > 1
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import pytest
 from simulation import GaussianPsf, SamplingGrid, simulate_pose, zoom_operator
 from simulation.capture_noise import propagated_variance
 from simulation.pose_noise import pose_noise_gain
-from tests.simulation.test_pose import tilted
+from tests.simulation.poses import tilted
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7)
 TILTED_PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.4)

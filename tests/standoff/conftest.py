@@ -1,3 +1,4 @@
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,43 @@ def edge_file(tmp_path: Path) -> Path:
     """A 16-bit TIFF of one vertical edge of total sigma 0.8 px, 5 degrees off."""
     path = tmp_path / "edge.tif"
     tifffile.imwrite(path, np.rint(edge_image(0.8, 5.0)).astype(np.uint16))
+    return path
+
+
+TEXTURE = np.random.default_rng(6).integers(0, 4000, (60, 91)).astype(np.uint16)
+
+
+@pytest.fixture
+def image_file(tmp_path: Path) -> Path:
+    """A 16-bit TIFF of ``TEXTURE``."""
+    path = tmp_path / "texture.tif"
+    tifffile.imwrite(path, TEXTURE)
+    return path
+
+
+@pytest.fixture
+def psf_file(tmp_path: Path) -> Path:
+    """A psf.json of total values alone."""
+    path = tmp_path / "psf.json"
+    path.write_text(
+        json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8, "rho": 0.1})
+    )
+    return path
+
+
+FLAT_DN = 1000.0
+FLAT_VARIANCE_DN2 = FLAT_DN / 4.0 + (8.0 / 4.0) ** 2
+"""Of one frame of a flat, with the noise of ``noise_file``."""
+
+
+@pytest.fixture
+def noise_file(tmp_path: Path) -> Path:
+    """A noise.json of 4 e-/DN and 8 e- of read noise, without black level."""
+    path = tmp_path / "noise.json"
+    path.write_text(
+        '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "read_noise_e": 8.0,'
+        ' "black_level_dn": 0.0, "saturation_dn": 4095.0, "frames_averaged": 1}'
+    )
     return path
 
 

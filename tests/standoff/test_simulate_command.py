@@ -1,6 +1,5 @@
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,43 +9,8 @@ from PIL import Image
 
 from calibration.correction_maps import CorrectionMaps
 from calibration.map_files import write_map_files
-from simulation import GaussianPsf, PsfField, zoom_out
-from standoff.followup import zoomed_out
-from standoff.image_files import read_image
-from tests.standoff.conftest import Command
-
-TEXTURE = np.random.default_rng(6).integers(0, 4000, (60, 91)).astype(np.uint16)
-
-
-@pytest.fixture
-def psf_file(tmp_path: Path) -> Path:
-    path = tmp_path / "psf.json"
-    path.write_text(
-        json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8, "rho": 0.1})
-    )
-    return path
-
-
-FLAT_DN = 1000.0
-FLAT_VARIANCE_DN2 = FLAT_DN / 4.0 + (8.0 / 4.0) ** 2
-"""Of one frame of a flat without black level, at 4 e-/DN and 8 e- of read noise."""
-
-
-@pytest.fixture
-def noise_file(tmp_path: Path) -> Path:
-    path = tmp_path / "noise.json"
-    path.write_text(
-        '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "read_noise_e": 8.0,'
-        ' "black_level_dn": 0.0, "saturation_dn": 4095.0, "frames_averaged": 1}'
-    )
-    return path
-
-
-@pytest.fixture
-def image_file(tmp_path: Path) -> Path:
-    path = tmp_path / "texture.tif"
-    tifffile.imwrite(path, TEXTURE)
-    return path
+from simulation import GaussianPsf, zoom_out
+from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, TEXTURE, Command
 
 
 @pytest.mark.parametrize("model", ["matched", "paper", "bicubic"])
@@ -105,16 +69,6 @@ def test_colour_and_opacity(command: Command, psf_file: Path, tmp_path: Path) ->
         == 0
     )
     assert tifffile.imread(out).shape == (15, 20, 3)
-
-
-def test_a_psf_without_a_correlation_is_taken_as_axis_aligned_with_a_note(
-    command: Command, image_file: Path, tmp_path: Path
-) -> None:
-    psf = tmp_path / "p.json"
-    psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8}')
-    done = command("simulate", image_file, "--zoom", 2, "--psf", psf, "--out", tmp_path / "f.tif")
-    assert done.status == 0
-    assert "rho is null" in done.err
 
 
 def test_a_capture_of_a_session_is_simulated_from_its_mean(
@@ -215,184 +169,6 @@ def test_options_that_are_no_numbers_are_wrong_usage(
     out = tmp_path / "far.tif"
     done = command("simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", out, *option)
     assert done.status == 2
-
-
-def _homography_file(path: Path, matrix: object, size: object) -> Path:
-    path.write_text(json.dumps({"schema": "standoff.homography/1", "matrix": matrix, "size": size}))
-    return path
-
-
-def test_a_homography_that_is_a_zoom_gives_what_the_zoom_gives(
-    command: Command, psf_file: Path, tmp_path: Path
-) -> None:
-    y, x = np.mgrid[:120, :150].astype(np.float64)
-    blobs = 900.0 * np.exp(-((x - 70.3) ** 2 + (y - 61.1) ** 2) / (2 * 3.0**2)) + 100.0
-    image = tmp_path / "blob.tif"
-    tifffile.imwrite(image, blobs.astype(np.float32))
-    # Pixel i of the follow-up lies at (i - (n - 1) / 2) z + (N - 1) / 2 of the reference.
-    matrix = [[1.5, 0, 74.5 - 49.5 * 1.5], [0, 1.5, 59.5 - 39.5 * 1.5], [0, 0, 1]]
-    pose = _homography_file(tmp_path / "H.json", matrix, [100, 80])
-    by_pose, by_zoom, mask = (tmp_path / name for name in ("pose.tif", "zoom.tif", "nearer.png"))
-    done = command(
-        "simulate", image, "--homography", pose, "--psf", psf_file, "--out", by_pose,
-        "--nearer", mask, "--json",
-    )  # fmt: skip
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
-    assert document["size"] == [100, 80]
-    assert document["nearer_fraction"] == 0.0
-    command("simulate", image, "--zoom", 1.5, "--psf", psf_file, "--out", by_zoom)
-    np.testing.assert_allclose(
-        tifffile.imread(by_pose),
-        tifffile.imread(by_zoom),
-        atol=2.0,  # of 900 DN
-    )
-    assert not read_image(mask).pixels.any()
-
-
-@pytest.mark.parametrize(
-    ("matrix", "size", "name"),
-    [
-        ([[1, 0], [0, 1]], [10, 10], "matrix"),
-        ([[1, 0, 0], [0, 1, 0], [0, 0, "one"]], [10, 10], "matrix"),
-        ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10], "size"),
-        ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, -1], "size"),
-        ([[1, 0, 900], [0, 1, 0], [0, 0, 1]], [10, 10], "H.json"),
-        ([[0, 0, 0], [0, 0, 0], [0, 0, 0]], [10, 10], "H.json"),
-    ],
-)
-def test_a_homography_at_fault_is_named(
-    command: Command,
-    image_file: Path,
-    psf_file: Path,
-    tmp_path: Path,
-    matrix: object,
-    size: object,
-    name: str,
-) -> None:
-    pose = _homography_file(tmp_path / "H.json", matrix, size)
-    out = tmp_path / "far.tif"
-    done = command("simulate", image_file, "--homography", pose, "--psf", psf_file, "--out", out)
-    assert done.status == 1
-    assert name in done.err
-    assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        (),
-        ("--zoom", 2, "--homography", "H.json"),
-        ("--homography", "H.json", "--model", "paper"),
-        ("--zoom", 2, "--nearer", "mask.png"),
-    ],
-)
-def test_zoom_and_homography_exclude_each_other(
-    command: Command, image_file: Path, psf_file: Path, tmp_path: Path, options: tuple[object, ...]
-) -> None:
-    out = tmp_path / "far.tif"
-    done = command("simulate", image_file, "--psf", psf_file, "--out", out, *options)
-    assert done.status == 2
-
-
-def test_a_follow_up_from_another_pose_gets_the_noise_of_a_capture(
-    command: Command, psf_file: Path, noise_file: Path, tmp_path: Path
-) -> None:
-    image, out = tmp_path / "flat.tif", tmp_path / "far.tif"
-    rng = np.random.default_rng(4)
-    pixels = rng.normal(FLAT_DN, np.sqrt(FLAT_VARIANCE_DN2), (200, 220))
-    tifffile.imwrite(image, pixels.astype(np.float32))
-    pose = _homography_file(
-        tmp_path / "H.json", [[1.4, 0.2, 5], [-0.1, 1.5, 20], [0, 1e-4, 1]], [120, 100]
-    )
-    done = command(
-        "simulate", image, "--homography", pose, "--psf", psf_file, "--noise", noise_file,
-        "--out", out,
-    )  # fmt: skip
-    assert done.status == 0, done.err
-    inner = tifffile.imread(out)[5:-5, 5:-5]
-    # 9 900 pixels, correlated: the variance scatters by about 2 %.
-    assert np.var(inner) == pytest.approx(FLAT_VARIANCE_DN2, rel=0.06)
-
-
-def test_the_field_of_a_psf_file_is_used_where_it_fits(
-    command: Command, psf_file: Path, tmp_path: Path
-) -> None:
-    document = json.loads(psf_file.read_text(encoding="utf-8"))
-    document["field"] = {
-        "width_px": 120,
-        "height_px": 90,
-        "coefficients_px2": [[0.5, 0, 0, 2, 0, 2], [0, 0, 0, 0, 0, 0], [0.5, 0, 0, 2, 0, 2]],
-    }
-    field_file = tmp_path / "field.json"
-    field_file.write_text(json.dumps(document))
-    image, other = tmp_path / "image.tif", tmp_path / "other.tif"
-    pixels = np.random.default_rng(0).uniform(0, 255, (90, 120)).astype(np.float32)
-    tifffile.imwrite(image, pixels)
-    tifffile.imwrite(other, pixels[1:])
-
-    def simulate(source: Path, psf: Path, *options: object) -> tuple[bool, str, NDArray[Any]]:
-        out = tmp_path / "far.tif"
-        done = command(
-            "simulate", source, "--zoom", 1.5, "--psf", psf, "--out", out, "--json", *options
-        )
-        assert done.status == 0, done.err
-        return json.loads(done.out)["psf_field"], done.err, tifffile.imread(out)
-
-    is_field, _, with_field = simulate(image, field_file)
-    assert is_field
-    field = PsfField(
-        width_px=120,
-        height_px=90,
-        coefficients_px2=np.array(document["field"]["coefficients_px2"], dtype=np.float64),
-    )
-    np.testing.assert_array_equal(with_field, zoomed_out(pixels, 1.5, field, "matched").image)
-    for source, options, message in (
-        (other, (), "belongs to frames of 120 x 90 px"),
-        (image, ("--model", "paper"), "model paper takes the PSF of the whole frame"),
-    ):
-        is_field, notes, plain = simulate(source, field_file, *options)
-        assert not is_field
-        assert message in notes
-        np.testing.assert_array_equal(plain, simulate(source, psf_file, *options)[2])
-
-
-def test_the_measured_transfer_takes_the_place_of_the_gaussian(
-    command: Command, tmp_path: Path
-) -> None:
-    freq = np.linspace(0, 1, 51)
-    # What model lmmse takes a total width of 0.7 px for: a Gaussian of 0.49 - 1/12, and a pixel.
-    curve = np.exp(-2 * np.pi**2 * (0.49 - 1 / 12) * freq**2) * np.sinc(freq)
-    one_axis = {"freq_cy_per_px": freq.tolist(), "mtf": curve.tolist()}
-    psf = tmp_path / "psf.json"
-    content = {"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7, "rho": 0.0}
-    psf.write_text(json.dumps({**content, "transfer": {"x": one_axis, "y": one_axis}}))
-    image = tmp_path / "scene.tif"
-    rng = np.random.default_rng(1)
-    tifffile.imwrite(image, rng.integers(500, 3000, (60, 80)).astype(np.uint16))
-    outputs = {}
-    for transfer in ("gaussian", "measured"):
-        out = tmp_path / f"{transfer}.tif"
-        arguments = ("--zoom", "1.5", "--psf", psf, "--model", "lmmse", "--transfer", transfer)
-        done = command("simulate", image, *arguments, "--out", out, "--json")
-        assert json.loads(done.out)["transfer"] == transfer
-        outputs[transfer] = tifffile.imread(out)
-    # The samples are joined by cubics, and end at 1 cy/px where 1e-4 is left.
-    spread = float(outputs["gaussian"].std())
-    assert np.abs(outputs["measured"] - outputs["gaussian"]).max() < 0.01 * spread
-
-
-def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
-    command: Command, tmp_path: Path
-) -> None:
-    psf, image, out = tmp_path / "psf.json", tmp_path / "scene.tif", tmp_path / "o.tif"
-    psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7}')
-    tifffile.imwrite(image, np.full((60, 80), 7, dtype=np.uint16))
-    arguments = ("--zoom", "1.5", "--psf", psf, "--transfer", "measured", "--out", out)
-    done = command("simulate", image, *arguments, "--model", "lmmse")
-    assert done.status == 1
-    assert "it holds no transfer function along y; calibrate with horizontal edges" in done.err
-    assert command("simulate", image, *arguments).status == 2
 
 
 def written_maps(
