@@ -167,7 +167,8 @@ def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> N
 
     The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that
     1/d' is much like a hyperbola, which bends upwards: its chord reads d' a little too low, where
-    the chord of d' itself reads up to several times too much. See docs/theory-detectability.md.
+    the chord of d' itself reads up to several times too much. A step just beyond zoom 1 is the
+    exception; docs/theory-detectability.md has the figures.
 
     Parameters
     ----------
