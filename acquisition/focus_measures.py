@@ -43,7 +43,6 @@ class MeasureKernel:
     kernel: Callable[[Levels, Any], tuple[float, float, float]]
     noise_gain: float
     reach_px: int
-    formula: str
     kernel_of_integers: Callable[[Levels, Any], tuple[float, float, float]] | None = None
 
     def sums(self, image_dn: Levels) -> PictureSums:
@@ -73,6 +72,7 @@ def _level_sums(image: Levels, zero: Zero) -> tuple[float, float]:
 
 @njit(cache=True, fastmath=_FREE_ORDER)
 def _squared_gradient(image: Levels, zero: Zero) -> tuple[float, float, float]:
+    """Mean (I[x+1] - I[x])^2 plus mean (I[y+1] - I[y])^2."""
     rows, cols = image.shape
     across, down, total, square = zero, zero, zero, zero
     for y in range(rows - 1):
@@ -137,6 +137,7 @@ def _squared_gradient_of_integers(image: Levels, zero: Zero) -> tuple[float, flo
 
 @njit(cache=True, fastmath=_FREE_ORDER)
 def _brenner(image: Levels, zero: Zero) -> tuple[float, float, float]:
+    """Mean (I[x+2] - I[x])^2 plus mean (I[y+2] - I[y])^2."""
     rows, cols = image.shape
     across, down = zero, zero
     for y in range(rows):
@@ -155,6 +156,7 @@ def _brenner(image: Levels, zero: Zero) -> tuple[float, float, float]:
 
 @njit(cache=True, fastmath=_FREE_ORDER)
 def _tenengrad(image: Levels, zero: Zero) -> tuple[float, float, float]:
+    """Mean of both Sobel slopes squared."""
     rows, cols = image.shape
     sum2 = zero
     for y in range(1, rows - 1):
@@ -171,6 +173,7 @@ def _tenengrad(image: Levels, zero: Zero) -> tuple[float, float, float]:
 
 @njit(cache=True, fastmath=_FREE_ORDER)
 def _laplacian(image: Levels, zero: Zero) -> tuple[float, float, float]:
+    """Variance of the four neighbours less 4 I."""
     rows, cols = image.shape
     sum1, sum2 = zero, zero
     for y in range(1, rows - 1):
@@ -190,22 +193,9 @@ FOCUS_MEASURES: dict[FocusMeasure, MeasureKernel] = {
         kernel_of_integers=_squared_gradient_of_integers,
         noise_gain=4.0,
         reach_px=1,
-        formula="mean (I[x+1] - I[x])^2 + mean (I[y+1] - I[y])^2",
     ),
-    "tenengrad": MeasureKernel(
-        kernel=_tenengrad, noise_gain=24.0, reach_px=2, formula="mean of both Sobel slopes squared"
-    ),
-    "brenner": MeasureKernel(
-        kernel=_brenner,
-        noise_gain=4.0,
-        reach_px=2,
-        formula="mean (I[x+2] - I[x])^2 + mean (I[y+2] - I[y])^2",
-    ),
-    "laplacian": MeasureKernel(
-        kernel=_laplacian,
-        noise_gain=20.0,
-        reach_px=2,
-        formula="variance of the four neighbours less 4 I",
-    ),
+    "tenengrad": MeasureKernel(kernel=_tenengrad, noise_gain=24.0, reach_px=2),
+    "brenner": MeasureKernel(kernel=_brenner, noise_gain=4.0, reach_px=2),
+    "laplacian": MeasureKernel(kernel=_laplacian, noise_gain=20.0, reach_px=2),
 }
 """Every focus measure by the name that the command line takes."""

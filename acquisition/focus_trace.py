@@ -27,7 +27,6 @@ class FocusReading:
     ``noise`` is the standard deviation of one value, 0 until enough came in.
     """
 
-    raw: float
     value: float
     peak: float
     trend: Trend
@@ -102,7 +101,6 @@ class FocusTrace:
         elif self._peak - shown < 0.5 * margin:
             self._is_past = False
         return FocusReading(
-            raw=value,
             value=shown,
             peak=float(self._peak),
             trend=self._trend(recent, noise),

@@ -18,24 +18,18 @@ class Roc:
     ----------
     true_positive_rate, false_positive_rate
         Shape (n,), both rising from 0 to 1 as the threshold falls.
-    positives, negatives
-        Pixels with and without a change.
+    negatives
+        Pixels without a change.
     """
 
     true_positive_rate: FloatArray
     false_positive_rate: FloatArray
-    positives: int
     negatives: int
 
     def false_at(self, true_positive_rate: float) -> int:
         """Pixels without a change that are flagged where at least this share is found."""
         place = int(np.searchsorted(self.true_positive_rate, true_positive_rate - 1e-12))
         return round(float(self.false_positive_rate[place]) * self.negatives)
-
-    @property
-    def auc(self) -> float:
-        """Area under the curve."""
-        return float(np.trapezoid(self.true_positive_rate, self.false_positive_rate))
 
 
 def roc_of(with_change: FloatArray, without: FloatArray) -> Roc:
@@ -54,6 +48,5 @@ def roc_of(with_change: FloatArray, without: FloatArray) -> Roc:
     return Roc(
         true_positive_rate=np.concatenate([[0.0], 1 - hits / with_change.size]),
         false_positive_rate=np.concatenate([[0.0], 1 - alarms / without.size]),
-        positives=with_change.size,
         negatives=without.size,
     )

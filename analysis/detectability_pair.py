@@ -35,8 +35,8 @@ class ComparedPair:
     ----------
     reference, followup
         From c to c' and to c''.
-    reference_grid, followup_grid
-        Pixels of c' and of c'' in c.
+    reference_grid
+        Pixels of c' in c.
     up_y, up_x
         Bicubic upscaling ``U`` from c'' onto c', along rows and columns.
     zoom
@@ -46,7 +46,6 @@ class ComparedPair:
     reference: ZoomOperator
     followup: ZoomOperator
     reference_grid: SamplingGrid
-    followup_grid: SamplingGrid
     up_y: BandedMatrix
     up_x: BandedMatrix
     zoom: float
@@ -111,7 +110,6 @@ def compared_pair(
         reference=zoom_operator(shape, near, psf, model),
         followup=zoom_operator(shape, far, psf, model),
         reference_grid=near,
-        followup_grid=far,
         up_y=_upscaling(near.rows_px, far.rows_px, far.zoom_y),
         up_x=_upscaling(near.cols_px, far.cols_px, far.zoom_x),
         zoom=zoom,

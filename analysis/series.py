@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.atomic_write import atomic_write
-from acquisition.foreign_text import parse_json
 from acquisition.record import CaptureRecord
 from acquisition.session import Session
 from analysis.comparison import ModelMean, PairComparison, compare_pair, mean_metrics
@@ -20,7 +19,6 @@ __all__ = [
     "SeriesComparison",
     "SeriesPair",
     "compare_series",
-    "read_comparison",
     "series_of",
     "write_comparison",
 ]
@@ -123,26 +121,6 @@ def write_comparison(path: Path, comparison: SeriesComparison) -> None:
         atomic_write(path, (json.dumps(document, indent=1) + "\n").encode("utf-8"))
     except OSError as error:
         raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
-
-
-def read_comparison(path: Path) -> dict[str, Any]:
-    """Read what ``write_comparison`` wrote.
-
-    Raises
-    ------
-    ResultsFileError
-        If it cannot be read or is of another schema.
-    """
-    try:
-        document = parse_json(path.read_bytes())
-    except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ResultsFileError(f"{path}: not JSON: {error}") from error
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != COMPARISON_SCHEMA:
-        raise ResultsFileError(f"{path}: schema is {schema!r}, expected {COMPARISON_SCHEMA!r}")
-    return dict(document)
 
 
 def _pair_document(pair: SeriesPair) -> dict[str, Any]:

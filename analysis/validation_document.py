@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.atomic_write import atomic_write
-from acquisition.foreign_text import parse_json
 from analysis.errors import ResultsFileError
 from analysis.metrics import ImageMetrics
 from analysis.paper_tables import PAPER_TABLE_1, PAPER_TABLE_2
@@ -16,7 +15,7 @@ from analysis.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
 from analysis.validation import Validation, table_1, table_2
 from analysis.validation_pair import PairValidation
 
-__all__ = ["VALIDATION_SCHEMA", "read_validation", "validation_document", "write_validation"]
+__all__ = ["VALIDATION_SCHEMA", "validation_document", "write_validation"]
 
 VALIDATION_SCHEMA = "standoff.validation/1"
 
@@ -64,26 +63,6 @@ def write_validation(path: Path, document: Mapping[str, Any]) -> None:
         atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
     except OSError as error:
         raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
-
-
-def read_validation(path: Path) -> dict[str, Any]:
-    """Read what ``write_validation`` wrote.
-
-    Raises
-    ------
-    ResultsFileError
-        If it cannot be read or is of another schema.
-    """
-    try:
-        document = parse_json(path.read_bytes())
-    except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ResultsFileError(f"{path}: not JSON: {error}") from error
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != VALIDATION_SCHEMA:
-        raise ResultsFileError(f"{path}: schema is {schema!r}, expected {VALIDATION_SCHEMA!r}")
-    return dict(document)
 
 
 def _rows(table: Mapping[tuple[str, str], dict[str, Any]]) -> list[dict[str, Any]]:

@@ -48,8 +48,7 @@ def main() -> None:
 def judge(record: Recorder, width_px: int) -> None:
     """Print the error of every target and zoom."""
     truth = bench_of(width_px)
-    (xx, xy), (_, yy) = truth.total_covariance_px2(NEAR_MM).tolist()
-    psf = GaussianPsf(sigma_x_px=xx**0.5, sigma_y_px=yy**0.5, rho=xy / (xx * yy) ** 0.5)
+    psf = GaussianPsf.from_covariance(truth.total_covariance_px2(NEAR_MM))
     rng = np.random.default_rng(1)
     ours: list[float] = []
     record.say(

@@ -1,11 +1,10 @@
-"""The kernel that takes a near photograph to a far one of the same scene, without a model.
+"""The kernel that takes a near photograph to a far one of the same scene.
 
 Delbracio, Almansa, Musé, Morel: Subpixel point spread function estimation from two photographs at
 different distances. SIAM J. Imaging Sciences 5 (2012) 1234-1260. With the near image interpolated
-at the places of the far pixels, the far image is linear in the kernel between them: least squares
-over all pixels gives it, subpixel and unregularised. What is added here: the near image's own noise
-is taken out of the normal equations (it would widen the kernel), and the normal equations are kept,
-so that any model of the kernel can be fitted by them as by the pixels themselves.
+at the places of the far pixels, the far image is linear in the kernel between them. What is added
+here: the near image's own noise is taken out of the normal equations (it would widen the kernel),
+and a model of the kernel is fitted by them as by the pixels themselves.
 """
 
 from dataclasses import dataclass
@@ -27,7 +26,6 @@ Array = NDArray[np.float64]
 _ORDER: Final = 5  # of the interpolating spline: flat to 1 % up to 0.85 of the Nyquist frequency
 _TAPS = _ORDER + 1
 _CHUNK = 2048
-_LEAST_EIGENVALUE = 1e-8
 _MOST_PIXELS = 120_000
 _PHASES = 32
 _REACH = 24  # samples at which the cardinal spline has died away
@@ -63,22 +61,6 @@ class InterImageKernel:
     right: Array
     squares: float
     pixels: int
-
-    @property
-    def weights(self) -> Array:
-        """Weights without a model, shape ``(2 r + 1, 2 r + 1)``.
-
-        Combinations that the near image's detail does not determine are zero.
-        """
-        values, vectors = np.linalg.eigh(self.normal[:-1, :-1] - self._offset_part(self.normal))
-        noise = np.maximum(np.trace(self.noisy_normal - self.normal) / len(self.right), 0.0)
-        known = values > max(noise, _LEAST_EIGENVALUE * values[-1])
-        right = self.right[:-1] - self.normal[:-1, -1] * self.right[-1] / self.normal[-1, -1]
-        solution = vectors[:, known] @ (vectors[:, known].T @ right / values[known])
-        return np.asarray(solution.reshape(2 * self.radius_px + 1, -1))
-
-    def _offset_part(self, normal: Array) -> Array:
-        return np.asarray(np.outer(normal[:-1, -1], normal[-1, :-1]) / normal[-1, -1])
 
     def squared_error(self, unknowns: Array) -> float:
         """Sum over the far pixels of the squared difference, the near image's noise taken out."""

@@ -60,8 +60,8 @@ class TrackedPose:
         Shape (3, 3), last element 1: frame pixel centres ``(x, y, 1)`` to reference pixel centres.
     zoom
         Reference pixels per frame pixel at the frame's centre.
-    inlier_count, inlier_share
-        Corners that agree with the pose, and their share of those that were followed.
+    inlier_count
+        Corners that agree with the pose.
     rms_px
         Their rms distance from it in frame px.
     """
@@ -69,7 +69,6 @@ class TrackedPose:
     matrix: FloatArray
     zoom: float
     inlier_count: int
-    inlier_share: float
     rms_px: float
 
 
@@ -209,8 +208,7 @@ def _fitted(places: FloatArray, corners: FloatArray, shape: tuple[int, int]) -> 
     inverse = np.asarray(fit, dtype=np.float64)
     # Where it finds nothing, OpenCV returns an empty matrix or None.
     count = int(np.count_nonzero(mask)) if inverse.shape == (3, 3) else 0
-    share = count / len(places)
-    if count < _INLIERS_MIN or share < _INLIER_SHARE_MIN:
+    if count < _INLIERS_MIN or count / len(places) < _INLIER_SHARE_MIN:
         raise RegistrationError(f"only {count} of {len(places)} corners agree on a pose")
     inlier = mask.ravel().astype(bool)
     rest = _mapped(inverse, corners[inlier]) - places[inlier]
@@ -223,7 +221,6 @@ def _fitted(places: FloatArray, corners: FloatArray, shape: tuple[int, int]) -> 
         matrix=matrix,
         zoom=zoom,
         inlier_count=count,
-        inlier_share=share,
         rms_px=float(np.sqrt(np.mean(np.sum(rest**2, axis=1)))),
     )
 

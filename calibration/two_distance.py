@@ -3,9 +3,6 @@
 The camera blurs both photographs alike in its own pixels. Seen from the near one, the far PSF is
 the same one stretched by A = d near / d far, so that the kernel between the photographs has the
 covariance ``A Sigma A' - Sigma``: linear in Sigma. For a pure zoom-out z it is ``(z^2 - 1) Sigma``.
-
-Without any model of the PSF its transfer function follows too (Delbracio et al. 2012): with
-``h(z f) = k(f) h(f)`` and h(0) = 1, ``h(f) = prod_n k(f / z^n)``.
 """
 
 from collections.abc import Sequence
@@ -19,7 +16,7 @@ from calibration.errors import CalibrationError
 from calibration.inter_image_kernel import InterImageKernel, estimate_kernel
 from calibration.smooth_alignment import align_smoothly
 
-__all__ = ["PairPsf", "combined", "pair_psf", "transfer_along"]
+__all__ = ["PairPsf", "combined", "pair_psf"]
 
 Array = NDArray[np.float64]
 
@@ -28,7 +25,6 @@ _WIDEST_SIGMA_PX = 1.2
 _REACH_SIGMAS = 3.5
 _RADII_PX = (4, 12)
 _GRID = 64  # samples of the kernel's transfer function along each axis
-_FACTORS = 12
 _SHARPEST_PX2 = 0.03  # a pixel alone has 1/12
 _GAIN = 5  # place among the parameters of the Gaussian
 _MOST_STEPS = 50
@@ -45,7 +41,6 @@ class PairPsf:
     zoom: float
     covariance_px2: Array
     covariance_err_px2: Array
-    kernel: InterImageKernel
 
 
 def pair_psf(
@@ -100,7 +95,6 @@ def pair_psf(
         zoom=zoom,
         covariance_px2=np.array([[xx, xy], [xy, yy]]),
         covariance_err_px2=inverse @ between_err @ inverse.T,
-        kernel=kernel,
     )
 
 
@@ -121,30 +115,6 @@ def combined(pairs: Sequence[PairPsf]) -> tuple[Array, Array]:
         )
         covariance = covariance * max(1.0, chi2 / (3 * (len(pairs) - 1)))
     return mean, covariance
-
-
-def transfer_along(kernel: InterImageKernel, zoom: float, frequencies: Array, axis: int) -> Array:
-    """Modulus of the PSF's transfer function along x (axis 1) or y (axis 0), without a model.
-
-    Parameters
-    ----------
-    kernel
-        Between two photographs at a pure zoom-out ``zoom``.
-    zoom
-        Ratio of the distances.
-    frequencies
-        Cycles per pixel of the camera, up to ``zoom / 2``.
-    axis
-        Of the kernel's array.
-    """
-    profile = kernel.weights.sum(axis=1 - axis)
-    profile = profile / profile.sum()
-    place = np.arange(len(profile)) - len(profile) // 2
-    product = np.ones(len(frequencies), dtype=np.complex128)
-    for n in range(1, _FACTORS + 1):
-        phase = np.exp(-2j * np.pi * np.outer(frequencies / zoom**n, place))
-        product *= phase @ profile
-    return np.abs(product)
 
 
 def _gaussian_of(kernel: InterImageKernel) -> tuple[Array, Array]:

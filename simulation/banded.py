@@ -170,10 +170,6 @@ class BandedMatrix:
             self.rows, self.columns, place[0], self.starts[place[0]] + place[1], kept[place]
         )
 
-    def transposed(self) -> "BandedMatrix":
-        """Transpose: the adjoint of the operator along this axis."""
-        return self._from_sparse(self._sparse().T.tocsr())
-
     def dense(self) -> FloatArray:
         """Same matrix as an array of shape ``(rows, columns)``."""
         return np.asarray(self._sparse().toarray())

@@ -74,10 +74,6 @@ class SeparableSum:
             put_separable(y, (x,), image, out, is_added=place > 0)
         return out
 
-    def transposed(self) -> "SeparableSum":
-        """Return the adjoint operator."""
-        return SeparableSum(tuple((y.transposed(), x.transposed()) for y, x in self.terms))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZoomOperator:
@@ -97,12 +93,6 @@ class ZoomOperator:
             return out
         for stage in self.stages:
             image = stage.apply(image)
-        return image
-
-    def adjoint(self, image: FloatImage) -> FloatImage:
-        """Return the transposed operator applied to an image of the follow-up's size."""
-        for stage in reversed(self.stages):
-            image = stage.transposed().apply(image)
         return image
 
 
@@ -187,7 +177,7 @@ def zoom_operator(
     *,
     gaussian: GaussianForm = "transfer",
 ) -> ZoomOperator:
-    """Operator of a zoom-out, for repeated use and for its adjoint; cached.
+    """Operator of a zoom-out, for repeated use; cached.
 
     Parameters
     ----------

@@ -12,7 +12,6 @@ from calibration.files import GEOMETRY_SCHEMA, geometry_document, read_geometry,
 from calibration.geometry import GeometryCalibration, GeometryOptions
 from calibration.geometry_calibration import calibrate_geometry
 from calibration.geometry_series import GeometryCapture
-from calibration.squareness import pair_squareness
 from hil_mocks.pinhole import CameraPose
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
@@ -199,12 +198,3 @@ def test_captures_without_texture_are_refused_by_name() -> None:
     ]  # fmt: skip
     with pytest.raises(GeometryError, match=r"0\.tif: .*features.*photograph a flat target"):
         calibrate_geometry(flat)
-
-
-@pytest.mark.slow
-def test_one_pair_tells_the_tilt(texture_series: list[GeometryCapture]) -> None:
-    found = pair_squareness(texture_series[0].image, texture_series[3].image, FOCAL_PX)
-    assert abs(found.tilt_x_deg - 2.0) < 4 * found.tilt_x_err_deg
-    assert abs(found.tilt_y_deg) < 4 * found.tilt_y_err_deg
-    assert found.tilt_err_deg < 0.3
-    assert found.zoom == pytest.approx(truth().zoom(HEIGHTS_MM[0], HEIGHTS_MM[3]), rel=1e-3)

@@ -48,8 +48,7 @@ def photograph(target: str, zoom: float, pose: CameraPose | None = None) -> Floa
 
 
 def psf() -> GaussianPsf:
-    (xx, xy), (_, yy) = truth().total_covariance_px2(NEAR_MM).tolist()
-    return GaussianPsf(sigma_x_px=xx**0.5, sigma_y_px=yy**0.5, rho=xy / (xx * yy) ** 0.5)
+    return GaussianPsf.from_covariance(truth().total_covariance_px2(NEAR_MM))
 
 
 def errors_px(found: DistortedRegistration, zoom: float) -> FloatArray:

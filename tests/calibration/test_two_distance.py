@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.two_distance import PairPsf, combined, pair_psf, transfer_along
+from calibration.two_distance import PairPsf, combined, pair_psf
 from tests.calibration.blob_scene import blob_photograph, far_to_near
 
 Array = NDArray[np.float64]
@@ -72,24 +72,6 @@ def test_vignetting_and_distortion_are_taken_up(near: Array) -> None:
     y, x = np.mgrid[-1:1:240j, -1:1:320j]
     pair = pair_psf(near, bent * (1 - 0.1 * (x**2 + y**2)), far_to_near(2.0))
     np.testing.assert_allclose(elements(pair), [0.45, 0.06, 0.33], rtol=0.03)
-
-
-def test_the_transfer_function_follows_without_a_model(near: Array, far: Array) -> None:
-    pair = pair_psf(near, far, far_to_near(2.0))
-    frequencies = np.array([0.0, 0.1, 0.2, 0.3, 0.4])
-    for axis, variance in ((1, 0.45), (0, 0.33)):
-        expected = np.exp(-2 * np.pi**2 * variance * frequencies**2)
-        found = transfer_along(pair.kernel, pair.zoom, frequencies, axis)
-        np.testing.assert_allclose(found, expected, atol=0.02)
-
-
-def test_the_kernel_without_a_model_has_the_moments_of_theory(near: Array, far: Array) -> None:
-    weights = pair_psf(near, far, far_to_near(2.0)).kernel.weights
-    place = np.arange(len(weights)) - len(weights) // 2
-    total = weights.sum()
-    assert total == pytest.approx(1.0, abs=0.05)  # the gain takes up the rest
-    # Near units: (z^2 - 1) Sigma.
-    assert weights.sum(axis=0) @ place**2 / total == pytest.approx(3 * 0.45, rel=0.1)
 
 
 def test_photographs_from_one_distance_are_refused(near: Array) -> None:

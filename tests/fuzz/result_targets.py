@@ -14,7 +14,6 @@ from analysis.detectability_curves import read_curves
 from analysis.detectability_sweep import SweepPlan, sweep_images
 from analysis.errors import ResultsFileError
 from analysis.kernel_cache import KernelCache
-from analysis.series import COMPARISON_SCHEMA, read_comparison
 from calibration.errors import (
     GeometryFileError,
     HomographyFileError,
@@ -217,12 +216,6 @@ RESULT_TARGETS = (
         name="curves.json",
         data=damaged_json(CURVES),
         read=from_file(read_curves, "curves.json"),
-        documented=(ResultsFileError,),
-    ),
-    FuzzTarget(
-        name="comparison of a series",
-        data=damaged_json({"schema": COMPARISON_SCHEMA, "pairs": []}),
-        read=from_file(read_comparison, "comparison.json"),
         documented=(ResultsFileError,),
     ),
     FuzzTarget(

@@ -46,11 +46,6 @@ def test_entries_at_one_place_add_up() -> None:
     np.testing.assert_array_equal(matrix.dense(), [[0, 0, 3], [4, 0, 0]])
 
 
-def test_the_transpose_is_the_transpose() -> None:
-    matrix = random_banded(np.random.default_rng(3), 12, 40, 9)
-    np.testing.assert_array_equal(matrix.transposed().dense(), matrix.dense().T)
-
-
 def test_an_image_of_another_size_is_refused() -> None:
     matrix = random_banded(np.random.default_rng(5), 3, 6, 2)
     with pytest.raises(ValueError, match=r"takes images of \(6, 6\), got \(6, 7\)"):

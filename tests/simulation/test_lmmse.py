@@ -209,15 +209,13 @@ def test_a_ramp_stays_a_ramp_up_to_the_border(zoom: float, rho: float) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(zoom=st.floats(1.0, 4.0), seed=st.integers(0, 1000))
-def test_it_is_linear_and_its_adjoint_is_the_adjoint(zoom: float, seed: int) -> None:
+def test_it_is_linear(zoom: float, seed: int) -> None:
     a, b = noise_image(seed), noise_image(seed + 1)
     operator = zoom_operator((41, 58), SamplingGrid.centred((41, 58), zoom), PSF, "lmmse")
     forward = operator.apply(a)
     np.testing.assert_allclose(
         operator.apply(3 * a - 2 * b), 3 * forward - 2 * operator.apply(b), atol=1e-9
     )
-    y = noise_image(seed + 2, (forward.shape[0], forward.shape[1]))
-    assert np.vdot(forward, y) == pytest.approx(np.vdot(a, operator.adjoint(y)), rel=1e-10)
 
 
 def test_zoom_1_without_noise_is_nearly_the_identity_on_any_path() -> None:
