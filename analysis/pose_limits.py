@@ -60,12 +60,17 @@ class ViewingCamera:
     def directions_deg(self, *, is_reference_tilted: bool) -> tuple[float, ...]:
         """Directions of a lean among which the worst is looked for: axes and diagonals.
 
-        The frame is symmetric, so that a quarter of them will do for an upright reference.
+        The frame is symmetric, so that a quarter of them will do for an upright reference; for a
+        tilted one the worst lies beside them, and as many in between are tried.
         """
         diagonal = degrees(atan2(self.height_px, self.width_px))
-        quarter = (0.0, diagonal, 90.0)
         if not is_reference_tilted:
-            return quarter
+            return 0.0, diagonal, 90.0
+        quarter = tuple(
+            start + share * (end - start)
+            for start, end in ((0.0, diagonal), (diagonal, 90.0))
+            for share in (0.0, 1 / 3, 2 / 3, 1.0)
+        )
         around = {sign * angle % 360 for angle in quarter for sign in (1, -1)}
         return tuple(sorted(around | {(angle + 180) % 360 for angle in around}))
 

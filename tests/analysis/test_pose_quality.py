@@ -133,8 +133,8 @@ def test_no_direction_is_worse_than_the_worst(
     zoom: float, tilt: float, reference_tilt: float, direction: float
 ) -> None:
     worst = worst_zoom(CAMERA, zoom, tilt, reference_tilt)
-    # Directions between the axes and the diagonals exceed them by next to nothing.
-    assert worst_zoom(CAMERA, zoom, tilt, reference_tilt, direction) <= 1.01 * worst
+    # Directions between those that are tried exceed them by next to nothing.
+    assert worst_zoom(CAMERA, zoom, tilt, reference_tilt, direction) <= 1.02 * worst
 
 
 def test_a_lean_and_its_mirror_image_sample_alike() -> None:
