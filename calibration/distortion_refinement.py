@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.distorted_pose import K1_MAX, DistortedPose
 from calibration.errors import RegistrationError
 from calibration.overlap import OVERLAP_MIN_PX, refuse_nearer
-from calibration.pose_refinement import HOMOGRAPHY, flows_px, half_size_px
+from calibration.pose_motions import HOMOGRAPHY, flows_px, moved_matrix, unit_places
 from simulation import GaussianPsf
 from simulation.blurred_spline import BlurredSpline
 
@@ -165,15 +165,8 @@ class _Problem:
         self._spline = spline
         self._is_one_camera = is_one_camera
         shape = _shape(followup)
-        self._half_px = half_size_px(shape)
-        self._to_unit = np.diag([1 / self._half_px, 1 / self._half_px, 1.0])
-        self._to_unit[:2, 2] = [
-            -(shape[1] - 1) / 2 / self._half_px,
-            -(shape[0] - 1) / 2 / self._half_px,
-        ]
         self._flows = flows_px(HOMOGRAPHY, shape)
-        v, u = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-        u, v = (u - (shape[1] - 1) / 2) / self._half_px, (v - (shape[0] - 1) / 2) / self._half_px
+        u, v = unit_places(shape)
         self._shades = (np.ones(shape), u, v, u * u, u * v, v * v)
 
     def linearised(self, pose: DistortedPose, allowed: NDArray[np.bool_]) -> _Linearised:
@@ -228,11 +221,7 @@ class _Problem:
 
     def moved(self, pose: DistortedPose, step: FloatArray) -> DistortedPose:
         """The pose after a step."""
-        motion = np.eye(3)
-        for places, amount in zip(HOMOGRAPHY, step[:-1], strict=True):
-            for place in places:
-                motion[place] += amount / self._half_px
-        matrix = pose.matrix @ np.linalg.inv(self._to_unit) @ motion @ self._to_unit
+        matrix = moved_matrix(pose.matrix, HOMOGRAPHY, step[:-1], pose.followup_shape)
         return pose.with_(matrix, pose.k1 + float(step[-1]) if self._is_one_camera else 0.0)
 
     def place_err_px(

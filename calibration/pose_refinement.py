@@ -12,18 +12,10 @@ from scipy.ndimage import map_coordinates
 
 from calibration.errors import RegistrationError
 from calibration.overlap import OVERLAP_MIN_PX, axial_overlap, refuse_nearer
+from calibration.pose_motions import AXIAL, Generators, flows_px, moved_matrix
 from simulation import GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
 
-__all__ = [
-    "AXIAL",
-    "HOMOGRAPHY",
-    "Generators",
-    "Refinement",
-    "flows_px",
-    "half_size_px",
-    "refined_pose",
-    "zoom_at_centre",
-]
+__all__ = ["Refinement", "refined_pose", "zoom_at_centre"]
 
 FloatArray = NDArray[np.float64]
 
@@ -35,15 +27,7 @@ _FREE_STEPS = 5
 _BORDER_PX = 4
 """Pixels of the simulated follow-up left out at each side: the mirrored border reaches them."""
 
-# Motions of the follow-up's pixels, in coordinates (u, v) in [-1, 1] about its centre: where each
-# generator stands in the 3x3 matrix that is added to the identity.
-_SHIFT_X, _SHIFT_Y = [(0, 2)], [(1, 2)]
-AXIAL = (_SHIFT_X, _SHIFT_Y, [(0, 0), (1, 1)])
-HOMOGRAPHY = (
-    _SHIFT_X, _SHIFT_Y, [(0, 0)], [(0, 1)], [(1, 0)], [(1, 1)], [(2, 0)], [(2, 1)],
-)  # fmt: skip
 _Predictor = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
-Generators = tuple[list[tuple[int, int]], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,9 +80,6 @@ def refined_pose(
         predict = partial(_predict_axial, reference, psf, shape)
     else:
         predict = partial(_predict_homography, *_zoomed(reference, psf, matrix, shape), shape)
-    half_px = half_size_px(shape)
-    to_unit = np.diag([1 / half_px, 1 / half_px, 1.0])
-    to_unit[:2, 2] = [-(shape[1] - 1) / 2 / half_px, -(shape[0] - 1) / 2 / half_px]
     flows = flows_px(generators, shape)
     settled = np.ones(shape, dtype=np.bool_)
     for number in range(_ITERATIONS):
@@ -120,12 +101,7 @@ def refined_pose(
             raise RegistrationError("the follow-up does not look like the reference")
         # The columns are slopes of the simulated image; the measured one's are `gain` times these.
         step = solution[: len(generators)] / gain
-        motion = np.eye(3)
-        for places, amount in zip(generators, step, strict=True):
-            for place in places:
-                motion[place] += amount / half_px
-        matrix = matrix @ np.linalg.inv(to_unit) @ motion @ to_unit
-        matrix = matrix / matrix[2, 2]
+        matrix = moved_matrix(matrix, generators, step, shape)
         if np.abs(step).max() < _CONVERGED_PX:
             break
     else:
@@ -138,27 +114,6 @@ def refined_pose(
     variance = float(np.mean(residual**2))
     errors_px = np.sqrt(np.diag(np.linalg.pinv(normal))[: len(generators)] * variance) / gain
     return Refinement(matrix, errors_px, correlation, sqrt(variance))
-
-
-def flows_px(generators: Generators, shape: tuple[int, int]) -> list[tuple[FloatArray, FloatArray]]:
-    """How far one pixel of each motion moves every follow-up pixel, along x and y."""
-    half = half_size_px(shape)
-    v, u = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    u, v = (u - (shape[1] - 1) / 2) / half, (v - (shape[0] - 1) / 2) / half
-    unit = (u, v, np.ones_like(u))
-    flows = []
-    for places in generators:
-        flow_x, flow_y = np.zeros(shape), np.zeros(shape)
-        for row, col in places:
-            if row == 0:
-                flow_x += unit[col]
-            elif row == 1:
-                flow_y += unit[col]
-            else:
-                flow_x -= unit[col] * u
-                flow_y -= unit[col] * v
-        flows.append((flow_x, flow_y))
-    return flows
 
 
 def _predict_axial(
@@ -224,11 +179,6 @@ def zoom_at_centre(matrix: FloatArray, shape: tuple[int, int]) -> float:
     centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])
     depth = float(matrix[2] @ centre)
     return sqrt(abs(float(np.linalg.det(matrix)) / depth**3))
-
-
-def half_size_px(shape: tuple[int, int]) -> float:
-    """Unit of the motions' coordinates: half the longer side of the follow-up."""
-    return max(shape) / 2
 
 
 def _shape(image: NDArray[Any]) -> tuple[int, int]:

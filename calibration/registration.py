@@ -16,13 +16,8 @@ from calibration.distortion_refinement import refined_distorted_pose
 from calibration.errors import RegistrationError
 from calibration.feature_matches import axial_pose, homography_pose, match_features
 from calibration.overlap import Overlap, axial_overlap, refuse_nearer
-from calibration.pose_refinement import (
-    AXIAL,
-    HOMOGRAPHY,
-    half_size_px,
-    refined_pose,
-    zoom_at_centre,
-)
+from calibration.pose_motions import AXIAL, HOMOGRAPHY, half_size_px
+from calibration.pose_refinement import refined_pose, zoom_at_centre
 from simulation import GaussianPsf
 
 __all__ = [
