@@ -16,12 +16,14 @@ from acquisition.focus_trace import FocusReading, FocusTrace
 from acquisition.stage_travel import move_timeout_s
 from hil_mocks import SimulatedBench
 from standoff.devices import OpenBench, open_bench, open_camera
-from standoff.focus_display import FocusDisplay
+from standoff.live_line import LiveLine
 from standoff.output import progress_bar
 
 __all__ = ["FocusSweep", "OpenCamera", "opened_camera", "run_sweep", "watch_focus"]
 
 _REFINED_STEPS = 2
+_BAR_CELLS = 30
+_ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,12 +85,12 @@ def watch_focus(
     last: FocusReading | None = None
     try:
         with (
-            FocusDisplay(opened.clock) as display,
+            LiveLine(opened.clock) as line,
             closing(focus_values(opened.camera, options)) as values,
         ):
             for count, value in enumerate(values, start=1):
                 last = trace.add(value)
-                display.show(last)
+                line.show(_reading_text(last), "yellow" if last.is_past_peak else "")
                 if count == readings:
                     break
     except KeyboardInterrupt:
@@ -96,6 +98,18 @@ def watch_focus(
             raise
     assert last is not None
     return last
+
+
+def _reading_text(reading: FocusReading) -> str:
+    """Value, bar, trend, share of the peak and the peak, as one line of text."""
+    share = reading.percent_of_peak
+    filled = round(_BAR_CELLS * min(max(share, 0.0), 100.0) / 100.0)
+    bar = "█" * filled + "·" * (_BAR_CELLS - filled)
+    hint = "   past the peak: go back" if reading.is_past_peak else ""
+    return (
+        f"focus {reading.value:10.5g} {bar} {share:5.1f} % of peak {reading.peak:.5g}  "
+        f"{_ARROWS[reading.trend]}{hint}"
+    )
 
 
 def run_sweep(

@@ -1,38 +1,33 @@
 """Live guidance: frames of a folder or a camera, each with a verdict on its pose."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.live import Live
-from rich.text import Text
 
 from acquisition.live_frames import newest_frames
 from analysis.pose_tracker import PoseTracker, PoseVerdict
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.focus_runs import OpenCamera
 from standoff.image_files import image_files_in, read_grey
-from standoff.output import ERRORS, say
+from standoff.live_line import LiveLine
+from standoff.output import say
 
 __all__ = [
     "NamedFrame",
-    "PoseDisplay",
     "StreamSummary",
     "camera_frames",
     "folder_frames",
     "judge_stream",
+    "verdict_display",
     "verdict_facts",
 ]
 
 _POLL_S = 0.2
-_INTERVAL_S = 0.1
-_PLAIN_INTERVAL_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,8 +90,11 @@ def verdict_line(name: str, verdict: PoseVerdict) -> str:
     return f"{name:<12} {word:<6} {margin:>8}  {verdict.reason}"
 
 
-class PoseDisplay:
-    """Shows verdicts: in place on a terminal, else line by line.
+@contextmanager
+def verdict_display(
+    *, is_live: bool, is_silent: bool
+) -> Iterator[Callable[[str, PoseVerdict], None]]:
+    """What shows the verdicts of a stream, by the frame's name and the verdict.
 
     Parameters
     ----------
@@ -105,51 +103,22 @@ class PoseDisplay:
     is_silent
         Nothing is shown, as stdout belongs to a JSON document; a camera's go to stderr still.
     """
-
-    def __init__(self, *, is_live: bool, is_silent: bool) -> None:
-        self._is_live, self._is_silent = is_live, is_silent
-        self._shown_s: float | None = None
-        on_screen = is_live and ERRORS.is_terminal
-        self._screen = Live(console=ERRORS, auto_refresh=False) if on_screen else None
-
-    def __enter__(self) -> Self:
-        if self._screen is not None:
-            self._screen.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._screen is not None:
-            self._screen.__exit__(kind, error, trace)
-
-    def show(self, name: str, verdict: PoseVerdict) -> None:
-        """Show a verdict."""
-        line = verdict_line(name, verdict)
-        if not self._is_live:
-            if not self._is_silent:
-                say(line)
-            return
-        now_s = time.monotonic()
-        interval_s = _PLAIN_INTERVAL_S if self._screen is None else _INTERVAL_S
-        if self._shown_s is not None and now_s - self._shown_s < interval_s:
-            return
-        self._shown_s = now_s
-        if self._screen is None:
-            ERRORS.print(line, markup=False)
-        else:
-            style = "bold green" if verdict.accepted else "bold red"
-            self._screen.update(Text(line, style=style), refresh=True)
+    if is_live:
+        with LiveLine(time.monotonic) as line:
+            yield lambda name, verdict: line.show(
+                verdict_line(name, verdict), "bold green" if verdict.accepted else "bold red"
+            )
+    elif is_silent:
+        yield lambda name, verdict: None
+    else:
+        yield lambda name, verdict: say(verdict_line(name, verdict))
 
 
 def judge_stream(
     frames: Iterator[NamedFrame],
     tracker: PoseTracker,
     summary: StreamSummary,
-    display: PoseDisplay,
+    show: Callable[[str, PoseVerdict], None],
     *,
     count: int | None,
     is_kept: bool,
@@ -161,17 +130,16 @@ def judge_stream(
     ApplicationError
         If a frame is none that can be judged.
     """
-    with display:
-        for frame in frames:
-            begin_s = time.perf_counter()
-            try:
-                verdict = tracker.update(frame.image)
-            except ValueError as error:
-                raise ApplicationError(f"{frame.name}: {error}") from error
-            summary.add(frame.name, verdict, time.perf_counter() - begin_s, is_kept=is_kept)
-            display.show(frame.name, verdict)
-            if summary.frames == count:
-                return
+    for frame in frames:
+        begin_s = time.perf_counter()
+        try:
+            verdict = tracker.update(frame.image)
+        except ValueError as error:
+            raise ApplicationError(f"{frame.name}: {error}") from error
+        summary.add(frame.name, verdict, time.perf_counter() - begin_s, is_kept=is_kept)
+        show(frame.name, verdict)
+        if summary.frames == count:
+            return
 
 
 @contextmanager

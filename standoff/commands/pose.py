@@ -34,11 +34,11 @@ from standoff.options import BenchKeys, Json, read_bench, refuse_overwriting, re
 from standoff.output import note, print_json, say
 from standoff.pose_stream import (
     NamedFrame,
-    PoseDisplay,
     StreamSummary,
     camera_frames,
     folder_frames,
     judge_stream,
+    verdict_display,
     verdict_facts,
 )
 from standoff.reports import require_writable, write_file
@@ -124,10 +124,12 @@ def pose(
     except (CalibrationError, ValueError) as error:
         raise CalibrationError(f"{reference}: {error}") from error
     summary = StreamSummary()
-    display = PoseDisplay(is_live=is_bench, is_silent=json)
     try:
-        with _frames(stream, bench, settings, target, is_watched=watch) as source:
-            judge_stream(source, tracker, summary, display, count=frames, is_kept=not is_bench)
+        with (
+            _frames(stream, bench, settings, target, is_watched=watch) as source,
+            verdict_display(is_live=is_bench, is_silent=json) as show,
+        ):
+            judge_stream(source, tracker, summary, show, count=frames, is_kept=not is_bench)
     finally:
         # Ctrl-C is how a person ends this: what was seen so far is told then, too.
         if summary.frames:

@@ -1,4 +1,4 @@
-"""What the operator sees of the live focus aid: one line that follows the value."""
+"""One line on stderr that follows what a camera sees."""
 
 from collections.abc import Callable
 from types import TracebackType
@@ -7,36 +7,21 @@ from typing import Self
 from rich.live import Live
 from rich.text import Text
 
-from acquisition.focus_trace import FocusReading
 from standoff.output import ERRORS
 
-__all__ = ["FocusDisplay", "focus_line"]
+__all__ = ["LiveLine"]
 
-_BAR_CELLS = 30
-_ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}
 _INTERVAL_S = 0.1
 _PLAIN_INTERVAL_S = 1.0
 
 
-def focus_line(reading: FocusReading) -> str:
-    """Value, bar, trend, share of the peak and the peak, as one line of text."""
-    share = reading.percent_of_peak
-    filled = round(_BAR_CELLS * min(max(share, 0.0), 100.0) / 100.0)
-    bar = "█" * filled + "·" * (_BAR_CELLS - filled)
-    hint = "   past the peak: go back" if reading.is_past_peak else ""
-    return (
-        f"focus {reading.value:10.5g} {bar} {share:5.1f} % of peak {reading.peak:.5g}  "
-        f"{_ARROWS[reading.trend]}{hint}"
-    )
-
-
-class FocusDisplay:
-    """Shows readings on stderr: in place on a terminal, else a plain line a second.
+class LiveLine:
+    """Shows texts on stderr: in place on a terminal, else a plain line a second.
 
     Parameters
     ----------
     clock
-        Seconds; readings that come faster than the eye are not drawn.
+        Seconds; texts that come faster than the eye are not drawn.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
@@ -58,16 +43,14 @@ class FocusDisplay:
         if self._live is not None:
             self._live.__exit__(kind, error, trace)
 
-    def show(self, reading: FocusReading) -> None:
-        """Draw a reading, unless one was drawn a moment ago."""
+    def show(self, text: str, style: str = "") -> None:
+        """Draw a text, unless one was drawn a moment ago."""
         now_s = self._clock()
         interval_s = _PLAIN_INTERVAL_S if self._live is None else _INTERVAL_S
         if self._shown_s is not None and now_s - self._shown_s < interval_s:
             return
         self._shown_s = now_s
-        text = focus_line(reading)
         if self._live is None:
             ERRORS.print(text, markup=False)
         else:
-            style = "yellow" if reading.is_past_peak else ""
             self._live.update(Text(text, style=style), refresh=True)
