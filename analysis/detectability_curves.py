@@ -1,6 +1,5 @@
 """curves.json: d' against zoom, what it holds, how it is read, and which curve is meant."""
 
-import json
 from pathlib import Path
 from typing import Literal, Self
 
@@ -8,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from acquisition.atomic_write import atomic_write
 from acquisition.foreign_text import parse_json
 from analysis.detectability_observers import Observer
 from analysis.errors import AnalysisError, ResultsFileError
+from analysis.results_file import write_results
 from simulation import Model
 
 __all__ = [
@@ -234,11 +233,7 @@ def write_curves(path: Path, document: dict[str, object]) -> None:
     ResultsFileError
         If the file cannot be written.
     """
-    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
-    try:
-        atomic_write(path, text.encode("utf-8"))
-    except OSError as error:
-        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
+    write_results(path, document)
 
 
 def _agrees(value: object, wanted: object) -> bool:

@@ -1,17 +1,16 @@
 """The height series of a session, each compared with what the models make of its nearest image."""
 
-import json
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from acquisition.atomic_write import atomic_write
 from acquisition.record import CaptureRecord
 from acquisition.session import Session
 from analysis.comparison import ModelMean, PairComparison, compare_pair, mean_metrics
-from analysis.errors import AnalysisError, ResultsFileError
+from analysis.errors import AnalysisError
+from analysis.results_file import finite_or_null, write_results
 from simulation import MODELS, GaussianPsf, Model
 
 __all__ = [
@@ -113,14 +112,13 @@ def write_comparison(path: Path, comparison: SeriesComparison) -> None:
     """
     document = {
         "schema": COMPARISON_SCHEMA,
-        "table_2": {model: asdict(mean) for model, mean in comparison.means.items()},
+        "table_2": {
+            model: finite_or_null(asdict(mean)) for model, mean in comparison.means.items()
+        },
         "pairs": [_pair_document(pair) for pair in comparison.pairs],
         "left_out": list(comparison.left_out),
     }
-    try:
-        atomic_write(path, (json.dumps(document, indent=1) + "\n").encode("utf-8"))
-    except OSError as error:
-        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
+    write_results(path, document)
 
 
 def _pair_document(pair: SeriesPair) -> dict[str, Any]:
@@ -134,5 +132,7 @@ def _pair_document(pair: SeriesPair) -> dict[str, Any]:
         "followup_height_mm": pair.followup.height_mm,
         "zoom": registration.zoom,
         "zoom_err": registration.zoom_err,
-        "models": {model: asdict(m) for model, m in pair.comparison.metrics.items()},
+        "models": {
+            model: finite_or_null(asdict(m)) for model, m in pair.comparison.metrics.items()
+        },
     }

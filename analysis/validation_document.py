@@ -1,21 +1,17 @@
 """A validation as one JSON document: settings, pairs, both tables, and what did not count."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
-from math import isfinite
-from pathlib import Path
 from typing import Any
 
-from acquisition.atomic_write import atomic_write
-from analysis.errors import ResultsFileError
 from analysis.metrics import ImageMetrics
 from analysis.paper_tables import PAPER_TABLE_1, PAPER_TABLE_2
 from analysis.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
+from analysis.results_file import finite_or_null
 from analysis.validation import Validation, table_1, table_2
 from analysis.validation_pair import PairValidation
 
-__all__ = ["VALIDATION_SCHEMA", "validation_document", "write_validation"]
+__all__ = ["VALIDATION_SCHEMA", "validation_document"]
 
 VALIDATION_SCHEMA = "standoff.validation/1"
 
@@ -51,23 +47,9 @@ def validation_document(validation: Validation, facts: Mapping[str, Any]) -> dic
     }
 
 
-def write_validation(path: Path, document: Mapping[str, Any]) -> None:
-    """Write the document, whole or not at all.
-
-    Raises
-    ------
-    ResultsFileError
-        If the file cannot be written.
-    """
-    try:
-        atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
-
-
 def _rows(table: Mapping[tuple[str, str], dict[str, Any]]) -> list[dict[str, Any]]:
     return [
-        {"alignment": alignment, "model": model, **_finite(values)}
+        {"alignment": alignment, "model": model, **finite_or_null(values)}
         for (alignment, model), values in table.items()
     ]
 
@@ -104,12 +86,4 @@ def _pair(pair: PairValidation) -> dict[str, Any]:
 
 
 def _metrics(metrics: ImageMetrics) -> dict[str, Any]:
-    return _finite(asdict(metrics))
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """Null for what JSON cannot hold: the PSNR of equal images."""
-    return {
-        name: None if isinstance(value, float) and not isfinite(value) else value
-        for name, value in values.items()
-    }
+    return finite_or_null(asdict(metrics))

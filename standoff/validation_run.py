@@ -7,8 +7,9 @@ from typing import Any
 
 from acquisition.session import Session
 from analysis.report_page import png_bytes, svg_bytes
+from analysis.results_file import write_results
 from analysis.validation import Validation, validate
-from analysis.validation_document import validation_document, write_validation
+from analysis.validation_document import validation_document
 from analysis.validation_kernels import KernelBook, trainings_needed
 from analysis.validation_models import VALIDATION_MODELS, ValidationModel, is_learned
 from analysis.validation_plots import plot_curves, plot_images
@@ -122,4 +123,4 @@ def _write_all(
     )
     write_page(out / "report.html", render_validation(session, validation, facts))
     # Last, so that who finds it finds the rest.
-    write_validation(out / "validation.json", document)
+    write_results(out / "validation.json", document)

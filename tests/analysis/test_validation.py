@@ -15,11 +15,11 @@ from analysis.followup_alignment import PROCEDURES
 from analysis.metrics import ImageMetrics
 from analysis.paper_tables import PAPER_TABLE_1, PAPER_TABLE_2
 from analysis.report_page import png_bytes
+from analysis.results_file import write_results
 from analysis.validation import METRICS, Validation, curve_errors, table_1, table_2, validate
 from analysis.validation_document import (
     VALIDATION_SCHEMA,
     validation_document,
-    write_validation,
 )
 from analysis.validation_kernels import KernelBook, trainings_needed
 from analysis.validation_models import ValidationModel
@@ -126,13 +126,13 @@ def test_the_points_of_the_curves_are_written_out(validation: Validation) -> Non
 def test_the_document_is_written_as_json(validation: Validation, tmp_path: Path) -> None:
     document = validation_document(validation, {"session": "here"})
     path = tmp_path / "validation.json"
-    write_validation(path, document)
+    write_results(path, document)
     assert json.loads(path.read_text()) == json.loads(json.dumps(document))
     assert document["schema"] == VALIDATION_SCHEMA
     assert document["table_2"][0]["alignment"] == "as-in-paper"
     assert len(document["pairs"]) == 5
     with pytest.raises(ResultsFileError, match="cannot write"):
-        write_validation(tmp_path / "nowhere" / "v.json", document)
+        write_results(tmp_path / "nowhere" / "v.json", document)
 
 
 def test_the_figures_and_the_report_show_every_model(
