@@ -47,11 +47,9 @@ class EventClock(SimulatedClock):
 
 
 @dataclass(kw_only=True)
-class GrblRig:
-    """A Grbl stage, its controller, its mechanics and the cable between."""
+class StageRig:
+    """Mechanics, the cable to their controller, and the time in which they move."""
 
-    stage: GrblStage
-    firmware: GrblFirmware
     plant: StagePlant
     line: SerialLine
     clock: EventClock
@@ -69,6 +67,14 @@ class GrblRig:
     def wait(self, seconds: float) -> None:
         self.clock.advance(seconds)
         self.line.pass_time(self.clock.now_s)
+
+
+@dataclass(kw_only=True)
+class GrblRig(StageRig):
+    """A Grbl stage, its controller, its mechanics and the cable between."""
+
+    stage: GrblStage
+    firmware: GrblFirmware
 
     def reopen(self, *, reset: bool = False) -> GrblStage:
         """A new connection, as another process would make it."""
@@ -78,28 +84,11 @@ class GrblRig:
 
 
 @dataclass(kw_only=True)
-class ZaberRig:
+class ZaberRig(StageRig):
     """A Zaber stage, its controller, its mechanics and the cable between."""
 
     stage: ZaberStage
     firmware: ZaberFirmware
-    plant: StagePlant
-    line: SerialLine
-    clock: EventClock
-    config: StageConfig
-
-    def in_mid_move(self, event: Callable[[], object], in_s: float = 2.0) -> None:
-        """Plan something for a moment when the stage moves."""
-
-        def happen() -> None:
-            self.line.pass_time(self.clock.now_s)
-            event()
-
-        self.clock.at(in_s, happen)
-
-    def wait(self, seconds: float) -> None:
-        self.clock.advance(seconds)
-        self.line.pass_time(self.clock.now_s)
 
     def reopen(self) -> ZaberStage:
         """A new connection, as another process would make it."""

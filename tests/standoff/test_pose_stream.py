@@ -90,16 +90,18 @@ def test_a_watched_folder_is_read_until_ctrl_c(
 
 
 @pytest.mark.slow
-def test_a_camera_is_judged_frame_by_frame(command: Command, tmp_path: Path) -> None:
-    config = tmp_path / "bench.toml"
-    config.write_text(BENCH)
-    bench = SimulatedBench(read_bench(config, None))
+def test_a_camera_is_judged_frame_by_frame(
+    command: Command, bench_file: Path, tmp_path: Path
+) -> None:
+    keys = ["simulated.width_px=260", "simulated.height_px=200", "optics.pixel_pitch_um=24.0"]
+    bench = SimulatedBench(read_bench(bench_file, keys))
     bench.place("coins")
     tifffile.imwrite(tmp_path / "reference.tif", next(newest_frames(bench.camera)).image_dn)
     write_curves(tmp_path / "curves.json", curves_document([curve()]))
     asked = ("pose", tmp_path / "reference.tif", "--curves", tmp_path / "curves.json")
-    live = ("--bench", config, "--target", "coins", "--frames", 3, "--json")
-    done = command(*asked, "--min-dprime", 3, *live)
+    live = ("--bench", bench_file, "--target", "coins", "--frames", 3, "--json")
+    settings = (part for key in keys for part in ("--set", key))
+    done = command(*asked, "--min-dprime", 3, *live, *settings)
     assert done.status == 0, done.err
     document = json.loads(done.out)
     assert (document["frames"], document["accepted"]) == (3, 3)
@@ -148,27 +150,3 @@ def test_a_folder_without_images_and_one_that_is_too_small_are_one_line(
     done = command(*asked, "--stream", empty)
     assert done.status == 1
     assert "tiny.tif: grey images of at least 84 px" in done.err
-
-
-BENCH = """
-[camera]
-driver = "simulated"
-pixel_format = "Mono12"
-exposure_us = 12000.0
-gain_db = 0.0
-frame_rate_hz = 60.0
-
-[stage]
-driver = "simulated"
-limits_mm = [120.0, 620.0]
-
-[optics]
-focal_length_mm = 8.0
-pixel_pitch_um = 24.0
-
-[simulated]
-width_px = 260
-height_px = 200
-optical_sigma_x_px = 0.7
-optical_sigma_y_px = 0.6
-"""
