@@ -33,7 +33,6 @@ READY = DeviceStatus(state="ready")
 
 def reading(**changes: object) -> FocusReading:
     facts: dict[str, object] = {
-        "raw": 0.02,
         "value": 0.0191,
         "peak": 0.02,
         "trend": "steady",
