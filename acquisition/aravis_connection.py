@@ -1,6 +1,5 @@
 """One opened and configured GigE Vision camera with its stream, made and dropped as a whole."""
 
-import threading
 from dataclasses import replace
 
 from acquisition.aravis_configuration import CameraControls
@@ -54,13 +53,9 @@ class AravisConnection:
     def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
         self._opened = opened
         self._frame_rate_asked_hz = config.frame_rate_hz
-        self._lost = threading.Event()
         self._stream: FrameStream | None = None
         try:
             self._require_control()
-            lost = self._lost
-            # Called in Aravis' heartbeat thread; it must not hold on to this connection.
-            opened.device.connect("control-lost", lambda _device: lost.set())
             self._controls = CameraControls(opened)
             applied = self._controls.configure(config)
             self.settings = applied.settings
@@ -73,8 +68,13 @@ class AravisConnection:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the control channel has ended: camera gone, or another program's."""
-        return self._lost.is_set()
+        """Whether the control channel has ended: camera gone, or another program's.
+
+        Aravis' heartbeat thread finds out. It is asked, and not listened to: the signal
+        ``control-lost`` holds the device while a handler runs in that thread, and if all others
+        let go of it meanwhile, the thread drops the device, joins itself and ends the process.
+        """
+        return not self._opened.is_controller
 
     @property
     def stream(self) -> FrameStream:
