@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from acquisition.aravis_camera import AravisCamera
+from acquisition.aravis_connection import AravisConnection
 from acquisition.aravis_device import OpenedDevice, open_device
 from acquisition.averaging import average_frames
 from acquisition.errors import (
@@ -22,11 +23,18 @@ from acquisition.runner import RunSummary, run_plan
 from acquisition.session import Session, verify
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
-from tests.acquisition.aravis_bench import after_frames, needs_aravis, opened, sent_image
+from tests.acquisition.aravis_bench import (
+    after_frames,
+    camera_config,
+    needs_aravis,
+    opened,
+    sent_image,
+)
 from tests.acquisition.fakes import ScriptedStage
 from tests.acquisition.session_fixtures import bench_of, plan_of
 from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench
+from tests.hil_mocks.gige_client import wait_for
 
 pytestmark = needs_aravis
 
@@ -196,6 +204,20 @@ def test_a_heartbeat_that_expires_is_noticed_and_the_camera_opened_again(
             drain(camera, 10.0)
         recover(bench)
         assert average_frames(camera, 2).frames_used == 2
+
+
+def test_no_handler_runs_in_the_thread_that_notices_the_loss(bench: PracticeBench) -> None:
+    # One that still runs while the camera is closed makes that thread join itself: an abort.
+    from gi.repository import GObject
+
+    device = open_device(bench.camera.address)
+    connection = AravisConnection(device, camera_config(bench.camera.address))
+    signal_id = GObject.signal_lookup("control-lost", device.device)
+    assert signal_id > 0
+    assert not GObject.signal_has_handler_pending(device.device, signal_id, 0, True)
+    bench.camera.drop_control()
+    wait_for(lambda: connection.is_lost)
+    connection.close()
 
 
 def test_settings_made_since_the_opening_come_back_with_the_camera(bench: PracticeBench) -> None:
