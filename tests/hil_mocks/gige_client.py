@@ -32,8 +32,9 @@ from hil_mocks.gige.gvcp import (
 )
 from hil_mocks.gige.gvsp import GvspPacket, ImageLeader, PacketFormat, parse_leader, parse_packet
 
-REPLY_S = 2.0
-FRAME_S = 2.0
+REPLY_S = 20.0
+FRAME_S = 20.0
+"""No camera is so slow; but the first picture of a print is compiled and drawn, on any machine."""
 SILENCE_S = 0.3
 """Longer than anything that is under way needs to arrive."""
 

@@ -18,7 +18,7 @@ from hil_mocks.gige.registers import StreamTarget
 from hil_mocks.practice_bench import PracticeBench
 from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench
-from tests.hil_mocks.gige_client import RawClient, wait_for
+from tests.hil_mocks.gige_client import FRAME_S, SILENCE_S, RawClient, wait_for
 
 FIRE = 0x8000_0000
 DO_NOT_FRAGMENT = 0x4000_0000
@@ -235,7 +235,7 @@ def test_test_packets_pass_the_link_only_up_to_its_mtu(
     client.open_stream()
     word = FIRE | DO_NOT_FRAGMENT | size
     assert client.write(BootstrapAddress.STREAM_PACKET_SIZE, word) == GvcpStatus.SUCCESS
-    client.stream.settimeout(0.3)
+    client.stream.settimeout(FRAME_S if arrives else SILENCE_S)
     if arrives:
         assert len(client.stream.recv(10_000)) == size - 28
     else:
