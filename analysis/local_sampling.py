@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LocalSampling", "local_sampling"]
+__all__ = ["LocalSampling", "local_sampling", "singular_zooms"]
 
 FloatArray = NDArray[np.float64]
 
@@ -67,11 +67,7 @@ def local_sampling(
         raise ValueError("the horizon of the plane lies in the follow-up's frame")
     ref_x = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / depth
     ref_y = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / depth
-    # A = d p / d u, as in docs/theory-pose.md.
-    a, b = (h[0, 0] - ref_x * h[2, 0]) / depth, (h[0, 1] - ref_x * h[2, 1]) / depth
-    c, d = (h[1, 0] - ref_y * h[2, 0]) / depth, (h[1, 1] - ref_y * h[2, 1]) / depth
-    # Singular values of a 2 x 2 matrix: half the sum and half the difference of two lengths.
-    turning, shearing = np.hypot(a + d, c - b), np.hypot(a - d, c + b)
+    worst, best = singular_zooms(h, x, y)
     inside = (
         (ref_x >= -0.5)
         & (ref_x <= reference_size[0] - 0.5)
@@ -79,10 +75,34 @@ def local_sampling(
         & (ref_y <= reference_size[1] - 0.5)
     )
     return LocalSampling(
-        worst_zoom=(turning + shearing) / 2,
-        best_zoom=np.abs(turning - shearing) / 2,
+        worst_zoom=worst,
+        best_zoom=best,
         inside=inside,
     )
+
+
+def singular_zooms(
+    matrix: FloatArray, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Reference pixels per follow-up pixel at places, along the coarsest and the finest direction.
+
+    Parameters
+    ----------
+    matrix
+        Shape (..., 3, 3): follow-up pixel centres to reference pixel centres.
+    x, y
+        Follow-up pixels, of a shape that broadcasts against the leading axes.
+    """
+    h = np.moveaxis(matrix, (-2, -1), (0, 1))
+    depth = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+    ref_x = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / depth
+    ref_y = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / depth
+    # A = d p / d u, as in docs/theory-pose.md.
+    a, b = (h[0, 0] - ref_x * h[2, 0]) / depth, (h[0, 1] - ref_x * h[2, 1]) / depth
+    c, d = (h[1, 0] - ref_y * h[2, 0]) / depth, (h[1, 1] - ref_y * h[2, 1]) / depth
+    # Singular values of a 2 x 2 matrix: half the sum and half the difference of two lengths.
+    turning, shearing = np.hypot(a + d, c - b), np.hypot(a - d, c + b)
+    return (turning + shearing) / 2, np.abs(turning - shearing) / 2
 
 
 def _places(size: int, step_px: int) -> FloatArray:

@@ -2,123 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import atan2, cos, degrees, radians, sin
-
-import numpy as np
-from numpy.typing import NDArray
 
 from analysis.detectability_curves import DetectabilityCurve
 from analysis.errors import AnalysisError
-from analysis.local_sampling import local_sampling
+from analysis.viewing_camera import ViewingCamera
+from analysis.worst_zoom import worst_zoom
 
-__all__ = [
-    "PoseLimits",
-    "ViewingCamera",
-    "contrast_found_at",
-    "pose_limits",
-    "shift_overlap",
-    "worst_zoom",
-]
-
-FloatArray = NDArray[np.float64]
+__all__ = ["PoseLimits", "contrast_found_at", "pose_limits", "shift_overlap"]
 
 _TILT_LIMIT_DEG = 75.0
-_STEP_PX = 16
 _BISECTIONS = 40
 
 _TILTS_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0)
 _SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ViewingCamera:
-    """A camera without distortion that looks at a plane.
-
-    Raises
-    ------
-    ValueError
-        If the focal length or the size is not positive.
-    """
-
-    focal_length_px: float
-    width_px: int
-    height_px: int
-
-    def __post_init__(self) -> None:
-        if not (self.focal_length_px > 0 and np.isfinite(self.focal_length_px)):
-            raise ValueError(f"focal_length_px must be positive, got {self.focal_length_px}")
-        if self.width_px < 16 or self.height_px < 16:
-            raise ValueError(
-                f"a frame of at least 16 x 16 px is needed, got {self.width_px} x {self.height_px}"
-            )
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """``(width, height)`` in px."""
-        return self.width_px, self.height_px
-
-    def directions_deg(self, *, is_reference_tilted: bool) -> tuple[float, ...]:
-        """Directions of a lean among which the worst is looked for: axes and diagonals.
-
-        The frame is symmetric, so that a quarter of them will do for an upright reference; for a
-        tilted one the worst lies beside them, and as many in between are tried.
-        """
-        diagonal = degrees(atan2(self.height_px, self.width_px))
-        if not is_reference_tilted:
-            return 0.0, diagonal, 90.0
-        quarter = tuple(
-            start + share * (end - start)
-            for start, end in ((0.0, diagonal), (diagonal, 90.0))
-            for share in (0.0, 1 / 3, 2 / 3, 1.0)
-        )
-        around = {sign * angle % 360 for angle in quarter for sign in (1, -1)}
-        return tuple(sorted(around | {(angle + 180) % 360 for angle in around}))
-
-    def plane_to_px(
-        self, distance: float, tilt_deg: float, direction_deg: float = 0.0
-    ) -> FloatArray:
-        """Homography from the plane to pixels; the camera always looks at the plane's origin.
-
-        Parameters
-        ----------
-        distance
-            From the origin, in any unit; the plane's coordinates have the same.
-        tilt_deg
-            Angle between the axis and the plane's normal.
-        direction_deg
-            Where the axis leans, from the rows' x towards the columns' y.
-        """
-        t, b = radians(tilt_deg), radians(direction_deg)
-        about = np.array([[cos(b), -sin(b), 0.0], [sin(b), cos(b), 0.0], [0.0, 0.0, 1.0]])
-        leaning = np.array([[cos(t), 0.0, sin(t)], [0.0, 1.0, 0.0], [-sin(t), 0.0, cos(t)]])
-        rotation = (about @ leaning @ about.T).T
-        forward = rotation[2]
-        centre = -distance * forward
-        camera = np.array(
-            [
-                [self.focal_length_px, 0.0, (self.width_px - 1) / 2],
-                [0.0, self.focal_length_px, (self.height_px - 1) / 2],
-                [0.0, 0.0, 1.0],
-            ]
-        )
-        seen = np.column_stack([rotation[:, 0], rotation[:, 1], -rotation @ centre])
-        return np.asarray(camera @ seen)
-
-    def followup_to_reference(
-        self,
-        zoom: float,
-        tilt_deg: float,
-        reference_tilt_deg: float = 0.0,
-        direction_deg: float = 0.0,
-    ) -> FloatArray:
-        """Homography of a follow-up from ``zoom`` times the reference's distance.
-
-        The reference leans along x, the follow-up in ``direction_deg`` from there.
-        """
-        near = self.plane_to_px(1.0, reference_tilt_deg)
-        far = self.plane_to_px(zoom, tilt_deg, direction_deg)
-        matrix = near @ np.linalg.inv(far)
-        return np.asarray(matrix / matrix[2, 2])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,39 +105,6 @@ def pose_limits(
 def shift_overlap(share: float) -> float:
     """Share of the frame that both images see after a shift by a share of its width."""
     return max(1.0 - abs(share), 0.0)
-
-
-def worst_zoom(
-    camera: ViewingCamera,
-    zoom: float,
-    tilt_deg: float,
-    reference_tilt_deg: float = 0.0,
-    direction_deg: float | None = None,
-) -> float:
-    """Largest local zoom in the overlap, infinite where the horizon comes into the frame.
-
-    ``direction_deg`` is where the follow-up leans, from the reference's lean (x where that is
-    upright); None for the worst direction.
-    """
-    if direction_deg is not None:
-        directions: tuple[float, ...] = (direction_deg,)
-    elif tilt_deg == 0:
-        directions = (0.0,)
-    else:
-        directions = camera.directions_deg(is_reference_tilted=reference_tilt_deg != 0)
-    return max(
-        _worst_zoom(camera, camera.followup_to_reference(zoom, tilt_deg, reference_tilt_deg, b))
-        for b in directions
-    )
-
-
-def _worst_zoom(camera: ViewingCamera, matrix: FloatArray) -> float:
-    try:
-        sampling = local_sampling(matrix, camera.size, camera.size, _STEP_PX)
-    except ValueError:
-        return float("inf")
-    seen = sampling.worst_zoom[sampling.inside]
-    return float(seen.max()) if seen.size else float("inf")
 
 
 def contrast_found_at(

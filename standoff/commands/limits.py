@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from analysis.pose_limits import PoseLimits, ViewingCamera, contrast_found_at, pose_limits
+from analysis.pose_limits import PoseLimits, contrast_found_at, pose_limits
 from analysis.pose_plots import plot_limits
 from analysis.report_page import png_bytes, svg_bytes
+from analysis.viewing_camera import ViewingCamera
 from calibration.files import read_geometry
 from standoff.curve_options import (
     CurveContrast,

@@ -1,21 +1,17 @@
-from math import cos, radians, tan
+from math import cos, radians
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis.errors import AnalysisError
 from analysis.local_sampling import local_sampling
-from analysis.pose_limits import (
-    ViewingCamera,
-    contrast_found_at,
-    pose_limits,
-    shift_overlap,
-    worst_zoom,
-)
+from analysis.pose_limits import contrast_found_at, pose_limits, shift_overlap
 from analysis.pose_plots import plot_limits, plot_pose
 from analysis.pose_quality import judge_pose
+from analysis.viewing_camera import ViewingCamera
+from analysis.worst_zoom import worst_zoom
 from simulation import SamplingGrid
 from tests.analysis.test_detectability_curves import curve
 
@@ -59,8 +55,6 @@ def test_the_horizon_in_the_frame_is_refused() -> None:
     matrix = CAMERA.followup_to_reference(1.0, 72.0)
     with pytest.raises(ValueError, match="horizon"):
         local_sampling(matrix, (640, 480), (640, 480))
-    assert worst_zoom(CAMERA, 1.0, 72.0) == np.inf
-    assert worst_zoom(CAMERA, 1.0, 60.0, direction_deg=90.0) < np.inf
 
 
 # d' = 4 / (2 z - 1) is 3 at zoom 7/6.
@@ -112,46 +106,12 @@ def test_limits_meet_the_threshold_exactly() -> None:
     assert len(plot_limits(curve(), found, 3.0).axes) == 2
 
 
-def test_the_tilt_limit_is_that_of_the_frame_seen_by_both() -> None:
-    # Without overlap's border in play the far end of the row decides: z cos(t) k^2.
-    lean = radians(8.0)
-    edge = np.arctan(319.5 / 800.0)
-    closed = cos(lean) * (cos(edge) / cos(edge + lean)) ** 2
-    # The follow-up's far end looks past the reference, so the overlap's worst is smaller.
-    assert 1.0 < worst_zoom(CAMERA, 1.0, 8.0, direction_deg=0.0) <= closed
-    assert tan(lean) > 0
-
-
-@given(
-    zoom=st.floats(1.0, 1.6),
-    tilt=st.floats(0.0, 30.0),
-    reference_tilt=st.sampled_from([0.0, 10.0, -10.0]),
-    direction=st.floats(0.0, 360.0),
-)
-@settings(max_examples=40, deadline=None)
-def test_no_direction_is_worse_than_the_worst(
-    zoom: float, tilt: float, reference_tilt: float, direction: float
-) -> None:
-    worst = worst_zoom(CAMERA, zoom, tilt, reference_tilt)
-    # Directions between those that are tried exceed them by next to nothing.
-    assert worst_zoom(CAMERA, zoom, tilt, reference_tilt, direction) <= 1.02 * worst
-
-
-def test_a_lean_and_its_mirror_image_sample_alike() -> None:
-    for direction in (0.0, 37.0, 90.0):
-        values = [
-            worst_zoom(CAMERA, 1.2, 12.0, 0.0, b)
-            for b in (direction, -direction, 180 - direction, 180 + direction)
-        ]
-        np.testing.assert_allclose(values, values[0], rtol=1e-9)
-
-
 def test_limits_of_distance_and_tilt_hold_in_every_direction() -> None:
     found = pose_limits(curve(), 3.0, CAMERA)
     allowed = dict(found.zoom_by_tilt)[5.0]
     assert allowed is not None
     for direction in range(0, 360, 15):
-        assert worst_zoom(CAMERA, allowed, 5.0, 0.0, direction) <= LIMIT * 1.01
+        assert worst_zoom(CAMERA, allowed, 5.0, 0.0, direction) <= LIMIT + 1e-6
     one_way = dict(pose_limits(curve(), 3.0, CAMERA, 0.0, 90.0).zoom_by_tilt)[5.0]
     assert one_way is not None
     assert one_way >= allowed

@@ -1,0 +1,95 @@
+"""A camera that looks at a plane, and the homography between two of its poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["ViewingCamera"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewingCamera:
+    """A camera without distortion that looks at a plane.
+
+    Raises
+    ------
+    ValueError
+        If the focal length or the size is not positive.
+    """
+
+    focal_length_px: float
+    width_px: int
+    height_px: int
+
+    def __post_init__(self) -> None:
+        if not (self.focal_length_px > 0 and np.isfinite(self.focal_length_px)):
+            raise ValueError(f"focal_length_px must be positive, got {self.focal_length_px}")
+        if self.width_px < 16 or self.height_px < 16:
+            raise ValueError(
+                f"a frame of at least 16 x 16 px is needed, got {self.width_px} x {self.height_px}"
+            )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """``(width, height)`` in px."""
+        return self.width_px, self.height_px
+
+    def plane_to_px(
+        self, distance: float, tilt_deg: float, direction_deg: ArrayLike = 0.0
+    ) -> FloatArray:
+        """Homography from the plane to pixels; the camera always looks at the plane's origin.
+
+        Parameters
+        ----------
+        distance
+            From the origin, in any unit; the plane's coordinates have the same.
+        tilt_deg
+            Angle between the axis and the plane's normal.
+        direction_deg
+            Where the axis leans, from the rows' x towards the columns' y; one angle, or many.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., 3, 3), the leading axes those of ``direction_deg``.
+        """
+        t, b = np.radians(tilt_deg), np.radians(np.asarray(direction_deg, dtype=np.float64))
+        about = np.zeros((*b.shape, 3, 3))
+        about[..., 0, 0] = about[..., 1, 1] = np.cos(b)
+        about[..., 1, 0] = np.sin(b)
+        about[..., 0, 1] = -about[..., 1, 0]
+        about[..., 2, 2] = 1.0
+        leaning = np.array(
+            [[np.cos(t), 0.0, np.sin(t)], [0.0, 1.0, 0.0], [-np.sin(t), 0.0, np.cos(t)]]
+        )
+        # Columns: the plane's axes and its origin, seen from the camera.
+        seen = about @ leaning.T @ np.swapaxes(about, -1, -2)
+        seen[..., :, 2] = (0.0, 0.0, distance)
+        camera = np.array(
+            [
+                [self.focal_length_px, 0.0, (self.width_px - 1) / 2],
+                [0.0, self.focal_length_px, (self.height_px - 1) / 2],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        return np.asarray(camera @ seen)
+
+    def followup_to_reference(
+        self,
+        zoom: float,
+        tilt_deg: float,
+        reference_tilt_deg: float = 0.0,
+        direction_deg: ArrayLike = 0.0,
+    ) -> FloatArray:
+        """Homography of a follow-up from ``zoom`` times the reference's distance.
+
+        The reference leans along x, the follow-up in ``direction_deg`` from there. Shape
+        (..., 3, 3), the leading axes those of ``direction_deg``.
+        """
+        near = self.plane_to_px(1.0, reference_tilt_deg)
+        far = self.plane_to_px(zoom, tilt_deg, direction_deg)
+        matrix = near @ np.linalg.inv(far)
+        return np.asarray(matrix / matrix[..., 2:, 2:])
