@@ -6,9 +6,9 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
 CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
-EXTRAS := aravis,kernelgan,console,cluster,pdf,dev
+EXTRAS := aravis,kernelgan,console,cluster,pdf,docs,dev
 
-.PHONY: demo paper test setup lint bench fuzz clean
+.PHONY: demo paper test setup lint docs bench fuzz clean
 
 demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
 	$(BIN)/standoff demo --out demo-output
@@ -29,6 +29,9 @@ lint: $(FULL)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: $(FULL)  ## The documentation as a site, in build/site/index.html.
+	$(BIN)/sphinx-build -q -W --keep-going -c docs -b html . build/site
+
 bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 
@@ -37,7 +40,7 @@ fuzz: $(FULL)  ## Search for input that crashes a reader, by the clock.
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
 clean:
-	rm -rf $(VENV) demo-output paper-output
+	rm -rf $(VENV) build demo-output paper-output
 
 $(CORE): pyproject.toml constraints.txt
 	@sh scripts/check-python.sh $(PYTHON)

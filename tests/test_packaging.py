@@ -46,6 +46,7 @@ def test_the_extras_are_those_of_the_guide() -> None:
         "console",
         "cluster",
         "pdf",
+        "docs",
         "dev",
     }
     assert "Private :: Do Not Upload" in project["classifiers"]
