@@ -1,4 +1,4 @@
-"""The documentation as a site: all pages are in it, all links lead somewhere, nothing is fetched."""
+"""The documentation as a site: all pages are in it, links lead somewhere, nothing is fetched."""
 
 import re
 import subprocess
