@@ -43,7 +43,7 @@ def detectability(
     psf: Annotated[Path | None, typer.Option(help="psf.json of the photographs.")] = None,
     zooms: Annotated[
         str, typer.Option(help="Ratios of the two distances, from 1.")
-    ] = "1,1.1,1.2,1.35,1.5,1.75,2,2.5,3,4",
+    ] = "1,1.01,1.1,1.2,1.35,1.5,1.75,2,2.5,3,4",
     noise: Annotated[
         str, typer.Option(help="Standard deviations in DN, S[,S...], or a noise.json.")
     ] = "1,2,4",
