@@ -15,6 +15,7 @@ from scipy.special import ndtr
 
 from analysis.change_uncertainty import DifferenceVariance, fit_variance
 from analysis.errors import AnalysisError
+from calibration.distorted_pose import DistortedPose
 from simulation import GaussianPsf, simulate_pose
 from simulation.capture_noise import CaptureNoise
 from simulation.pose_noise import pose_noise_gain
@@ -97,6 +98,7 @@ def find_changes(
     psf: GaussianPsf,
     noise: CaptureNoise | None = None,
     *,
+    distortion_k1: float = 0.0,
     false_alarms: float = FALSE_ALARMS,
 ) -> ChangeResult:
     """Compare a follow-up with what its pose alone would make of the reference.
@@ -106,11 +108,13 @@ def find_changes(
     reference_dn, followup_dn
         Grey, shape ``(rows, cols)``.
     matrix
-        Shape (3, 3): follow-up pixel centres to reference pixel centres.
+        Shape (3, 3): follow-up pixel centres to reference pixel centres, both without distortion.
     psf
         Total PSF of the camera.
     noise
         Of both captures; without it the noise is fitted.
+    distortion_k1
+        Of the lens that took both, as in ``simulate_pose``.
     false_alarms
         Pixels flagged by chance, expected in a frame.
 
@@ -121,7 +125,9 @@ def find_changes(
     """
     rows, cols = followup_dn.shape
     try:
-        simulated = simulate_pose(reference_dn, matrix, (cols, rows), psf)
+        simulated = simulate_pose(
+            reference_dn, matrix, (cols, rows), psf, distortion_k1=distortion_k1
+        )
     except ValueError as error:
         raise AnalysisError(str(error)) from error
     seen = np.asarray(simulated.image, dtype=np.float64)
@@ -143,12 +149,20 @@ def find_changes(
         )
     variance = None
     if noise is not None:
-        own = pose_noise_gain(matrix, _shape(reference_dn), (cols, rows), psf)
+        own = pose_noise_gain(
+            matrix, _shape(reference_dn), (cols, rows), psf, distortion_k1=distortion_k1
+        )
         variance = noise.variance_dn2(followup_dn) + gain**2 * own * noise.variance_dn2(seen)
     uncertainty = fit_variance(difference, expected, valid, variance)
     significance = _significance(difference / np.sqrt(uncertainty.variance_dn2), valid)
     threshold = significance_threshold(false_alarms / int(valid.sum()))
-    resampled = gain * _resampled(reference_dn, matrix, (rows, cols)) + offset
+    pose = DistortedPose(
+        matrix=matrix,
+        k1=distortion_k1,
+        reference_shape=_shape(reference_dn),
+        followup_shape=(rows, cols),
+    )
+    resampled = gain * _resampled(reference_dn, pose) + offset
     return ChangeResult(
         difference_dn=difference,
         plain_difference_dn=np.where(valid, followup_dn - resampled, 0.0),
@@ -242,10 +256,8 @@ def significance_threshold(rate: float) -> float:
     return float(brentq(excess, 0.0, 30.0))
 
 
-def _resampled(reference: FloatArray, matrix: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    mapped = np.tensordot(matrix, np.stack([x, y, np.ones_like(x)]), axes=1)
-    places = [mapped[1] / mapped[2], mapped[0] / mapped[2]]
+def _resampled(reference: FloatArray, pose: DistortedPose) -> FloatArray:
+    places = pose.followup_places_px()
     return np.asarray(map_coordinates(reference, places, order=3, mode="nearest"))
 
 

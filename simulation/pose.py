@@ -40,6 +40,10 @@ _TILE_PX = 512
 _SURVEY_PLACES = 65
 """Places per axis at which the missing blur is looked at beforehand."""
 
+_BORDER_STEP_PX = 32
+_BOW_PX = 1.0
+"""How far from a tile's border the reference is looked at, and how far it bows in between."""
+
 _LEAST_HELD_PX2 = 0.02
 """A smaller common blur is left to the sampling."""
 
@@ -86,6 +90,7 @@ def simulate_pose(
     psf: GaussianPsf | PsfField | None,
     *,
     origin_px: tuple[float, float] | None = None,
+    distortion_k1: float = 0.0,
 ) -> SimulatedPose:
     """Image of the same plane from another pose of the same camera.
 
@@ -104,7 +109,12 @@ def simulate_pose(
         has it: the reference's at the reference's pixel, the follow-up's at the follow-up's.
     origin_px
         Where the follow-up's pixel (0, 0) lies in the camera's frame, ``(x, y)``, if the
-        follow-up is a part of that frame; None: it is the whole. It matters for a field only.
+        follow-up is a part of that frame; None: it is the whole. It matters for a field and a
+        distortion only.
+    distortion_k1
+        Radial distortion of the lens that took both: an ideal place at the radius r from the
+        reference's middle, 1 at its corner, is seen at ``r (1 + k1 r^2)``. The homography is then
+        that of the ideal places.
 
     Returns
     -------
@@ -116,10 +126,10 @@ def simulate_pose(
     ValueError
         If the homography is not finite, singular or puts its horizon into the follow-up's frame;
         if the follow-up sees nothing of the reference; if the image is of another kind or not
-        finite; if the PSF is missing or a field belongs to another frame; if the follow-up needs
-        a blur that is too wide.
+        finite; if the PSF is missing or a field belongs to another frame; if the distortion is
+        none of a lens; if the follow-up needs a blur that is too wide.
     """
-    view = PoseView.of(homography, reference_shape(image), size, psf, origin_px)
+    view = PoseView.of(homography, reference_shape(image), size, psf, origin_px, distortion_k1)
     height, width = view.follow_up
     shares = shared_blur(view)
     operator = _CommonBlur(view.reference, shares)
@@ -143,6 +153,7 @@ def simulate_pose(
                     tuple(shares.held_px2.tolist()),
                     view.reference,
                     view.matrix,
+                    view.lens,
                     view.coefficients_px2,
                     view.frame,
                     shares.table.weights,
@@ -263,13 +274,18 @@ def _seen(
     view: PoseView, first: tuple[int, int], shape: tuple[int, int]
 ) -> tuple[int, int, int, int] | None:
     """Reference pixels around what a tile sees: top, bottom, left, right, or None."""
-    top, left = first
-    bottom, right = top + shape[0] - 1, left + shape[1] - 1
-    # Without the horizon in the frame, a homography keeps the tile convex.
-    x, y = view.mapped(np.array([[left, right, left, right], [top, top, bottom, bottom]]))
+    rows, cols = (
+        np.linspace(start, start + count - 1, max(2, ceil(count / _BORDER_STEP_PX)))
+        for start, count in zip(first, shape, strict=True)
+    )
+    # Without the horizon in the frame, what lies inside the tile lies inside its warped border.
+    border = [view.survey(rows[[0, -1]], cols), view.survey(rows, cols[[0, -1]])]
+    x, y = np.concatenate([places[..., :2].reshape(-1, 2) for places in border]).T
+    # A homography keeps the border's lines straight; a lens bows them by less than this.
+    bow_px = 0.0 if view.lens[0] == 0 else _BOW_PX
     bounds = []
     for place, size in ((y, view.reference[0]), (x, view.reference[1])):
-        low, high = place.min(), place.max()
+        low, high = place.min() - bow_px, place.max() + bow_px
         if high < -BORDER_PX or low > size - 1 + BORDER_PX:
             return None
         bounds += [max(int(np.floor(low)), -1), min(int(np.ceil(high)), size)]

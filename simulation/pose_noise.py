@@ -40,12 +40,13 @@ def pose_noise_gain(
     psf: GaussianPsf | PsfField | None,
     *,
     origin_px: tuple[float, float] | None = None,
+    distortion_k1: float = 0.0,
 ) -> FloatArray:
     """Variance of the simulated follow-up where every reference pixel has variance 1.
 
     Parameters
     ----------
-    homography, size, psf, origin_px
+    homography, size, psf, origin_px, distortion_k1
         As in ``simulate_pose``.
     reference
         ``(rows, cols)`` of the reference.
@@ -61,7 +62,7 @@ def pose_noise_gain(
     ValueError
         As ``simulate_pose``, for the homography, the size and the PSF.
     """
-    view = PoseView.of(homography, reference, size, psf, origin_px)
+    view = PoseView.of(homography, reference, size, psf, origin_px, distortion_k1)
     lattice = [np.linspace(0.0, max(count - 1, 1), _PLACES) for count in view.follow_up]
     held = shared_blur(view).held_px2
     rest = view.survey(lattice[0], lattice[1])[..., 2:].reshape(-1, 3) - held
@@ -71,7 +72,7 @@ def pose_noise_gain(
     gain = np.empty((height, width))
     cols = np.arange(width, dtype=np.float64)
     for row in range(height):
-        x, y = view.mapped(np.vstack([cols, np.full(width, float(row))]))
+        x, y = view.survey(np.array([float(row)]), cols)[0, :, :2].T
         terms = along_series(np.column_stack([np.full(width, float(row)), cols]))
         waves = [np.cos(2 * np.pi * (m * x + n * y)) for m, n in _ORDERS[1:]]
         gain[row] = terms[:, 0] + 2 * np.sum(terms[:, 1:].T * waves, axis=0)

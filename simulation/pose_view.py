@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.distorted_warp import ideal_places, lens_of
 from simulation.field import PsfField
 from simulation.psf import GaussianPsf
 from simulation.warped_blur import survey
@@ -18,16 +19,21 @@ FloatArray = NDArray[np.float64]
 _SINGULAR = 1e-9
 """Least determinant of a homography between frames scaled to unit squares, relative."""
 
+_BORDER_PLACES = 33
+"""Places along a side of a frame: a lens bends it, so that its corners do not tell all."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseView:
-    """A homography between two frames of one camera, checked, with the camera's PSF.
+    """A homography between two frames of one camera, checked, with the camera's lens and PSF.
 
     Parameters
     ----------
     matrix
-        Shape (3, 3): follow-up pixel ``(x, y, 1)`` to reference pixel; the third component is
-        positive all over the follow-up.
+        Shape (3, 3): follow-up pixel ``(x, y, 1)`` to reference pixel, both without distortion;
+        the third component is positive all over the follow-up.
+    lens
+        Radial distortion, as in `distorted_warp`.
     reference, follow_up
         ``(rows, cols)`` of the two frames.
     coefficients_px2
@@ -38,6 +44,7 @@ class PoseView:
     """
 
     matrix: FloatArray
+    lens: FloatArray
     reference: tuple[int, int]
     follow_up: tuple[int, int]
     coefficients_px2: FloatArray
@@ -51,6 +58,7 @@ class PoseView:
         size: tuple[int, int],
         psf: GaussianPsf | PsfField | None,
         origin_px: tuple[float, float] | None,
+        distortion_k1: float = 0.0,
     ) -> Self:
         """Check what a caller gave; the parameters are those of ``simulate_pose``.
 
@@ -58,25 +66,23 @@ class PoseView:
         ------
         ValueError
             If the homography is not finite, singular or puts its horizon into the follow-up's
-            frame; if the size is none; if the PSF is missing or a field belongs to other frames.
+            frame; if the size is none; if the PSF is missing or a field belongs to other frames;
+            if the distortion is none of a lens.
         """
         width, height = _checked_size(size)
         if psf is None:
             raise ValueError("model 'matched' needs a PSF")
         rows, cols = reference
         coefficients, frame = _polynomials(psf, (cols, rows), (width, height), origin_px)
+        lens = lens_of(distortion_k1, reference, (height, width), origin_px)
         return cls(
-            matrix=_checked_homography(homography, (cols, rows), (width, height)),
+            matrix=_checked_homography(homography, (cols, rows), (width, height), lens),
+            lens=lens,
             reference=reference,
             follow_up=(height, width),
             coefficients_px2=coefficients,
             frame=frame,
         )
-
-    def mapped(self, xy_px: FloatArray | NDArray[np.int64]) -> FloatArray:
-        """Reference places of follow-up places; both of shape ``(2, n)``, order (x, y)."""
-        places = self.matrix @ np.vstack([xy_px, np.ones(xy_px.shape[1])])
-        return np.asarray(places[:2] / places[2])
 
     def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
         """Look at a lattice of the follow-up's places.
@@ -88,7 +94,7 @@ class PoseView:
             yy; it may be indefinite.
         """
         seen = np.empty((len(rows_px), len(cols_px), 5))
-        survey(self.matrix, self.coefficients_px2, self.frame, rows_px, cols_px, seen)
+        survey(self.matrix, self.lens, self.coefficients_px2, self.frame, rows_px, cols_px, seen)
         return seen
 
 
@@ -117,7 +123,10 @@ def _polynomials(
 
 
 def _checked_homography(
-    homography: NDArray[np.floating[Any]], reference: tuple[int, int], follow_up: tuple[int, int]
+    homography: NDArray[np.floating[Any]],
+    reference: tuple[int, int],
+    follow_up: tuple[int, int],
+    lens: FloatArray,
 ) -> FloatArray:
     """Homography with a positive denominator all over the follow-up; sizes (width, height)."""
     matrix = np.array(homography, dtype=np.float64)
@@ -132,14 +141,11 @@ def _checked_homography(
     if not (norm > 0 and abs(np.linalg.det(scaled / norm)) > _SINGULAR):
         raise ValueError("the homography is singular")
     width, height = follow_up
-    corners = np.array(
-        [
-            [-0.5, width - 0.5, -0.5, width - 0.5],
-            [-0.5, -0.5, height - 0.5, height - 0.5],
-            [1.0, 1.0, 1.0, 1.0],
-        ]
-    )
-    denominators = matrix[2] @ corners
+    x, y = (np.linspace(-0.5, size - 0.5, _BORDER_PLACES) for size in (width, height))
+    along_x = np.stack(np.meshgrid(x, [-0.5, height - 0.5]), axis=-1).reshape(-1, 2)
+    along_y = np.stack(np.meshgrid([-0.5, width - 0.5], y), axis=-1).reshape(-1, 2)
+    border = ideal_places(lens, np.concatenate([along_x, along_y]))
+    denominators = border @ matrix[2, :2] + matrix[2, 2]
     if denominators.min() < 0:
         matrix, denominators = -matrix, -denominators
     if not denominators.min() > 1e-6 * denominators.max():

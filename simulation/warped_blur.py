@@ -1,7 +1,8 @@
-"""Sampling a quintic spline along a homography, with another Gaussian blur at every place.
+"""Sampling a quintic spline along a warp, with another Gaussian blur at every place.
 
-The compiled kernel behind ``simulation.pose``. Per output pixel it takes the missing blur
-``B = A Sigma A^T - Sigma`` (A the derivative of the homography), takes off the part that the
+The compiled kernel behind ``simulation.pose``. The warp is a homography between ideal images of a
+lens with radial distortion. Per output pixel the kernel takes the missing blur
+``B = A Sigma A^T - Sigma`` (A the derivative of the warp), takes off the part that the
 spline's coefficients hold already, and sums the coefficients with the weights of the quintic
 B-spline after a Gaussian blur. A correlated rest is the mean of several such sums along a line.
 Measured by ``benchmarks/bench_pose.py``.
@@ -15,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simulation.distorted_warp import warp
 from simulation.spline_gaussian import LEVELS_PER_LOG, PHASES
 
 __all__ = ["BORDER_PX", "render", "survey"]
@@ -72,14 +74,15 @@ def _covariance(
 
 @_compiled
 def _place(
-    matrix: FloatArray, psf: FloatArray, frame: FloatArray, col: float, row: float
+    matrix: FloatArray,
+    lens: FloatArray,
+    psf: FloatArray,
+    frame: FloatArray,
+    col: float,
+    row: float,
 ) -> tuple[float, float, float, float, float]:
     """Reference place (x, y) of a follow-up pixel, and the blur (xx, xy, yy) missing there."""
-    w = matrix[2, 0] * col + matrix[2, 1] * row + matrix[2, 2]
-    x = (matrix[0, 0] * col + matrix[0, 1] * row + matrix[0, 2]) / w
-    y = (matrix[1, 0] * col + matrix[1, 1] * row + matrix[1, 2]) / w
-    a, b = (matrix[0, 0] - x * matrix[2, 0]) / w, (matrix[0, 1] - x * matrix[2, 1]) / w
-    c, d = (matrix[1, 0] - y * matrix[2, 0]) / w, (matrix[1, 1] - y * matrix[2, 1]) / w
+    x, y, a, b, c, d = warp(matrix, lens, col, row)
     xx, xy, yy = _covariance(psf, frame, col + frame[3], row + frame[4])
     own_xx, own_xy, own_yy = _covariance(psf, frame, x, y)
     return (
@@ -109,6 +112,7 @@ def _positive_part(xx: float, xy: float, yy: float) -> tuple[float, float, float
 @_compiled
 def survey(
     matrix: FloatArray,
+    lens: FloatArray,
     psf: FloatArray,
     frame: FloatArray,
     rows: FloatArray,
@@ -118,7 +122,7 @@ def survey(
     """Write (x, y, xx, xy, yy) of the missing blur to ``out[i, j]``; it may be indefinite."""
     for i in range(len(rows)):
         for j in range(len(cols)):
-            x, y, xx, xy, yy = _place(matrix, psf, frame, cols[j], rows[i])
+            x, y, xx, xy, yy = _place(matrix, lens, psf, frame, cols[j], rows[i])
             out[i, j, 0], out[i, j, 1] = x, y
             out[i, j, 2], out[i, j, 3], out[i, j, 4] = xx, xy, yy
 
@@ -185,6 +189,7 @@ def render(
     held: tuple[float, float, float],
     size: tuple[int, int],
     matrix: FloatArray,
+    lens: FloatArray,
     psf: FloatArray,
     frame: FloatArray,
     table: FloatImage,
@@ -207,7 +212,9 @@ def render(
     size
         Rows and columns of the reference.
     matrix
-        Homography from follow-up to reference pixels.
+        Homography from ideal follow-up to ideal reference pixels.
+    lens
+        Of `distorted_warp`.
     psf, frame
         Polynomial coefficients of the covariance, ``(3, n)``; its centre x, y, 1 / radius, and
         where the follow-up's pixel (0, 0) lies in it, x, y.
@@ -225,7 +232,7 @@ def render(
     places, shares = np.empty(_POINTS_MAX), np.empty(_POINTS_MAX)
     for i in range(image.shape[0]):
         for j in range(image.shape[1]):
-            x, y, xx, xy, yy = _place(matrix, psf, frame, first[1] + j, first[0] + i)
+            x, y, xx, xy, yy = _place(matrix, lens, psf, frame, first[1] + j, first[0] + i)
             is_inside = (
                 -BORDER_PX <= x <= size[1] - 1 + BORDER_PX
                 and -BORDER_PX <= y <= size[0] - 1 + BORDER_PX

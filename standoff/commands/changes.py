@@ -13,7 +13,7 @@ from analysis.errors import AnalysisError
 from analysis.report_page import png_bytes
 from calibration.errors import CalibrationError
 from calibration.files import read_noise
-from calibration.registration import register
+from calibration.registration import register_distorted
 from standoff.commands.simulate import read_total_psf
 from standoff.image_files import read_grey, write_float_tiff, write_mask
 from standoff.options import Json
@@ -42,8 +42,17 @@ def changes(
     captures = None if noise is None else read_noise(noise)
     near, far = read_grey(reference), read_grey(followup)
     try:
-        pose = register(near, far, camera)
-        found = find_changes(near, far, pose.matrix, camera, captures, false_alarms=false_alarms)
+        aligned = register_distorted(near, far, camera)
+        pose = aligned.pose
+        found = find_changes(
+            near,
+            far,
+            pose.matrix,
+            camera,
+            captures,
+            distortion_k1=pose.k1,
+            false_alarms=false_alarms,
+        )
     except CalibrationError as error:
         raise CalibrationError(f"{followup}: {error}") from error
     except AnalysisError as error:
@@ -66,7 +75,9 @@ def changes(
         "reference": str(reference),
         "followup": str(followup),
         "homography": pose.matrix.tolist(),
-        "zoom": pose.zoom,
+        "distortion_k1": pose.k1,
+        "distortion_k1_err": aligned.k1_err,
+        "zoom": aligned.zoom,
         "changed_px": int(found.is_change.sum()),
         "compared_px": int(found.valid.sum()),
         "threshold_sd": found.threshold,
@@ -84,5 +95,5 @@ def changes(
         return
     say(
         f"{document['changed_px']} of {document['compared_px']} pixels changed, beyond "
-        f"{found.threshold:.2f} standard deviations (zoom {pose.zoom:.3f}); wrote {out}"
+        f"{found.threshold:.2f} standard deviations (zoom {aligned.zoom:.3f}); wrote {out}"
     )

@@ -14,7 +14,7 @@ from analysis.change_plots import plot_changes
 from analysis.change_roc import roc_of
 from analysis.change_uncertainty import fit_variance
 from analysis.errors import AnalysisError
-from calibration.registration import register
+from calibration.registration import register_distorted
 from simulation import GaussianPsf
 from simulation.capture_noise import CaptureNoise
 from standoff.shipped_configs import shipped_config
@@ -158,8 +158,10 @@ def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() ->
             pitch_mm=16.0,
             seed=1,
         )
-        matrix = register(one.reference, one.followup, psf).matrix
-        result = find_changes(one.reference, one.followup, matrix, psf, bench_noise(truth))
+        pose = register_distorted(one.reference, one.followup, psf).pose
+        result = find_changes(
+            one.reference, one.followup, pose.matrix, psf, bench_noise(truth), distortion_k1=pose.k1
+        )
         if not contrast:
             # 0.05 pixels a frame are allowed.
             assert not result.is_change.any()
@@ -173,3 +175,31 @@ def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() ->
         changed = int(core.sum())
     assert changed > 200
     assert plain_false >= 5 * max(false, 1), (plain_false, false)
+
+
+@pytest.mark.slow
+def test_a_lens_that_distorts_flags_nothing_either() -> None:
+    """1 % of barrel; aligned by a homography alone, more than a hundred pixels are flagged."""
+    config = load_bench(shipped_config("demo_bench.toml"))
+    assert config.simulated is not None
+    simulated = config.simulated.model_copy(update={"k1": -0.01})
+    truth = bench_truth(config.model_copy(update={"simulated": simulated}), 390, 290)
+    psf, noise = bench_psf(truth), bench_noise(truth)
+    one = bench_pair(
+        truth,
+        "coins",
+        far_pose(truth, 1.3, tilt_x_deg=4.0, roll_deg=2.0),
+        contrast=0.0,
+        sigma_mm=1.0,
+        pitch_mm=30.0,
+        seed=1,
+    )
+    pose = register_distorted(one.reference, one.followup, psf).pose
+    assert pose.k1 == pytest.approx(-0.01, abs=3e-4)
+    result = find_changes(
+        one.reference, one.followup, pose.matrix, psf, noise, distortion_k1=pose.k1
+    )
+    # 0.05 pixels a frame are allowed, and come in clusters.
+    assert result.is_change.sum() <= 4
+    bent = find_changes(one.reference, one.followup, one.matrix, psf, noise)
+    assert bent.is_change.sum() > 100

@@ -77,13 +77,19 @@ class Judged:
         return float(self.squared[self.seen & ~self.nearer].mean())
 
 
-def judged(truth: BenchTruth, target: str, far: CameraPose, psf: GaussianPsf | PsfField) -> Judged:
+def judged(
+    truth: BenchTruth,
+    target: str,
+    far: CameraPose,
+    psf: GaussianPsf | PsfField,
+    distortion_k1: float = 0.0,
+) -> Judged:
     near = CameraPose(height_mm=NEAR_MM)
     reference, follow_up = (
         truth.expected_image_dn(target, 0.0, at, exposure_us=EXPOSURE_US) for at in (near, far)
     )
     homography = truth.homography_far_to_near(near, far)
-    simulated = simulate_pose(reference, homography, SIZE, psf)
+    simulated = simulate_pose(reference, homography, SIZE, psf, distortion_k1=distortion_k1)
     x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     places = homography @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
     place_x, place_y = (places[:2] / places[2]).reshape(2, *x.shape)
@@ -106,6 +112,17 @@ def test_a_tilted_follow_up_is_as_exact_as_a_frontal_one(zoom: float, bearing_de
     frontal = judged(truth, "grass", pose(truth, zoom, 0.0), psf)
     assert tilted.seen.mean() > 0.15
     assert tilted.mse < 1.5 * frontal.mse
+
+
+@pytest.mark.parametrize("k1", [-0.03, 0.03])
+def test_a_lens_that_distorts_leaves_it_as_exact(k1: float) -> None:
+    straight, bent = truth_of(), truth_of(k1=k1)
+    far = pose(straight, 1.5, TILT_DEG, 30.0)
+    plain = judged(straight, "grass", far, psf_of(straight))
+    through_it = judged(bent, "grass", far, psf_of(bent), k1)
+    not_told = judged(bent, "grass", far, psf_of(bent))
+    assert through_it.mse < 1.5 * plain.mse
+    assert not_told.mse > 5 * plain.mse
 
 
 def test_the_mask_holds_the_places_that_no_blur_can_make_good() -> None:

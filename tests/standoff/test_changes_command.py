@@ -38,6 +38,8 @@ def test_changes_are_registered_found_and_written(
     assert done.status == 0, done.err
     document = json.loads(done.out)
     assert document["zoom"] == pytest.approx(1.5, abs=0.005)
+    # The scene was photographed through no lens at all.
+    assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
     mask = np.asarray(Image.open(out / "changes.png")) > 0
     assert mask.sum() == document["changed_px"]
     core = one.truth > 0.5 * one.truth.max()
