@@ -181,12 +181,14 @@ class StoredHomography:
     """What an H.json holds.
 
     ``matrix``, shape (3, 3), takes follow-up pixel centres (x, y, 1) to reference pixel centres;
-    ``width_px`` and ``height_px`` are the follow-up's.
+    ``width_px`` and ``height_px`` are the follow-up's. With a radial distortion the matrix
+    is that of ideal pixels.
     """
 
     matrix: NDArray[np.float64]
     width_px: int
     height_px: int
+    distortion_k1: float = 0.0
 
 
 def read_homography(path: Path) -> StoredHomography:
@@ -195,7 +197,7 @@ def read_homography(path: Path) -> StoredHomography:
     Raises
     ------
     HomographyFileError
-        If it cannot be read, is of another schema, or its matrix or size is none.
+        If it cannot be read, is of another schema, or its matrix, size or distortion is none.
     """
     document = _document(path, HOMOGRAPHY_SCHEMA, HomographyFileError, "name an H.json")
     matrix, size = document.get("matrix"), document.get("size")
@@ -205,9 +207,17 @@ def read_homography(path: Path) -> StoredHomography:
         raise HomographyFileError(f"{path}: matrix is not 3 x 3 numbers") from error
     if values.shape != (3, 3) or not np.all(np.isfinite(values)):
         raise HomographyFileError(f"{path}: matrix is not 3 x 3 finite numbers")
+    distortion_k1 = document.get("distortion_k1", 0.0)
+    if isinstance(distortion_k1, bool) or not isinstance(distortion_k1, int | float):
+        raise HomographyFileError(f"{path}: distortion_k1 is {distortion_k1!r}, expected a number")
     match size:
         case [int(width), int(height)] if width > 0 and height > 0:
-            return StoredHomography(matrix=values, width_px=width, height_px=height)
+            return StoredHomography(
+                matrix=values,
+                width_px=width,
+                height_px=height,
+                distortion_k1=float(distortion_k1),
+            )
     raise HomographyFileError(f"{path}: size is {size!r}, expected [width, height] in px")
 
 

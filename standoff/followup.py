@@ -157,7 +157,8 @@ def from_pose(
     ValueError
         As ``simulate_pose``.
     """
-    return _from_pose(reference, pose.matrix, (pose.width_px, pose.height_px), psf, noise, None)
+    size = pose.width_px, pose.height_px
+    return _from_pose(reference, pose.matrix, size, psf, noise, None, pose.distortion_k1)
 
 
 def _from_pose(
@@ -167,12 +168,17 @@ def _from_pose(
     psf: GaussianPsf | PsfField,
     noise: CaptureNoise | None,
     origin_px: tuple[float, float] | None,
+    distortion_k1: float = 0.0,
 ) -> FollowUp:
-    simulated = simulate_pose(reference, matrix, size, psf, origin_px=origin_px)
+    simulated = simulate_pose(
+        reference, matrix, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
+    )
     own = None
     if noise is not None:
         shape = reference.shape[0], reference.shape[1]
-        gain = pose_noise_gain(matrix, shape, size, psf, origin_px=origin_px)
+        gain = pose_noise_gain(
+            matrix, shape, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
+        )
         # At an edge the reference's variance is taken as that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
         own = planes * noise.variance_dn2(simulated.image)

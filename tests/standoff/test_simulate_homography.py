@@ -9,9 +9,44 @@ from standoff.image_files import read_image
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, Command
 
 
-def _homography_file(path: Path, matrix: object, size: object) -> Path:
-    path.write_text(json.dumps({"schema": "standoff.homography/1", "matrix": matrix, "size": size}))
+def _homography_file(path: Path, matrix: object, size: object, **more: object) -> Path:
+    document = {"schema": "standoff.homography/1", "matrix": matrix, "size": size} | more
+    path.write_text(json.dumps(document))
     return path
+
+
+def test_a_lens_that_distorts_bends_both_images(
+    command: Command, psf_file: Path, tmp_path: Path
+) -> None:
+    # A ramp's level is its place, which a blur leaves as it is. 20 px from the middle of the
+    # follow-up is 20 / (1 + 0.04 (19.944 / 75)^2) = 19.944 px for an ideal lens, 29.915 px in the
+    # reference, and is seen there at 29.915 (1 + 0.04 (29.915 / 75)^2) = 30.106 px.
+    image = tmp_path / "ramp.tif"
+    tifffile.imwrite(image, np.tile(np.arange(121, dtype=np.float32), (91, 1)))
+    matrix = [[1.5, 0, 60 - 30 * 1.5], [0, 1.5, 45 - 22 * 1.5], [0, 0, 1]]
+    pose = _homography_file(tmp_path / "H.json", matrix, [61, 45], distortion_k1=0.04)
+    out = tmp_path / "far.tif"
+    done = command("simulate", image, "--homography", pose, "--psf", psf_file, "--out", out)
+    assert done.status == 0, done.err
+    levels = tifffile.imread(out)[22]
+    assert levels[30] == pytest.approx(60.0, abs=1e-3)
+    assert levels[50] == pytest.approx(60 + 30.106, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("k1", "message"), [("much", "distortion_k1 is 'much'"), (0.5, "k1 must lie between")]
+)
+def test_a_distortion_at_fault_is_named(
+    command: Command, image_file: Path, psf_file: Path, tmp_path: Path, k1: object, message: str
+) -> None:
+    matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    pose = _homography_file(tmp_path / "H.json", matrix, [30, 30], distortion_k1=k1)
+    out = tmp_path / "far.tif"
+    done = command("simulate", image_file, "--homography", pose, "--psf", psf_file, "--out", out)
+    assert done.status == 1
+    assert "H.json" in done.err
+    assert message in done.err
+    assert not out.exists()
 
 
 def test_a_homography_that_is_a_zoom_gives_what_the_zoom_gives(
