@@ -7,9 +7,8 @@ import secrets
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
-__all__ = ["COOKIE", "MIN_TOKEN_CHARS", "Access", "is_loopback_host"]
+__all__ = ["MIN_TOKEN_CHARS", "Access", "is_loopback_host"]
 
-COOKIE = "standoff_console"
 MIN_TOKEN_CHARS = 12
 
 
@@ -39,6 +38,8 @@ class Access:
         self._token = token
         # The cookie proves knowledge of the token and is void with the next start.
         key = secrets.token_bytes(32)
+        # Consoles on other ports of the same host share its cookies.
+        self.cookie_name = f"standoff_console_{secrets.token_hex(4)}"
         self.cookie_value = hmac.new(key, (token or "").encode(), hashlib.sha256).hexdigest()
 
     @property
@@ -64,7 +65,8 @@ class Access:
         """
         if self._token is None:
             return peer is not None and is_loopback_host(peer) and is_loopback_host(_name_of(host))
-        return hmac.compare_digest(_cookie(cookies).encode(), self.cookie_value.encode())
+        known = _cookie(cookies, self.cookie_name)
+        return hmac.compare_digest(known.encode(), self.cookie_value.encode())
 
     @staticmethod
     def is_own_page(*, origin: str | None, host: str) -> bool:
@@ -83,9 +85,9 @@ def _name_of(host: str) -> str:
         return ""
 
 
-def _cookie(header: str) -> str:
+def _cookie(header: str, name: str) -> str:
     try:
-        morsel = SimpleCookie(header).get(COOKIE)
+        morsel = SimpleCookie(header).get(name)
     except CookieError:
         return ""
     return "" if morsel is None else morsel.value

@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from acquisition.errors import SessionError
 from standoff.console import messages
-from standoff.console.access import COOKIE, Access
+from standoff.console.access import Access
 from standoff.console.bench_checks import bench_checks
 from standoff.console.bench_hub import BenchHub
 from standoff.console.commands import CommandDesk
@@ -136,7 +136,11 @@ class _Pages:
             return HTMLResponse(self.refusal(is_wrong=bool(token)), status_code=401)
         response = RedirectResponse("/", status_code=303)
         response.set_cookie(
-            COOKIE, self._access.cookie_value, httponly=True, samesite="strict", path="/"
+            self._access.cookie_name,
+            self._access.cookie_value,
+            httponly=True,
+            samesite="strict",
+            path="/",
         )
         return response
 

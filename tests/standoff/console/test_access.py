@@ -234,6 +234,22 @@ def test_nothing_that_is_served_names_another_address() -> None:
         assert "//cdn" not in named, file
 
 
+@pytest.mark.parametrize("value", ["", "ü", "0" * 64, '"'])
+def test_only_its_own_value_of_the_cookie_lets_in(value: str) -> None:
+    access = Access(TOKEN)
+    about = {"peer": "192.0.2.7", "host": "192.0.2.1"}
+    assert not access.may_enter(**about, cookies=f"{access.cookie_name}={value}")
+    assert access.may_enter(**about, cookies=f"{access.cookie_name}={access.cookie_value}")
+
+
+def test_two_consoles_of_one_host_keep_each_its_own_operator() -> None:
+    # A browser sends both: cookies know no ports.
+    consoles = Access(TOKEN), Access(TOKEN + "other")
+    both = "; ".join(f"{one.cookie_name}={one.cookie_value}" for one in consoles)
+    for one in consoles:
+        assert one.may_enter(peer="192.0.2.7", host="192.0.2.1", cookies=both)
+
+
 @given(token=st.text(min_size=1), guess=st.text())
 def test_only_the_token_is_the_token(token: str, guess: str) -> None:
     access = Access(token)
