@@ -12,9 +12,12 @@ from acquisition.focus import Region
 from acquisition.focus_live import FocusOptions, FocusPoint, focus_values, sweep_focus
 from acquisition.focus_sweep import fit_focus_peak
 from hil_mocks import SimulatedBench
+from tests.acquisition.aravis_bench import needs_aravis
+from tests.hil_mocks.gige_bench import gige_bench
 from tests.standoff.conftest import SMALL_BENCH, Command
 
 FOCUS_MM = 300.0
+SMALL_FRAME = ("--set", "simulated.width_px=64", "--set", "simulated.height_px=48")
 
 
 @pytest.fixture
@@ -69,6 +72,7 @@ def test_the_live_aid_ends_after_its_readings(command: Command, bench: Path, met
         ("--sweep", "--from", "300", "--to", "200"),
         ("--sweep", "--steps", "4"),
         ("--sweep", "--frames", "1"),
+        ("--sweep", "--readings", "5"),
         ("--metric", "sharpness"),
         ("--target", "nothing"),
     ],
@@ -130,3 +134,79 @@ def test_ctrl_c_ends_the_live_aid_well_once_a_value_was_shown(
     done = command("focus", "--bench", bench)
     assert done.status == status
     assert ("% of peak" in done.err) == (before > 0)
+
+
+@pytest.mark.slow
+def test_a_sweep_without_heights_goes_over_the_whole_travel_and_then_about_the_best(
+    command: Command, bench: Path, tmp_path: Path
+) -> None:
+    plot = tmp_path / "sweep.png"
+    words = ("focus", "--bench", bench, *SMALL_FRAME, "--sweep", "--frames", 2)
+    done = command(*words, "--out", plot)
+    assert done.status == 0, done.err
+    told, wrote = done.out.splitlines()
+    assert told.startswith("sharpest at ")
+    assert wrote == f"wrote {plot}"
+    assert plot.read_bytes()[:4] == b"\x89PNG"
+    step_mm = 500 / 14  # from 120 to 620 mm in 15 steps
+    # The second sweep is of two steps on either side of the best, at 298.6 mm.
+    assert float(told.split()[2]) == pytest.approx(FOCUS_MM, abs=0.01 * 4 * step_mm)
+    positions = json.loads(command(*words, "--json").out)["positions"]
+    heights = [position["height_mm"] for position in positions]
+    assert heights[0] == pytest.approx(120 + 3 * step_mm, abs=0.01)
+    assert heights[-1] == pytest.approx(120 + 7 * step_mm, abs=0.01)
+
+
+def test_a_peak_surer_than_the_stage_stands_is_told_as_such(command: Command, bench: Path) -> None:
+    keys = ("--sweep", "--from", 250, "--to", 340, "--steps", 9, "--frames", 2)
+    coarse = ("--set", "stage.tolerance_mm=2.0")
+    done = command("focus", "--bench", bench, *SMALL_FRAME, *keys, *coarse)
+    assert done.status == 0, done.err
+    assert done.out.splitlines()[1:] == ["surer than the stage stands (2 mm)"]
+
+
+def test_a_saturated_sweep_is_told_with_the_remedy(command: Command, bench: Path) -> None:
+    # White paper gives 1.5 e- a microsecond, 60 000 in 40 ms; the ADC ends near 20 000.
+    keys = ("--sweep", "--from", 250, "--to", 340, "--steps", 9, "--frames", 2)
+    longer = ("--set", "camera.exposure_us=40000")
+    done = command("focus", "--bench", bench, *SMALL_FRAME, *keys, *longer)
+    assert "parts of the picture are saturated" in done.err
+    assert "expose shorter" in done.err
+
+
+REAL_CAMERA = """
+[camera]
+driver = "aravis"
+address = "{address}"
+pixel_format = "Mono12"
+exposure_us = 4000.0
+gain_db = 0.0
+frame_rate_hz = 500.0
+
+[stage]
+driver = "manual"
+limits_mm = [0.0, 300.0]
+
+[optics]
+focal_length_mm = 8.0
+pixel_pitch_um = 8.3
+"""
+
+
+@pytest.mark.slow
+@needs_aravis
+def test_the_live_aid_needs_a_real_camera_alone_and_tells_its_warnings(
+    command: Command, tmp_path: Path
+) -> None:
+    path = tmp_path / "real.toml"
+    with gige_bench() as practice:
+        practice.place("edge", 5.0)
+        path.write_text(REAL_CAMERA.format(address=practice.camera.address))
+        done = command("focus", "--bench", path, "--readings", 3, "--json")
+        assert done.status == 0, done.err
+        assert 0 < json.loads(done.out)["percent_of_peak"] <= 100
+        assert "camera.frame_rate_hz" in done.err  # 500 Hz are more than the link carries
+        refused = command("focus", "--bench", path, "--readings", 3, "--target", "coins")
+        assert refused.status == 2
+        assert "only a simulated bench is told its target" in refused.err
+        assert practice.camera.controller is None
