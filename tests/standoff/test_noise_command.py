@@ -111,6 +111,42 @@ def test_a_session_that_tells_no_noise_is_refused_in_one_line(
     assert not (tmp_path / "noise.json").exists()
 
 
+@pytest.mark.parametrize(
+    ("darks", "ladder", "row", "is_there"),
+    [
+        ("21.0, 8000.0", LADDER, "not reached", False),
+        ("21.0", "1000.0, 2000.0, 4000.0, 6000.0", "not reached", True),
+        ("21.0, 8000.0", LADDER, "dark current", False),
+        ("21.0, 4000.0, 8000.0", LADDER, "dark current", True),
+        ("21.0", LADDER, "linearity error", True),
+        ("21.0", "200.0, 400.0, 4000.0", "linearity error", False),  # 60 and 120 DN of 4031
+    ],
+)
+def test_the_table_shows_what_the_captures_tell(
+    command: Command, tmp_path: Path, darks: str, ladder: str, row: str, is_there: bool
+) -> None:
+    dark = DARK.replace("21.0, 8000.0", darks)
+    session = captured(command, tmp_path, dark, FLAT.format(exposures=ladder))
+    done = command("noise", "--session", session, "--out", tmp_path / "noise.json")
+    assert done.status == 0, done.err
+    assert "Noise at 0 dB" in done.out
+    assert (row in done.out) is is_there
+    count = (len(darks.split(",")), len(ladder.split(",")))
+    assert "{} dark and {} flat captures, fitted from".format(*count) in done.out
+    written = f"wrote {tmp_path}/noise.json, noise_dark.tif, noise_flat.tif, noise_defects.tif\n"
+    assert done.out.endswith(written)
+    assert ("no flat saturates" in done.err) is (ladder != LADDER)
+
+
+@pytest.mark.slow
+def test_a_report_is_named_beside_the_maps(command: Command, tmp_path: Path) -> None:
+    session = captured(command, tmp_path, DARK, FLAT.format(exposures=LADDER))
+    out, page = tmp_path / "noise.json", tmp_path / "noise.html"
+    done = command("noise", "--session", session, "--out", out, "--report", page)
+    assert done.out.endswith(f"noise_defects.tif and {page}\n")
+    assert "Photon transfer" in page.read_text()
+
+
 def test_a_result_that_is_no_json_is_wrong_usage(command: Command, tmp_path: Path) -> None:
     done = command("noise", "--session", tmp_path, "--out", tmp_path / "noise.txt")
     assert done.status == 2
