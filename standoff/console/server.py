@@ -33,6 +33,8 @@ def open_socket(host: str, port: int) -> socket.socket:
             host, port, type=socket.SOCK_STREAM
         )[0]
         opened = socket.socket(family, kind, protocol)
+    except UnicodeError as error:  # what no domain name may be, as a label of 64 characters
+        raise ApplicationError(f"cannot listen on {host}: it is no name of a computer") from error
     except OSError as error:
         raise _refused(host, port, error) from error
     try:

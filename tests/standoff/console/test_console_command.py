@@ -41,6 +41,16 @@ def test_a_port_that_is_taken_is_an_error_in_one_line(command: Command) -> None:
     assert len(done.err.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize("host", ["bench..lab", "b" * 64])
+def test_a_host_that_no_computer_can_be_called_is_an_error_in_one_line(
+    command: Command, host: str
+) -> None:
+    done = command("console", *BENCH, "--host", host, "--token", "long enough to be one")
+    assert done.status == 1
+    assert f"cannot listen on {host}: it is no name of a computer" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
 def test_a_bench_file_that_is_missing_is_an_error(command: Command, tmp_path: Path) -> None:
     done = command("console", "--bench", tmp_path / "none.toml")
     assert done.status == 1
