@@ -102,11 +102,9 @@ class CommandDesk:
         x_px, y_px, width_px, height_px = message.region
         if min(width_px, height_px) < LEAST_REGION_PX:
             raise ApplicationError(f"A region is at least {LEAST_REGION_PX} pixels wide and high.")
-        try:
-            region = Region(x_px=x_px, y_px=y_px, width_px=width_px, height_px=height_px)
-        except ValueError as error:
-            raise ApplicationError(str(error)) from error
-        self._hub.picture.look_at(region)
+        self._hub.picture.look_at(
+            Region(x_px=x_px, y_px=y_px, width_px=width_px, height_px=height_px)
+        )
 
     def _home(self, _: messages.Home) -> None:
         timeout_s = home_timeout_s(self._hub.bench.stage)
