@@ -241,23 +241,29 @@ class SessionRun:
                 camera.set_exposure_us(bench.camera.exposure_us)
             if camera.settings.gain_db != bench.camera.gain_db:
                 camera.set_gain_db(bench.camera.gain_db)
-            summary = run_plan(
-                path,
-                plan=plan,
-                bench=bench,
-                camera=camera,
-                stage=stage,
-                operator=operator,
-                place=self._place,
-                progress=self._captured,
-                review=self._prompts.review,
-                before_capture=lambda: self._wait(job),
-                retake=retake,
-                clock=self._clock,
-                sleep=self._sleep,
-            )
-            if camera.settings.exposure_us != bench.camera.exposure_us:
-                camera.set_exposure_us(bench.camera.exposure_us)
+            try:
+                summary = run_plan(
+                    path,
+                    plan=plan,
+                    bench=bench,
+                    camera=camera,
+                    stage=stage,
+                    operator=operator,
+                    place=self._place,
+                    progress=self._captured,
+                    review=self._prompts.review,
+                    before_capture=lambda: self._wait(job),
+                    retake=retake,
+                    clock=self._clock,
+                    sleep=self._sleep,
+                )
+            except (DeviceError, SessionError) as error:
+                try:
+                    _set_exposure_back(camera, bench)
+                except DeviceError as left:
+                    error.add_note(f"the exposure could not be set back: {left}")
+                raise
+            _set_exposure_back(camera, bench)
         return summary.skipped
 
     def _place(self, entry: PlanEntry) -> Placement:
@@ -319,6 +325,12 @@ class SessionRun:
         with self._lock:
             grown = self._view.revision + 1
             self._view = replace(self._view, **changes, revision=grown)  # type: ignore[arg-type]  # names and types are RunView's
+
+
+def _set_exposure_back(camera: Camera, bench: BenchConfig) -> None:
+    """Undo the exposure of the last capture: the next session begins with the live picture's."""
+    if camera.settings.exposure_us != bench.camera.exposure_us:
+        camera.set_exposure_us(bench.camera.exposure_us)
 
 
 def _with_next(rows: Sequence[PlanRow]) -> tuple[PlanRow, ...]:

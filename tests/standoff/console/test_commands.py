@@ -320,6 +320,35 @@ def test_after_a_session_with_exposures_of_its_own_the_live_picture_has_its_own_
     assert {record.gain_db for record in retaken} == {2.0}
 
 
+@pytest.mark.parametrize("has_failed", [False, True])
+def test_after_a_session_that_broke_off_too_the_live_picture_has_its_exposure_again(
+    tmp_path: Path, has_failed: bool
+) -> None:
+    with faulty_hub(tmp_path) as (hub, bench):
+        (tmp_path / "ladder.toml").write_text(PLAN + "exposure_us = [2000.0, 4000.0]\n")
+        wait_for(lambda: hub.camera.status.is_ready and hub.stage.status.is_ready, "ready")
+        operator = Operator(hub)
+        operator.say(do="exposure", exposure_us=7000.0)
+        wait_for(lambda: getattr(hub.camera.settings, "exposure_us", 0) == 7000.0, "exposure")
+        captured = hub.run._captured
+
+        def break_off(progress: CaptureProgress) -> None:
+            captured(progress)
+            if has_failed:
+                bench.stage.faults = StageFaults(alarm="hard limit")
+            else:
+                operator.say(do="stop")
+
+        hub.run._captured = break_off  # type: ignore[method-assign]  # observed, then broken off
+        operator.say(do="run", plan="ladder", session="first")
+        operator.answer("ready")
+        operator.wait_idle()
+        assert run_state(hub) == ("failed" if has_failed else "stopped")
+        [record, *_] = Session.open(hub.sessions.folder / "first").records
+        assert record.exposure_us == 2000.0
+        wait_for(lambda: getattr(hub.camera.settings, "exposure_us", 0) == 7000.0, "exposure")
+
+
 def test_a_capture_found_bad_is_taken_again_or_kept_as_the_operator_says(hub: BenchHub) -> None:
     operator = Operator(hub)
     # White paper gives 1.5 e- a microsecond; the ADC ends near 20 000.
