@@ -8,7 +8,10 @@ from acquisition.errors import DeviceError
 
 __all__ = ["address_fault", "resolve_address"]
 
-_HOST_NAME = re.compile(r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]*[A-Za-z0-9])?(\.[A-Za-z0-9-]+)*")
+_HOST_NAME = re.compile(
+    r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?(\.[A-Za-z0-9-]{1,63})*"
+)
+"""Of labels of 63 characters at most (RFC 1035, section 2.3.4): Python resolves no longer one."""
 
 
 def address_fault(text: str) -> str | None:

@@ -27,6 +27,8 @@ def test_addresses_and_host_names_can_name_a_camera(text: str) -> None:
         "255.255.255.255",
         "224.0.0.1",
         "0.0.0.0",
+        "b" * 64,
+        "bench." + "b" * 64,
     ],
 )
 def test_what_is_no_address_of_one_camera_is_refused_by_the_bench_and_the_driver(
@@ -52,6 +54,11 @@ def test_a_region_has_a_size() -> None:
 
 def test_a_host_name_is_resolved_here() -> None:
     assert resolve_address("localhost") == "127.0.0.1"
+
+
+def test_a_label_of_63_characters_is_a_host_name() -> None:
+    for name in ("b" * 63, "bench." + "b" * 63, "b", "bench-2.lab"):
+        assert address_fault(name) is None
 
 
 def test_an_unknown_host_name_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
