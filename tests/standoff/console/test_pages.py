@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
+from typing import NoReturn
 from urllib.parse import quote
 
 import numpy as np
@@ -18,6 +19,7 @@ from acquisition.session_notes import SessionNotes
 from standoff.console.bench_checks import bench_checks
 from standoff.console.bench_hub import BenchHub
 from standoff.console.device_status import DeviceStatus
+from standoff.console.drivers import bench_drivers
 from standoff.console.frame_board import FrameBoard
 from standoff.console.plan_library import PlanLibrary
 from standoff.console.pose_reference import tracker_maker
@@ -27,7 +29,7 @@ from standoff.console.web import console_app
 from standoff.errors import ApplicationError
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.analysis.test_detectability_curves import curve
-from tests.standoff.console.hub_fixtures import PLAN, idle_hub, running_hub, wait_for
+from tests.standoff.console.hub_fixtures import PLAN, idle_hub, running_hub, small_bench, wait_for
 from tests.standoff.console.test_bench_hub import Operator
 
 
@@ -98,6 +100,40 @@ def test_the_doctor_says_what_to_do_about_a_lost_camera(tmp_path: Path) -> None:
     assert "cable" in checks["camera"].remedy
     assert checks["stage"].status == "warn"
     assert DeviceStatus(state="ready").is_ready
+
+
+@pytest.mark.parametrize(
+    ("address", "status", "found"),
+    [
+        ("127.0.0.1", "ok", "127.0.0.1 through"),
+        ("camera-7", "fail", "the host name 'camera-7' is not known"),
+    ],
+)
+def test_the_doctor_tells_the_way_to_a_network_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str, status: str, found: str
+) -> None:
+    if status == "fail":
+
+        def unknown(*_: object) -> NoReturn:
+            raise OSError(-2, "Name or service not known")
+
+        monkeypatch.setattr("socket.getaddrinfo", unknown)
+    bench = small_bench()
+    update = {"driver": "aravis", "address": address}
+    real = bench.model_copy(
+        update={
+            "camera": bench.camera.model_copy(update=update),
+            "stage": bench.stage.model_copy(update={"driver": "manual"}),
+        }
+    )
+    hub = BenchHub(real, bench_drivers(real), sessions=tmp_path / "sessions")
+    checks = {check.name: check for check in bench_checks(hub)}
+    assert checks["network"].status == status
+    assert found in checks["network"].found
+    assert ("camera.address in the bench file" in checks["network"].remedy) is (status == "fail")
+    assert ("MTU" in checks) is (status == "ok")
+    assert checks["camera"].found == "The camera is being opened"
+    assert "frames" not in checks  # none was opened yet
 
 
 def test_only_plans_are_offered_and_the_first_of_a_name_counts(tmp_path: Path) -> None:
