@@ -96,6 +96,8 @@ def calibrate_from_distances(
     ------
     CalibrationError
         If no pair can be aligned, or tells the PSF; the message is that of the first one.
+    ValueError
+        If a region does not lie inside its photograph.
     """
     found: list[tuple[EdgeImage, EdgeImage, PairPsf]] = []
     failures: list[str] = []
@@ -138,6 +140,7 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
         matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)
     image = near.image_dn
     if region is not None:
+        near.refuse_beyond_frame(region)
         bottom, right = region.y_px + region.height_px, region.x_px + region.width_px
         image = image[region.y_px : bottom, region.x_px : right]
         matrix = np.array([[1, 0, -region.x_px], [0, 1, -region.y_px], [0, 0, 1]]) @ matrix

@@ -86,6 +86,19 @@ class EdgeImage:
         rows, cols = self.image_dn.shape
         return self.sensor_shape or (rows, cols)
 
+    def refuse_beyond_frame(self, region: Region) -> None:
+        """Do nothing, unless a region does not lie inside the frame.
+
+        Raises
+        ------
+        ValueError
+            Then.
+        """
+        rows, cols = self.frame
+        right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
+        if not (0 <= region.x_px < right <= cols and 0 <= region.y_px < bottom <= rows):
+            raise ValueError(f"region {region} does not lie inside {self.name} ({cols}x{rows})")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EdgeMeasurement:
@@ -147,14 +160,11 @@ def measure_edges(
     ValueError
         If the region does not lie inside the image.
     """
-    rows, cols = source.frame
     image, clipped = source.image_dn, source.clipped
     left = top = 0
     if region is not None:
+        source.refuse_beyond_frame(region)
         right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
-        if not (0 <= region.x_px < right <= cols and 0 <= region.y_px < bottom <= rows):
-            asked = f"{region.x_px},{region.y_px},{region.width_px},{region.height_px}"
-            raise ValueError(f"region {asked} does not lie inside {source.name} ({cols}x{rows})")
         left, top = region.x_px // source.pitch_px, region.y_px // source.pitch_px
         inside = np.s_[top : bottom // source.pitch_px, left : right // source.pitch_px]
         image = image[inside]

@@ -105,6 +105,19 @@ def test_an_image_without_edges_tells_no_psf(
     assert not out.exists()
 
 
+@pytest.mark.parametrize("region", ["-300,0,100,100", "0,200,100,41", "5000,0,10,10"])
+def test_a_region_beyond_the_nearest_photograph_is_named_as_it_was_typed(
+    command: Command, photographs: list[Path], tmp_path: Path, region: str
+) -> None:
+    out = tmp_path / "psf.json"
+    words = ("--method", "two-distance", "--zoom", 1.5, "--region", region, "--out", out)
+    done = command("calibrate", *photographs[:2], *words)
+    assert done.status == 1
+    inside = f"region {region} does not lie inside {photographs[0]} (320x240)"
+    assert inside in done.err.splitlines()[-1]
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
