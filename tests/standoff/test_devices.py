@@ -6,7 +6,7 @@ import pytest
 from acquisition.bench import BenchConfig, load_bench
 from acquisition.devices import Camera
 from acquisition.errors import BenchConfigError
-from standoff.devices import open_bench, open_camera
+from standoff.devices import open_bench, open_camera, open_stage
 from standoff.shipped_configs import shipped_config
 from tests.acquisition.aravis_bench import camera_config, needs_aravis
 from tests.acquisition.session_fixtures import bench_of
@@ -52,3 +52,12 @@ def test_the_shipped_manta_bench_is_one_of_real_devices() -> None:
     config = load_bench(Path(shipped_config("manta_g046.toml")))
     assert (config.camera.driver, config.stage.driver) == ("aravis", "manual")
     assert config.camera.frame_rate_hz == 67.5
+
+
+def test_a_driver_that_opens_no_real_device_is_refused_with_those_that_do() -> None:
+    config = bench_of()
+    assert (config.camera.driver, config.stage.driver) == ("simulated", "simulated")
+    with pytest.raises(BenchConfigError, match="'simulated' opens no camera; use 'aravis'"):
+        open_camera(config.camera)
+    with pytest.raises(BenchConfigError, match="opens no stage; use 'grbl', 'zaber' or 'manual'"):
+        open_stage(config.stage)
