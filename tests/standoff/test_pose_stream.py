@@ -1,6 +1,7 @@
 """`standoff pose --stream` and `--bench`: verdicts as they come."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,9 +14,12 @@ from analysis.detectability_curves import curves_document, write_curves
 from hil_mocks import SimulatedBench
 from hil_mocks.camera import CameraFaults
 from standoff.options import read_bench
+from tests.acquisition.aravis_bench import needs_aravis
 from tests.analysis.test_detectability_curves import curve
 from tests.calibration.test_pose_tracking import pose, scene, seen_from
+from tests.hil_mocks.gige_bench import gige_bench
 from tests.standoff.conftest import Command
+from tests.standoff.test_focus_command import REAL_CAMERA
 
 
 @pytest.fixture
@@ -150,3 +154,64 @@ def test_a_folder_without_images_and_one_that_is_too_small_are_one_line(
     done = command(*asked, "--stream", empty)
     assert done.status == 1
     assert "tiny.tif: grey images of at least 84 px" in done.err
+
+
+def test_a_reference_that_cannot_be_followed_is_named_before_any_frame(
+    command: Command, asked: tuple[object, ...], folder: Path, tmp_path: Path
+) -> None:
+    tifffile.imwrite(tmp_path / "reference.tif", np.full((200, 260), 700, np.uint16))
+    done = command(*asked, "--stream", folder)
+    assert (done.status, done.out) == (1, "")
+    assert f"{tmp_path / 'reference.tif'}: " in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_an_image_that_stays_broken_in_a_watched_folder_ends_the_watch(
+    command: Command, asked: tuple[object, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("standoff.pose_stream.time.sleep", lambda _: None)
+    (folder / "frame-9.tif").write_bytes(b"II*\0half")  # and grows no more
+    done = command(*asked, "--stream", folder, "--watch", "--json")
+    assert done.status == 1
+    assert "frame-9.tif: not a whole TIFF image" in done.err
+    assert json.loads(done.out)["frames"] == 3  # those that were whole were judged
+
+
+def test_what_lies_beyond_the_curve_is_told_and_counts_as_unseen(
+    command: Command, asked: tuple[object, ...], tmp_path: Path
+) -> None:
+    far = tmp_path / "far.tif"
+    beyond = curve().zoom[-1] * 1.1
+    tifffile.imwrite(far, seen_from(scene(), pose(beyond)).astype(np.float32))
+    done = command(*asked, far)
+    assert done.status == 0, done.err
+    assert f"100 % of the overlap lies beyond the curve's zoom of {curve().zoom[-1]:g}" in done.err
+    assert done.out.startswith("rejected: min d' 0.00, threshold 3.2")
+
+
+def test_a_target_that_the_bench_does_not_have_is_wrong_usage(
+    command: Command, asked: tuple[object, ...], bench_file: Path
+) -> None:
+    done = command(*asked, "--bench", bench_file, "--target", "moon")
+    assert done.status == 2
+    assert "no target 'moon'" in done.err
+
+
+@pytest.mark.slow
+@needs_aravis
+def test_a_real_cameras_frames_are_judged_by_their_numbers(
+    command: Command, asked: tuple[object, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "real.toml"
+    with gige_bench() as practice:
+        path.write_text(REAL_CAMERA.format(address=practice.camera.address))
+        words = (*asked, "--bench", path, "--frames", 2)
+        refused = command(*words, "--target", "coins")
+        assert refused.status == 2
+        assert "only a simulated bench is told its target" in refused.err
+        # Frames of 96 x 64 px are too small to be followed: the first one is named.
+        done = command(*words)
+        assert "camera.frame_rate_hz" in done.err
+        assert done.status == 1
+        assert re.search(r"frame \d+: grey images of at least 84 px", done.err)
+        assert practice.camera.controller is None
