@@ -116,7 +116,7 @@ def expanded_images(paths: Sequence[Path]) -> list[Path]:
     Raises
     ------
     ApplicationError
-        If a folder holds none.
+        If a folder holds none, or cannot be read.
     """
     files: list[Path] = []
     for path in paths:
@@ -131,8 +131,17 @@ def expanded_images(paths: Sequence[Path]) -> list[Path]:
 
 
 def image_files_in(folder: Path) -> list[Path]:
-    """Return the images that lie in a folder, in the order of their names."""
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _IMAGE_SUFFIXES)
+    """Return the images that lie in a folder, in the order of their names.
+
+    Raises
+    ------
+    ApplicationError
+        If the folder cannot be read: it may be taken away while it is watched.
+    """
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix.lower() in _IMAGE_SUFFIXES)
+    except OSError as error:
+        raise ApplicationError(f"cannot read the folder {folder}: {error.strerror}") from error
 
 
 def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -> None:

@@ -158,7 +158,7 @@ def folder_frames(folder: Path, *, is_watched: bool) -> Iterator[NamedFrame]:
         If an image cannot be read. In a watched folder one that is not whole yet is waited for,
         until it no longer grows.
     ApplicationError
-        If the folder holds no image and is not watched.
+        If the folder cannot be read, or holds no image and is not watched.
     """
     seen: set[Path] = set()
     sizes: dict[Path, int] = {}

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -175,6 +176,17 @@ def test_an_image_that_stays_broken_in_a_watched_folder_ends_the_watch(
     assert done.status == 1
     assert "frame-9.tif: not a whole TIFF image" in done.err
     assert json.loads(done.out)["frames"] == 3  # those that were whole were judged
+
+
+def test_a_watched_folder_that_is_taken_away_ends_the_watch_in_one_line(
+    command: Command, asked: tuple[object, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("standoff.pose_stream.time.sleep", lambda _: shutil.rmtree(folder))
+    done = command(*asked, "--stream", folder, "--watch", "--json")
+    assert done.status == 1
+    assert f"cannot read the folder {folder}: No such file or directory" in done.err
+    assert done.err.count("\n") == 1
+    assert json.loads(done.out)["frames"] == 3
 
 
 def test_what_lies_beyond_the_curve_is_told_and_counts_as_unseen(
