@@ -49,7 +49,7 @@ def without_outliers(
     Raises
     ------
     GeometryError
-        If the distances do not grow with the heights, or nothing is left.
+        If the distances do not grow with the heights, or no target is left at two of them.
     """
     notes: list[str] = []
     while True:
@@ -82,10 +82,12 @@ def without_outliers(
 
 def _pupil(series: SeriesAdjustment, captures: Sequence[GeometryCapture]) -> PupilFit:
     heights, numbers, log_distances, covariance = _distances(series, captures)
-    if len(set(heights)) < 2:
+    # Each series has a unit of its own: one height a series tells nothing, however many there are.
+    if all(len(set(heights[np.equal(numbers, number)])) < 2 for number in set(numbers)):
         name = captures[series.members[0]].name
         raise GeometryError(
-            f"{name}: no other capture at another height is left; retake the series"
+            f"{name}: no target is left that was captured at two heights; capture one at two "
+            "heights or more without moving it in between"
         )
     try:
         return fit_pupil(heights, numbers, log_distances, covariance)
