@@ -114,18 +114,16 @@ class GeometryCalibration:
     tilt_x_deg: Measured | None
     tilt_y_deg: Measured | None
     tilt_deg: Measured | None
-    axis_drift: tuple[Measured, Measured] | None
-    pierce_px: tuple[float, float] | None
+    axis_drift: tuple[Measured, Measured]
+    pierce_px: tuple[float, float]
     captures: tuple[CaptureGeometry, ...]
     excluded: tuple[tuple[str, str], ...]
     undetermined: dict[str, str]
     notes: tuple[str, ...]
 
     @property
-    def axis_drift_px_per_mm(self) -> Measured | None:
+    def axis_drift_px_per_mm(self) -> Measured:
         """Length of the drift."""
-        if self.axis_drift is None:
-            return None
         return length_of(*self.axis_drift)
 
     @property

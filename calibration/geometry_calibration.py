@@ -185,23 +185,20 @@ def _summary(
         undetermined["tilt_deg"] = short
         tilts = None
     axes = _axes(series, captures)
-    drift, pierce = None, None
-    if axes:
-        axis = axes[0][1]
-        distance = heights[0] + pupil.pupil_offset_mm
-        drift = (
-            Measured(
-                value=float(axis.offset_px[0]) / distance,
-                err=sqrt(float(axis.covariance_px2[0, 0])) / distance,
-            ),
-            Measured(
-                value=float(axis.offset_px[1]) / distance,
-                err=sqrt(float(axis.covariance_px2[1, 1])) / distance,
-            ),
-        )
-        pierce = (float(axis.pierce_px[0]), float(axis.pierce_px[1]))
-    else:
-        undetermined["axis_drift_px_per_mm"] = "no target was captured at two heights"
+    # Without a target at two heights there is no pupil, either: one of the axes is there.
+    axis = axes[0][1]
+    distance = heights[0] + pupil.pupil_offset_mm
+    drift = (
+        Measured(
+            value=float(axis.offset_px[0]) / distance,
+            err=sqrt(float(axis.covariance_px2[0, 0])) / distance,
+        ),
+        Measured(
+            value=float(axis.offset_px[1]) / distance,
+            err=sqrt(float(axis.covariance_px2[1, 1])) / distance,
+        ),
+    )
+    pierce = (float(axis.pierce_px[0]), float(axis.pierce_px[1]))
     if pupil.degrees_of_freedom == 0:
         notes = [*notes, "two heights alone: nothing checks them, and their error is not counted"]
     elif pupil.scatter_mm > 0.05:

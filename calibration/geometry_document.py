@@ -133,15 +133,14 @@ def geometry_document(geometry: GeometryCalibration) -> dict[str, Any]:
         document |= _pair(f"principal_{axis}_px", value, f"principal_{axis}_err_px")
     for name in ("tilt_deg", "tilt_x_deg", "tilt_y_deg"):
         document |= _pair(name, getattr(geometry, name), name.replace("_deg", "_err_deg"))
-    drift = geometry.axis_drift or (None, None)
     document |= _pair(
         "axis_drift_px_per_mm", geometry.axis_drift_px_per_mm, "axis_drift_err_px_per_mm"
     )
-    for axis, value in zip("xy", drift, strict=True):
+    for axis, value in zip("xy", geometry.axis_drift, strict=True):
         document |= _pair(f"axis_drift_{axis}_px_per_mm", value, f"axis_drift_{axis}_err_px_per_mm")
     document["axis_drift_height_mm"] = geometry.heights_mm[0]
     document |= _stage_angle(geometry)
-    document["pierce_px"] = None if geometry.pierce_px is None else list(geometry.pierce_px)
+    document["pierce_px"] = list(geometry.pierce_px)
     document["width_px"], document["height_px"] = geometry.width_px, geometry.height_px
     document["zooms"] = _zooms(geometry)
     document["captures"] = _captures(geometry)
@@ -175,7 +174,7 @@ def _opencv(geometry: GeometryCalibration) -> dict[str, Any]:
 def _stage_angle(geometry: GeometryCalibration) -> dict[str, Any]:
     """Angle between the stage's travel and the line of sight of the middle of the image."""
     drift, focal = geometry.axis_drift_px_per_mm, geometry.focal_length_px
-    if drift is None or focal is None:
+    if focal is None:
         return {"stage_angle_deg": None, "stage_angle_err_deg": None}
     distance_mm = geometry.heights_mm[0] + geometry.pupil.pupil_offset_mm
     return {

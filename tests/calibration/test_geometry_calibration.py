@@ -119,7 +119,6 @@ def test_a_vertical_stage_under_a_tilted_camera_drifts_by_the_tilt(
     by_texture: GeometryCalibration,
 ) -> None:
     # Closed form: the stage pierces the image f tan(tilt) from the axis; over the distance.
-    assert by_texture.axis_drift is not None
     expected = -FOCAL_PX * np.tan(np.deg2rad(2.0)) / (HEIGHTS_MM[0] + PUPIL_MM)
     assert by_texture.axis_drift[0].value == pytest.approx(expected, abs=2e-3)
     assert by_texture.axis_drift[1].value == pytest.approx(0.0, abs=2e-3)
