@@ -101,3 +101,47 @@ def test_shot_noise_on_the_bright_side_is_no_second_edge(normal_deg: float) -> N
         segments = find_edges(clean + rng.normal(0, np.sqrt(variance)), cell_px=1000.0)
         assert len(segments) == 1
         assert segments[0].clearance_px == np.inf
+
+
+def faded(gap_px: float, turn_deg: float = 0.0, aside_px: float = 0.0) -> Array:
+    """A faint vertical edge through (80.3, y) that fades at row 180, beside one 17 times as strong.
+
+    Below the gap it is turned about (80.3, 211) and moved aside.
+    """
+    y, x = np.mgrid[:240, :240].astype(np.float64)
+    moved = np.where(y > 180.0, aside_px + np.tan(np.deg2rad(turn_deg)) * (y - 211.0), 0.0)
+    contrast = point_edge(np.abs(y - 180.0) - gap_px / 2, 5.0)
+    faint = 240.0 * contrast * (point_edge(x - 80.3 - moved, 0.8) - 0.5)
+    return faint + 4000.0 * point_edge(x - 200.0, 0.8)
+
+
+def test_an_edge_that_fades_for_a_stretch_is_one_edge() -> None:
+    [faint] = [s for s in find_edges(faded(10.0), cell_px=1000.0) if s.x_px < 140.0]
+    assert faint.length_px == pytest.approx(240.0, abs=1.0)
+    assert faint.x_px == pytest.approx(80.3, abs=0.02)
+    assert faint.y_px == pytest.approx(119.5, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("gap_px", "turn_deg", "aside_px"),
+    [
+        pytest.param(35.0, 0.0, 0.0, id="a gap of more than a tenth of the edge"),
+        pytest.param(10.0, 8.0, 0.0, id="another direction"),
+        pytest.param(10.0, 1.0, 1.2, id="an end 1.7 px beside the line"),
+        pytest.param(10.0, 0.0, 3.0, id="all of it beside the line"),
+    ],
+)
+def test_pieces_that_do_not_continue_each_other_stay_apart(
+    gap_px: float, turn_deg: float, aside_px: float
+) -> None:
+    found = find_edges(faded(gap_px, turn_deg, aside_px), cell_px=1000.0)
+    upper, lower = (s for s in found if s.x_px < 140.0)
+    assert upper.y_px < 180.0 < lower.y_px
+    assert np.rad2deg(upper.normal_rad - lower.normal_rad) == pytest.approx(turn_deg, abs=0.3)
+
+
+def test_a_line_too_thin_for_the_fits_band_has_no_edges() -> None:
+    # Its sides are 4 px apart: none has a level of its own beside it.
+    x = np.tile(np.arange(110.0), (90, 1))
+    line = 200.0 - 150.0 * point_edge(x - 52.0, 1.0) * point_edge(56.0 - x, 1.0)
+    assert find_edges(line, cell_px=1000.0) == []

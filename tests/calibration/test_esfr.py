@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from calibration.edge_samples import EdgeSamples
 from calibration.esfr import SFR_FREQ_CY_PER_PX, EdgeSfr, measure_esfr
@@ -9,6 +12,8 @@ from calibration.mtf import gaussian_mtf50, pixel_mtf50
 from calibration.psf_calibration import EdgeImage, EdgeMeasurement, measure_edges
 from tests.calibration.closed_form import edge_image, point_edge
 from tests.calibration.diffraction import diffracted_edge, system_mtf, system_mtf50
+
+FloatArray = NDArray[np.float64]
 
 
 def measured(image: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> EdgeMeasurement:
@@ -121,3 +126,40 @@ def test_an_edge_sharper_than_the_pixel_grid_has_no_mtf20_below_1_cy_per_px() ->
     # By hand: exp(-2 pi^2 0.04) = 0.454 at 1 cy/px.
     assert esfr.mtf20_cy_per_px is None
     assert esfr.mtf50_cy_per_px == pytest.approx(gaussian_mtf50(0.2), rel=2e-3)
+
+
+def with_levels(distance: FloatArray, unit_levels: FloatArray) -> EdgeSamples:
+    return replace(samples_of(distance), levels_dn=100 + 900 * unit_levels)
+
+
+def test_an_edge_that_falls_along_its_normal_has_no_curve() -> None:
+    distance = np.linspace(-15, 15, 3000)
+    assert measure_esfr(with_levels(distance, point_edge(-distance, 0.7)), 0.7) is None
+
+
+def test_an_edge_far_sharper_than_the_pixel_grid_has_no_mtf50_below_1_cy_per_px() -> None:
+    distance = np.random.default_rng(3).uniform(-15, 15, 6000)
+    found = measure_esfr(with_levels(distance, point_edge(distance, 0.12)), 0.12)
+    assert found is not None
+    # By hand: exp(-2 pi^2 0.12^2) = 0.753 at 1 cy/px.
+    assert found.at(np.ones(1))[0] == pytest.approx(0.753, abs=0.02)
+    assert found.mtf50_cy_per_px is None
+    assert found.mtf50_err_cy_per_px is None
+
+
+def test_a_tail_is_measured_only_where_the_band_shows_it_on_both_sides() -> None:
+    # An edge whose spread falls as c / x^2 far out: 1 - c / x on the bright side.
+    distance = np.random.default_rng(4).uniform(-20, 20, 6000)
+    tail_px = 0.05
+    far = np.sign(distance) * np.minimum(tail_px / np.maximum(np.abs(distance), 1.0), tail_px)
+    levels = point_edge(distance, 0.7) - np.where(np.abs(distance) > 1.0, far, 0.0)
+    whole = measure_esfr(with_levels(distance, levels), 0.7)
+    assert whole is not None
+    # The rise is 1 - 2 c / reach between the ends and 1 with the tails beyond them.
+    assert whole.tail_px == pytest.approx(tail_px, rel=0.02)
+    narrow = np.abs(distance) < 6.0
+    one_sided = (distance < 9.0) | (distance > 19.9)
+    for seen in (narrow, one_sided):
+        part = measure_esfr(with_levels(distance[seen], levels[seen]), 0.7)
+        assert part is not None
+        assert part.tail_px == 0.0
