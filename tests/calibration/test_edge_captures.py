@@ -5,10 +5,11 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session import Session
-from calibration.edge_captures import edge_images, edge_records
-from calibration.errors import NoEdgeError
+from calibration.correction_maps import CorrectionMaps
+from calibration.edge_captures import edge_images, edge_records, scene_records
+from calibration.errors import CalibrationError, NoEdgeError
 from calibration.psf_calibration import calibrate_psf
-from tests.acquisition.session_fixtures import plan_of, writer
+from tests.acquisition.session_fixtures import add, plan_of, writer
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, SIGMA_X_PX, SIGMA_Y_PX
 from tests.calibration.edge_session import FRAME_NOISE, FRAMES, edge_session, photograph_dn
 
@@ -75,3 +76,76 @@ def test_a_changed_capture_is_refused(tmp_path: Path) -> None:
     path.write_bytes(bytes(data))
     with pytest.raises(SessionError, match="is not the file that was captured"):
         list(edge_images(session))
+
+
+def scene_session(path: Path, targets: list[dict[str, object]]) -> Session:
+    plan = plan_of(heights_mm=[100.0, 120.0, 160.0], targets=targets, repeats=2, order="descending")
+    with writer(path, plan=plan) as session:
+        for entry in session.entries:
+            add(session, entry)
+    return Session.open(path)
+
+
+def test_scenes_are_the_textures_as_they_lie_from_the_nearest_on(tmp_path: Path) -> None:
+    session = scene_session(
+        tmp_path / "s",
+        [
+            {"kind": "edge", "target": "Kante"},
+            {"kind": "texture", "target": "moss", "orientations_deg": [0.0, 90.0]},
+            {"kind": "chart", "target": "chart", "heights_mm": [100.0]},
+            {"kind": "texture", "target": "bark"},
+        ],
+    )
+    # The edge takes places 0 to 5, two at each height, the furthest first; so go the others.
+    # The chart was seen from one height alone, and of two repeats the first counts.
+    assert [[record.index for record in series] for series in scene_records(session)] == [
+        [10, 8, 6],
+        [16, 14, 12],
+        [24, 22, 20],
+    ]
+
+
+def test_a_session_whose_scenes_have_one_height_each_is_named(tmp_path: Path) -> None:
+    session = edge_session(tmp_path / "edges")
+    with pytest.raises(CalibrationError, match="edges: no target of kind texture or chart was"):
+        scene_records(session)
+
+
+def even_maps(shape: tuple[int, int]) -> CorrectionMaps:
+    """A sensor that is half as sensitive as another everywhere, with black at 64 DN."""
+    return CorrectionMaps(
+        dark_dn=np.full(shape, 64.0, np.float32),
+        response=np.full(shape, 0.5, np.float32),
+        defects=np.zeros(shape, np.uint8),
+        black_level_dn=64.0,
+    )
+
+
+def test_maps_of_another_camera_are_refused_with_the_capture(tmp_path: Path) -> None:
+    session = edge_session(tmp_path / "s")
+    file = edge_records(session)[0].file
+    with pytest.raises(
+        CalibrationError, match=rf"{file}: an image of \(90, 110\).*maps of \(90, 100\)"
+    ):
+        next(iter(edge_images(session, correction=even_maps((90, 100)))))
+
+
+def test_correction_is_taken_off_the_level_the_noise_and_not_off_what_is_clipped(
+    tmp_path: Path,
+) -> None:
+    session = edge_session(tmp_path / "s")
+    plain = next(iter(edge_images(session)))
+    corrected = next(iter(edge_images(session, correction=even_maps((90, 110)))))
+    np.testing.assert_allclose(corrected.image_dn, 64.0 + 2 * (plain.image_dn - 64.0), rtol=1e-6)
+    # 3250 DN become 6436, above the 4095 of the format; the pixels did not clip.
+    assert corrected.image_dn.max() > 4095.0
+    assert corrected.clipped is not None
+    assert not corrected.clipped.any()
+    assert plain.noise is not None
+    assert corrected.noise is not None
+    levels = np.array([600.0, 3000.0])
+    np.testing.assert_allclose(
+        corrected.noise.variance_dn2(64.0 + 2 * (levels - 64.0)),
+        4 * plain.noise.variance_dn2(levels),
+        rtol=0.02,
+    )
