@@ -73,9 +73,10 @@ def match_series(images: Sequence[NDArray[np.generic]], focal_length_px: float) 
     while waiting:
         near, far = next(p for p in waiting if p[0] in to_first or p[1] in to_first)
         matrix = waiting.pop((near, far))
-        if near in to_first and far not in to_first:
+        # No capture has two links to further ones: the links make no circle.
+        if near in to_first:
             to_first[far] = to_first[near] @ matrix
-        elif far in to_first and near not in to_first:
+        else:
             to_first[near] = to_first[far] @ np.linalg.inv(matrix)
     return SeriesPoints(
         kept=kept,
