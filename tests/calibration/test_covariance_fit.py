@@ -118,3 +118,38 @@ def test_no_edge_and_impossible_widths_are_refused() -> None:
         fit_covariance(empty, empty, empty)
     with pytest.raises(ValueError, match="must be positive"):
         fit_covariance(np.array([0.0]), np.array([0.5]), np.array([0.0]))
+
+
+def test_widths_that_no_covariance_has_leave_the_correlation_open() -> None:
+    # 1 along both axes, 2 along a diagonal: the other diagonal would have 1 + 1 - 4 < 0.
+    fit = fit_covariance(np.array([90.0, 0.0, 45.0]), np.array([1.0, 1.0, 2.0]), np.full(3, 0.01))
+    assert known(fit.sigma_x_px).value == pytest.approx(1.0)
+    assert known(fit.sigma_y_px).value == pytest.approx(1.0)
+    assert fit.rho is None
+    assert fit.covariance_px2 is None
+    assert fit.weights.tolist() == [1.0, 1.0, 0.0]
+
+
+def test_a_correlation_known_to_a_third_only_is_left_open() -> None:
+    # d rho = 2 sigma d sigma / (sigma_x sigma_y) / (2 n_x n_y) = 2 d sigma for unit widths.
+    angles = np.array([90.0, 0.0, 45.0])
+    vague = fit_covariance(angles, np.ones(3), np.array([0.001, 0.001, 0.15]))
+    assert vague.rho is None
+    assert known(vague.sigma_x_px).err == pytest.approx(0.001)
+    clear = fit_covariance(angles, np.ones(3), np.array([0.001, 0.001, 0.1]))
+    assert known(clear.rho).err == pytest.approx(0.2, rel=0.01)
+
+
+def test_edges_of_nearly_one_direction_do_not_tell_the_width_across() -> None:
+    # Normals within 25 degrees of y: xx is an extrapolation, known to a third; rho to 0.1.
+    fit = fit_covariance(np.array([0.0, 25.0, 155.0]), np.ones(3), np.full(3, 0.05))
+    assert fit.sigma_x_px is None
+    assert fit.rho is None
+    assert known(fit.sigma_y_px).value == pytest.approx(1.0)
+
+
+def test_a_negative_variance_is_no_width() -> None:
+    # At 22 degrees n_x^2 = 0.14: 0.14 * 1 + 0.86 yy = 0.09 makes yy negative.
+    fit = fit_covariance(np.array([90.0, 22.0]), np.array([1.0, 0.3]), np.full(2, 0.01))
+    assert known(fit.sigma_x_px).value == pytest.approx(1.0)
+    assert fit.sigma_y_px is None

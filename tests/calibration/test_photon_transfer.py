@@ -5,6 +5,7 @@ import pytest
 
 from calibration.clipping import VarianceByLevel
 from calibration.errors import NoiseError
+from calibration.linearity import measure_linearity
 from calibration.photon_transfer import LevelSample, Saturation, fit_photon_transfer
 from tests.calibration.poisson_frames import (
     BLACK_DN,
@@ -162,3 +163,64 @@ def test_saturation_that_no_flat_reached_is_the_formats() -> None:
 def test_a_sample_of_one_frame_is_refused() -> None:
     with pytest.raises(ValueError, match="2 frames"):
         sample(frames_dn(np.random.default_rng(1), 10.0, frames=1), 1.0)
+
+
+def test_three_flats_and_a_dark_give_a_line_and_no_bend() -> None:
+    # A bend of three figures would leave one of four captures to check it.
+    bent = [replace(s, variance_dn2=s.variance_dn2 * (1 + 0.002 * k)) for k, s in enumerate(EXACT)]
+    found = fit_photon_transfer(bent[:4], SATURATION)
+    assert found.curvature == 0.0
+    assert found.light_flicker == 0.0
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=0.02)
+
+
+def test_read_noise_below_the_rounding_is_zero_and_noted() -> None:
+    # 0.05 DN^2 in the dark, where rounding alone makes 1/12.
+    quiet = [replace(s, variance_dn2=s.variance_dn2 - EXACT[0].variance_dn2 + 0.05) for s in EXACT]
+    found = fit_photon_transfer(quiet, SATURATION)
+    assert found.read_noise_e == 0.0
+    assert found.read_noise_e_err > 0.0
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
+    assert "the read noise is below what the rounding to whole DN lets through" in found.notes
+
+
+def test_a_variance_that_bends_down_is_noted_and_its_slope_in_the_dark_is_the_gain() -> None:
+    bent = [
+        replace(s, variance_dn2=s.variance_dn2 - 1e-5 * (s.mean_dn - BLACK_DN) ** 2) for s in EXACT
+    ]
+    found = fit_photon_transfer(bent, SATURATION)
+    assert found.curvature == pytest.approx(-1e-5, rel=1e-6)
+    assert found.light_flicker == 0.0
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
+    assert any("a camera that is not linear" in text for text in found.notes)
+
+
+def test_two_exposures_tell_no_linearity() -> None:
+    # Of four flats two lie between 5 and 95 % of the range.
+    levels = [(e, 0.0, light) for e, light in ((10.0, 10.0), (500.0, 500.0), (900.0, 900.0))]
+    assert measure_linearity([*levels, (990.0, 0.0, 990.0)], range_dn=1000.0) is None
+    assert measure_linearity([*levels, (700.0, 0.0, 700.0)], range_dn=1000.0) is not None
+
+
+def test_a_few_pixels_tell_no_saturation() -> None:
+    levels = VarianceByLevel(TOP_DN)
+    # 20 pixels at each of two levels, the upper without variance as if clipped.
+    levels.add(np.repeat([1000.0, 3000.0], 20), np.repeat([200.0, 0.0], 20))
+    assert levels.saturation() == Saturation(level_dn=TOP_DN, err_dn=None)
+    levels.add(np.repeat([1000.0, 3000.0], 20), np.repeat([200.0, 0.0], 20))
+    assert levels.saturation().level_dn == pytest.approx(3000.0)
+
+
+def test_a_dark_current_within_its_error_is_none_but_its_bound_is_told() -> None:
+    # By hand: levels without a trend over the exposure, 0.01 DN to and fro.
+    wander = ((100.0, 0.01), (5000.0, -0.01), (10_000.0, -0.01), (14_900.0, 0.01))
+    darks = [replace(exact("dark", 0.0, t), mean_dn=BLACK_DN + dn) for t, dn in wander]
+    found = fit_photon_transfer([*darks, *EXACT[1:]], SATURATION)
+    assert found.dark.rate_dn_per_us == 0.0
+    assert found.dark.black_level_dn == pytest.approx(BLACK_DN, abs=1e-9)
+    assert found.dark.current_e_per_s is not None
+    assert found.dark.current_e_per_s_err is not None
+    # 0.01 sqrt(4 / 2) over sqrt(sum of squares about the mean exposure), in e/s.
+    expected = 0.01 * np.sqrt(2) / np.sqrt(2 * (7400.0**2 + 2500.0**2)) * 1e6 * GAIN_E_PER_DN
+    assert found.dark.current_e_per_s_err == pytest.approx(expected, rel=0.01)
+    assert abs(found.dark.current_e_per_s) < found.dark.current_e_per_s_err

@@ -79,3 +79,9 @@ def test_the_order_of_the_two_only_turns_the_sign(x: float, y: float, rho: float
         assert one.z == -two.z
         assert one.p_value_holm == two.p_value_holm
         assert one.p_value <= one.p_value_holm <= 1
+
+
+def test_a_change_of_the_correlation_is_told_as_a_difference() -> None:
+    # A share of a correlation near 0 would say nothing.
+    change = compare_psfs(psf(), psf(rho=-0.02))
+    assert change.verdict.startswith("the PSF has changed: rho by -0.1200 (p = ")
