@@ -2,14 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calibration import geometry_calibration
 from calibration.board import CharucoBoard
-from calibration.errors import GeometryError
-from calibration.files import geometry_document
+from calibration.errors import GeometryError, GeometryFileError
+from calibration.files import geometry_document, write_geometry
 from calibration.geometry import GeometryCalibration, GeometryOptions, Measured, length_of
 from calibration.geometry_calibration import calibrate_geometry
 from calibration.geometry_series import GeometryCapture, SeriesAdjustment
@@ -184,3 +185,11 @@ def test_a_drift_of_nothing_has_the_error_of_one_axis() -> None:
     # By hand: 0.5 / sqrt(2), the rms of both.
     assert nothing.value == 0.0
     assert nothing.err == pytest.approx(0.5 / np.sqrt(2))
+
+
+def test_a_geometry_json_that_cannot_be_written_is_named(
+    calibrated: Calibrate, tmp_path: Path
+) -> None:
+    found = calibrated(Survey().add("brick", poses_over(HEIGHTS_MM[:2])), NOMINAL)
+    with pytest.raises(GeometryFileError, match=r"cannot write .*geometry\.json: No such file"):
+        write_geometry(tmp_path / "nowhere" / "geometry.json", found)
