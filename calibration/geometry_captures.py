@@ -62,5 +62,8 @@ def nominal_focal_px(session: Session) -> float | None:
     focal_mm, pitch_um = optics.get("focal_length_mm"), optics.get("pixel_pitch_um")
     if not (isinstance(focal_mm, int | float) and isinstance(pitch_um, int | float)):
         return None
-    focal_px = float(np.float64(focal_mm) / (np.float64(pitch_um) * 1e-3))
-    return focal_px if focal_px > 0 and np.isfinite(focal_px) else None
+    if not (focal_mm > 0 and pitch_um > 0):
+        return None
+    with np.errstate(over="ignore", divide="ignore"):
+        focal_px = float(np.float64(focal_mm) / (np.float64(pitch_um) * 1e-3))
+    return focal_px if np.isfinite(focal_px) else None
