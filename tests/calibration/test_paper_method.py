@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.covariance_fit import median_width
-from calibration.paper_method import BIN_PX
+from calibration.edge_samples import EdgeSamples
+from calibration.paper_method import BIN_PX, lsf_fit
 from calibration.psf_calibration import EdgeImage, calibrate_psf, measure_edges
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_photographs import photographs
@@ -63,3 +64,26 @@ def test_the_error_of_a_median_by_hand() -> None:
     assert median_width(np.array([0.7]), np.array([0.02])).err == 0.02
     with pytest.raises(ValueError, match="at least one"):
         median_width(np.array([]), np.array([]))
+
+
+@pytest.mark.parametrize(
+    ("reach_px", "rise"),
+    [
+        pytest.param(0.7, 1.0, id="seven bins"),
+        pytest.param(8.0, 0.0, id="no edge at all"),
+        pytest.param(8.0, 1 / 16, id="a ramp over the whole band"),
+    ],
+)
+def test_pixels_that_tell_no_width_have_none(reach_px: float, rise: float) -> None:
+    [edge] = measure_edges(EdgeImage(name="e", image_dn=edge_image(0.8, 5.0)))
+    distance = np.linspace(-reach_px, reach_px, 2000)
+    samples = EdgeSamples(
+        distance_px=distance,
+        along_px=np.zeros_like(distance),
+        levels_dn=100 + 900 * (0.5 + rise * distance),
+        low_dn=100.0,
+        high_dn=1000.0,
+        normal_rad=0.1,
+        half_length_px=30.0,
+    )
+    assert lsf_fit(samples, edge.fit) is None
