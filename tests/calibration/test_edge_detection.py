@@ -65,10 +65,12 @@ def test_a_long_edge_is_cut_into_pieces_that_cover_it_once() -> None:
     assert sum(s.length_px for s in segments) == pytest.approx(400.0, abs=3.0)
 
 
-def test_nothing_is_found_in_noise_or_on_a_flat_field() -> None:
+def test_nothing_is_found_in_noise_on_a_flat_field_or_on_a_ramp() -> None:
     noise = np.random.default_rng(1).normal(1000.0, 30.0, (200, 300))
     assert find_edges(noise) == []
     assert find_edges(np.full((50, 60), 7.0)) == []
+    # A ramp is as steep everywhere: it has no ridge.
+    assert find_edges(np.tile(np.arange(60.0), (50, 1))) == []
 
 
 def test_an_edge_at_snr_6_is_found() -> None:

@@ -210,3 +210,12 @@ class TestFlags:
 def test_an_edge_with_no_contrast_in_its_window_gives_no_fit() -> None:
     segment = find_edges(edge_image(0.8, 5.0))[0]
     assert fit_edge(np.full((90, 110), 500.0), segment) is None
+
+
+@pytest.mark.parametrize("normal_deg", [0.0, 4.0, 30.0])
+def test_an_edge_as_sharp_as_the_pixel_alone_has_no_optical_width(normal_deg: float) -> None:
+    fit = only_fit(edge_image(0.02, normal_deg, has_pixel=True))
+    assert fit.optical_sigma_px is None
+    assert fit.optical_sigma_err_px is None
+    # The square alone has sqrt(1/12) = 0.29 along an axis; the best Gaussian is some of that.
+    assert 0.1 < fit.sigma_px < 0.35

@@ -5,7 +5,7 @@ import pytest
 
 from calibration.edge_detection import find_edges
 from calibration.edge_fit import fit_edge
-from calibration.edge_samples import edge_samples
+from calibration.edge_samples import EdgeSamples, edge_samples, roughness_px
 from calibration.psf_calibration import EdgeImage, EdgeMeasurement, measure_edges
 from tests.calibration.closed_form import edge_image, point_edge
 
@@ -76,3 +76,20 @@ def test_pixels_clipped_in_any_colour_reject_the_edge() -> None:
     near = EdgeImage(name="c", image_dn=image, saturation_dn=65_535.0, clipped=(x > 56) & (y > 0))
     [edge] = measure_edges(near)
     assert edge.flags[0] == "saturated"
+
+
+def test_fewer_than_four_pieces_tell_no_roughness() -> None:
+    # An edge of 10 px: two whole pieces of 4 px, and a rest.
+    along, distance = (axis.ravel() for axis in np.mgrid[-5.0:5.0:0.5, -4.0:4.0:0.25])
+    short = EdgeSamples(
+        distance_px=distance,
+        along_px=along,
+        levels_dn=100 + 900 * point_edge(distance, 0.8),
+        low_dn=100.0,
+        high_dn=1000.0,
+        normal_rad=0.1,
+        half_length_px=5.0,
+    )
+    assert roughness_px(short, 0.8) is None
+    longer = replace(short, along_px=2 * along, half_length_px=10.0)
+    assert roughness_px(longer, 0.8) == pytest.approx(0.0, abs=1e-3)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from functools import cache
 from math import sqrt
 
@@ -8,9 +9,15 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
 from calibration.errors import NoEdgeError
-from calibration.mosaic import PATTERNS, Pattern, optical_of_total, plane_places
+from calibration.mosaic import (
+    PATTERNS,
+    Pattern,
+    in_sensor_pixels,
+    optical_of_total,
+    plane_places,
+)
 from calibration.mosaic_calibration import calibrate_mosaic
-from calibration.psf_calibration import EdgeImage, Region
+from calibration.psf_calibration import EdgeImage, Region, measure_edges
 from tests.calibration.closed_form import edge_image, pixel_edge
 
 SIGMAS = {"red": 0.75, "green": 0.6, "blue": 0.9}
@@ -103,3 +110,13 @@ def test_a_colour_without_an_edge_is_named() -> None:
     flat = EdgeImage(name="flat.tif", image_dn=np.full((80, 80), 10.0))
     with pytest.raises(NoEdgeError, match=r"flat\.tif \(blue\): no straight edge found"):
         calibrate_mosaic([flat], "RGGB", "blue")
+
+
+def test_an_edge_as_sharp_as_a_sensor_pixel_alone_has_no_optical_width() -> None:
+    [edge] = measure_edges(EdgeImage(name="e", image_dn=edge_image(0.8, 5.0)))
+    # 0.24 sensor px in all, where the square alone has sqrt(1/12) = 0.29.
+    sharp = in_sensor_pixels(replace(edge.fit, sigma_px=0.12), 2)
+    assert sharp.sigma_px == pytest.approx(0.24)
+    assert sharp.optical_sigma_px is None
+    assert sharp.optical_sigma_err_px is None
+    assert in_sensor_pixels(replace(edge.fit, sigma_px=0.3), 2).optical_sigma_px is not None

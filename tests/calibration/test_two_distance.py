@@ -101,3 +101,19 @@ def test_pairs_are_weighted_by_their_errors_and_disagreement_counts(
     both, fewer = combined([pair, pair])
     np.testing.assert_allclose(both, elements(pair))
     np.testing.assert_allclose(fewer, pair.covariance_err_px2 / 2)
+
+
+def test_pairs_that_disagree_widen_the_error_by_how_much() -> None:
+    def pair(xx: float) -> PairPsf:
+        return PairPsf(
+            zoom=2.0,
+            covariance_px2=np.diag([xx, 0.4]),
+            covariance_err_px2=np.diag([1e-4, 1e-4, 1e-4]),
+        )
+
+    # By hand: 0.05 off the mean each, five errors: chi^2 of 50 over three degrees of freedom.
+    mean, errors = combined([pair(0.4), pair(0.5)])
+    np.testing.assert_allclose(mean, [0.45, 0.0, 0.4])
+    np.testing.assert_allclose(errors, np.eye(3) * 0.5e-4 * 50 / 3)
+    with pytest.raises(ValueError, match="no pair"):
+        combined([])
