@@ -50,3 +50,8 @@ def test_an_image_of_another_size_is_refused() -> None:
     matrix = random_banded(np.random.default_rng(5), 3, 6, 2)
     with pytest.raises(ValueError, match=r"takes images of \(6, 6\), got \(6, 7\)"):
         apply_separable(matrix, matrix, np.zeros((6, 7)))
+
+
+def test_a_matrix_of_one_weight_a_row_has_no_faint_ends() -> None:
+    shifted = BandedMatrix(np.array([0, 2, 3]), np.array([[2.0], [-1.0], [0.5]]), 5)
+    assert shifted.trimmed(0.4) is shifted

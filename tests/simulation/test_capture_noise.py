@@ -84,7 +84,12 @@ def test_impossible_noise_is_refused() -> None:
     operator = zoom_operator(SHAPE, SamplingGrid.centred(SHAPE, 2.0), None, "bicubic")
     with pytest.raises(ValueError, match="not negative"):
         propagated_variance(operator, np.full(SHAPE, -1.0))
-    for key, value in (("gain_e_per_dn", 0.0), ("read_noise_e", -1.0), ("frames_averaged", 0)):
+    for key, value in (
+        ("gain_e_per_dn", 0.0),
+        ("read_noise_e", -1.0),
+        ("frames_averaged", 0),
+        ("black_level_dn", np.nan),
+    ):
         good = {"gain_e_per_dn": 5.0, "read_noise_e": 1.0, "black_level_dn": 0.0}
         with pytest.raises(ValueError, match=key):
             CaptureNoise(**(good | {key: value}))  # type: ignore[arg-type]  # wrong on purpose

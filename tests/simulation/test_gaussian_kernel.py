@@ -96,3 +96,16 @@ def test_a_sampled_gaussian_has_no_spline_prefilter() -> None:
             spline_prefilter=True,
             form="sampled",
         )
+
+
+def test_a_correlated_sampled_gaussian_is_its_density_at_the_pixels() -> None:
+    # Pearson's bivariate normal, order (x, y), normalised to 1 over the pixels.
+    covariance = BlurCovariance(yy_px2=1.0, xx_px2=2.25, xy_px2=0.6)
+    kernel = kernel_of(covariance, form="sampled")
+    assert kernel.shape == (9, 13)  # four sigmas either way
+    inverse = np.linalg.inv([[2.25, 0.6], [0.6, 1.0]])
+    y, x = np.mgrid[-4:5, -6:7].astype(np.float64)
+    form = inverse[0, 0] * x**2 + 2 * inverse[0, 1] * x * y + inverse[1, 1] * y**2
+    density = np.exp(-0.5 * form)
+    # Terms are left out below 3e-5.
+    np.testing.assert_allclose(kernel, density / density.sum(), atol=4e-5)

@@ -150,3 +150,8 @@ def test_a_short_training_tells_a_soft_image_from_a_sharp_one() -> None:
         true_px2 = 3 * sigma_px**2
         assert abs(estimates[sigma_px] - true_px2) < abs(1.0 - true_px2)
     assert estimates[1.0] > 2 * estimates[0.4]
+
+
+def test_a_kernel_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"13 x 13 weights, got \(11, 11\)"):
+        EstimatedKernel(weights=np.full((11, 11), 1 / 121))

@@ -81,3 +81,9 @@ def test_colour_and_dtype_are_kept() -> None:
 def test_crops_that_cannot_be_are_refused(crop: int, zoom: float, match: str) -> None:
     with pytest.raises(ValueError, match=match):
         list(sr_pairs(np.ones((50, 50)), zoom, PSF, crop_px=crop, stride_px=10))
+
+
+@pytest.mark.parametrize(("crop", "stride"), [(0, 10), (10, 0), (-5, 10), (10, -1)])
+def test_crops_without_size_or_step_are_refused_with_both(crop: int, stride: int) -> None:
+    with pytest.raises(ValueError, match=f"must be positive, got {crop} and {stride}"):
+        crop_origins(100, crop, stride)
