@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
-from analysis.change_filter import ChangeResult, find_changes
+from analysis.change_filter import ChangeResult, find_changes, significance_threshold
 from analysis.change_plots import plot_changes
 from analysis.change_roc import roc_of
 from analysis.change_uncertainty import fit_variance
@@ -203,3 +203,17 @@ def test_a_lens_that_distorts_flags_nothing_either() -> None:
     assert result.is_change.sum() <= 4
     bent = find_changes(one.reference, one.followup, one.matrix, psf, noise)
     assert bent.is_change.sum() > 100
+
+
+def test_a_pose_whose_horizon_is_in_the_frame_is_refused() -> None:
+    one = pair(1, 0.0)
+    tilted = MATRIX.copy()
+    tilted[2, 0] = -0.01
+    with pytest.raises(AnalysisError, match="horizon"):
+        find_changes(one.reference, one.followup, tilted, PSF, NOISE)
+
+
+def test_a_rate_that_every_pixel_reaches_has_no_threshold() -> None:
+    assert significance_threshold(1.0) == 0.0
+    # Above the 1.96 of a spread that is known, as its own error widens the tails.
+    assert 1.96 < significance_threshold(0.05) < 2.1

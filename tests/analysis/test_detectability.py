@@ -247,7 +247,11 @@ def test_signals_lie_where_they_were_asked_for() -> None:
         (lambda: d_primes(changes(1.0), NO_ARTEFACT, 0.0), "noise_dn must be positive"),
         (lambda: Scenario(psf=PSF, window_px=20), "odd"),
         (lambda: Scenario(psf=PSF, reference_zoom=0.5), "at least 1"),
+        (lambda: Scenario(psf=PSF, positions=0), "positions must be at least 1, got 0"),
+        (lambda: local_changes(SPOT, PSF, "matched", 1.5, window_px=14), "odd .* got 14"),
         (lambda: GaussianSignal(sigma_px=0.0), "positive"),
+        (lambda: PatchSignal(levels_dn=np.eye(2)), "at least 3 x 3 finite pixels"),
+        (lambda: PatchSignal(levels_dn=np.diag([1.0, np.nan, 1.0])), "at least 3 x 3 finite"),
         (lambda: scene_artefact(np.ones((40, 40)), SCENARIO, "matched", 2.0), "small"),
         (
             lambda: local_changes(GaussianSignal(sigma_px=9.0), PSF, "matched", 1.5, window_px=N),

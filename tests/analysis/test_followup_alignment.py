@@ -68,3 +68,11 @@ def test_images_that_do_not_overlap_have_no_window() -> None:
     pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=(90, 120), followup_shape=(90, 120))
     with pytest.raises(AnalysisError, match="do not overlap"):
         shared_window(pose)
+
+
+def test_images_that_share_a_strip_alone_have_no_window() -> None:
+    # By hand: 1.5 u + 104 <= 119 - 0.25 lets ten columns in.
+    matrix = np.array([[1.5, 0, 104.0], [0, 1.5, 0], [0, 0, 1]])
+    pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=(90, 120), followup_shape=(90, 120))
+    with pytest.raises(AnalysisError, match="overlap too little"):
+        shared_window(pose)

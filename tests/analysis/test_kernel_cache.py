@@ -76,3 +76,11 @@ def test_the_folder_follows_the_environment(
     assert default_cache_folder() == tmp_path / "xdg/standoff/kernels"
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "own"))
     assert default_cache_folder() == tmp_path / "own"
+
+
+def test_a_stored_kernel_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    cache = KernelCache(tmp_path)
+    path = cache.path(IMAGE, SETTINGS)
+    path.mkdir()
+    with pytest.raises(ResultsFileError, match=f"cannot read .*{path.name}: Is a directory"):
+        cache.load(IMAGE, SETTINGS)

@@ -55,6 +55,8 @@ def test_the_horizon_in_the_frame_is_refused() -> None:
     matrix = CAMERA.followup_to_reference(1.0, 72.0)
     with pytest.raises(ValueError, match="horizon"):
         local_sampling(matrix, (640, 480), (640, 480))
+    with pytest.raises(AnalysisError, match="horizon"):
+        judge_pose(matrix, (640, 480), (640, 480), curve(), 3.0)
 
 
 # d' = 4 / (2 z - 1) is 3 at zoom 7/6.

@@ -53,3 +53,14 @@ def test_what_cannot_be_compared_says_so() -> None:
     bare = StoredPsf.model_validate({"sigma_x_px": 0.8, "camera": {"serial": "A7"}})
     [_, second] = ordered_history([("a", bare), ("b", bare)])["A7"]
     assert second.verdict.startswith("not comparable: the two share no parameter")
+
+
+def test_a_width_that_no_calibration_has_is_not_drawn() -> None:
+    lone = [
+        (name, one.model_copy(update={"sigma_y_px": None, "sigma_y_err_px": None}))
+        for name, one in (HISTORY[0], HISTORY[2])
+    ]
+    figure = plot_history(ordered_history(lone)["A7"])
+    assert figure is not None
+    [axes] = figure.axes
+    assert len(axes.containers) == 1
