@@ -1,6 +1,7 @@
 """What a Grbl controller's settings mean for the stage, and whether they are as expected."""
 
 from dataclasses import dataclass
+from math import isfinite
 
 from acquisition.bench import StageConfig
 from acquisition.errors import DeviceError, DeviceProtocolError
@@ -109,6 +110,7 @@ def _number(settings: dict[int, str], number: int, name: str) -> float:
 
 def _as_number(text: str) -> float | None:
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         return None
+    return value if isfinite(value) else None
