@@ -177,3 +177,14 @@ def test_each_orientation_is_one_sweep_from_one_side(
         # Told apart by height and repeat, the drift check too.
         assert len({(entry.height_mm, entry.repeat) for entry in series}) == len(series)
     assert len({entry.stem for entry in entries}) == len(entries)
+
+
+def test_a_kind_that_is_none_is_refused_with_those_that_are() -> None:
+    with pytest.raises(ValueError, match=r"kind must be one of \('edge', .*'dark'\), got 'video'"):
+        PlanEntry(
+            index=0,
+            kind="video",  # type: ignore[arg-type]  # wrong on purpose
+            target="t",
+            orientation_deg=0.0,
+            height_mm=1.0,
+        )

@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from acquisition.bench import StageConfig
-from acquisition.errors import DeviceError, StageAlarmError, StageLimitError, StageNotHomedError
+from acquisition.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    StageAlarmError,
+    StageLimitError,
+    StageNotHomedError,
+)
 from acquisition.manual_stage import ManualStage
 from acquisition.stage_travel import (
     approach_heights_mm,
@@ -175,4 +181,13 @@ class TestManualStage:
         assert stage.state == "alarm"
         with pytest.raises(StageAlarmError):
             stage.home(1)
+        assert len(operator.questions) == 1
+
+    def test_once_closed_it_asks_nobody_and_tells_no_height(self) -> None:
+        stage, operator = by_hand("150")
+        stage.home(1)
+        stage.close()
+        for use in (stage.position_mm, lambda: stage.move_to(120.0, 1), lambda: stage.home(1)):
+            with pytest.raises(DeviceDisconnectedError, match="the manual stage is closed"):
+                use()
         assert len(operator.questions) == 1
