@@ -70,3 +70,17 @@ def test_too_few_positions_are_refused() -> None:
 def test_values_that_are_no_numbers_are_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         fit_focus_peak(HEIGHTS_MM, np.full(HEIGHTS_MM.size, np.nan))
+
+
+def test_a_valley_is_no_peak() -> None:
+    with pytest.raises(NoFocusPeakError):
+        fit_focus_peak(HEIGHTS_MM, 0.02 - lens(300.0))
+
+
+@pytest.mark.parametrize(("slope", "side"), [(1e-5, "higher"), (-1e-5, "lower")])
+def test_values_that_rise_or_fall_all_the_way_say_where_to_go(slope: float, side: str) -> None:
+    rng = np.random.default_rng(2)
+    values = 0.01 + slope * (HEIGHTS_MM - 300.0) + rng.normal(0, 1e-6, HEIGHTS_MM.size)
+    with pytest.raises(NoFocusPeakError, match=f"sweep {side}") as error:
+        fit_focus_peak(HEIGHTS_MM, values)
+    assert error.value.side == side
