@@ -1,12 +1,9 @@
 """Moves of a Grbl axis against a controller that answers by script, in a time of its own."""
 
-from collections.abc import Callable, Iterable
-from itertools import chain, repeat
-from typing import Any, cast
+from collections.abc import Callable
 
 import pytest
 
-from acquisition.bench import StageConfig
 from acquisition.errors import (
     DeviceDisconnectedError,
     DeviceError,
@@ -15,88 +12,9 @@ from acquisition.errors import (
     StageAlarmError,
     StageLimitError,
 )
-from acquisition.grbl_controller import GrblController
-from acquisition.grbl_motion import OFFSET_REPORTS, GrblMotion
-from acquisition.grbl_wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
-
-CONFIG = StageConfig.model_validate(
-    {
-        "driver": "grbl",
-        "port": "virtual",
-        "limits_mm": [0.0, 300.0],
-        "settle_s": 0.5,
-        "tolerance_mm": 0.01,
-        "home_offset_mm": 20.0,
-    }
-)
-"""Height 20 mm where the controller reads 0."""
-
-
-def at(z_mm: float, state: str = "Idle") -> StatusReport:
-    return StatusReport(state=state, machine=(1.0, 2.0, z_mm))
-
-
-class Answer:
-    def __init__(self, code: int | None = None) -> None:
-        self.error = None if code is None else ErrorReply(code)
-
-
-class ScriptedController:
-    """Gives its reports in turn, the last one for ever; takes jogs, or fails as planned."""
-
-    name = "grbl on virtual"
-
-    def __init__(
-        self, reports: Iterable[StatusReport], jogs: Iterable[Answer | Exception] = ()
-    ) -> None:
-        known = list(reports)
-        self._reports = chain(known, repeat(known[-1]))
-        self._jogs = chain(jogs, repeat(Answer()))
-        self.offset: tuple[float, ...] | None = None
-        self.alarm: Alarm | None = None
-        self.is_position_known = True
-        self.lost_steps = 0
-        self.sent: list[Any] = []
-        self.reset_error: Exception | None = None
-
-    def status(self) -> StatusReport:
-        return next(self._reports)
-
-    def command(self, line: Any) -> Answer:
-        self.sent.append(line)
-        answer = next(self._jogs)
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    def send_realtime(self, byte: Any) -> None:
-        self.sent.append(byte)
-
-    def lose_step(self) -> None:
-        self.lost_steps += 1
-
-    def reset(self) -> None:
-        self.sent.append("reset")
-        if self.reset_error is not None:
-            raise self.reset_error
-
-
-class Time:
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def clock(self) -> float:
-        return self.now_s
-
-    def sleep(self, duration_s: float) -> None:
-        self.now_s += duration_s
-
-
-def motion_of(controller: ScriptedController) -> GrblMotion:
-    time = Time()
-    return GrblMotion(
-        CONFIG, cast("GrblController", controller), clock=time.clock, sleep=time.sleep
-    )
+from acquisition.grbl_motion import OFFSET_REPORTS
+from acquisition.grbl_wire import JOG_CANCEL, Alarm, StatusReport
+from tests.acquisition.scripted_grbl import Answer, ScriptedController, at, motion_of
 
 
 def test_a_lost_ok_is_made_good_where_the_stage_arrived_all_the_same() -> None:
