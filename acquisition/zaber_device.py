@@ -1,6 +1,7 @@
 """The dialogue with one axis of a Zaber device: commands, replies with their ids, flags."""
 
 from collections.abc import Callable, Mapping
+from math import isfinite
 from threading import RLock
 
 from acquisition.errors import DeviceError, DeviceProtocolError, DeviceTimeoutError
@@ -130,9 +131,12 @@ class ZaberDevice:
         """
         data = self.ask(f"get {setting}", axis=axis).data
         try:
-            return float(data.split()[0])
+            value = float(data.split()[0])
         except (ValueError, IndexError) as error:
             raise DeviceProtocolError(f"{self.name}: {setting} is {data!r}, no number") from error
+        if not isfinite(value):
+            raise DeviceProtocolError(f"{self.name}: {setting} is {data!r}, no number")
+        return value
 
     def check_settings(self, expected: Mapping[str, float]) -> None:
         """Compare settings of the device with those of the bench file.
