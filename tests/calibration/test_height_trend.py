@@ -1,7 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibration.height_trend import HeightTrend, fit_height_trend
+from calibration.psf_calibration import calibrate_psf
+from calibration.psf_document import psf_document
+from tests.calibration.edge_photographs import photographs
 
 HEIGHTS_MM = np.repeat([100.0, 200.0, 300.0, 400.0], 8)
 ERR = 0.005
@@ -58,3 +63,19 @@ def test_one_height_or_one_edge_at_each_tells_nothing() -> None:
     each = np.array([100.0, 200.0, 300.0])
     assert fit_height_trend(each, np.ones(3), np.full(3, 0.01)) is None
     assert fit_height_trend(np.array([]), np.array([]), np.array([])) is None
+
+
+def test_heights_of_diagonal_edges_alone_have_a_relative_width_and_none_along_an_axis() -> None:
+    sources = [
+        replace(source, height_mm=height_mm)
+        for seed, height_mm in enumerate((100.0, 150.0, 200.0))
+        for source in photographs((45.0, 50.0, 130.0, 135.0), seed=seed)
+    ]
+    trend = psf_document(calibrate_psf(sources))["height_trend"]
+    assert [row["height_mm"] for row in trend["heights"]] == [100.0, 150.0, 200.0]
+    for row in trend["heights"]:
+        assert row["edges"] == 4
+        # One lens at all heights.
+        assert row["relative_width"] == pytest.approx(1.0, abs=4 * row["relative_width_err"])
+        assert row["sigma_x_px"] is row["sigma_x_err_px"] is None
+        assert row["sigma_y_px"] is row["sigma_y_err_px"] is None
