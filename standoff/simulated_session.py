@@ -24,12 +24,13 @@ def capture_simulated(
     DeviceError, SessionError
         If a capture fails; the session resumes.
     """
+    if config.camera.driver != "simulated":  # before a real one is opened and set
+        raise ApplicationError(f"{what} runs on the simulated bench only")
     with (
         open_bench(config) as devices,
         progress_bar("capturing", len(plan_entries(plan))) as bar,
     ):
-        if devices.simulated is None:
-            raise ApplicationError(f"{what} runs on the simulated bench only")
+        assert devices.simulated is not None
 
         def show(done: CaptureProgress) -> None:
             bar.advance_to(done.captured)

@@ -13,9 +13,16 @@ from hil_mocks import SimulatedBench
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command
 
-pytestmark = pytest.mark.slow
+
+def test_the_demo_opens_no_real_device(command: Command, tmp_path: Path) -> None:
+    words = ("camera.driver=aravis", "camera.address=127.0.0.1", "stage.driver=manual")
+    settings = [part for word in words for part in ("--set", word)]
+    done = command("demo", "--out", tmp_path / "demo", *settings)
+    assert done.status == 1
+    assert done.err == "standoff: the demo runs on the simulated bench only\n"
 
 
+@pytest.mark.slow
 def test_the_demo_measures_the_bench_and_predicts_its_captures(
     command: Command, tmp_path: Path
 ) -> None:
@@ -47,6 +54,7 @@ def test_the_demo_refuses_a_directory_it_cannot_write(command: Command, tmp_path
     assert "cannot make the folder" in done.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half", [0, 1])
 def test_the_95_percent_intervals_contain_the_truth(half: int) -> None:
     # Ten seeds each of the demo's edges at one height, on a quarter of its sensor; a correct
