@@ -1,4 +1,5 @@
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -8,10 +9,13 @@ import pytest
 import tifffile
 from PIL import Image
 
+import standoff.cli
 import standoff.commands
 import standoff.commands.simulate
 from standoff import __version__
 from standoff.application import COMMANDS
+from standoff.errors import ApplicationError
+from standoff.shipped_configs import shipped_config
 from tests.calibration.closed_form import edge_image
 from tests.standoff.conftest import Command
 
@@ -238,3 +242,49 @@ def test_a_command_imports_no_other() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""
+
+
+def test_a_folder_in_the_place_of_a_result_is_named_before_any_work(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "psf.json").mkdir()
+    done = command("calibrate", edge_file, "--out", tmp_path / "psf.json")
+    assert done.status == 1
+    assert f"cannot write {tmp_path / 'psf.json'}: it is a folder" in done.err
+    assert_one_line(done.err)
+
+
+def test_a_report_that_the_disk_does_not_take_is_named(
+    command: Command, session_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("standoff.reports.atomic_write", full)
+    done = command("report", session_dir)
+    assert done.status == 1
+    assert "report.html: No space left on device" in done.err
+
+
+def test_sigterm_ends_a_command_as_ctrl_c_does_with_a_status_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def told_to_end(_: Path) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(standoff.commands.simulate, "read_image", told_to_end)
+    words = ["simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", "o.tif"]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["standoff", *words])
+    with pytest.raises(SystemExit) as ended:
+        standoff.cli.main()
+    assert ended.value.code == 143
+    assert_one_line(capsys.readouterr().err)
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_the_installation_lacks_is_named() -> None:
+    with pytest.raises(ApplicationError, match=r"other\.toml is not in this installation"):
+        shipped_config("other.toml")

@@ -102,3 +102,16 @@ def test_a_folder_without_calibrations_is_named(command: Command, tmp_path: Path
     done = command("compare", "--history", tmp_path)
     assert done.status == 1
     assert f"no psf.json in {tmp_path}" in done.err
+
+
+def test_a_history_of_files_is_a_table_alone(command: Command, tmp_path: Path) -> None:
+    a, b = psf_file(tmp_path / "a.json", 0.80), psf_file(tmp_path / "b.json", 0.84)
+    done = command("compare", "--history", a, b)
+    assert done.status == 0, done.err
+    assert "0.8000" in done.out
+    assert "0.8400" in done.out
+    assert "wrote" not in done.out
+    (tmp_path / "broken.json").write_text("{")
+    refused = command("compare", "--history", a, tmp_path / "broken.json")
+    assert refused.status == 1  # a file that was named is not left out
+    assert "broken.json" in refused.err

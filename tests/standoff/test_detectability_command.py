@@ -171,6 +171,19 @@ def test_an_ambiguous_curve_is_wrong_usage(
     assert message in done.err
 
 
+def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
+    command: Command, curves_file: Path, tmp_path: Path
+) -> None:
+    asked = ("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS)
+    done = command(*asked, "--tilt-direction", 90)
+    assert done.status == 0, done.err
+    assert "tilt towards 90 degrees at the same distance" in done.out
+    assert "contrasts from" not in done.out  # no pose was asked about
+    twice = command(*asked, "--geometry", tmp_path / "geometry.json")
+    assert twice.status == 2
+    assert "give --geometry or --focal-length-px with --image-size" in twice.err
+
+
 @pytest.mark.parametrize(
     ("focal_length_px", "size", "message"),
     [

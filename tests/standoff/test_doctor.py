@@ -244,3 +244,32 @@ def test_nothing_but_the_command_that_says_so_searches(
 
     monkeypatch.setattr(standoff.commands.doctor, "list_cameras", never)
     assert command("doctor").status == 0
+
+
+def test_a_bench_without_real_devices_has_a_computer_and_a_disk_to_check(tmp_path: Path) -> None:
+    checks = examine(bench_of(), tmp_path)
+    assert [check.name for check in checks] == [
+        "libraries",
+        "receive buffer",
+        "camera",
+        "stage",
+        "disk",
+    ]
+    assert (status_of(checks, "camera"), status_of(checks, "stage")) == ("ok", "ok")
+    assert next(c.found for c in checks if c.name == "camera") == "driver 'simulated': no device"
+
+
+def test_a_port_in_the_network_is_tried_when_it_is_used() -> None:
+    stage = bench_of().stage.model_copy(update={"port": "socket://127.0.0.1:7777"})
+    check = check_stage_port(stage)
+    assert (check.status, check.found) == ("ok", "socket://127.0.0.1:7777: tried when it is used")
+
+
+def test_missing_libraries_are_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(_: str) -> CameraProbe:
+        raise DriverMissingError("install gir1.2-aravis-0.8")
+
+    monkeypatch.setattr(standoff.doctor, "probe_camera", missing)
+    checks = examine(bench_with("127.0.0.1"), tmp_path)
+    assert status_of(checks, "network") == "ok"
+    assert "camera" not in [check.name for check in checks]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from standoff.errors import ImageFileError
-from standoff.image_files import read_image, write_float_tiff
+from standoff.image_files import read_grey, read_image, write_float_tiff, write_mask
 
 RNG = np.random.default_rng(0)
 
@@ -132,3 +132,25 @@ def test_a_failed_write_leaves_the_old_file(
         write_float_tiff(path, np.ones((4, 5), np.float32), "second")
     assert path.read_bytes() == before
     assert sorted(tmp_path.iterdir()) == [path]
+
+
+def test_an_opacity_plane_is_no_light_and_odd_types_are_read_as_numbers(tmp_path: Path) -> None:
+    grey = RNG.integers(0, 200, (12, 10)).astype(np.uint8)
+    Image.fromarray(np.dstack([grey, np.full_like(grey, 7)]), "LA").save(tmp_path / "la.png")
+    np.testing.assert_array_equal(read_grey(tmp_path / "la.png"), grey)
+    colour = np.dstack([grey] * 3 + [np.full_like(grey, 7)])
+    Image.fromarray(colour, "RGBA").save(tmp_path / "rgba.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "rgba.png").colour_planes, colour[..., :3])
+    wide = grey.astype(np.uint32) * 1000
+    tifffile.imwrite(tmp_path / "wide.tif", wide)
+    assert read_image(tmp_path / "wide.tif").colour_planes.dtype == np.float64
+    np.testing.assert_array_equal(read_grey(tmp_path / "wide.tif"), wide)
+    one_plane = read_image(tmp_path / "la.png")
+    tifffile.imwrite(tmp_path / "one.tif", grey[:, :, None], photometric="minisblack")
+    np.testing.assert_array_equal(read_grey(tmp_path / "one.tif"), grey)
+    assert not one_plane.is_colour
+
+
+def test_a_mask_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ImageFileError, match=r"cannot write .*nowhere/m\.png: No such file"):
+        write_mask(tmp_path / "nowhere" / "m.png", np.ones((4, 5), np.bool_))

@@ -81,3 +81,17 @@ def test_another_import_does_not_go_into_the_same_session(
     done = command(*words, 200)
     assert done.status == 1
     assert "made otherwise" in done.err
+
+
+def test_a_float_photograph_tells_no_level_at_which_it_clips(
+    command: Command, tmp_path: Path
+) -> None:
+    levels = np.linspace(0.0, 0.75, 600, dtype=np.float32).reshape(20, 30)
+    tifffile.imwrite(tmp_path / "float.tif", levels)
+    words = ("import", tmp_path / "float.tif", "--kind", "texture", "--out", tmp_path / "s")
+    done = command(*words)
+    assert done.status == 0, done.err
+    assert done.out == f"{tmp_path / 's'}: 1 of 1 photographs imported\n"
+    [record] = Session.open(tmp_path / "s").records
+    assert record.saturated_pixels == 0
+    assert record.max_level_dn > 0.75

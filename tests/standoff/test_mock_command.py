@@ -13,6 +13,7 @@ import pytest
 from hil_mocks.gige import FrameRequest, GigeFaults
 from hil_mocks.gige.gvcp import GvcpStatus
 from hil_mocks.practice_bench import HandStage
+from hil_mocks.serial_stage import SerialStage
 from standoff.practice import PracticeCommandError, PracticeConsole, faults_from_words
 from tests.hil_mocks.gige_bench import free_addresses, gige_bench
 from tests.hil_mocks.gige_client import RawClient
@@ -154,6 +155,7 @@ def test_a_line_places_a_target_and_moves_the_stand() -> None:
         ("fault is_dead=maybe", "true or false"),
         ("fault missing_rows=1.5", "whole number"),
         ("fault missing_rows=inf", "whole number"),
+        ("fault missing_rows=many", "not a number: many"),
     ],
 )
 def test_a_line_that_is_not_understood_changes_nothing(line: str, fault: str) -> None:
@@ -178,3 +180,23 @@ def test_faults_are_set_by_their_names_and_kept_until_taken_away() -> None:
         bench.camera.faults = faults
         assert PracticeConsole(bench, HandStage((1.0, 2.0))).execute("fault none").endswith("none")
         assert bench.camera.faults == GigeFaults()
+
+
+def test_whole_numbered_faults_and_a_lost_controller_are_set_by_lines() -> None:
+    with gige_bench() as bench, RawClient(bench.camera.address) as client:
+        console = PracticeConsole(bench, HandStage((120.0, 620.0)))
+        assert "missing_rows=3" in console.execute("fault missing_rows=3")
+        assert bench.camera.faults == GigeFaults(missing_rows=3)
+        client.start()
+        assert bench.camera.controller is not None
+        assert console.execute("drop-control") == "nobody holds control of the camera"
+        assert bench.camera.controller is None
+        assert client.set("Gain", 2) == GvcpStatus.ACCESS_DENIED
+        assert console.execute("status").startswith("target edge at 0 degrees")
+
+
+def test_a_stage_on_a_port_is_not_moved_by_hand() -> None:
+    with SerialStage("grbl") as stage, gige_bench() as bench:
+        console = PracticeConsole(bench, stage)
+        with pytest.raises(PracticeCommandError, match="moved over its serial port"):
+            console.execute("height 200")

@@ -4,7 +4,10 @@ from pathlib import Path
 import pytest
 
 import standoff.commands.capture
+from acquisition.bench import load_bench
 from acquisition.plan import PlanEntry
+from acquisition.session import JOURNAL_NAME
+from standoff.plan_preview import frame_shape_of, time_text
 from tests.standoff.conftest import SMALL_PLAN, Command
 
 
@@ -275,3 +278,56 @@ def test_a_real_bench_is_warned_of_the_flicker_of_its_lamps(
     assert command(*words, "--set", "camera.exposure_us=20000").err == ""
     assert "16667 us" in command(*words, "--set", "camera.exposure_us=17500", "--set",
                                  "capture.mains_hz=60").err  # fmt: skip
+
+
+def test_a_journal_cut_short_is_remarked_wherever_the_session_is_read(
+    command: Command, session_dir: Path
+) -> None:
+    journal = session_dir / JOURNAL_NAME
+    with journal.open("ab") as file:
+        file.write(b'{"kind": "note", "te')
+    for words in (("session", "show", session_dir), ("verify", session_dir)):
+        done = command(*words)
+        assert done.status == 0, done.err
+        assert "note: the last line of the journal was cut short and is ignored" in done.err
+
+
+def test_a_session_taken_again_shows_both_captures_in_its_table(
+    command: Command, session_dir: Path, bench_file: Path, plan_file: Path
+) -> None:
+    words = capture_words(bench_file, plan_file, session_dir, "--yes", "--retake", 2)
+    assert command(*words).status == 0
+    shown = command("session", "show", session_dir).out
+    assert shown.count("superseded") == 1
+    assert "6 of 6 captured" in shown
+
+
+def test_what_the_bench_warns_of_is_said_before_the_first_capture(
+    command: Command, bench_file: Path, tmp_path: Path
+) -> None:
+    plan = tmp_path / "drift.toml"
+    one = SMALL_PLAN.replace("[5.0, 50.0, 95.0]", "[5.0]").replace("[180.0, 300.0]", "[180.0]")
+    plan.write_text(one.replace("frames_per", "drift_check = true\nrepeats = 2\nframes_per"))
+    done = command(*capture_words(bench_file, plan, tmp_path / "s", "--yes"))
+    assert done.status == 0, done.err
+    [remark] = [line for line in done.err.splitlines() if "drift: " in line]
+    assert remark.startswith("note: capture ")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(6.2, "7 s"), (59.5, "1 min 00 s"), (200.0, "3 min 20 s"), (3900.0, "1 h 05 min")],
+)
+def test_a_duration_is_told_in_the_units_of_its_size(seconds: float, text: str) -> None:
+    assert time_text(seconds) == text
+
+
+def test_the_frame_is_the_bench_files_region_where_it_names_one(bench_file: Path) -> None:
+    assert frame_shape_of(load_bench(bench_file)) == (128, 160)
+    region = {
+        "camera.driver": "aravis",
+        "camera.address": "127.0.0.1",
+        "stage.driver": "manual",
+        "camera.region_px": [8, 16, 320, 240],
+    }
+    assert frame_shape_of(load_bench(bench_file, region)) == (240, 320)

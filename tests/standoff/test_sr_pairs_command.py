@@ -195,3 +195,30 @@ def test_a_file_that_is_missing_is_made_again(
     assert sorted((out / "manifest.jsonl").read_text().splitlines()) == sorted(
         manifest.splitlines()
     )
+
+
+def test_colours_keep_their_order_and_people_read_a_line(
+    command: Command, psf: Path, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(8)
+    pixels = rng.integers(0, 255, (96, 96, 3)).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "colour.png"), pixels[:, :, ::-1])  # OpenCV writes blue first
+    out = tmp_path / "pairs"
+    words = ("sr-pairs", tmp_path / "colour.png", "--psf", psf, "--zoom", 2, "--crop", 48)
+    done = command(*words, "--out", out, "--test-fraction", 0)
+    assert done.status == 0, done.err
+    assert done.out == (
+        f"{out}: 4 pairs for training, 0 for testing, from 1 images (0 were done already)\n"
+    )
+    first = next(path for path in sorted((out / "train" / "high").iterdir()))
+    np.testing.assert_array_equal(read_image(first).pixels, pixels[:48, :48])
+
+
+def test_a_file_in_the_way_of_the_pairs_is_named(
+    command: Command, folder: Path, psf: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "pairs").write_text("in the way")
+    done = make(command, folder, psf=psf, out=tmp_path / "pairs", more=())
+    assert done.status == 1
+    assert f"{tmp_path / 'pairs'}" in done.err
+    assert done.err.count("\n") == 1
