@@ -161,3 +161,18 @@ def test_one_image_of_a_scene_is_told_to_be_a_guess(command: Command, tmp_path: 
     assert "edges are clear enough" in done.out
     assert "the scene's own edges are soft by" in done.out
     assert "--method two-distance does better" in done.err
+
+
+@pytest.mark.slow
+def test_the_report_of_a_corrected_session_shows_what_was_measured(
+    command: Command, session_dir: Path, tmp_path: Path
+) -> None:
+    page, out = tmp_path / "r.html", tmp_path / "psf.json"
+    # A response of 1 and a dark level that is the black level: nothing is taken off.
+    maps = maps_beside(tmp_path / "noise.json", np.ones((128, 160)))
+    words = ("calibrate", "--session", session_dir, "--out", out, "--json")
+    plain = json.loads(command(*words).out)
+    done = command(*words, "--correct", maps, "--report", page)
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["sigma_x_px"] == pytest.approx(plain["sigma_x_px"], rel=1e-9)
+    assert "<h2>From centre to corner</h2>" in page.read_text()

@@ -40,6 +40,11 @@ def test_changes_are_registered_found_and_written(
     assert document["zoom"] == pytest.approx(1.5, abs=0.005)
     # The scene was photographed through no lens at all.
     assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
+    told = command(*asked, "--noise", noise, "--out", tmp_path / "again")
+    assert told.out.startswith(
+        f"{document['changed_px']} of {document['compared_px']} pixels changed, beyond "
+    )
+    assert told.out.endswith(f"wrote {tmp_path / 'again'}\n")
     mask = np.asarray(Image.open(out / "changes.png")) > 0
     assert mask.sum() == document["changed_px"]
     core = one.truth > 0.5 * one.truth.max()

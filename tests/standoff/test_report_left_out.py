@@ -31,3 +31,21 @@ def test_the_report_leaves_out_what_it_cannot_compare_and_says_why(
     text = (results / "report.html").read_text()
     assert "<h2>Left out</h2>" in text
     assert reason in text
+
+
+@pytest.mark.slow
+def test_one_pair_that_cannot_be_aligned_is_noted_and_the_others_are_reported(
+    command: Command, tmp_path: Path
+) -> None:
+    session = chart_session(tmp_path / "s", 3, 3, 77)
+    results = session.path / "results"
+    results.mkdir()
+    content = {"schema": PSF_SCHEMA, "sigma_x_px": 0.7, "sigma_y_px": 0.7}
+    (results / "psf.json").write_text(json.dumps(content))
+    done = command("report", session.path)
+    assert done.status == 0, done.err
+    [line] = [line for line in done.err.splitlines() if "leaves out a pair" in line]
+    assert session.records[2].file in line
+    compared = json.loads((results / "comparison.json").read_text())
+    assert len(compared["pairs"]) == 1
+    assert session.records[2].file in compared["left_out"][0]

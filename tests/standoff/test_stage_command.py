@@ -15,6 +15,7 @@ from acquisition.serial_port import open_serial_port
 from hil_mocks.grbl_firmware import GrblFaults, GrblFirmware
 from hil_mocks.serial_line import LineFaults
 from hil_mocks.serial_stage import SerialStage, StageProtocol
+from hil_mocks.stage import SimulatedStage, StageFaults
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command, Outcome
 
@@ -187,6 +188,19 @@ def test_the_simulated_stage_obeys_too(command: Command) -> None:
     bench = shipped_config("simulated.toml")
     done = command("stage", "--bench", bench, "move", "200.25", "--home", "--json")
     assert json.loads(done.out)["position_mm"] == pytest.approx(200.248)
+
+
+def test_a_stop_that_fails_on_ctrl_c_is_told(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(stage: SimulatedStage, _: float) -> None:
+        stage.faults = StageFaults(unplugged=True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SimulatedStage, "home", interrupted)
+    done = command("stage", "home", "--bench", shipped_config("simulated.toml"))
+    assert done.status == 130
+    assert "note: stopping the stage failed: the simulated stage does not answer" in done.err
 
 
 def test_the_manual_stage_asks_the_operator(
