@@ -13,6 +13,7 @@ from PIL import Image
 from calibration.correction_maps import CorrectionMaps
 from calibration.map_files import write_map_files
 from tests.calibration.closed_form import edge_image
+from tests.calibration.edge_field import frame_of_edges
 from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN, Command
 
 DARK_DN = 100.0
@@ -176,3 +177,17 @@ def test_the_report_of_a_corrected_session_shows_what_was_measured(
     assert done.status == 0, done.err
     assert json.loads(done.out)["sigma_x_px"] == pytest.approx(plain["sigma_x_px"], rel=1e-9)
     assert "<h2>From centre to corner</h2>" in page.read_text()
+
+
+@pytest.mark.slow
+def test_a_psf_that_changes_over_the_frame_is_told_and_stored_as_a_field(
+    command: Command, tmp_path: Path
+) -> None:
+    paths = []
+    for edge in frame_of_edges():
+        paths.append(tmp_path / edge.name)
+        tifffile.imwrite(paths[-1], edge.image_dn.astype(np.float32))
+    done = command("calibrate", *paths, "--out", tmp_path / "psf.json")
+    assert done.status == 0, done.err
+    assert "the PSF changes over the frame: psf.json holds its field" in done.out
+    assert json.loads((tmp_path / "psf.json").read_text())["field"] is not None

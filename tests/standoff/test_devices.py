@@ -6,11 +6,14 @@ import pytest
 from acquisition.bench import BenchConfig, load_bench
 from acquisition.devices import Camera
 from acquisition.errors import BenchConfigError
+from acquisition.session import Session
 from standoff.devices import open_bench, open_camera, open_stage
 from standoff.shipped_configs import shipped_config
 from tests.acquisition.aravis_bench import camera_config, needs_aravis
 from tests.acquisition.session_fixtures import bench_of
 from tests.hil_mocks.gige_bench import gige_bench
+from tests.standoff.conftest import SMALL_PLAN, Command
+from tests.standoff.test_focus_command import REAL_CAMERA
 
 
 @needs_aravis
@@ -61,3 +64,29 @@ def test_a_driver_that_opens_no_real_device_is_refused_with_those_that_do() -> N
         open_camera(config.camera)
     with pytest.raises(BenchConfigError, match="opens no stage; use 'grbl', 'zaber' or 'manual'"):
         open_stage(config.stage)
+
+
+@needs_aravis
+@pytest.mark.slow
+def test_a_capture_on_a_real_bench_tells_its_warnings_and_asks_for_target_and_height(
+    command: Command, tmp_path: Path
+) -> None:
+    bench, plan, answers = tmp_path / "b.toml", tmp_path / "p.toml", tmp_path / "answers.txt"
+    plan.write_text(
+        SMALL_PLAN.replace("[5.0, 50.0, 95.0]", "[5.0]").replace("[180.0, 300.0]", "[200.0]")
+    )
+    # The target lies there; the stand's scale is read, then at 200 mm, once wrongly set.
+    answers.write_text("\n150\n200.3\n200.004\n")
+    with gige_bench() as practice:
+        practice.place("edge", 5.0)
+        bench.write_text(REAL_CAMERA.format(address=practice.camera.address))
+        words = ("capture", "--bench", bench, "--plan", plan, "--out", tmp_path / "s")
+        done = command(*words, "--answers", answers)
+    assert done.status == 0, done.err
+    assert "note: " in done.err
+    assert "camera.frame_rate_hz" in done.err
+    assert "4000 us is no multiple of the 10 ms" in done.err
+    assert "Place edge 'edge' at 5 degrees." in done.err
+    [record] = Session.open(tmp_path / "s").records
+    assert "That is +0.300 mm off." in done.err
+    assert record.height_mm == 200.004
