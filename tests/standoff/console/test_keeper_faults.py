@@ -272,6 +272,9 @@ def test_a_cable_pulled_while_a_job_homes_is_a_lost_stage() -> None:
         assert stage.closed == 1
         assert keeper.status.state == "lost"
         assert "emergency stop" in keeper.status.remedy
+        with pytest.raises(DeviceDisconnectedError, match="does not answer"):
+            lent.home(60.0)  # what was lent before stays lost
+        assert keeper.view.height_mm is None
         wait_for(lambda: len(opened) > 1, "tried again")
         assert opened[1]  # it may still move: it is to be stopped first
 
