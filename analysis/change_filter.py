@@ -9,10 +9,11 @@ from math import exp, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, gaussian_filter, laplace, map_coordinates
+from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from analysis.change_blur import extra_blur, immerkaer_variance
 from analysis.change_uncertainty import DifferenceVariance, fit_variance
 from analysis.errors import AnalysisError
 from calibration.distorted_pose import DistortedPose
@@ -35,6 +36,9 @@ FALSE_ALARMS = 0.05
 
 SOFTNESS_LIMIT_PX2 = 0.15
 """Extra blur of the follow-up that is refused: a width of 0.39 px on top of the simulated."""
+
+_SURE = 2.0
+"""Standard errors by which the extra blur must exceed the limit."""
 
 _SMOOTHING_PX = 1.0
 """Width of the Gaussian that gathers a change's pixels before the decision."""
@@ -73,8 +77,9 @@ class ChangeResult:
         Of the difference, and what it is made of.
     threshold
         In standard deviations, from the false alarms allowed.
-    extra_blur_px2
-        Variance by which the follow-up is softer than simulated; negative: sharper.
+    extra_blur_px2, extra_blur_err_px2
+        Variance by which the follow-up is softer than simulated, and its standard error;
+        negative: sharper.
     gain
         Mean of the fitted gain of light.
     """
@@ -88,6 +93,7 @@ class ChangeResult:
     uncertainty: DifferenceVariance
     threshold: float
     extra_blur_px2: float
+    extra_blur_err_px2: float
     gain: float
 
 
@@ -141,10 +147,15 @@ def find_changes(
     gain, offset = _light(seen, followup_dn, valid)
     expected = gain * seen + offset
     difference = np.where(valid, followup_dn - expected, 0.0)
-    extra_blur_px2 = _extra_blur_px2(expected, difference, valid)
-    if extra_blur_px2 > SOFTNESS_LIMIT_PX2:
+    followup_noise_dn2 = (
+        immerkaer_variance(difference, valid)
+        if noise is None
+        else float(noise.variance_dn2(followup_dn)[valid].mean())
+    )
+    blur = extra_blur(expected, followup_dn, valid, followup_noise_dn2)
+    if blur.value_px2 - _SURE * blur.err_px2 > SOFTNESS_LIMIT_PX2:
         raise AnalysisError(
-            f"the follow-up is softer than simulated by {sqrt(extra_blur_px2):.2f} px (defocus or "
+            f"the follow-up is softer than simulated by {sqrt(blur.value_px2):.2f} px (defocus or "
             "motion): changes cannot be told from blur; take it again"
         )
     variance = None
@@ -172,7 +183,8 @@ def find_changes(
         valid=np.asarray(valid),
         uncertainty=uncertainty,
         threshold=threshold,
-        extra_blur_px2=extra_blur_px2,
+        extra_blur_px2=blur.value_px2,
+        extra_blur_err_px2=blur.err_px2,
         gain=float(gain[valid].mean()),
     )
 
@@ -201,21 +213,6 @@ def _light(
     gain = np.tensordot(solution[:count], basis, axes=1)
     offset = np.tensordot(solution[count:], basis, axes=1) - gain * level
     return np.asarray(gain), np.asarray(offset)
-
-
-def _extra_blur_px2(
-    expected: FloatArray, difference: FloatArray, valid: NDArray[np.bool_]
-) -> float:
-    """Variance t of a blur by which ``difference`` is ``t / 2`` times the Laplacian."""
-    inner = binary_erosion(valid)
-    curvature = laplace(expected)[inner] / 2
-    power = float(np.mean(curvature**2))
-    residual = difference[inner]
-    scale = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
-    kept = np.abs(residual) < 6 * scale
-    if power == 0.0 or not kept.any():
-        return 0.0
-    return float(residual[kept] @ curvature[kept] / (curvature[kept] @ curvature[kept] + 1e-12))
 
 
 def _significance(normalised: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:

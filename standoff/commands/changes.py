@@ -84,6 +84,9 @@ def changes(
         "false_alarms_px": false_alarms,
         "gain": found.gain,
         "extra_blur_px2": found.extra_blur_px2,
+        "extra_blur_err_px2": (
+            found.extra_blur_err_px2 if np.isfinite(found.extra_blur_err_px2) else None
+        ),
         "noise_factor": found.uncertainty.noise_factor,
         "is_noise_known": noise is not None,
         "registration_err_px": found.uncertainty.registration_err_px,
