@@ -8,7 +8,7 @@ CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
 EXTRAS := aravis,kernelgan,console,cluster,pdf,docs,dev
 
-.PHONY: demo paper test setup lint docs bench fuzz clean
+.PHONY: demo paper test setup lint coverage docs bench fuzz clean
 
 demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
 	$(BIN)/standoff demo --out demo-output
@@ -28,6 +28,9 @@ lint: $(FULL)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+coverage: $(FULL)  ## What the tests reach, by statement and branch: at least 90 % a package.
+	@bash scripts/coverage.sh
 
 docs: $(FULL)  ## The documentation as a site, in build/site/index.html.
 	$(BIN)/sphinx-build -q -W --keep-going -c docs -b html . build/site

@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# Statements and branches that the tests reach: at least 90 % of every package.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+python=.venv/bin/python
+export OPENBLAS_NUM_THREADS=1
+
+$python -m pytest -n 2 -m "not slow" --cov --cov-report=
+$python -m pytest -n 2 -m slow --cov --cov-append --cov-report=
+
+# What numba compiles cannot be watched: tests of it that are short enough run once more,
+# interpreted. Left out are those of many fits or whole images, and two of sums that overflow there,
+# as numpy's scalars keep their type.
+too_long="repeated_fits or shot_noise_is_weighted or sigma_depends_on_neither"
+too_long="$too_long or order_of_the_frames or largest_levels_do_not_overflow"
+NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 -m "not slow" -k "not ($too_long)" \
+    --cov --cov-append --cov-report= \
+    tests/acquisition/test_{averaging,focus_measures,pixel_decoding}.py \
+    tests/calibration/test_edge_{detection,fit,model,residuals,samples,segments}.py \
+    tests/calibration/test_{esfr,penalised_spline}.py \
+    tests/hil_mocks/test_render.py tests/simulation/test_banded.py
+NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 --cov --cov-append --cov-report= \
+    tests/simulation/test_distorted_warp.py tests/simulation/test_pose.py \
+    -k "definition or derivative or a_ramp_keeps or outside_and_zero or indefinite_blur"
+
+for package in acquisition calibration simulation analysis hil_mocks standoff; do
+    echo "== $package"
+    $python -m coverage report --include="$package/*" --skip-covered --fail-under=90
+done
+echo "== all"
+$python -m coverage report --format=total
