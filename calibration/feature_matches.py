@@ -101,16 +101,22 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
     Raises
     ------
     RegistrationError
-        If too few agree.
+        If too few agree, or only on a pose that turns the scene inside out.
     """
-    matrix, mask = cv2.findHomography(
+    found, mask = cv2.findHomography(
         matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
     )
     # Where it finds nothing, OpenCV returns an empty matrix or None.
-    count = int(np.count_nonzero(mask)) if np.shape(matrix) == (3, 3) else 0
+    count = int(np.count_nonzero(mask)) if np.shape(found) == (3, 3) else 0
     if count < _INLIERS_MIN:
         raise RegistrationError(f"only {count} feature matches agree on a pose")
-    return np.asarray(matrix, dtype=np.float64), mask.ravel().astype(bool)
+    matrix: FloatArray = np.asarray(found, dtype=np.float64)
+    inlier: NDArray[np.bool_] = mask.ravel().astype(np.bool_)
+    depth = matches.followup_px[inlier] @ matrix[2, :2] + matrix[2, 2]
+    # Area and sense of turning there: det / depth^3. A scene seen from its front keeps its sense.
+    if not np.all(np.linalg.det(matrix) * depth > 0):
+        raise RegistrationError("the features agree only on a scene that is turned inside out")
+    return matrix, inlier
 
 
 def axial_pose(

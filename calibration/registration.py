@@ -277,8 +277,6 @@ def _register_distorted(
 ) -> DistortedRegistration:
     matches = match_features(reference, followup, expected)
     matrix, inlier = homography_pose(matches)
-    if not np.linalg.det(matrix[:2, :2]) > 0:
-        raise RegistrationError("the features agree on a mirror image only")
     fit = refined_distorted_pose(reference, followup, psf, matrix)
     zoom = fit.pose.zoom
     refuse_nearer(zoom)
