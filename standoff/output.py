@@ -16,11 +16,15 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 __all__ = ["ERRORS", "Bar", "note", "print_json", "print_table", "progress_bar", "say"]
 
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
-_RESULTS = Console(soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else 140)
+_WITHOUT_A_TERMINAL = 10_000
+_RESULTS = Console(
+    soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else _WITHOUT_A_TERMINAL
+)
 
 
 class Bar:
@@ -77,10 +81,16 @@ def note(text: str) -> None:
 
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
-    """Print a table; the first column is text, the others are figures."""
+    """Print a table; the first column is text, which folds where room is short, others figures."""
     table = Table(title=title, title_justify="left", title_style="bold")
     for place, column in enumerate(columns):
-        table.add_column(column, justify="left" if place == 0 else "right", no_wrap=True)
+        if place == 0:
+            table.add_column(column, justify="left", overflow="fold")
+        else:
+            widest = max((len(row[place]) for row in rows), default=0)
+            table.add_column(
+                column, justify="right", no_wrap=True, min_width=max(widest, len(column))
+            )
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(cell) for cell in row))  # file names may hold brackets
     _RESULTS.print(table)
