@@ -53,6 +53,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="a few minutes in all")
     parser.add_argument("--out", type=Path, default=Path("bench-output"))
     parser.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page as well")
+    parser.add_argument("--note", default="", help="what else the page should say of the run")
     given = parser.parse_args()
     if unknown := set(given.names) - set(names()):
         parser.error(f"no such benchmark: {', '.join(sorted(unknown))}; {', '.join(names())}")
@@ -70,7 +71,8 @@ def main() -> int:
     page = given.page or given.out / "benchmarks.md"
     shown = os.path.relpath(plot, page.parent)
     page.write_text(
-        benchmark_page(lines, plot=shown, is_quick=given.quick, failed=failed), encoding="utf-8"
+        benchmark_page(lines, plot=shown, is_quick=given.quick, failed=failed, note=given.note),
+        encoding="utf-8",
     )
     print(f"\nwrote {lines}, {page} and {plot}")
     if failed:

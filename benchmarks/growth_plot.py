@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import NDArray
 
 from analysis.report_page import in_report_style, new_figure, png_bytes
 
@@ -43,9 +45,24 @@ def plot_growths(growths: Sequence[Growth]) -> bytes:
             axes.plot(sizes, peer_ms, "--s", color="#1b1f24", markersize=3, label=growth.peer)
             axes.legend(fontsize=7.5)
         axes.set(xscale="log", yscale="log", xlabel=growth.label, ylabel="time / ms")
-        axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
-        axes.minorticks_off()
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.set_xticks(sizes, _readable(sizes))
+        # Less than two decades hold too few powers of ten to read a time off.
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+        axes.yaxis.set_minor_locator(NullLocator())
         axes.set_title(f"{growth.what}\nexponent {growth.exponent:.2f}")
     for axes in panels[len(growths) :]:
         axes.set_axis_off()
     return png_bytes(figure)
+
+
+def _readable(sizes: NDArray[np.float64]) -> list[str]:
+    """Names of the sizes, without those that would run into the one before."""
+    apart = 0.11 * np.log(sizes[-1] / sizes[0])
+    names, last = [], -np.inf
+    for size in sizes:
+        is_shown = np.log(size) - last > apart
+        last = np.log(size) if is_shown else last
+        names.append(f"{size:g}" if is_shown else "")
+    return names

@@ -38,7 +38,9 @@ def read_runs(path: Path) -> tuple[list[dict[str, object]], list[Figure]]:
     return heads, figures
 
 
-def benchmark_page(path: Path, *, plot: str, is_quick: bool, failed: Iterable[str] = ()) -> str:
+def benchmark_page(
+    path: Path, *, plot: str, is_quick: bool, failed: Iterable[str] = (), note: str = ""
+) -> str:
     """Write the page in Markdown."""
     heads, figures = read_runs(path)
     facts: dict[str, str] = {}
@@ -51,6 +53,7 @@ def benchmark_page(path: Path, *, plot: str, is_quick: bool, failed: Iterable[st
         if is_quick
         else ""
     )
+    mode += f" {note}" if note else ""
     parts = [HEADING.format(mode=mode, environment=environment_line(facts) + ".", plot=plot)]
     parts += [f"`{name}` could not run here.\n" for name in failed]
     for head in heads:
