@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, convolve, laplace
 
-__all__ = ["ExtraBlur", "extra_blur", "immerkaer_variance"]
+__all__ = ["ExtraBlur", "extra_blur"]
 
 FloatArray = NDArray[np.float64]
 
@@ -17,7 +17,10 @@ _OUTLIER = 6.0
 _NORMAL = 1.4826
 """Standard deviation of normal values over the median of their sizes."""
 
-_NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+_AROUND = np.zeros((5, 5))
+_AROUND[[0, 2, 2, 4], [2, 0, 4, 2]] = 0.25
+_AROUND[[1, 2, 2, 3], [2, 1, 3, 2]] = -0.25
+"""Curvature without the pixel itself: mean of the four pixels 2 px away less those 1 px away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,16 +35,14 @@ class ExtraBlur:
 
 
 def extra_blur(
-    expected_dn: FloatArray,
-    followup_dn: FloatArray,
-    valid: NDArray[np.bool_],
-    followup_noise_dn2: float,
+    expected_dn: FloatArray, followup_dn: FloatArray, valid: NDArray[np.bool_]
 ) -> ExtraBlur:
     """Fit the variance t of a blur: what it changes is ``t / 2`` times the Laplacian.
 
-    The difference is correlated with the Laplacian of the *follow-up*, whose noise is white and
-    adds ``-2`` times its variance; the noise of the simulated image, which is not white, drops
-    out. Against the Laplacian of the simulated image it would pass for blur.
+    The difference and the Laplacian of the simulated image share that image's noise, which would
+    pass for blur. So both are held against a third image, the curvature of the *follow-up* around
+    each pixel, as an instrumental variable: its noise is in neither, as long as that of one pixel
+    tells nothing of the next (raw frames; not demosaiced or compressed ones).
 
     Parameters
     ----------
@@ -49,37 +50,21 @@ def extra_blur(
         The simulated follow-up in the follow-up's light, and the real one, shape ``(rows, cols)``.
     valid
         Pixels that count.
-    followup_noise_dn2
-        Mean variance of the follow-up's noise.
     """
-    inner = binary_erosion(valid)
+    inner = binary_erosion(valid, np.ones((5, 5), dtype=np.bool_))
     if not inner.any():
         return ExtraBlur(value_px2=0.0, err_px2=np.inf)
     difference = followup_dn - expected_dn
     scale = _NORMAL * float(np.median(np.abs(difference[inner]))) + 1e-9
     kept = inner & (np.abs(difference) < _OUTLIER * scale)
-    curved, seen_curved = laplace(expected_dn) / 2, laplace(followup_dn) / 2
-    moved = _block_sums(kept * (difference * seen_curved + 2 * followup_noise_dn2))
-    power = _block_sums(kept * (curved * seen_curved))
+    around = kept * convolve(followup_dn, _AROUND)
+    moved = _block_sums(around * difference)
+    power = _block_sums(around * laplace(expected_dn) / 2)
     if not power.sum() > 0:
         return ExtraBlur(value_px2=0.0, err_px2=np.inf)
     value = float(moved.sum() / power.sum())
     err = float(np.sqrt(np.sum((moved - value * power) ** 2)) / power.sum())
     return ExtraBlur(value_px2=value, err_px2=err)
-
-
-def immerkaer_variance(image_dn: FloatArray, valid: NDArray[np.bool_]) -> float:
-    """Variance of white noise on an image that is otherwise smooth, whatever its outliers.
-
-    References
-    ----------
-    J. Immerkaer, "Fast noise variance estimation", 1996; by the median instead of the mean.
-    """
-    inner = binary_erosion(valid, np.ones((3, 3), dtype=np.bool_))
-    if not inner.any():
-        return 0.0
-    rough = convolve(image_dn, _NOISE_MASK)[inner]
-    return float((_NORMAL * np.median(np.abs(rough))) ** 2 / np.sum(_NOISE_MASK**2))
 
 
 def _block_sums(values: FloatArray) -> FloatArray:

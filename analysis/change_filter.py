@@ -13,7 +13,7 @@ from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from analysis.change_blur import extra_blur, immerkaer_variance
+from analysis.change_blur import extra_blur
 from analysis.change_uncertainty import DifferenceVariance, fit_variance
 from analysis.errors import AnalysisError
 from calibration.distorted_pose import DistortedPose
@@ -147,12 +147,7 @@ def find_changes(
     gain, offset = _light(seen, followup_dn, valid)
     expected = gain * seen + offset
     difference = np.where(valid, followup_dn - expected, 0.0)
-    followup_noise_dn2 = (
-        immerkaer_variance(difference, valid)
-        if noise is None
-        else float(noise.variance_dn2(followup_dn)[valid].mean())
-    )
-    blur = extra_blur(expected, followup_dn, valid, followup_noise_dn2)
+    blur = extra_blur(expected, followup_dn, valid)
     if blur.value_px2 - _SURE * blur.err_px2 > SOFTNESS_LIMIT_PX2:
         raise AnalysisError(
             f"the follow-up is softer than simulated by {sqrt(blur.value_px2):.2f} px (defocus or "

@@ -12,8 +12,8 @@ __all__ = ["worst_zoom"]
 
 FloatArray = NDArray[np.float64]
 
-_DIRECTIONS = 24
-_REFINED = 2
+_DIRECTIONS = 13
+_REFINED = 3
 _REFINED_STEPS = 11
 _REFINEMENTS = 2
 _ON_THE_BORDER_PX = 1e-6
@@ -46,15 +46,19 @@ def worst_zoom(
         # The frame's symmetry leaves its axes and diagonals.
         diagonal_deg = degrees(atan2(camera.height_px, camera.width_px))
         return float(along(np.array([0.0, diagonal_deg, 90.0])).max())
-    step_deg = 360 / _DIRECTIONS
-    tried_deg = step_deg * np.arange(_DIRECTIONS, dtype=np.float64)
+    # Both sides of the reference's lean are alike.
+    tried_deg, step_deg = np.linspace(0.0, 180.0, _DIRECTIONS, retstep=True)
     found = along(tried_deg)
+    is_peak = np.concatenate([[True], found[1:] >= found[:-1]])
+    is_peak &= np.concatenate([found[:-1] >= found[1:], [True]])
+    peaks_deg = tried_deg[is_peak][np.argsort(found[is_peak])[-_REFINED:]]
     worst = float(found.max())
     for _ in range(_REFINEMENTS):
         beside = np.linspace(-step_deg, step_deg, _REFINED_STEPS)
-        tried_deg = (tried_deg[np.argsort(found)[-_REFINED:], None] + beside).ravel()
         step_deg *= 2 / (_REFINED_STEPS - 1)
-        found = along(tried_deg)
+        tried_deg = peaks_deg[:, None] + beside
+        found = along(tried_deg.ravel()).reshape(tried_deg.shape)
+        peaks_deg = np.take_along_axis(tried_deg, found.argmax(axis=1)[:, None], axis=1)[:, 0]
         worst = max(worst, float(found.max()))
     return worst
 
@@ -63,7 +67,9 @@ def _worst_zooms(matrices: FloatArray, size: tuple[int, int]) -> FloatArray:
     """Largest local zoom of each homography, shape (n, 3, 3), over the overlap of two frames.
 
     The overlap is a convex polygon, and the largest zoom lies at one of its corners: a corner of
-    either frame, or where their borders cross.
+    either frame, or where their borders cross. (Along a side the zoom may rise in between only
+    where the plane is seen so aslant that the frame reaches further sideways than towards the
+    horizon.)
     """
     width, height = size
     followup = _corners(0.0, 0.0, width - 1.0, height - 1.0)

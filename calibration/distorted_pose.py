@@ -7,12 +7,16 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.distorted_warp import DISTORTION_MAX
+
 __all__ = ["K1_MAX", "DistortedPose"]
 
 FloatArray = NDArray[np.float64]
 
-K1_MAX = 0.12
+K1_MAX = DISTORTION_MAX
 """Largest distortion, relative at the image corner; beyond, a barrel would fold over."""
+
+_FAR = 1e6
 
 _NEWTON_STEPS = 6
 
@@ -96,7 +100,9 @@ class DistortedPose:
         dy, dx = (y_px - middle_y) / corner_px, (x_px - middle_x) / corner_px
         square = dy * dy + dx * dx
         if not is_inverse:
-            factor = 1 + self.k1 * square
+            # Beyond the fold of a barrel nothing is seen: the place is far outside.
+            is_seen = 1 + 3 * self.k1 * square > 0
+            factor = np.where(is_seen, 1 + self.k1 * square, _FAR)
         else:
             # factor = 1 / (1 + k1 r^2) at the ideal radius r = factor * (seen radius).
             factor = np.ones_like(square)

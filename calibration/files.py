@@ -132,7 +132,7 @@ def read_noise(path: Path) -> CaptureNoise:
     for name in ("gain_e_per_dn", "read_noise_e", "black_level_dn", "frames_averaged"):
         value = document.get(name)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise NoiseFileError(f"{path}: {name} is {value!r}, expected a number")
+            raise NoiseFileError(f"{path}: {name} is {value!r}, expected a number between -1 and 1")
         try:
             values[name] = float(value)
         except OverflowError as error:
@@ -203,13 +203,16 @@ def read_homography(path: Path) -> StoredHomography:
     matrix, size = document.get("matrix"), document.get("size")
     try:
         values = np.array(matrix, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise HomographyFileError(f"{path}: matrix is not 3 x 3 numbers") from error
     if values.shape != (3, 3) or not np.all(np.isfinite(values)):
         raise HomographyFileError(f"{path}: matrix is not 3 x 3 finite numbers")
     distortion_k1 = document.get("distortion_k1", 0.0)
-    if isinstance(distortion_k1, bool) or not isinstance(distortion_k1, int | float):
-        raise HomographyFileError(f"{path}: distortion_k1 is {distortion_k1!r}, expected a number")
+    is_number = isinstance(distortion_k1, int | float) and not isinstance(distortion_k1, bool)
+    if not (is_number and abs(distortion_k1) < 1):
+        raise HomographyFileError(
+            f"{path}: distortion_k1 is {distortion_k1!r}, expected a number between -1 and 1"
+        )
     match size:
         case [int(width), int(height)] if width > 0 and height > 0:
             return StoredHomography(

@@ -46,6 +46,7 @@ def _add_contents(app: Sphinx, docname: str, source: list[str]) -> None:
     """Give the first page the sections of docs/index.md as tables of contents."""
     if docname != root_doc:
         return
+    app.env.note_dependency(f"{_CONTENTS}.md", docname=docname)
     index = (Path(app.srcdir) / f"{_CONTENTS}.md").read_text(encoding="utf-8")
     trees = [("Start", [_CONTENTS])]
     for section in _SECTION.finditer(index):

@@ -163,7 +163,9 @@ def files_page() -> str:
     ]
     parts += ["matrix takes follow-up pixel centres (x, y, 1) to those of the reference. With"]
     parts += ['`"distortion_k1": number` both are ideal places of a lens that shows the radius r,']
-    parts += ["1 at the frame's corner, at `r (1 + k1 r^2)`.\n"]
+    parts += [
+        "1 at the reference's corner, at `r (1 + k1 r^2)`; the follow-up's middle is on the axis.\n"
+    ]
     for name, about, models in FILES:
         parts += [f"## {name}\n", about, ""]
         for model in models:

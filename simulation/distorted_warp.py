@@ -9,7 +9,7 @@ and y in the reference.
 """
 
 from collections.abc import Callable
-from math import hypot
+from math import hypot, sqrt
 from typing import TypeVar, cast
 
 import numpy as np
@@ -21,8 +21,12 @@ __all__ = ["DISTORTION_MAX", "ideal_places", "lens_of", "warp"]
 FloatArray = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])
 
-DISTORTION_MAX = 0.2
-"""Largest distortion, relative at the frame's corner; a barrel of 1/3 would fold over there."""
+DISTORTION_MAX = 0.12
+"""Largest distortion, relative at the frame's corner. A barrel of strength s shows nothing beyond
+the radius ``2 / sqrt(27 s)``: from 4/27 on that lies inside the corner."""
+
+_FOLD_MARGIN = 0.9
+_FAR_PX = 1e9
 
 _NEWTON_STEPS = 20
 _NEWTON_CONVERGED = 1e-14
@@ -50,7 +54,8 @@ def lens_of(
     Raises
     ------
     ValueError
-        If the distortion is not finite or so large that the frame folds.
+        If the distortion is not finite, so large that the frame folds, or the follow-up is so
+        much larger than the reference that it does.
     """
     if not abs(distortion_k1) <= DISTORTION_MAX:
         raise ValueError(
@@ -61,7 +66,17 @@ def lens_of(
     followup_x, followup_y = (follow_up[1] - 1) / 2, (follow_up[0] - 1) / 2
     if origin_px is not None:
         followup_x, followup_y = x - origin_px[0], y - origin_px[1]
-    return np.array([distortion_k1 / max(hypot(x, y), 0.5) ** 2, followup_x, followup_y, x, y])
+    strength = distortion_k1 / max(hypot(x, y), 0.5) ** 2
+    farthest_px = hypot(
+        max(followup_x, follow_up[1] - 1 - followup_x) + 0.5,
+        max(followup_y, follow_up[0] - 1 - followup_y) + 0.5,
+    )
+    if -27 * strength * farthest_px**2 / 4 > _FOLD_MARGIN:
+        raise ValueError(
+            f"a lens with the distortion k1 {distortion_k1} shows nothing in the corners of a "
+            f"follow-up of {follow_up[1]} x {follow_up[0]} px"
+        )
+    return np.array([strength, followup_x, followup_y, x, y])
 
 
 def _compiled(function: Function) -> Function:
@@ -109,7 +124,10 @@ def ideal_places(lens: FloatArray, places_px: FloatArray) -> FloatArray:
 def warp(
     matrix: FloatArray, lens: FloatArray, col: float, row: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Reference place (x, y) of a follow-up place, and the derivative (a, b; c, d) there."""
+    """Reference place (x, y) of a follow-up place, and the derivative (a, b; c, d) there.
+
+    What lies beyond the fold of a barrel is not seen: its place is far outside.
+    """
     strength = lens[0]
     p, q, r = 1.0, 0.0, 1.0
     if strength != 0:
@@ -128,6 +146,9 @@ def warp(
     if strength != 0:
         a, b, c, d = a * p + b * q, a * q + b * r, c * p + d * q, c * q + d * r
         dx, dy = x - lens[3], y - lens[4]
+        if 1 + 3 * strength * (dx * dx + dy * dy) <= 0:
+            away = _FAR_PX / sqrt(dx * dx + dy * dy)
+            return lens[3] + away * dx, lens[4] + away * dy, 1.0, 0.0, 0.0, 1.0
         factor, p, q, r = _distortion(strength, dx, dy)
         x, y = lens[3] + factor * dx, lens[4] + factor * dy
         a, b, c, d = p * a + q * c, p * b + q * d, q * a + r * c, q * b + r * d

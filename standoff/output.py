@@ -82,15 +82,16 @@ def note(text: str) -> None:
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Print a table; the first column is text, which folds where room is short, others figures."""
-    table = Table(title=title, title_justify="left", title_style="bold")
+    # Names of files and folders may hold brackets, which are no markup.
+    table = Table(title=Text(title), title_justify="left", title_style="bold")
     for place, column in enumerate(columns):
         if place == 0:
-            table.add_column(column, justify="left", overflow="fold")
+            table.add_column(Text(column), justify="left", overflow="fold")
         else:
             widest = max((len(row[place]) for row in rows), default=0)
             table.add_column(
-                column, justify="right", no_wrap=True, min_width=max(widest, len(column))
+                Text(column), justify="right", no_wrap=True, min_width=max(widest, len(column))
             )
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))  # file names may hold brackets
+        table.add_row(*(Text(cell) for cell in row))
     _RESULTS.print(table)

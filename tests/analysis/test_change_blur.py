@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from analysis.change_blur import extra_blur, immerkaer_variance
+from analysis.change_blur import extra_blur
 from analysis.change_filter import find_changes
 from tests.analysis.test_change_filter import MATRIX, PSF, pair
 
@@ -26,20 +24,21 @@ def scene(seed: int, contrast_dn: float) -> FloatArray:
 def test_a_blur_is_measured_without_noise(extra_px2: float) -> None:
     sharp = gaussian_filter(scene(1, 60.0), 1.0)
     soft = gaussian_filter(scene(1, 60.0), np.sqrt(1.0 + extra_px2))
-    found = extra_blur(sharp, soft, EVERYWHERE, 0.0)
+    found = extra_blur(sharp, soft, EVERYWHERE)
     # The Laplacian of 5 points, and the next order of the blur, make some per cent.
     assert found.value_px2 == pytest.approx(extra_px2, rel=0.06, abs=1e-9)
 
 
-def test_noise_of_either_image_is_no_blur() -> None:
+@pytest.mark.parametrize("smeared_px", [0.0, 0.6])
+def test_noise_of_either_image_is_no_blur(smeared_px: float) -> None:
     rng = np.random.default_rng(3)
     image = scene(2, 12.0)
     values, errors = [], []
     for _ in range(40):
-        # The simulated image's noise is smeared by the simulation, the follow-up's is white.
-        simulated = image + gaussian_filter(rng.normal(0.0, 9.0, image.shape), 0.6)
+        # The simulation smears the reference's noise, though not at zoom 1; the other is white.
+        simulated = image + gaussian_filter(rng.normal(0.0, 5.0, image.shape), smeared_px)
         followup = image + rng.normal(0.0, 4.0, image.shape)
-        found = extra_blur(simulated, followup, EVERYWHERE, 4.0**2)
+        found = extra_blur(simulated, followup, EVERYWHERE)
         values.append(found.value_px2)
         errors.append(found.err_px2)
     assert abs(np.mean(values)) < 4 * np.std(values) / np.sqrt(40)
@@ -52,35 +51,16 @@ def test_changes_are_left_out_of_it() -> None:
     changed = image.copy()
     changed[60:70, 80:90] += 300.0
     rng = np.random.default_rng(0)
-    found = extra_blur(image, changed + rng.normal(0, 1.0, image.shape), EVERYWHERE, 1.0)
+    found = extra_blur(image, changed + rng.normal(0, 1.0, image.shape), EVERYWHERE)
     assert abs(found.value_px2) < 0.02
 
 
 @pytest.mark.parametrize("level_dn", [0.0, 500.0])
 def test_nothing_to_see_is_no_blur(level_dn: float) -> None:
     flat = np.full(EVERYWHERE.shape, level_dn)
-    found = extra_blur(flat, flat, EVERYWHERE, 0.0)
+    found = extra_blur(flat, flat, EVERYWHERE)
     assert (found.value_px2, found.err_px2) == (0.0, np.inf)
-    assert extra_blur(flat, flat, ~EVERYWHERE, 0.0).err_px2 == np.inf
-
-
-@given(
-    sigma_dn=st.floats(0.1, 50.0),
-    slope=st.floats(-5.0, 5.0),
-    twist=st.floats(-0.05, 0.05),
-    seed=st.integers(0, 1000),
-)
-def test_the_noise_is_found_on_any_slope(
-    sigma_dn: float, slope: float, twist: float, seed: int
-) -> None:
-    # The mask is blind to a + b x + c y + d x y, and to a few changed pixels.
-    y, x = np.mgrid[: EVERYWHERE.shape[0], : EVERYWHERE.shape[1]].astype(np.float64)
-    noise = np.random.default_rng(seed).normal(0.0, sigma_dn, EVERYWHERE.shape)
-    image = noise + slope * x - slope * y + twist * x * y
-    image[50:60, 50:60] += 1000.0
-    # 48000 correlated values of 36: the variance is known to some per cent.
-    assert immerkaer_variance(image, EVERYWHERE) == pytest.approx(sigma_dn**2, rel=0.08)
-    assert immerkaer_variance(image, ~EVERYWHERE) == 0.0
+    assert extra_blur(flat, flat, ~EVERYWHERE).err_px2 == np.inf
 
 
 def test_a_faint_noisy_scene_is_compared() -> None:

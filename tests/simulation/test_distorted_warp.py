@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from calibration.distorted_pose import DistortedPose
 from simulation import GaussianPsf, simulate_pose
 from simulation.pose_noise import pose_noise_gain
 from simulation.pose_view import PoseView
@@ -140,7 +141,38 @@ def test_noise_is_passed_on_where_the_lens_puts_it() -> None:
     assert float(np.mean(found[inside] / gain[inside])) == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.parametrize("k1", [0.21, -0.3, float("nan"), float("inf")])
+def test_what_lies_beyond_the_fold_of_a_barrel_is_not_seen() -> None:
+    # Ideally 1 / sqrt(3 k) = 1.83 corners out: from zoom 3 the follow-up's corners look further,
+    # and r (1 - k r^2) would bring them back into the frame from 2.89 on.
+    k1, zoom = -0.1, 3.0
+    matrix = np.array(
+        [[zoom, 0, MIDDLE_X * (1 - zoom)], [0, zoom, MIDDLE_Y * (1 - zoom)], [0, 0, 1]]
+    )
+    image = np.full((ROWS, COLS), 100.0)
+    seen = simulate_pose(image, matrix, (COLS, ROWS), PSF, distortion_k1=k1)
+    y, x = np.mgrid[:ROWS, :COLS]
+    radius = np.hypot(x - MIDDLE_X, y - MIDDLE_Y) / CORNER_PX
+    # Follow-up places at 0.9 corners are ideally beyond 0.9, and 2.7 in the reference.
+    assert seen.outside[radius > 0.9].all()
+    assert not seen.outside[radius < 0.2].any()
+    np.testing.assert_allclose(seen.image[~seen.outside], 100.0, rtol=1e-6)
+    # Calibration says the same of where they lie.
+    pose = DistortedPose(
+        matrix=matrix, k1=k1, reference_shape=(ROWS, COLS), followup_shape=(ROWS, COLS)
+    )
+    place_y, place_x = pose.followup_places_px()
+    inside = (np.abs(place_y - MIDDLE_Y) <= ROWS / 2) & (np.abs(place_x - MIDDLE_X) <= COLS / 2)
+    np.testing.assert_array_equal(inside, ~seen.outside)
+
+
+def test_a_follow_up_larger_than_the_lens_shows_is_refused() -> None:
+    with pytest.raises(
+        ValueError, match="shows nothing in the corners of a follow-up of 300 x 200"
+    ):
+        simulate_pose(PHOTOGRAPH[:90, :120], np.eye(3), (300, 200), PSF, distortion_k1=-0.1)
+
+
+@pytest.mark.parametrize("k1", [0.13, -0.15, -0.19, -0.3, float("nan"), float("inf")])
 def test_a_distortion_of_no_lens_is_refused(k1: float) -> None:
     with pytest.raises(ValueError, match="distortion k1 must lie between"):
         simulate_pose(PHOTOGRAPH, np.eye(3), (100, 100), PSF, distortion_k1=k1)

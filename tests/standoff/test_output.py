@@ -31,6 +31,8 @@ def test_a_long_name_folds_and_figures_stay_whole(
 def test_without_a_terminal_a_table_is_as_wide_as_it_needs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    print_table("Files", ["file", "sigma_x / px"], [[NAME, "0.8000"]])
-    (row,) = [line for line in capsys.readouterr().out.splitlines() if NAME in line]
+    print_table("Files of x[old], [/bold]", ["file", "sigma_x / px"], [[NAME, "0.8000"]])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].strip() == "Files of x[old], [/bold]"
+    (row,) = [line for line in lines if NAME in line]
     assert "0.8000" in row

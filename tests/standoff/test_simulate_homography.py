@@ -34,7 +34,14 @@ def test_a_lens_that_distorts_bends_both_images(
 
 
 @pytest.mark.parametrize(
-    ("k1", "message"), [("much", "distortion_k1 is 'much'"), (0.5, "k1 must lie between")]
+    ("k1", "message"),
+    [
+        ("much", "distortion_k1 is 'much'"),
+        (True, "distortion_k1 is True"),
+        (10**400, "distortion_k1 is 1000"),
+        (0.5, "k1 must lie between"),
+        (-0.15, "k1 must lie between"),
+    ],
 )
 def test_a_distortion_at_fault_is_named(
     command: Command, image_file: Path, psf_file: Path, tmp_path: Path, k1: object, message: str
