@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from calibration.variance_fit import RESAMPLES, VarianceFit, fit_variances
 
-__all__ = ["CovarianceFit", "Estimate", "fit_covariance", "median_width", "orientation_of"]
+__all__ = [
+    "CovarianceFit",
+    "Estimate",
+    "fit_covariance",
+    "median_width",
+    "orientation_of",
+    "share_of_correlation",
+]
 
 Array = NDArray[np.float64]
 
@@ -144,6 +151,25 @@ def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> C
         scatter_px=scatter,
         weights=weights,
     )
+
+
+def share_of_correlation(angles_deg: Array) -> float:
+    """Relative error of a width for each unit of a correlation that the edges do not determine.
+
+    Across an edge that leans by a from upright the variance is ``cos^2 a xx + sin 2a xy + ...``,
+    and where xy is not known it is taken as 0. For about equal widths the width is then off by
+    ``rho`` times what is returned, the larger of upright and level edges; edges that lean to both
+    sides balance.
+    """
+    normal = np.deg2rad(np.asarray(angles_deg, dtype=np.float64) + 90.0)
+    nx, ny = np.cos(normal), np.sin(normal)
+    names = np.array([orientation_of(a) for a in np.asarray(angles_deg).tolist()])
+    shares = [0.0]
+    for name, own in (("vertical", nx), ("horizontal", ny)):
+        chosen = names == name
+        if chosen.any():
+            shares.append(abs(float(np.mean((nx * ny)[chosen]) / np.mean(own[chosen] ** 2))))
+    return max(shares)
 
 
 def _estimate(value: float, err: float, replicates: Array | None) -> Estimate:

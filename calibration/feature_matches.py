@@ -69,7 +69,10 @@ def match_features(
     for name, image in (("reference", reference), ("follow-up", followup)):
         found, described = sift.detectAndCompute(_as_bytes(image), None)
         if len(found) < _INLIERS_MIN:
-            raise RegistrationError(f"the {name} has only {len(found)} features to align by")
+            raise RegistrationError(
+                f"the {name} has only {len(found)} features to align by; "
+                "photograph something with more detail"
+            )
         points.append(np.array([point.pt for point in found], dtype=np.float64))
         descriptors.append(described)
     mask = None

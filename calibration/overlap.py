@@ -81,4 +81,7 @@ def axial_overlap(
 def refuse_nearer(zoom: float) -> None:
     """Raise a RegistrationError for a follow-up that is nearer than its reference."""
     if zoom < ZOOM_MIN:
-        raise RegistrationError(f"the follow-up is nearer than the reference (zoom {zoom:.3f})")
+        raise RegistrationError(
+            f"the follow-up is nearer than the reference (zoom {zoom:.3f}); swap the two, as the "
+            "nearer one is the reference"
+        )

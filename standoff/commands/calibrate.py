@@ -5,9 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from acquisition.session import Session
+from calibration.covariance_fit import share_of_correlation
 from calibration.errors import CalibrationError
 from calibration.files import psf_document, read_correction, read_noise, write_psf
 from calibration.linearise import Channel
@@ -31,6 +33,10 @@ from standoff.scene_calibration import calibrate_scenes
 
 __all__ = ["calibrate"]
 
+
+_USUAL_RHO = 0.1
+_WORTH_SAYING = 0.002
+"""Of a width: what a correlation of that size may hide."""
 
 _REMARKS = {
     "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
@@ -192,6 +198,14 @@ def _print_remarks(calibration: PsfCalibration) -> None:
         count = sum(flag in edge.flags for edge in used)
         if count:
             note(text.format(n=count, total=len(used)))
+    if calibration.rho is None and used:
+        share = share_of_correlation(np.array([edge.fit.angle_deg for edge in used]))
+        if share * _USUAL_RHO > _WORTH_SAYING:
+            note(
+                f"no diagonal edges tell the correlation rho: were it {_USUAL_RHO:g}, a width "
+                f"would be off by {100 * share * _USUAL_RHO:.1f} %, beyond its interval; add "
+                "diagonal edges"
+            )
     trend = calibration.height_trend
     if trend is not None and trend.is_drift:
         note(

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from acquisition.manifest import MANIFEST_NAME
 from acquisition.plan import PlanEntry, load_plan, plan_entries
 from acquisition.plan_estimate import PlanEstimate, estimate_plan
 from acquisition.runner import CaptureProgress, Placement, RunSummary, run_plan
@@ -66,6 +67,11 @@ def capture(
         _print_plan(entries, estimate, out, json=json)
         for warning in flicker_warnings(planned, entries, config):
             note(warning)
+        if (out / MANIFEST_NAME).is_file():
+            note(
+                f"{out} is a session already: with its own bench and plan it goes on where it "
+                "stopped, with others it is refused"
+            )
         return
     is_simulated = "simulated" in (config.camera.driver, config.stage.driver)
     _refuse_placed(placed, is_simulated, estimate.placements)

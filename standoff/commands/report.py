@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from acquisition.session import Session
+from acquisition.session import Session, verify
 from standoff.options import Json, refuse_suffix
 from standoff.output import note, print_json, say
 from standoff.reports import (
@@ -36,6 +36,16 @@ def report(
         note(
             f"{results / 'psf.json'} is not there: the report shows the captures alone; "
             f"standoff calibrate --session {directory} --out {results / 'psf.json'} makes it"
+        )
+    spoilt = [
+        check
+        for check in verify(directory).files
+        if check.state in ("missing", "changed") and not check.is_superseded
+    ]
+    if spoilt:
+        note(
+            f"{len(spoilt)} files of the session are missing or were changed since, "
+            f"{spoilt[0].file} first: standoff verify {directory} lists them"
         )
     write_session_report(session, page)
     if json:

@@ -122,3 +122,15 @@ def test_a_session_is_calibrated_from_its_edge_captures(
     assert document["optical_sigma_y_px"] == pytest.approx(0.6, rel=0.01)
     assert document["edges"][0]["chi2_reduced"] == pytest.approx(1.0, abs=0.3)
     assert {edge["capture"] for edge in document["edges"]} == set(range(6))
+
+
+def test_what_a_correlation_may_hide_is_said_where_no_diagonal_edge_tells_it(
+    command: Command, tmp_path: Path
+) -> None:
+    for name, lean_deg in (("leaning", 6.0), ("upright", 0.6)):
+        path = tmp_path / f"{name}.tif"
+        tifffile.imwrite(path, edge_image(0.8, lean_deg).astype(np.float32))
+        done = command("calibrate", path, "--linear", "--out", tmp_path / f"{name}.json")
+        assert done.status == 0, done.err
+        # tan 6 degrees times 0.1 is 1.05 %; tan 0.6 degrees 0.1 %, not worth a word.
+        assert ("off by 1.1 %" in done.err) is (name == "leaning")

@@ -76,6 +76,9 @@ def test_a_dry_run_lists_the_captures_and_writes_nothing(
     assert "6 captures, 3 placements: about" in shown
     assert "MB on the disk" in shown
     assert not out.exists()
+    out.mkdir()
+    (out / "session.json").write_text("{}")
+    assert "is a session already" in command(*arguments).err
 
 
 def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(
@@ -331,3 +334,15 @@ def test_the_frame_is_the_bench_files_region_where_it_names_one(bench_file: Path
         "camera.region_px": [8, 16, 320, 240],
     }
     assert frame_shape_of(load_bench(bench_file, region)) == (240, 320)
+
+
+def test_the_report_says_which_files_of_a_session_are_gone_or_changed(
+    command: Command, session_dir: Path
+) -> None:
+    files = sorted((session_dir / "captures").glob("*.tif"))
+    assert "missing or were changed" not in command("report", session_dir).err
+    files[0].write_bytes(files[0].read_bytes() + b"x")
+    done = command("report", session_dir)
+    assert done.status == 1  # a capture that the page needs
+    assert f"missing or were changed since, captures/{files[0].name} first" in done.err
+    assert "standoff verify" in done.err
