@@ -5,7 +5,11 @@ import { byId, command, connection } from "./shell.js";
 const session = byId("session").dataset.name;
 let wasWriting = false;
 
-byId("write-report").onclick = () => command("report", { session });
+byId("write-report").onclick = () => {
+  command("report", { session });
+  // A report that is done before the next state comes is shown as well.
+  wasWriting = true;
+};
 if (byId("resume-session")) byId("resume-session").onclick = () => { command("resume", { session }); location.href = "/"; };
 for (const button of document.querySelectorAll("[data-retake]")) {
   button.onclick = () => command("retake", { session, index: Number(button.dataset.retake) });
