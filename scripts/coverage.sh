@@ -6,7 +6,7 @@ python=.venv/bin/python
 export OPENBLAS_NUM_THREADS=1
 
 $python -m pytest -n 2 -m "not slow" --cov --cov-report=
-$python -m pytest -n 3 --dist worksteal -m slow --cov --cov-append --cov-report=
+$python -m pytest -n 2 -m slow --cov --cov-append --cov-report=
 
 # What numba compiles cannot be watched: tests of it that are short enough run once more,
 # interpreted. Left out are those of many fits or whole images, two of sums that overflow there, as
