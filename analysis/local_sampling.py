@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LocalSampling", "local_sampling", "singular_zooms"]
+__all__ = ["LocalSampling", "local_sampling", "sampled_places"]
 
 FloatArray = NDArray[np.float64]
 
@@ -65,9 +65,7 @@ def local_sampling(
     depth = h[2, 0] * x + h[2, 1] * y + h[2, 2]
     if not (np.all(depth > 0) or np.all(depth < 0)):
         raise ValueError("the horizon of the plane lies in the follow-up's frame")
-    ref_x = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / depth
-    ref_y = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / depth
-    worst, best = singular_zooms(h, x, y)
+    ref_x, ref_y, worst, best = sampled_places(h, x, y)
     inside = (
         (ref_x >= -0.5)
         & (ref_x <= reference_size[0] - 0.5)
@@ -81,10 +79,10 @@ def local_sampling(
     )
 
 
-def singular_zooms(
+def sampled_places(
     matrix: FloatArray, x: FloatArray, y: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Reference pixels per follow-up pixel at places, along the coarsest and the finest direction.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Reference places x and y of follow-up places, and the zoom there: worst and best direction.
 
     Parameters
     ----------
@@ -102,7 +100,7 @@ def singular_zooms(
     c, d = (h[1, 0] - ref_y * h[2, 0]) / depth, (h[1, 1] - ref_y * h[2, 1]) / depth
     # Singular values of a 2 x 2 matrix: half the sum and half the difference of two lengths.
     turning, shearing = np.hypot(a + d, c - b), np.hypot(a - d, c + b)
-    return (turning + shearing) / 2, np.abs(turning - shearing) / 2
+    return ref_x, ref_y, (turning + shearing) / 2, np.abs(turning - shearing) / 2
 
 
 def _places(size: int, step_px: int) -> FloatArray:

@@ -5,7 +5,7 @@ from math import atan2, degrees
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.local_sampling import singular_zooms
+from analysis.local_sampling import sampled_places
 from analysis.viewing_camera import ViewingCamera
 
 __all__ = ["worst_zoom"]
@@ -90,9 +90,8 @@ def _worst_zooms(matrices: FloatArray, size: tuple[int, int]) -> FloatArray:
     # Parallel borders cross nowhere, and a place may lie in the reference camera's own plane.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         places = places / places[..., 2:]
-        seen = np.einsum("dij,dnj->dni", matrices, places)
-        seen = seen / seen[..., 2:]
-        zooms, _ = singular_zooms(matrices[:, None], places[..., 0], places[..., 1])
+        seen_x, seen_y, zooms, _ = sampled_places(matrices[:, None], places[..., 0], places[..., 1])
+    seen = np.stack([seen_x, seen_y], axis=-1)
     is_corner = _is_within(places, followup) & _is_within(seen, reference)
     worst = np.where(is_corner, zooms, -np.inf).max(axis=1)
     return np.asarray(np.where(sees_plane & is_corner.any(axis=1), worst, np.inf))
