@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.errors import AnalysisError
-from analysis.metrics import ImageMetrics, compare_images
-from analysis.processing import FULL_SCALE_DN, process_for_comparison
+from analysis.validation import FULL_SCALE_DN, ImageMetrics, compare_images, process_for_comparison
 from calibration.errors import RegistrationError
 from calibration.registration import AxialRegistration, register_axial
 from simulation import MODELS, GaussianPsf, Model, zoom_out_on_grid

@@ -3,13 +3,13 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.report_page import in_report_style, new_figure
+from analysis.reports import in_report_style, new_figure
 from analysis.series import SeriesComparison, SeriesPair
 from simulation import MODELS
 
 __all__ = ["MODEL_COLOURS", "plot_error_by_zoom", "plot_processed"]
 
-MODEL_COLOURS = {
+MODEL_COLOURS: dict[str, str] = {
     "bicubic": "#CC79A7",
     "paper": "#D55E00",
     "matched": "#0072B2",

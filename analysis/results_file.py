@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from acquisition.atomic_write import atomic_write
+from acquisition.session import atomic_write
 from analysis.errors import ResultsFileError
 
 __all__ = ["finite_or_null", "write_results"]

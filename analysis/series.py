@@ -6,8 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from acquisition.record import CaptureRecord
-from acquisition.session import Session
+from acquisition.session import CaptureRecord, Session
 from analysis.comparison import ModelMean, PairComparison, compare_pair, mean_metrics
 from analysis.errors import AnalysisError
 from analysis.results_file import finite_or_null, write_results

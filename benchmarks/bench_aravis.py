@@ -18,15 +18,12 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.aravis_camera import AravisCamera
-from acquisition.aravis_device import open_device
-from acquisition.aravis_library import load_aravis
+from acquisition.aravis import AravisCamera, load_aravis, open_device
 from acquisition.averaging import average_frames
 from acquisition.bench import CameraConfig
 from acquisition.devices import Frame
 from benchmarks.harness import Recorder, bench_parser
-from hil_mocks.gige.device import GigeDevice
-from hil_mocks.gige.frame_source import FrameRequest
+from hil_mocks.gige import FrameRequest, GigeDevice
 
 BARE_ADDRESS, DRIVER_ADDRESS = "127.201.7.2", "127.201.7.3"
 ROWS, COLS, RATE_HZ = 580, 780, 67.5

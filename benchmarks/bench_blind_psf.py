@@ -17,17 +17,16 @@ from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, bench_parser
-from calibration.blind_calibration import (
+from calibration.blind import (
     CLEAREST_SNR,
     calibrate_from_distances,
     calibrate_from_scene,
 )
+from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
-from calibration.noise_model import LevelNoise
-from calibration.psf_calibration import EdgeImage, PsfCalibration
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.prints import PHOTOGRAPHS
-from hil_mocks.truth import BenchTruth
+from calibration.noise import LevelNoise
+from calibration.psf import PsfCalibration
+from hil_mocks.scene import PHOTOGRAPHS, BenchTruth, CameraPose
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"
 WHITE_DN, BLACK_DN, SNR = 3000.0, 64.0, 50.0

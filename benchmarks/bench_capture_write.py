@@ -20,8 +20,7 @@ from acquisition.bench import BenchConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
-from acquisition.session import Session
-from acquisition.session_writer import SessionWriter
+from acquisition.session import Session, SessionWriter
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import Work, medians_s
 

@@ -19,13 +19,12 @@ from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
 from acquisition.bench import load_bench
-from analysis.change_filter import ChangeResult, find_changes, significance_threshold
-from analysis.change_plots import plot_change_roc
 from analysis.change_roc import Roc, roc_of
-from analysis.report_page import png_bytes
+from analysis.changes import ChangeResult, find_changes, significance_threshold
+from analysis.reports import plot_change_roc, png_bytes
 from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import register, register_distorted
-from hil_mocks.truth import BenchTruth
+from hil_mocks.scene import BenchTruth
 from standoff.shipped_configs import shipped_config
 from tests.analysis.changed_scenes import (
     BenchPair,

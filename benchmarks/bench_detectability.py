@@ -15,15 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from analysis.detectability import Scenario, d_primes, scene_artefact
-from analysis.detectability_covariance import WindowCovariance
-from analysis.detectability_local import LocalChange, local_changes
-from analysis.detectability_observers import OBSERVERS, observer_templates
-from analysis.detectability_pair import compared_pair
-from analysis.detectability_signal import GaussianSignal
+from analysis.detectability import (
+    OBSERVERS,
+    GaussianSignal,
+    LocalChange,
+    Scenario,
+    WindowCovariance,
+    compared_pair,
+    d_primes,
+    local_changes,
+    observer_templates,
+    scene_artefact,
+)
 from benchmarks.harness import Recorder, bench_parser
 from simulation import GaussianPsf
-from simulation.banded import apply_separable
+from simulation.resampling import apply_separable
 from tests.analysis.detectability_trials import run_trials
 
 SHAPE = (450, 600)

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from benchmarks.bench_edge_fit import exact_edge
 from benchmarks.harness import Recorder, bench_parser
-from calibration.covariance_fit import fit_covariance
-from calibration.edge_detection import find_edges
-from calibration.edge_fit import EdgeFit, fit_edge
-from calibration.noise_model import LevelNoise
+from calibration.edges import EdgeFit, find_edges, fit_edge
+from calibration.noise import LevelNoise
+from calibration.psf import fit_covariance
 from tests.calibration.closed_form import edge_image
 
 Array = NDArray[np.float64]

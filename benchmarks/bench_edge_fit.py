@@ -16,9 +16,14 @@ from scipy.special import ndtr
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
-from calibration.edge_detection import find_edges
-from calibration.edge_fit import fit_edge
-from calibration.edge_segments import EdgeSegment, band_half_width, band_pixels, side_level
+from calibration.edges import (
+    EdgeSegment,
+    band_half_width,
+    band_pixels,
+    find_edges,
+    fit_edge,
+    side_level,
+)
 
 Array = NDArray[np.float64]
 

@@ -16,11 +16,16 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
-from calibration.edge_detection import find_edges
-from calibration.edge_fit import fit_edge
-from calibration.edge_samples import EdgeSamples, edge_samples
-from calibration.esfr import esfr_half_width_px, measure_esfr
-from calibration.mtf import gaussian_mtf50, pixel_mtf50
+from calibration.edges import (
+    EdgeSamples,
+    edge_samples,
+    esfr_half_width_px,
+    find_edges,
+    fit_edge,
+    gaussian_mtf50,
+    measure_esfr,
+    pixel_mtf50,
+)
 from tests.calibration.closed_form import edge_image
 from tests.calibration.diffraction import diffracted_edge, system_mtf50
 

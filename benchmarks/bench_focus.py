@@ -14,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
-from acquisition.focus import focus_value
-from acquisition.focus_measures import FOCUS_MEASURES, FocusMeasure
-from acquisition.focus_sweep import NoFocusPeakError, fit_focus_peak
+from acquisition.focus import (
+    FOCUS_MEASURES,
+    FocusMeasure,
+    NoFocusPeakError,
+    fit_focus_peak,
+    focus_value,
+)
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import medians_s
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.truth import BenchTruth
+from hil_mocks.scene import BenchTruth, CameraPose
 
 ROUNDS, SEEDS = 200, 16
 STEP_MM, STEPS, FOCUS_MM = 7.0, 15, 306.4

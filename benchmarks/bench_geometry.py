@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from acquisition.bench import BenchConfig
 from benchmarks.harness import Recorder, bench_parser
 from calibration.errors import RegistrationError
-from calibration.feature_matches import homography_pose, match_features
-from calibration.geometry import GeometryCalibration, GeometryOptions, Measured
-from calibration.geometry_calibration import calibrate_geometry
-from calibration.geometry_series import GeometryCapture
-from calibration.pose_refinement import zoom_at_centre
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.truth import BenchTruth
+from calibration.geometry import (
+    GeometryCalibration,
+    GeometryCapture,
+    GeometryOptions,
+    Measured,
+    calibrate_geometry,
+)
+from calibration.registration import homography_pose, match_features, zoom_at_centre
+from hil_mocks.scene import BenchTruth, CameraPose
 
 FRAMES = 10
 TARGETS = ("astronaut", "brick", "gravel", "board")

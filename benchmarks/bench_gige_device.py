@@ -18,19 +18,21 @@ import numpy as np
 import hil_mocks.gige.stream
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, bench_parser
-from hil_mocks.gige import FrameRequest
-from hil_mocks.gige.bootstrap import BootstrapAddress
-from hil_mocks.gige.features import features_of
-from hil_mocks.gige.gvcp import (
+from hil_mocks.gige import (
     GVCP_PORT,
+    PIXEL_LAYOUTS,
+    BootstrapAddress,
     CommandCode,
+    FrameRequest,
+    PacketFormat,
     RegisterWrite,
     encode_command,
     encode_write_memory,
     encode_write_registers,
+    features_of,
+    parse_packet,
+    wire_bytes,
 )
-from hil_mocks.gige.gvsp import PacketFormat, parse_packet
-from hil_mocks.gige.pixels import PIXEL_LAYOUTS, wire_bytes
 from hil_mocks.practice_bench import PracticeBench
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"

@@ -16,18 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
-from analysis.detectability import Scenario
-from analysis.detectability_sweep import SweepPlan, sweep_images
+from analysis.detectability import Scenario, SweepPlan, sweep_images
 from benchmarks.bench_zoom_out import SIGMA_PX, pillow_and_scipy
 from benchmarks.growth_plot import Growth, plot_growths
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
-from calibration.geometry import GeometryOptions
-from calibration.geometry_calibration import calibrate_geometry
-from calibration.geometry_series import GeometryCapture
-from calibration.psf_calibration import EdgeImage, calibrate_psf
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.truth import BenchTruth
+from calibration.edges import EdgeImage
+from calibration.geometry import GeometryCapture, GeometryOptions, calibrate_geometry
+from calibration.psf import calibrate_psf
+from hil_mocks.scene import BenchTruth, CameraPose
 from simulation import GaussianPsf, zoom_out
 from tests.calibration.closed_form import edge_image
 

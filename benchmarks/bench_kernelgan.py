@@ -21,20 +21,21 @@ from torch import Tensor
 from torch.nn import functional
 
 from benchmarks.harness import Recorder, bench_parser
-from calibration.blind_calibration import calibrate_from_scene
+from calibration.blind import calibrate_from_scene, pair_psf
+from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
-from calibration.psf_calibration import EdgeImage
-from calibration.two_distance import pair_psf
 from simulation.kernelgan import (
     KERNEL_MODELS,
+    CropPicker,
+    DeepLinearGenerator,
     KernelGanError,
     KernelGanSettings,
+    KernelGanTraining,
     KernelModel,
+    composed_kernel,
     estimate_kernel,
+    sampled,
 )
-from simulation.kernelgan_crops import CropPicker
-from simulation.kernelgan_generator import DeepLinearGenerator, composed_kernel, sampled
-from simulation.kernelgan_training import KernelGanTraining
 from tests.simulation.dead_leaves import dead_leaves
 
 SHAPE = (580, 780)

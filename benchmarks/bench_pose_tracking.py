@@ -16,13 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
-from analysis.detectability_curves import DetectabilityCurve
-from analysis.pose_quality import judge_pose
-from analysis.pose_tracker import PoseTracker
+from analysis.detectability import DetectabilityCurve
+from analysis.pose import PoseTracker, judge_pose
 from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import register
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.truth import BenchTruth
+from hil_mocks.scene import BenchTruth, CameraPose
 from standoff.shipped_configs import shipped_config
 from tests.analysis.random_poses import NEAR_MM, bench_truth, posed_frames, reference_frame, shot
 

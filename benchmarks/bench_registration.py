@@ -21,8 +21,8 @@ from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import DistortedPose, register_distorted
 from hil_mocks import BenchTruth
 from simulation import GaussianPsf
-from standoff.paper import place_errors_px
 from standoff.shipped_configs import shipped_config
+from standoff.workflows import place_errors_px
 
 FloatArray = NDArray[np.float64]
 

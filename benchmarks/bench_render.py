@@ -20,8 +20,7 @@ from acquisition.bench import BenchConfig, load_bench
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
 from hil_mocks import BenchTruth, CameraPose
-from hil_mocks.scenes import Edge, Placed
-from hil_mocks.spline import PeriodicImage
+from hil_mocks.scene import Edge, PeriodicImage, Placed
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"
 SECONDS = 2.0

@@ -8,14 +8,12 @@ from time import monotonic
 
 import serial
 
-from acquisition.grbl_controller import GrblController
-from acquisition.grbl_wire import parse_line
-from acquisition.serial_link import SerialLink
-from acquisition.serial_port import open_serial_port
-from acquisition.zaber_wire import checksum, parse_message
+from acquisition.stages import SerialLink, open_serial_port
+from acquisition.stages.grbl import GrblController, parse_line
+from acquisition.stages.zaber import checksum, parse_message
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, median_s
-from hil_mocks.serial_stage import SerialStage
+from hil_mocks.stages import SerialStage
 
 REPORT = b"<Jog|MPos:0.000,0.000,-98.000|Bf:15,128|FS:1200,0|Ov:100,100,100>"
 REPLY_BODY = "01 1 07 OK BUSY -- 246063"

@@ -22,11 +22,9 @@ from PIL import Image
 from scipy.optimize import minimize
 
 from analysis.comparison import mean_metrics
-from analysis.followup_alignment import scaled_up
-from analysis.metrics import ImageMetrics, compare_images
-from analysis.processing import process_for_comparison
+from analysis.validation import ImageMetrics, compare_images, process_for_comparison, scaled_up
 from benchmarks.harness import Recorder, bench_parser
-from calibration.linearise import luma_plane
+from calibration.psf import luma_plane
 from simulation import GaussianPsf, Model, zoom_out
 
 FloatArray = NDArray[np.float64]

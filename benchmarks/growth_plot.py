@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from analysis.report_page import in_report_style, new_figure, png_bytes
+from analysis.reports import in_report_style, new_figure, png_bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

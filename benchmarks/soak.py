@@ -24,13 +24,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from acquisition.bench import BenchConfig, load_bench
+from acquisition.capture import run_plan
 from acquisition.errors import DeviceError, DeviceTimeoutError, StageAlarmError
 from acquisition.plan import CapturePlan, parse_plan
-from acquisition.runner import run_plan
 from acquisition.session import Session, verify
 from benchmarks.environment import environment, environment_line
-from standoff.devices import open_bench, open_stage
 from standoff.shipped_configs import shipped_config
+from standoff.workflows import open_bench, open_stage
 
 ADDRESS = "127.211.3.1"
 FAULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...], float]] = {

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from acquisition.atomic_write import atomic_write
-from acquisition.foreign_text import parse_json
-from calibration.correction_maps import CorrectionMaps
+from acquisition.session import atomic_write
+from acquisition.untrusted import parse_json
 from calibration.errors import (
     CalibrationError,
     GeometryFileError,
@@ -20,14 +19,29 @@ from calibration.errors import (
     NoiseFileError,
     PsfFileError,
 )
-from calibration.geometry import GeometryCalibration
-from calibration.geometry_document import GEOMETRY_SCHEMA, StoredGeometry, geometry_document
-from calibration.map_files import read_map_files, write_map_files
-from calibration.noise_captures import NoiseCalibration
-from calibration.noise_document import NOISE_SCHEMA, noise_document
-from calibration.psf_calibration import PsfCalibration
-from calibration.psf_document import PSF_SCHEMA, PsfOrigin, psf_document
-from calibration.stored_psf import StoredEdge, StoredField, StoredPsf
+from calibration.geometry import (
+    GEOMETRY_SCHEMA,
+    GeometryCalibration,
+    StoredGeometry,
+    geometry_document,
+)
+from calibration.noise import (
+    NOISE_SCHEMA,
+    CorrectionMaps,
+    NoiseCalibration,
+    noise_document,
+    read_map_files,
+    write_map_files,
+)
+from calibration.psf import (
+    PSF_SCHEMA,
+    PsfCalibration,
+    PsfOrigin,
+    StoredEdge,
+    StoredField,
+    StoredPsf,
+    psf_document,
+)
 from simulation.capture_noise import CaptureNoise
 
 __all__ = [

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.bench import load_bench
-from analysis.report_page import new_figure, png_bytes
-from calibration.psf_calibration import EdgeImage, PsfCalibration, calibrate_psf
+from analysis.reports import new_figure, png_bytes
+from calibration.edges import EdgeImage
+from calibration.psf import PsfCalibration, calibrate_psf
 from hil_mocks import BenchTruth, CameraPose
-from standoff.image_files import read_grey
 from standoff.shipped_configs import shipped_config
+from standoff.workflows import read_grey
 
 HEIGHT_MM = 200.0
 ORIENTATIONS_DEG = (5.0, 35.0, 65.0, 95.0, 125.0, 155.0)

@@ -13,7 +13,7 @@ import numpy as np
 import skimage.data
 
 from simulation import MODELS, GaussianPsf, zoom_out
-from standoff.image_files import read_grey, write_float_tiff
+from standoff.workflows import read_grey, write_float_tiff
 
 # A camera's total PSF as calibrate finds it, in px: use your own psf.json's.
 PSF = GaussianPsf(sigma_x_px=0.76, sigma_y_px=0.67, rho=0.12)

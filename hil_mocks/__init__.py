@@ -1,24 +1,5 @@
 """The simulated bench that stands in for camera, stage and scene."""
 
-from hil_mocks.bench import SimulatedBench
-from hil_mocks.camera import CameraFaults, SimulatedCamera
-from hil_mocks.clock import SimulatedClock
-from hil_mocks.gige import GigeDevice, GigeFaults
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.practice_bench import PracticeBench
-from hil_mocks.stage import SimulatedStage, StageFaults
-from hil_mocks.truth import BenchTruth
+import lazy_loader as lazy
 
-__all__ = [
-    "BenchTruth",
-    "CameraFaults",
-    "CameraPose",
-    "GigeDevice",
-    "GigeFaults",
-    "PracticeBench",
-    "SimulatedBench",
-    "SimulatedCamera",
-    "SimulatedClock",
-    "SimulatedStage",
-    "StageFaults",
-]
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

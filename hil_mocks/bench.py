@@ -9,10 +9,8 @@ from acquisition.bench import BenchConfig
 from acquisition.errors import BenchConfigError
 from hil_mocks.camera import SimulatedCamera
 from hil_mocks.clock import SimulatedClock
-from hil_mocks.pinhole import CameraPose
+from hil_mocks.scene import TARGETS, BenchTruth, CameraPose, scene_of
 from hil_mocks.stage import SimulatedStage
-from hil_mocks.targets import TARGETS, scene_of
-from hil_mocks.truth import BenchTruth
 
 __all__ = ["SimulatedBench"]
 

@@ -11,7 +11,7 @@ from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
 from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeoutError
 from hil_mocks.clock import SimulatedClock
-from hil_mocks.sensor import MONO8_SHIFT, PIXEL_FORMATS, Sensor
+from hil_mocks.scene import MONO8_SHIFT, PIXEL_FORMATS, Sensor
 
 __all__ = ["CameraFaults", "FrameFate", "SimulatedCamera", "following_frame_id"]
 

@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from acquisition.errors import BenchConfigError
-from hil_mocks.gige.device import ETHERNET_MTU_BYTES, GigeDevice
-from hil_mocks.gige.frame_source import BenchFrameSource
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.targets import TARGETS, scene_of
-from hil_mocks.truth import BenchTruth
+from hil_mocks.gige import ETHERNET_MTU_BYTES, BenchFrameSource, GigeDevice
+from hil_mocks.scene import TARGETS, BenchTruth, CameraPose, scene_of
 
 __all__ = ["HandStage", "PracticeBench", "StageEmulator"]
 

@@ -2,7 +2,7 @@
 
 from acquisition.errors import DeviceDisconnectedError, DeviceTimeoutError
 from hil_mocks.clock import SimulatedClock
-from hil_mocks.serial_line import SerialLine
+from hil_mocks.stages import SerialLine
 
 __all__ = ["VirtualPort"]
 

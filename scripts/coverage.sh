@@ -19,9 +19,9 @@ NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 -m "not slow" -k "not ($left_out)" \
     tests/acquisition/test_{averaging,focus_measures,pixel_decoding}.py \
     tests/calibration/test_edge_{detection,fit,model,residuals,samples,segments}.py \
     tests/calibration/test_{esfr,penalised_spline}.py \
-    tests/hil_mocks/test_render.py tests/simulation/test_banded.py
+    tests/hil_mocks/scene/test_render.py tests/simulation/resampling/test_banded.py
 NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 --cov --cov-append --cov-report= \
-    tests/simulation/test_distorted_warp.py tests/simulation/test_pose.py \
+    tests/simulation/pose/test_lens.py tests/simulation/pose/test_simulate.py \
     -k "definition or derivative or a_ramp_keeps or outside_and_zero or indefinite_blur"
 
 for package in acquisition calibration simulation analysis hil_mocks standoff; do

@@ -20,13 +20,11 @@ from acquisition.bench import (
     SimulatedConfig,
     StageConfig,
 )
-from acquisition.journal import EventKind
-from acquisition.manifest import Manifest
 from acquisition.plan import CapturePlan, PlanTarget
-from acquisition.record import CaptureRecord
-from analysis.detectability_curves import CurvesFile, DetectabilityCurve
-from calibration.geometry_document import StoredGeometry, StoredGeometryCapture, StoredZoom
-from calibration.stored_psf import (
+from acquisition.session import CaptureRecord, EventKind, Manifest
+from analysis.detectability import CurvesFile, DetectabilityCurve
+from calibration.geometry import StoredGeometry, StoredGeometryCapture, StoredZoom
+from calibration.psf import (
     StoredCamera,
     StoredCurve,
     StoredEdge,
@@ -37,7 +35,7 @@ from calibration.stored_psf import (
     StoredTransfer,
 )
 from simulation.capture_noise import CaptureNoise
-from standoff.application import application
+from standoff.terminal import application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
 MADE = "Made from the code by `python -m scripts.make_reference`; do not edit.\n"

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import lu_factor, lu_solve, toeplitz
 
-from simulation.banded import BandedMatrix
-from simulation.grid import SamplingGrid
-from simulation.transfer import CameraTransfer, GaussianTransfer, Transfer
+from simulation.psf import CameraTransfer, GaussianTransfer, Transfer
+from simulation.resampling import BandedMatrix, SamplingGrid
 
 __all__ = ["SCENE_CORRELATION_PX", "lmmse_terms"]
 

@@ -12,8 +12,8 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.grid import SamplingGrid
 from simulation.psf import GaussianPsf
+from simulation.resampling import SamplingGrid
 from simulation.zoom import FloatImage, Model, zoom_out_on_grid
 
 __all__ = ["SrPair", "crop_origins", "sr_pairs"]

@@ -17,27 +17,32 @@ Four models. All are linear, noise-free and separable up to the correlation of t
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
-from simulation.banded import BandedMatrix, put_separable
-from simulation.gaussian_kernel import (
+from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
+from simulation.psf import CameraTransfer, GaussianPsf, Transfer
+from simulation.resampling import (
     MATCHED_TAIL_TOLERANCE,
+    BandedMatrix,
     BlurCovariance,
     GaussianForm,
+    SamplingGrid,
+    antialiased_cubic,
+    blur,
     gaussian_terms,
+    put_separable,
+    reference_shape,
+    refuse_non_finite,
+    spline_sampling,
 )
-from simulation.grid import SamplingGrid
-from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
-from simulation.psf import GaussianPsf
-from simulation.reference_image import reference_shape, refuse_non_finite
-from simulation.resampling import antialiased_cubic, blur, spline_sampling
-from simulation.transfer import CameraTransfer, Transfer
 
 __all__ = [
     "MODELS",
+    "BlurredSpline",
     "Model",
     "ZoomOperator",
     "lmmse_operator",
@@ -316,3 +321,47 @@ def _needed(psf: GaussianPsf | None, model: Model) -> GaussianPsf:
     if psf is None:
         raise ValueError(f"model {model!r} needs a PSF")
     return psf
+
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlurredSpline:
+    """Coefficients of the quintic spline through a blurred image, shape ``(rows, cols)``."""
+
+    coefficients: FloatArray
+
+    @classmethod
+    def of(cls, image: NDArray[np.generic], psf: GaussianPsf, zoom: float) -> Self:
+        """Blur an image by what its PSF grows to from ``zoom`` times further away.
+
+        Parameters
+        ----------
+        image
+            Grey, shape ``(rows, cols)``.
+        psf
+            Total PSF; the blur is its covariance times ``zoom^2 - 1``.
+        zoom
+            Ratio of the distances; below 1 it blurs as 1 does: not at all.
+        """
+        excess = max(zoom, 1.0) ** 2 - 1
+        (xx, xy), (_, yy) = (excess * psf.covariance_px2).tolist()
+        rows, cols = image.shape
+        kernels = gaussian_terms(
+            BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
+            tail_tolerance=MATCHED_TAIL_TOLERANCE,
+            spline_prefilter=True,
+        )
+        prefilter = SeparableSum(
+            tuple((blur(k.along_y, rows), blur(k.along_x, cols)) for k in kernels)
+        )
+        return cls(np.asarray(prefilter.apply(np.asarray(image, dtype=np.float64))))
+
+    def at(self, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
+        """Levels at places of the image, of the places' shape; mirrored beyond the border."""
+        return np.asarray(
+            map_coordinates(
+                self.coefficients, [y_px, x_px], order=5, mode="reflect", prefilter=False
+            )
+        )

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from standoff.compiled_cache import drop_stale_code
+from standoff.terminal import drop_stale_code
 
 __all__ = ["main", "run"]
 
@@ -26,7 +26,7 @@ def _imported_and_run(arguments: list[str]) -> int:
     try:
         with _no_interrupt_lost():
             drop_stale_code()
-            from standoff.application import application, run_application
+            from standoff.terminal import application, run_application
 
             app = application(arguments)
         return run_application(app, arguments)
@@ -58,7 +58,7 @@ def _interrupted_by_termination(work: Callable[[], int]) -> int:
 
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit status; errors are one line on stderr."""
-    from standoff.application import application, run_application
+    from standoff.terminal import application, run_application
 
     return run_application(application(arguments), arguments)
 

@@ -8,14 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from acquisition.aravis_configuration import Bounds
-from acquisition.aravis_library import AravisLibrary, load_aravis
-from acquisition.aravis_probe import CameraProbe, probe_camera
-from acquisition.aravis_stream import SOCKET_BUFFER_BYTES
-from acquisition.bench import BenchConfig, CameraConfig, StageConfig
-from acquisition.camera_address import resolve_address
+from acquisition.aravis import (
+    SOCKET_BUFFER_BYTES,
+    AravisLibrary,
+    Bounds,
+    CameraProbe,
+    NetworkRoute,
+    load_aravis,
+    probe_camera,
+    receive_buffer_limit_bytes,
+    route_to,
+)
+from acquisition.bench import BenchConfig, CameraConfig, StageConfig, resolve_address
 from acquisition.errors import DeviceError, DriverMissingError
-from acquisition.network_route import NetworkRoute, receive_buffer_limit_bytes, route_to
 
 __all__ = [
     "Check",

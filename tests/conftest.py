@@ -8,7 +8,7 @@ import os
 import pytest
 from hypothesis import settings
 
-from standoff.compiled_cache import drop_stale_code
+from standoff.terminal.compiled_cache import drop_stale_code
 
 settings.register_profile("desk", deadline=None)
 settings.register_profile("build", deadline=None, derandomize=True)

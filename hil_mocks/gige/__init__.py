@@ -1,15 +1,5 @@
 """A GigE Vision camera in pure Python, served on a loopback address."""
 
-from hil_mocks.gige.bootstrap import Identity
-from hil_mocks.gige.device import GigeDevice
-from hil_mocks.gige.faults import GigeFaults
-from hil_mocks.gige.frame_source import BenchFrameSource, FrameRequest, FrameSource
+import lazy_loader as lazy
 
-__all__ = [
-    "BenchFrameSource",
-    "FrameRequest",
-    "FrameSource",
-    "GigeDevice",
-    "GigeFaults",
-    "Identity",
-]
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

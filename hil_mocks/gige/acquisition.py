@@ -16,7 +16,7 @@ from hil_mocks.gige.pixels import PixelLayout, wire_bytes
 from hil_mocks.gige.registers import RegisterMap, StreamTarget
 from hil_mocks.gige.settings import CameraState, software_triggers, trigger_waits
 from hil_mocks.gige.stream import Block, StreamSender
-from hil_mocks.sensor import ADC_MAX_DN
+from hil_mocks.scene import ADC_MAX_DN
 
 __all__ = ["Acquisition"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from hil_mocks.sensor import ADC_MAX_DN, Sensor
+from hil_mocks.scene import ADC_MAX_DN, Sensor
 
 __all__ = ["BenchFrameSource", "FrameRequest", "FrameSource", "noise_table"]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_mocks.sensor import MONO8_SHIFT
+from hil_mocks.scene import MONO8_SHIFT
 
 __all__ = [
     "BAYER_ORDERS",

@@ -9,27 +9,39 @@ import numpy as np
 import typer
 
 from acquisition.session import Session
-from calibration.covariance_fit import share_of_correlation
+from calibration.edges import EdgeImage, Pattern, Region
 from calibration.errors import CalibrationError
 from calibration.files import psf_document, read_correction, read_noise, write_psf
-from calibration.linearise import Channel
-from calibration.mosaic import Pattern
-from calibration.mosaic_calibration import calibrate_mosaic
-from calibration.noise_model import level_noise
-from calibration.psf_calibration import (
+from calibration.noise import level_noise
+from calibration.psf import (
     CalibrationMethod,
-    EdgeImage,
+    Channel,
     PsfCalibration,
-    Region,
+    calibrate_mosaic,
     calibrate_psf,
+    share_of_correlation,
 )
-from standoff.edge_sources import Reading, from_files, from_session
-from standoff.edge_table import edge_csv
-from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
-from standoff.output import note, print_json, progress_bar, say
-from standoff.psf_tables import print_psf
-from standoff.reports import require_writable, write_calibration_report, write_file
-from standoff.scene_calibration import calibrate_scenes
+from standoff.terminal import (
+    Json,
+    checked_zoom,
+    edge_csv,
+    note,
+    print_json,
+    print_psf,
+    progress_bar,
+    refuse_overwriting,
+    refuse_suffix,
+    say,
+)
+from standoff.workflows import (
+    Reading,
+    calibrate_scenes,
+    from_files,
+    from_session,
+    require_writable,
+    write_calibration_report,
+    write_file,
+)
 
 __all__ = ["calibrate"]
 

@@ -9,17 +9,32 @@ from typing import Annotated
 
 import typer
 
-from acquisition.manifest import MANIFEST_NAME
-from acquisition.plan import PlanEntry, load_plan, plan_entries
-from acquisition.plan_estimate import PlanEstimate, estimate_plan
-from acquisition.runner import CaptureProgress, Placement, RunSummary, run_plan
+from acquisition.capture import CaptureProgress, Placement, RunSummary, run_plan
+from acquisition.plan import PlanEntry, PlanEstimate, estimate_plan, load_plan, plan_entries
+from acquisition.session import MANIFEST_NAME
 from hil_mocks import SimulatedBench
-from standoff.devices import open_bench, place_in_simulation
 from standoff.errors import ApplicationError
-from standoff.operator_prompts import Operator, ScriptedOperator, TerminalOperator
-from standoff.options import BenchFile, BenchKeys, Json, read_bench
-from standoff.output import ERRORS, Bar, note, print_json, print_table, progress_bar, say
-from standoff.plan_preview import flicker_warnings, frame_shape_of, preview_lines, time_text
+from standoff.terminal import (
+    ERRORS,
+    Bar,
+    BenchFile,
+    BenchKeys,
+    Json,
+    Operator,
+    ScriptedOperator,
+    TerminalOperator,
+    flicker_warnings,
+    frame_shape_of,
+    note,
+    preview_lines,
+    print_json,
+    print_table,
+    progress_bar,
+    read_bench,
+    say,
+    time_text,
+)
+from standoff.workflows import open_bench, place_in_simulation
 
 __all__ = ["capture"]
 

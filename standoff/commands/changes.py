@@ -7,18 +7,15 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from analysis.change_filter import FALSE_ALARMS, find_changes
-from analysis.change_plots import plot_changes
+from analysis.changes import FALSE_ALARMS, find_changes
 from analysis.errors import AnalysisError
-from analysis.report_page import png_bytes
+from analysis.reports import plot_changes, png_bytes
 from calibration.errors import CalibrationError
 from calibration.files import read_noise
 from calibration.registration import register_distorted
 from standoff.commands.simulate import read_total_psf
-from standoff.image_files import read_grey, write_float_tiff, write_mask
-from standoff.options import Json
-from standoff.output import print_json, say
-from standoff.reports import make_folder, write_file
+from standoff.terminal import Json, print_json, say
+from standoff.workflows import make_folder, read_grey, write_file, write_float_tiff, write_mask
 
 __all__ = ["changes"]
 

@@ -6,16 +6,27 @@ from typing import Annotated
 
 import typer
 
-from analysis.psf_history import history_document, history_sections, ordered_history
-from analysis.report_page import render_report
-from analysis.session_report import versions
+from analysis.reports import (
+    history_document,
+    history_sections,
+    ordered_history,
+    render_report,
+    versions,
+)
 from calibration.errors import CalibrationError
 from calibration.files import StoredPsf, read_psf
-from calibration.psf_comparison import compare_psfs
+from calibration.psf import compare_psfs
 from standoff.errors import ApplicationError
-from standoff.options import Json, refuse_overwriting, refuse_suffix
-from standoff.output import note, print_json, print_table, say
-from standoff.reports import require_writable, write_page
+from standoff.terminal import (
+    Json,
+    note,
+    print_json,
+    print_table,
+    refuse_overwriting,
+    refuse_suffix,
+    say,
+)
+from standoff.workflows import require_writable, write_page
 
 __all__ = ["compare"]
 

@@ -9,20 +9,23 @@ from urllib.parse import quote
 
 import typer
 
-from analysis.detectability_curves import DetectabilityCurve
-from analysis.detectability_observers import Observer
+from analysis.detectability import DetectabilityCurve, Observer
 from simulation import Model
-from standoff.curve_options import (
+from standoff.errors import ApplicationError
+from standoff.shipped_configs import shipped_config
+from standoff.terminal import (
+    BenchFile,
+    BenchKeys,
     CurveContrast,
     CurveModel,
     CurveNoise,
     CurveObserver,
+    Json,
     chosen_curve,
+    note,
+    read_bench,
+    say,
 )
-from standoff.errors import ApplicationError
-from standoff.options import BenchFile, BenchKeys, Json, read_bench
-from standoff.output import note, say
-from standoff.shipped_configs import shipped_config
 
 __all__ = ["console"]
 
@@ -70,12 +73,15 @@ def console(
     Closing the page changes nothing: the bench is kept here.
     """
     _require_extra()
-    from standoff.console.access import MIN_TOKEN_CHARS, is_loopback_host
-    from standoff.console.bench_hub import BenchHub
-    from standoff.console.drivers import bench_drivers
-    from standoff.console.pose_reference import tracker_maker
-    from standoff.console.server import open_socket, serve
-    from standoff.console.web import console_app
+    from standoff.console import BenchHub, bench_drivers
+    from standoff.console.devices import tracker_maker
+    from standoff.console.web import (
+        MIN_TOKEN_CHARS,
+        console_app,
+        is_loopback_host,
+        open_socket,
+        serve,
+    )
 
     if token is None and not is_loopback_host(host):
         raise typer.BadParameter(

@@ -7,10 +7,9 @@ import typer
 
 from acquisition.plan import load_plan
 from simulation import MODELS
-from standoff.demo import DemoResult, run_demo
-from standoff.options import BenchKeys, Json, read_bench
-from standoff.output import print_json, print_table, say
 from standoff.shipped_configs import shipped_config
+from standoff.terminal import BenchKeys, Json, print_json, print_table, read_bench, say
+from standoff.workflows import DemoResult, run_demo
 
 __all__ = ["demo"]
 

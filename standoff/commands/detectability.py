@@ -7,24 +7,41 @@ from typing import Annotated, TypeVar, get_args
 import numpy as np
 import typer
 
-from analysis.detectability import Scenario, d_prime_curves
-from analysis.detectability_artefact import ArtefactTiles
-from analysis.detectability_curves import DetectabilityCurve, curves_document, write_curves
-from analysis.detectability_local import WINDOW_PX
-from analysis.detectability_observers import OBSERVERS, Observer
-from analysis.detectability_pair import REFERENCE_ZOOM
-from analysis.detectability_plots import plot_detectability
-from analysis.detectability_signal import ChangeSignal, GaussianSignal, PatchSignal
-from analysis.detectability_sweep import SceneStatistics, SweepPlan, sweep_images, tiles_per_side
-from analysis.report_page import png_bytes, svg_bytes
+from analysis.detectability import (
+    OBSERVERS,
+    REFERENCE_ZOOM,
+    WINDOW_PX,
+    ArtefactTiles,
+    ChangeSignal,
+    DetectabilityCurve,
+    GaussianSignal,
+    Observer,
+    PatchSignal,
+    Scenario,
+    SceneStatistics,
+    SweepPlan,
+    curves_document,
+    d_prime_curves,
+    sweep_images,
+    tiles_per_side,
+    write_curves,
+)
+from analysis.reports import plot_detectability, png_bytes, svg_bytes
 from calibration.files import read_noise
 from simulation import MODELS, Model
 from standoff.commands.simulate import read_total_psf
 from standoff.errors import ApplicationError
-from standoff.image_files import expanded_images, read_grey
-from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
-from standoff.output import print_json, print_table, progress_bar, say
-from standoff.reports import require_writable, write_file
+from standoff.terminal import (
+    Json,
+    checked_zoom,
+    print_json,
+    print_table,
+    progress_bar,
+    refuse_overwriting,
+    refuse_suffix,
+    say,
+)
+from standoff.workflows import expanded_images, read_grey, require_writable, write_file
 
 __all__ = ["detectability"]
 

@@ -6,10 +6,9 @@ from typing import Annotated
 
 import typer
 
-from acquisition.aravis_discovery import list_cameras
+from acquisition.aravis import list_cameras
 from standoff.doctor import examine
-from standoff.options import BenchKeys, Json, read_bench
-from standoff.output import print_json, print_table, say
+from standoff.terminal import BenchKeys, Json, print_json, print_table, read_bench, say
 
 __all__ = ["cameras", "doctor"]
 

@@ -8,22 +8,33 @@ import typer
 
 from acquisition.bench import BenchConfig
 from acquisition.devices import Camera
-from acquisition.focus import Region
-from acquisition.focus_live import FocusOptions
-from acquisition.focus_measures import FocusMeasure
-from acquisition.focus_sweep import FEWEST_POSITIONS
-from acquisition.focus_trace import FocusReading
-from analysis.focus_plots import plot_focus_sweep
-from analysis.report_page import png_bytes
+from acquisition.focus import FEWEST_POSITIONS, FocusMeasure, FocusOptions, FocusReading, Region
+from analysis.reports import plot_focus_sweep, png_bytes
 from calibration.files import read_noise
-from calibration.noise_model import level_noise
+from calibration.noise import level_noise
 from hil_mocks import SimulatedBench
-from standoff.devices import OpenBench, open_bench
 from standoff.errors import ApplicationError
-from standoff.focus_runs import FocusSweep, OpenCamera, opened_camera, run_sweep, watch_focus
-from standoff.options import BenchFile, BenchKeys, Json, read_bench, refuse_suffix
-from standoff.output import note, print_json, say
-from standoff.reports import require_writable, write_file
+from standoff.terminal import (
+    BenchFile,
+    BenchKeys,
+    Json,
+    note,
+    print_json,
+    read_bench,
+    refuse_suffix,
+    say,
+)
+from standoff.workflows import (
+    FocusSweep,
+    OpenBench,
+    OpenCamera,
+    open_bench,
+    opened_camera,
+    require_writable,
+    run_sweep,
+    watch_focus,
+    write_file,
+)
 
 __all__ = ["focus"]
 

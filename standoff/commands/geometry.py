@@ -7,14 +7,28 @@ from typing import Annotated
 import typer
 
 from acquisition.session import Session
-from calibration.board import DEFAULT_BOARD, CharucoBoard
 from calibration.files import geometry_document, write_geometry
-from calibration.geometry import GeometryCalibration, GeometryOptions, Measured
-from calibration.geometry_calibration import calibrate_geometry
-from calibration.geometry_captures import geometry_captures, geometry_records, nominal_focal_px
-from standoff.geometry_page import write_geometry_report
-from standoff.options import Json, refuse_overwriting
-from standoff.output import note, print_json, print_table, progress_bar, say
+from calibration.geometry import (
+    DEFAULT_BOARD,
+    CharucoBoard,
+    GeometryCalibration,
+    GeometryOptions,
+    Measured,
+    calibrate_geometry,
+    geometry_captures,
+    geometry_records,
+    nominal_focal_px,
+)
+from standoff.terminal import (
+    Json,
+    note,
+    print_json,
+    print_table,
+    progress_bar,
+    refuse_overwriting,
+    say,
+)
+from standoff.workflows import write_geometry_report
 
 __all__ = ["geometry"]
 

@@ -7,24 +7,27 @@ from typing import Annotated
 
 import typer
 
-from analysis.pose_limits import PoseLimits, contrast_found_at, pose_limits
-from analysis.pose_plots import plot_limits
-from analysis.report_page import png_bytes, svg_bytes
-from analysis.viewing_camera import ViewingCamera
+from analysis.pose import PoseLimits, ViewingCamera, contrast_found_at, pose_limits
+from analysis.reports import plot_limits, png_bytes, svg_bytes
 from calibration.files import read_geometry
-from standoff.curve_options import (
+from standoff.errors import ApplicationError
+from standoff.terminal import (
     CurveContrast,
     CurveModel,
     CurveNoise,
     CurveObserver,
     CurvesPath,
+    Json,
     MinDprime,
+    checked_zoom,
     chosen_curve,
+    print_json,
+    print_table,
+    refuse_overwriting,
+    refuse_suffix,
+    say,
 )
-from standoff.errors import ApplicationError
-from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
-from standoff.output import print_json, print_table, say
-from standoff.reports import require_writable, write_file
+from standoff.workflows import require_writable, write_file
 
 __all__ = ["limits"]
 

@@ -13,13 +13,12 @@ from typing import Annotated
 
 import typer
 
-from hil_mocks.gige.device import checked_loopback_address
+from hil_mocks.gige import checked_loopback_address
 from hil_mocks.practice_bench import HandStage, PracticeBench, StageEmulator
-from hil_mocks.serial_stage import SerialStage, StageProtocol
-from standoff.options import BenchKeys, Json, read_bench
-from standoff.output import ERRORS, say
-from standoff.practice import PracticeCommandError, PracticeConsole
+from hil_mocks.stages import SerialStage, StageProtocol
 from standoff.shipped_configs import shipped_config
+from standoff.terminal import ERRORS, BenchKeys, Json, read_bench, say
+from standoff.workflows import PracticeCommandError, PracticeConsole
 
 __all__ = ["mock"]
 

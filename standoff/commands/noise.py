@@ -6,13 +6,20 @@ from typing import Annotated
 import typer
 
 from acquisition.session import Session
-from analysis.noise_report import render_noise_report
+from analysis.reports import render_noise_report
 from calibration.files import write_noise
-from calibration.map_files import map_paths
-from calibration.noise_captures import NoiseCalibration, measure_noise, noise_records
-from standoff.options import Json, refuse_overwriting, refuse_suffix
-from standoff.output import note, print_json, print_table, progress_bar, say
-from standoff.reports import require_writable, write_page
+from calibration.noise import NoiseCalibration, map_paths, measure_noise, noise_records
+from standoff.terminal import (
+    Json,
+    note,
+    print_json,
+    print_table,
+    progress_bar,
+    refuse_overwriting,
+    refuse_suffix,
+    say,
+)
+from standoff.workflows import require_writable, write_page
 
 __all__ = ["noise"]
 

@@ -7,13 +7,11 @@ import numpy as np
 import typer
 
 from acquisition.plan import load_plan
-from analysis.validation_kernels import PAPER_TRAINING_STEPS, KernelBook
+from analysis.validation import PAPER_TRAINING_STEPS, KernelBook
 from standoff.commands.validate import parse_models, print_tables
-from standoff.options import BenchKeys, Json, read_bench
-from standoff.output import print_json, say
-from standoff.paper import run_paper, short_bench
 from standoff.shipped_configs import shipped_config
-from standoff.validation_run import ValidationSettings, default_models
+from standoff.terminal import BenchKeys, Json, print_json, read_bench, say
+from standoff.workflows import ValidationSettings, default_models, run_paper, short_bench
 
 __all__ = ["paper"]
 

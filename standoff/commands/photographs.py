@@ -11,12 +11,11 @@ import typer
 from numpy.typing import NDArray
 
 from acquisition.plan import CaptureKind, CapturePlan, parse_plan
-from acquisition.session_writer import SessionWriter
-from calibration.linearise import luma_plane, srgb_to_linear
+from acquisition.session import SessionWriter
+from calibration.psf import luma_plane, srgb_to_linear
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.image_files import ImageFile, read_image
-from standoff.options import Json
-from standoff.output import note, print_json, progress_bar, say
+from standoff.terminal import Json, note, print_json, progress_bar, say
+from standoff.workflows import ImageFile, read_image
 
 __all__ = ["import_photographs"]
 

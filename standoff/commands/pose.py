@@ -9,39 +9,44 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from analysis.detectability_curves import DetectabilityCurve
-from analysis.pose_plots import plot_pose
-from analysis.pose_quality import Criterion, PoseQuality, judge_pose
-from analysis.pose_tracker import PoseTracker
-from analysis.report_page import png_bytes, svg_bytes
+from analysis.detectability import DetectabilityCurve
+from analysis.pose import Criterion, PoseQuality, PoseTracker, judge_pose
+from analysis.reports import plot_pose, png_bytes, svg_bytes
 from calibration.errors import CalibrationError
 from calibration.registration import Registration, register
 from hil_mocks import SimulatedBench
 from simulation import GaussianPsf
 from standoff.commands.simulate import read_total_psf
-from standoff.curve_options import (
+from standoff.terminal import (
+    BenchKeys,
     CurveContrast,
     CurveModel,
     CurveNoise,
     CurveObserver,
     CurvesPath,
+    Json,
     MinDprime,
     chosen_curve,
+    note,
+    print_json,
+    read_bench,
+    refuse_overwriting,
+    refuse_suffix,
+    say,
 )
-from standoff.focus_runs import opened_camera
-from standoff.image_files import read_grey
-from standoff.options import BenchKeys, Json, read_bench, refuse_overwriting, refuse_suffix
-from standoff.output import note, print_json, say
-from standoff.pose_stream import (
+from standoff.workflows import (
     NamedFrame,
     StreamSummary,
     camera_frames,
     folder_frames,
     judge_stream,
+    opened_camera,
+    read_grey,
+    require_writable,
     verdict_display,
     verdict_facts,
+    write_file,
 )
-from standoff.reports import require_writable, write_file
 
 __all__ = ["pose"]
 

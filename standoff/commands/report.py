@@ -6,9 +6,8 @@ from typing import Annotated
 import typer
 
 from acquisition.session import Session, verify
-from standoff.options import Json, refuse_suffix
-from standoff.output import note, print_json, say
-from standoff.reports import (
+from standoff.terminal import Json, note, print_json, refuse_suffix, say
+from standoff.workflows import (
     RESULTS_FOLDER,
     make_folder,
     require_writable,

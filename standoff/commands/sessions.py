@@ -7,13 +7,15 @@ from typing import Annotated, Any
 import typer
 
 from acquisition.errors import SessionError
-from acquisition.manifest import MANIFEST_NAME
-from acquisition.session import Session, SessionCapture
-from acquisition.session import verify as verify_session
-from acquisition.session_notes import SessionNotes
+from acquisition.session import (
+    MANIFEST_NAME,
+    Session,
+    SessionCapture,
+    SessionNotes,
+    verify as verify_session,
+)
 from standoff.errors import ApplicationError
-from standoff.options import Json
-from standoff.output import note, print_json, print_table, say
+from standoff.terminal import Json, note, print_json, print_table, say
 
 __all__ = ["session", "verify"]
 

@@ -7,25 +7,41 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from analysis.kernel_cache import CACHE_VARIABLE, default_cache_folder
+from analysis.validation import CACHE_VARIABLE, default_cache_folder
 from calibration.files import read_correction, read_homography, read_noise, read_psf
 from simulation import MODELS, GaussianPsf, Model, PsfField
-from simulation.gaussian_kernel import GaussianForm
-from simulation.kernel_sampling import Sampler
-from simulation.kernelgan import KERNEL_MODELS, TRAINING_STEPS, KernelGanSettings, KernelModel
+from simulation.kernelgan import (
+    KERNEL_MODELS,
+    TRAINING_STEPS,
+    KernelGanSettings,
+    KernelModel,
+    Sampler,
+)
+from simulation.resampling import GaussianForm
 from standoff.errors import ApplicationError
-from standoff.followup import (
+from standoff.terminal import (
+    Json,
+    checked_zoom,
+    note,
+    print_json,
+    refuse_overwriting,
+    refuse_suffix,
+    say,
+)
+from standoff.workflows import (
     CaptureOptions,
     FollowUp,
+    FoundKernel,
     captured,
+    found_kernel,
     from_pose,
+    read_image,
+    write_float_tiff,
+    write_mask,
     zoomed_out,
     zoomed_out_as_measured,
+    zoomed_out_by_kernel,
 )
-from standoff.image_files import read_image, write_float_tiff, write_mask
-from standoff.learned_followup import FoundKernel, found_kernel, zoomed_out_by_kernel
-from standoff.options import Json, checked_zoom, refuse_overwriting, refuse_suffix
-from standoff.output import note, print_json, say
 
 __all__ = ["read_total_psf", "simulate"]
 

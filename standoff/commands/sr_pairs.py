@@ -10,10 +10,13 @@ import typer
 from simulation import Model
 from standoff.commands.simulate import read_total_psf
 from standoff.errors import ApplicationError
-from standoff.image_files import expanded_images
-from standoff.options import Json, checked_zoom
-from standoff.output import note, print_json, progress_bar, say
-from standoff.sr_dataset import SrDatasetSettings, SrDatasetSummary, write_sr_dataset
+from standoff.terminal import Json, checked_zoom, note, print_json, progress_bar, say
+from standoff.workflows import (
+    SrDatasetSettings,
+    SrDatasetSummary,
+    expanded_images,
+    write_sr_dataset,
+)
 
 __all__ = ["sr_pairs"]
 

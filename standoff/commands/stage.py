@@ -10,13 +10,12 @@ import typer
 from acquisition.bench import BenchConfig, StageConfig
 from acquisition.devices import Stage
 from acquisition.errors import DeviceError, DeviceInUseError, StageNotHomedError
-from acquisition.grbl_stage import GrblStage
-from acquisition.stage_travel import home_timeout_s, move_timeout_s
-from acquisition.zaber_stage import ZaberStage
+from acquisition.stages import home_timeout_s, move_timeout_s
+from acquisition.stages.grbl import GrblStage
+from acquisition.stages.zaber import ZaberStage
 from hil_mocks import SimulatedBench
-from standoff.devices import open_stage
-from standoff.options import BenchFile, BenchKeys, Json, read_bench
-from standoff.output import note, print_json, say
+from standoff.terminal import BenchFile, BenchKeys, Json, note, print_json, read_bench, say
+from standoff.workflows import open_stage
 
 __all__ = ["stage"]
 

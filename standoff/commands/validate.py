@@ -6,15 +6,20 @@ from typing import Annotated
 import typer
 
 from acquisition.session import Session
-from analysis.kernel_cache import CACHE_VARIABLE, default_cache_folder
-from analysis.validation import Validation
-from analysis.validation_kernels import PAPER_TRAINING_STEPS, KernelBook
-from analysis.validation_models import VALIDATION_MODELS, ValidationModel, is_learned
-from analysis.validation_tables import both_tables
+from analysis.validation import (
+    CACHE_VARIABLE,
+    PAPER_TRAINING_STEPS,
+    VALIDATION_MODELS,
+    KernelBook,
+    Validation,
+    ValidationModel,
+    both_tables,
+    default_cache_folder,
+    is_learned,
+)
 from standoff.commands.simulate import read_total_psf
-from standoff.options import Json
-from standoff.output import print_json, print_table, say
-from standoff.validation_run import ValidationSettings, default_models, run_validation
+from standoff.terminal import Json, print_json, print_table, say
+from standoff.workflows import ValidationSettings, default_models, run_validation
 
 __all__ = ["parse_models", "print_tables", "validate"]
 

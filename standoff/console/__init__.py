@@ -4,4 +4,6 @@ The keepers own the devices, `BenchHub` puts them together, viewers subscribe an
 Nothing here waits for a viewer: a slow one is sent fewer pictures, a lost one changes nothing.
 """
 
-__all__: list[str] = []
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

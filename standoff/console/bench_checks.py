@@ -2,11 +2,11 @@
 
 import shutil
 
-from acquisition.camera_address import resolve_address
+from acquisition.aravis import route_to
+from acquisition.bench import resolve_address
 from acquisition.errors import DeviceError
-from acquisition.network_route import route_to
 from standoff.console.bench_hub import BenchHub
-from standoff.console.device_status import DeviceStatus
+from standoff.console.devices import DeviceStatus
 from standoff.doctor import (
     Check,
     check_disk,

@@ -10,21 +10,21 @@ from pathlib import Path
 from threading import Event, Lock, Thread
 
 from acquisition.bench import BenchConfig
+from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
 from acquisition.errors import DeviceError
 from acquisition.plan import PlanEntry
-from acquisition.runner import Placement
-from standoff.console.camera_keeper import CameraKeeper
-from standoff.console.control_desk import ControlDesk
-from standoff.console.frame_board import FrameBoard
-from standoff.console.job_desk import JobDesk
-from standoff.console.picture_watch import PictureWatch
+from standoff.console.devices import (
+    CameraKeeper,
+    FrameBoard,
+    PictureWatch,
+    PoseWatch,
+    StageKeeper,
+    TrackerMaker,
+)
+from standoff.console.jobs import ControlDesk, JobDesk, PromptBoard, SessionRun
 from standoff.console.plan_library import PlanLibrary
-from standoff.console.pose_watch import PoseWatch, TrackerMaker
-from standoff.console.prompt_board import PromptBoard
 from standoff.console.session_library import SessionLibrary
-from standoff.console.session_run import SessionRun
-from standoff.console.stage_keeper import StageKeeper
 
 __all__ = ["BenchDrivers", "BenchHub", "Notice"]
 

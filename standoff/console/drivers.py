@@ -7,7 +7,12 @@ from acquisition.devices import Stage
 from hil_mocks import SimulatedBench
 from hil_mocks.clock import RealTimeClock
 from standoff.console.bench_hub import BenchDrivers
-from standoff.devices import open_camera, open_stage, place_in_simulation, refuse_half_simulated
+from standoff.workflows import (
+    open_camera,
+    open_stage,
+    place_in_simulation,
+    refuse_half_simulated,
+)
 
 __all__ = ["bench_drivers"]
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from acquisition.foreign_text import parse_toml
 from acquisition.plan import CapturePlan, load_plan
+from acquisition.untrusted import parse_toml
 from standoff.errors import ApplicationError
 
 __all__ = ["PlanLibrary"]

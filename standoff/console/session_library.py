@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition.errors import SessionError
-from acquisition.manifest import MANIFEST_NAME
-from acquisition.session import JOURNAL_NAME, Session, SessionCapture
+from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, SessionCapture
 from standoff.errors import ApplicationError
-from standoff.reports import RESULTS_FOLDER
+from standoff.workflows import RESULTS_FOLDER
 
 __all__ = ["SessionLibrary", "SessionSummary", "UnknownSessionError", "is_session_name"]
 

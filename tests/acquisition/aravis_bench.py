@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from acquisition.aravis_camera import AravisCamera
-from acquisition.aravis_library import load_aravis
+from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.library import load_aravis
 from acquisition.bench import CameraConfig
 from acquisition.devices import Frame
 from acquisition.errors import DriverMissingError

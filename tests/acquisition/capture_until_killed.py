@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 from acquisition.averaging import average_frames
+from acquisition.capture.runner import CaptureProgress, run_plan
 from acquisition.devices import Frame
-from acquisition.runner import CaptureProgress, run_plan
 from tests.acquisition.fakes import SETTINGS, ScriptedCamera, ScriptedStage, frame
 from tests.acquisition.session_fixtures import bench_of, plan_of
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from acquisition.capture_file import CaptureImages
-from acquisition.record import CaptureRecord
+from acquisition.session.capture_file import CaptureImages
+from acquisition.session.record import CaptureRecord
 
 RECORD = CaptureRecord(
     index=7,

@@ -6,9 +6,9 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from acquisition.bench import StageConfig
-from acquisition.grbl_controller import GrblController
-from acquisition.grbl_motion import GrblMotion
-from acquisition.grbl_wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
+from acquisition.stages.grbl.controller import GrblController
+from acquisition.stages.grbl.motion import GrblMotion
+from acquisition.stages.grbl.wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
 
 CONFIG = StageConfig.model_validate(
     {

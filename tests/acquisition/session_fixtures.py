@@ -9,8 +9,8 @@ from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
-from acquisition.record import CaptureRecord
-from acquisition.session_writer import SessionWriter
+from acquisition.session.record import CaptureRecord
+from acquisition.session.writer import SessionWriter
 from tests.acquisition.fakes import COLS, ROWS, SETTINGS, FakeUids, FakeUtc
 
 DEVICES: dict[str, dict[str, Any]] = {

@@ -2,10 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.bench import BenchConfig
-from acquisition.camera_address import address_fault, resolve_address
+from acquisition.aravis.route import receive_buffer_limit_bytes, route_to
+from acquisition.bench import BenchConfig, address_fault, resolve_address
 from acquisition.errors import DeviceDisconnectedError, DeviceError
-from acquisition.network_route import receive_buffer_limit_bytes, route_to
 from tests.acquisition.session_fixtures import bench_of
 
 

@@ -1,8 +1,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from acquisition.errors import PlanError
 from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries

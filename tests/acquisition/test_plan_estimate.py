@@ -1,9 +1,7 @@
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from acquisition.plan import plan_entries
-from acquisition.plan_estimate import estimate_plan
+from acquisition.plan import estimate_plan, plan_entries
 from tests.acquisition.session_fixtures import bench_of, plan_of
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.session import Session
-from calibration.noise_model import LevelNoise
+from acquisition.session.reader import Session
+from calibration.noise.noise_by_level import LevelNoise
 from simulation import GaussianPsf
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.scenes import Placed, SumOfScenes, ZonePlate
-from hil_mocks.targets import scene_of
-from hil_mocks.truth import BenchTruth
+from hil_mocks.scene.pinhole import CameraPose
+from hil_mocks.scene.scenes import Placed, SumOfScenes, ZonePlate
+from hil_mocks.scene.targets import scene_of
+from hil_mocks.scene.truth import BenchTruth
 from simulation import GaussianPsf
 from simulation.capture_noise import CaptureNoise
 

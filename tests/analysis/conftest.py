@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session import Session
+from acquisition.session.reader import Session
 from analysis.series import SeriesComparison, compare_series
-from calibration.edge_captures import edge_images
 from calibration.files import StoredPsf, read_psf, write_psf
-from calibration.psf_calibration import calibrate_psf
+from calibration.psf.calibration import calibrate_psf
+from calibration.psf.captures import edge_images
 from tests.analysis.bench_session import PSF, bench_session
 
 

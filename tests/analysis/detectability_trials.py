@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from analysis.detectability_local import LocalChange
+from analysis.detectability.local import LocalChange
 
 __all__ = ["TrialResult", "run_trials"]
 

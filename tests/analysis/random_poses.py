@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
-from hil_mocks.pinhole import CameraPose
-from hil_mocks.truth import BenchTruth
+from hil_mocks.scene.pinhole import CameraPose
+from hil_mocks.scene.truth import BenchTruth
 
 NEAR_MM = 180.0
 EXPOSURE_US = 12000.0

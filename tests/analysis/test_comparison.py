@@ -6,7 +6,7 @@ import pytest
 
 from analysis.comparison import compare_pair, mean_metrics
 from analysis.errors import AnalysisError
-from analysis.metrics import ImageMetrics
+from analysis.validation.metrics import ImageMetrics
 from tests.analysis.bench_session import PSF, SHAPE, texture_dn
 
 

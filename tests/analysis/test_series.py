@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.session import Session
+from acquisition.session.reader import Session
 from analysis.errors import AnalysisError, ResultsFileError
 from analysis.series import (
     SeriesComparison,

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from calibration.psf_calibration import EdgeImage
-from simulation.field import PsfField
+from calibration.psf.calibration import EdgeImage
+from simulation.psf.field import PsfField
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,15 @@ from itertools import groupby
 
 import numpy as np
 
-from calibration.geometry_series import GeometryCapture, SeriesAdjustment
-from calibration.plane_view import CapturePose, PlaneLens
-from calibration.series_geometry import LensPrior, PlaneMatches, SeriesLayout, adjust_series
-from hil_mocks.pinhole import CameraPose, PinholeCamera
+from calibration.geometry.bundle_adjustment import (
+    LensPrior,
+    PlaneMatches,
+    SeriesLayout,
+    adjust_series,
+)
+from calibration.geometry.camera import CapturePose, PlaneLens
+from calibration.geometry.series import GeometryCapture, SeriesAdjustment
+from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from tests.calibration.geometry_bench import (
     HEIGHT_PX,
     WIDTH_PX,

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
-from calibration.geometry_series import GeometryCapture
-from calibration.plane_view import CapturePose, PlaneLens
-from calibration.series_geometry import PlaneMatches, SeriesLayout
-from hil_mocks.pinhole import CameraPose, PinholeCamera
-from hil_mocks.truth import BenchTruth
+from calibration.geometry.bundle_adjustment import PlaneMatches, SeriesLayout
+from calibration.geometry.camera import CapturePose, PlaneLens
+from calibration.geometry.series import GeometryCapture
+from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
+from hil_mocks.scene.truth import BenchTruth
 
 FloatArray = NDArray[np.float64]
 

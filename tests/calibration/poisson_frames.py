@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.photon_transfer import LevelSample, Saturation
+from calibration.noise.photon_transfer import LevelSample, Saturation
 
 GAIN_E_PER_DN, READ_NOISE_E, BLACK_DN, TOP_DN = 5.0, 12.0, 64.0, 4095.0
 FRAMES, SHAPE = 8, (60, 80)

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.errors import PsfFileError
 from calibration.files import PSF_SCHEMA, psf_document, read_psf, write_psf
-from calibration.psf_calibration import PsfCalibration, calibrate_psf
+from calibration.psf.calibration import PsfCalibration, calibrate_psf
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, photographs
 
 DOCUMENTED_KEYS = {

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import tifffile
 
-from analysis.detectability_curves import read_curves
-from analysis.detectability_sweep import SweepPlan, sweep_images
+from analysis.detectability.curves import read_curves
+from analysis.detectability.sweep import SweepPlan, sweep_images
 from analysis.errors import ResultsFileError
-from analysis.kernel_cache import KernelCache
+from analysis.validation.kernel_cache import KernelCache
 from calibration.errors import (
     GeometryFileError,
     HomographyFileError,
@@ -31,11 +31,11 @@ from calibration.files import (
     read_noise,
     read_psf,
 )
-from calibration.psf_calibration import calibrate_psf
-from simulation.kernelgan import KernelGanSettings
+from calibration.psf.calibration import calibrate_psf
+from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.image_files import read_image
-from standoff.sr_dataset import MANIFEST_NAME, manifest_lines
+from standoff.workflows.image_files import read_image
+from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file

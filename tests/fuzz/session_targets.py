@@ -5,13 +5,13 @@ from io import BytesIO
 from pathlib import Path
 
 from acquisition.bench import load_bench, parse_overrides
-from acquisition.capture_file import parse_capture, read_capture, write_capture
 from acquisition.errors import BenchConfigError, PlanError, SessionError
-from acquisition.journal import JournalEvent, JournalWriter, read_journal
-from acquisition.manifest import Manifest
 from acquisition.plan import load_plan, plan_entries
-from acquisition.record import CaptureRecord
-from acquisition.session import captures_of
+from acquisition.session.capture_file import parse_capture, read_capture, write_capture
+from acquisition.session.journal import JournalEvent, JournalWriter, read_journal
+from acquisition.session.manifest import Manifest
+from acquisition.session.reader import captures_of
+from acquisition.session.record import CaptureRecord
 from tests.acquisition.records import RECORD, images
 from tests.acquisition.session_fixtures import DEVICES, bench_of, plan_of
 from tests.fuzz.damage import damaged_bytes, damaged_json, damaged_toml

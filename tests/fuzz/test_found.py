@@ -9,15 +9,14 @@ import tifffile
 
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
-from acquisition.foreign_text import parse_json, parse_toml
-from acquisition.foreign_tiff import TiffDamageError, read_tiff
-from acquisition.journal import read_journal
-from acquisition.manifest import Manifest
 from acquisition.plan import load_plan
+from acquisition.session.journal import read_journal
+from acquisition.session.manifest import Manifest
+from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
 from calibration.errors import NoiseFileError
 from calibration.files import read_noise
 from standoff.errors import ApplicationError
-from standoff.sr_dataset import MANIFEST_NAME, manifest_lines
+from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
 from tests.fuzz.damage import DEEP
 from tests.fuzz.result_targets import MAPS, NOISE, damaged_map, read_kernel
 

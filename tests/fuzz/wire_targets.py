@@ -5,10 +5,10 @@ from functools import cache
 
 from hypothesis import strategies as st
 
+from acquisition.aravis.pixel_decoding import decode_pixels
 from acquisition.errors import DeviceError
-from acquisition.grbl_stage import GrblStage
-from acquisition.pixel_decoding import decode_pixels
-from acquisition.zaber_stage import ZaberStage
+from acquisition.stages.grbl.stage import GrblStage
+from acquisition.stages.zaber.stage import ZaberStage
 from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
 from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
@@ -28,10 +28,10 @@ from hil_mocks.gige.gvcp import (
 )
 from hil_mocks.gige.registers import RegisterMap
 from hil_mocks.gige.settings import CameraState
-from hil_mocks.grbl_firmware import GrblFirmware
-from hil_mocks.plant import StagePlant
-from hil_mocks.serial_line import LineFaults, SerialLine
-from hil_mocks.zaber_firmware import ZaberFirmware
+from hil_mocks.stages.grbl import GrblFirmware
+from hil_mocks.stages.plant import StagePlant
+from hil_mocks.stages.serial_line import LineFaults, SerialLine
+from hil_mocks.stages.zaber import ZaberFirmware
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget
 from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, zaber_rig

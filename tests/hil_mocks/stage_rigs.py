@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from acquisition.bench import StageConfig
-from acquisition.grbl_stage import GrblStage
-from acquisition.manual_stage import ManualStage
-from acquisition.serial_link import SerialLink
-from acquisition.zaber_stage import ZaberStage
+from acquisition.stages.grbl.stage import GrblStage
+from acquisition.stages.manual import ManualStage
+from acquisition.stages.serial_link import SerialLink
+from acquisition.stages.zaber.stage import ZaberStage
 from hil_mocks import SimulatedClock
-from hil_mocks.grbl_firmware import GrblFirmware
-from hil_mocks.plant import StagePlant
-from hil_mocks.serial_line import SerialLine
+from hil_mocks.stages.grbl import GrblFirmware
+from hil_mocks.stages.plant import StagePlant
+from hil_mocks.stages.serial_line import SerialLine
+from hil_mocks.stages.zaber import ZaberFirmware
 from hil_mocks.virtual_port import VirtualPort
-from hil_mocks.zaber_firmware import ZaberFirmware
 
 MICROSTEP_UM = 0.49609375
 

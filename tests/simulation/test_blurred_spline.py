@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
-from simulation.blurred_spline import BlurredSpline
+from simulation.zoom import BlurredSpline
 from tests.simulation.closed_form import photograph, random_scene
 
 PSF = GaussianPsf(sigma_x_px=0.72, sigma_y_px=0.64, rho=0.2)

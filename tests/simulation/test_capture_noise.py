@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from simulation import GaussianPsf, SamplingGrid, zoom_operator
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise

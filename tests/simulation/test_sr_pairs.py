@@ -2,8 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
 from simulation.sr_pairs import crop_origins, sr_pairs

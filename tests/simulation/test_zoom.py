@@ -3,8 +3,7 @@ from math import pi, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.fft import dctn, idctn

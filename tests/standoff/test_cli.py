@@ -13,9 +13,9 @@ import standoff.cli
 import standoff.commands
 import standoff.commands.simulate
 from standoff import __version__
-from standoff.application import COMMANDS
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
+from standoff.terminal.app import COMMANDS
 from tests.calibration.closed_form import edge_image
 from tests.standoff.conftest import Command
 
@@ -237,7 +237,7 @@ def test_every_module_of_the_commands_is_within_reach() -> None:
 
 def test_a_command_imports_no_other() -> None:
     code = (
-        "import sys; from standoff.application import application; application(['verify']); "
+        "import sys; from standoff.terminal.app import application; application(['verify']); "
         "print(*(m for m in ('matplotlib', 'numba', 'cv2', 'torch') if m in sys.modules), end='')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -260,7 +260,7 @@ def test_a_report_that_the_disk_does_not_take_is_named(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("standoff.reports.atomic_write", full)
+    monkeypatch.setattr("standoff.workflows.reports.atomic_write", full)
     done = command("report", session_dir)
     assert done.status == 1
     assert "report.html: No space left on device" in done.err

@@ -9,14 +9,13 @@ import pytest
 
 import standoff.commands.doctor
 import standoff.doctor
-from acquisition.aravis_camera import AravisCamera
-from acquisition.aravis_configuration import Bounds
-from acquisition.aravis_discovery import FoundCamera
-from acquisition.aravis_library import AravisLibrary
-from acquisition.aravis_probe import CameraProbe
+from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.configuration import Bounds
+from acquisition.aravis.discovery import CameraProbe, FoundCamera
+from acquisition.aravis.library import AravisLibrary
+from acquisition.aravis.route import NetworkRoute
 from acquisition.bench import BenchConfig
 from acquisition.errors import DriverMissingError
-from acquisition.network_route import NetworkRoute
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from standoff.doctor import (

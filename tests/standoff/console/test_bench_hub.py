@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.runner import CaptureProgress
-from acquisition.session import Session, verify
-from standoff.console import messages
+from acquisition.capture.runner import CaptureProgress
+from acquisition.session.reader import Session, verify
 from standoff.console.bench_hub import BenchHub
-from standoff.console.commands import CommandDesk, NotInControlError
-from standoff.console.job_desk import BusyError
-from standoff.console.view_model import plan_document, state_document
+from standoff.console.jobs.job_runner import BusyError
+from standoff.console.web import messages
+from standoff.console.web.command_handler import CommandDesk, NotInControlError
+from standoff.console.web.view_model import plan_document, state_document
 from standoff.errors import ApplicationError
 from tests.standoff.console.hub_fixtures import running_hub, wait_for
 

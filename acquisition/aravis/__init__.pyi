@@ -1,0 +1,30 @@
+from .camera import AravisCamera as AravisCamera
+from .configuration import Bounds as Bounds
+from .device import open_device as open_device
+from .discovery import (
+    CameraProbe as CameraProbe,
+    list_cameras as list_cameras,
+    probe_camera as probe_camera,
+)
+from .library import AravisLibrary as AravisLibrary, load_aravis as load_aravis
+from .route import (
+    NetworkRoute as NetworkRoute,
+    receive_buffer_limit_bytes as receive_buffer_limit_bytes,
+    route_to as route_to,
+)
+from .stream import SOCKET_BUFFER_BYTES as SOCKET_BUFFER_BYTES
+
+__all__ = [
+    "SOCKET_BUFFER_BYTES",
+    "AravisCamera",
+    "AravisLibrary",
+    "Bounds",
+    "CameraProbe",
+    "NetworkRoute",
+    "list_cameras",
+    "load_aravis",
+    "open_device",
+    "probe_camera",
+    "receive_buffer_limit_bytes",
+    "route_to",
+]

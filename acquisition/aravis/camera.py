@@ -1,0 +1,335 @@
+"""A GigE Vision camera through Aravis: the `Camera` contract, with a watchdog and reconnection."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import asdict
+
+from acquisition.aravis.connection import AravisConnection, connect_camera
+from acquisition.bench import CameraConfig
+from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
+from acquisition.errors import (
+    CameraFeatureError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceInUseError,
+    DeviceTimeoutError,
+    StreamInterruptedError,
+)
+
+__all__ = ["AravisCamera", "require_same_camera"]
+
+SFNC_NAMES = {
+    "vendor": "DeviceVendorName",
+    "model": "DeviceModelName",
+    "serial_number": "DeviceSerialNumber",
+    "firmware": "DeviceFirmwareVersion",
+    "width_px": "Width",
+    "height_px": "Height",
+    "pixel_format": "PixelFormat",
+    "exposure_us": "ExposureTime",
+    "gain_db": "Gain",
+    "frame_rate_hz": "AcquisitionFrameRate",
+    "black_level_dn": "BlackLevel",
+}
+
+RELATIVE_ROUNDING = 1e-6
+
+
+def require_same_camera(
+    info: DeviceInfo,
+    info_now: DeviceInfo,
+    settings: CameraSettings,
+    settings_now: CameraSettings,
+) -> None:
+    """Compare identity and settings of a camera before and after it was opened again.
+
+    Raises
+    ------
+    CameraFeatureError
+        If anything differs; it names the first feature and both values.
+    """
+    before = {**_named(info), **_named(settings)}
+    now = {**_named(info_now), **_named(settings_now)}
+    for feature in before | now:
+        was, found = before.get(feature), now.get(feature)
+        if not _is_same(was, found):
+            raise CameraFeatureError(
+                f"the camera came back with another {feature}: {was} before, {found} now; the "
+                "captures would not compare, so nothing more was captured",
+                feature=feature,
+            )
+
+
+def _named(facts: DeviceInfo | CameraSettings) -> dict[str, object]:
+    return dict(_names_and_values(facts))
+
+
+def _names_and_values(facts: DeviceInfo | CameraSettings) -> Iterator[tuple[str, object]]:
+    for field, value in asdict(facts).items():
+        if field == "features":
+            yield from value.items()
+        else:
+            yield SFNC_NAMES.get(field, field), value
+
+
+def _is_same(was: object, found: object) -> bool:
+    if isinstance(was, float) and isinstance(found, float):
+        return abs(found - was) <= RELATIVE_ROUNDING * max(abs(was), abs(found))
+    return was == found
+
+
+STALL_S = 1.0
+STALL_PERIODS = 5
+"""Without any frame for the longer of the two, the stream has stalled."""
+
+WAIT_SLICE_S = 0.1
+"""Longest wait inside Aravis, where neither Ctrl-C nor a lost control channel is noticed."""
+
+RECONNECT_PAUSE_S = 0.1
+
+
+class AravisCamera:
+    """A camera that is open until it is closed; `open` makes one.
+
+    A stream that stalls, or whose control channel ends, raises `StreamInterruptedError`. The
+    next `start` then drops every Aravis object, opens the camera again within
+    ``reconnect_timeout_s``, sets it again and compares all it reads back with what ran before.
+    Nothing is reopened in mid-stream, so no series mixes frames from before and after.
+
+    Parameters
+    ----------
+    connection
+        The camera, opened and configured.
+    config
+        What it was opened and configured by.
+    connect
+        Makes another connection of a config.
+    clock
+        Monotonic time in seconds.
+    sleep
+        Waits for some seconds.
+    """
+
+    def __init__(
+        self,
+        connection: AravisConnection,
+        config: CameraConfig,
+        *,
+        connect: Callable[[CameraConfig], AravisConnection] = connect_camera,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._connection: AravisConnection | None = connection
+        self._config = config
+        self._connect = connect
+        self._clock = clock
+        self._sleep = sleep
+        self._info = connection.info
+        self._settings = connection.settings
+        self._warnings = connection.warnings
+        self._is_closed = False
+        self._is_streaming = False
+        self._is_interrupted = False
+        self._last_frame_s = 0.0
+        self._counted_before = StreamStatistics(
+            complete_frames=0, incomplete_frames=0, resent_packets=0, missing_packets=0
+        )
+
+    @classmethod
+    def open(cls, config: CameraConfig) -> "AravisCamera":
+        """Open the camera at the address of the config, and set it.
+
+        Raises
+        ------
+        DriverMissingError
+            If Aravis or PyGObject is not installed.
+        DeviceDisconnectedError
+            If no camera answers there.
+        DeviceInUseError
+            If another program controls it.
+        CameraFeatureError
+            If it does not take or keep a setting.
+        """
+        return cls(connect_camera(config), config)
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Camera.info`."""
+        return self._info
+
+    @property
+    def settings(self) -> CameraSettings:
+        """See `Camera.settings`."""
+        return self._settings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the operator should know of network and settings, one line each."""
+        return self._warnings
+
+    def set_exposure_us(self, exposure_us: float) -> float:
+        """See `Camera.set_exposure_us`; the frame rate may follow it."""
+        self._settings = self._open_connection().set_exposure_us(exposure_us)
+        self._config = self._config.model_copy(update={"exposure_us": self._settings.exposure_us})
+        return self._settings.exposure_us
+
+    def set_gain_db(self, gain_db: float) -> float:
+        """See `Camera.set_gain_db`."""
+        self._settings = self._open_connection().set_gain_db(gain_db)
+        self._config = self._config.model_copy(update={"gain_db": self._settings.gain_db})
+        return self._settings.gain_db
+
+    def start(self) -> None:
+        """See `Camera.start`; a camera that was lost is opened again first.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If it did not come back within ``reconnect_timeout_s`` and one more attempt of 2.5 s;
+            after up to 15 s in any case, as Aravis waits so long for one that does not answer.
+        CameraFeatureError
+            If it came back with other settings.
+        """
+        if self._is_closed:
+            raise DeviceDisconnectedError("the camera is closed")
+        if self._is_streaming:
+            raise DeviceError("the camera streams already")
+        deadline_s = self._clock() + self._config.reconnect_timeout_s
+        if self._is_interrupted or not self._has_started():
+            self._reconnect(deadline_s)
+            self._open_connection().stream.start()
+        self._is_streaming = True
+        self._last_frame_s = self._clock()
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """See `Camera.next_frame`.
+
+        Raises
+        ------
+        StreamInterruptedError
+            If the stream stalled or the camera is lost: start it again.
+        """
+        connection = self._open_connection()
+        if not self._is_streaming:
+            raise DeviceError("the camera is not started")
+        stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
+        begin_s = self._clock()
+        deadline_s = begin_s + timeout_s
+        while True:
+            now_s = self._clock()
+            stalled_s = self._last_frame_s + stall_s
+            frame = connection.stream.pop(min(deadline_s, stalled_s, now_s + WAIT_SLICE_S) - now_s)
+            now_s = self._clock()
+            if connection.is_lost:
+                raise self._interrupted(
+                    "the control channel to the camera ended: cable, power or another program"
+                )
+            if frame is not None:
+                self._last_frame_s = now_s
+                return frame
+            if now_s >= stalled_s:
+                raise self._interrupted(
+                    f"the camera sent no frame for {stall_s:.1f} s: cable, power, firewall, or "
+                    "packets larger than the network takes"
+                )
+            if now_s >= deadline_s:
+                raise DeviceTimeoutError(f"no frame from the camera within {timeout_s:g} s")
+
+    def stop(self) -> None:
+        """See `Camera.stop`; a camera whose stream was interrupted is stopped already.
+
+        Raises
+        ------
+        StreamInterruptedError
+            If the camera does not answer any more.
+        """
+        if not self._is_streaming:
+            return
+        self._is_streaming = False
+        try:
+            self._open_connection().stream.stop()
+        except (DeviceDisconnectedError, DeviceInUseError) as error:
+            raise self._interrupted(str(error)) from error
+
+    def statistics(self) -> StreamStatistics:
+        """See `Camera.statistics`; they go on through reconnections."""
+        if self._connection is None:
+            return self._counted_before
+        return _sum(self._counted_before, self._connection.stream.statistics())
+
+    def close(self) -> None:
+        """See `Camera.close`."""
+        # A camera that does not take the stop any more ends its stream with our control of it.
+        with suppress(DeviceError):
+            self.stop()
+        self._is_closed = True
+        self._drop_connection()
+
+    def _period_s(self) -> float:
+        return max(1 / self._settings.frame_rate_hz, 1e-6 * self._settings.exposure_us)
+
+    def _open_connection(self) -> AravisConnection:
+        if self._connection is None:
+            raise DeviceDisconnectedError(
+                "the camera is closed" if self._is_closed else "the camera is lost; start it again"
+            )
+        return self._connection
+
+    def _drop_connection(self) -> None:
+        if self._connection is not None:
+            self._counted_before = self.statistics()
+            self._connection.close()
+            self._connection = None
+
+    def _interrupted(self, reason: str) -> StreamInterruptedError:
+        # What is left is dropped at the next start: that can take 10 s, and the error is due now.
+        self._is_streaming = False
+        self._is_interrupted = True
+        return StreamInterruptedError(reason)
+
+    def _has_started(self) -> bool:
+        """Try to start; False if the camera is gone or another program's meanwhile."""
+        if self._connection is None or self._connection.is_lost:
+            return False
+        try:
+            self._connection.stream.start()
+        except (DeviceDisconnectedError, DeviceInUseError):
+            return False
+        return True
+
+    def _reconnect(self, deadline_s: float) -> None:
+        self._drop_connection()
+        while True:
+            try:
+                self._connection = self._connect(self._config)
+            except (DeviceDisconnectedError, DeviceInUseError) as error:
+                # Until its heartbeat expires, a camera refuses us as the program it lost.
+                if self._clock() >= deadline_s:
+                    raise DeviceDisconnectedError(
+                        "the camera was lost and did not come back within "
+                        f"{self._config.reconnect_timeout_s:g} s ({error}); check power and "
+                        "cable, then run again"
+                    ) from error
+            else:
+                break
+            self._sleep(RECONNECT_PAUSE_S)
+        try:
+            require_same_camera(
+                self._info, self._connection.info, self._settings, self._connection.settings
+            )
+        except DeviceError:
+            self._drop_connection()
+            raise
+        self._settings = self._connection.settings
+        self._warnings = self._connection.warnings
+        self._is_interrupted = False
+
+
+def _sum(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:
+    return StreamStatistics(
+        complete_frames=one.complete_frames + other.complete_frames,
+        incomplete_frames=one.incomplete_frames + other.incomplete_frames,
+        resent_packets=one.resent_packets + other.resent_packets,
+        missing_packets=one.missing_packets + other.missing_packets,
+    )

@@ -1,0 +1,141 @@
+"""One opened and configured GigE Vision camera with its stream, made and dropped as a whole."""
+
+from dataclasses import replace
+
+from acquisition.aravis.configuration import CameraControls
+from acquisition.aravis.device import OpenedDevice, open_device
+from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.route import receive_buffer_limit_bytes
+from acquisition.aravis.stream import SOCKET_BUFFER_BYTES, FrameStream
+from acquisition.bench import CameraConfig
+from acquisition.devices import CameraSettings, DeviceInfo
+from acquisition.errors import DeviceError, DeviceInUseError
+
+__all__ = ["AravisConnection", "connect_camera"]
+
+FIRMWARE_NAMES = ("DeviceFirmwareVersion", "DeviceVersion")
+SERIAL_NUMBER_NAMES = ("DeviceSerialNumber", "DeviceID")
+
+
+def connect_camera(config: CameraConfig) -> "AravisConnection":
+    """Open the camera of a bench file and set it.
+
+    Raises
+    ------
+    DeviceError
+        As `open_device` and `AravisConnection` say.
+    """
+    if config.address is None:
+        raise DeviceError("camera.address is missing; driver 'aravis' needs it")
+    return AravisConnection(open_device(config.address), config)
+
+
+class AravisConnection:
+    """A camera under our control, configured, with a stream that can be started.
+
+    A connection that was lost is of no more use: close it and make another.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    config
+        How to set it.
+
+    Raises
+    ------
+    DeviceInUseError
+        If another program controls the camera.
+    DeviceError
+        If it cannot be set as asked.
+    """
+
+    def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
+        self._opened = opened
+        self._frame_rate_asked_hz = config.frame_rate_hz
+        self._stream: FrameStream | None = None
+        try:
+            self._require_control()
+            self._controls = CameraControls(opened)
+            applied = self._controls.configure(config)
+            self.settings = applied.settings
+            self.warnings = (*applied.warnings, *_receive_buffer_warnings())
+            self.info = self._read_info()
+            self._stream = FrameStream(opened, self.settings)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the control channel has ended: camera gone, or another program's.
+
+        Aravis' heartbeat thread finds out. It is asked, and not listened to: the signal
+        ``control-lost`` holds the device while a handler runs in that thread, and if all others
+        let go of it meanwhile, the thread drops the device, joins itself and ends the process.
+        """
+        return not self._opened.is_controller
+
+    @property
+    def stream(self) -> FrameStream:
+        """Its frames."""
+        if self._stream is None:
+            raise DeviceError("the connection to the camera is closed")
+        return self._stream
+
+    def set_exposure_us(self, exposure_us: float) -> CameraSettings:
+        """Set the exposure and return all settings: the frame rate may follow it."""
+        self.settings = replace(
+            self.settings,
+            exposure_us=self._controls.set_exposure_us(exposure_us),
+            frame_rate_hz=self._controls.raise_frame_rate(self._frame_rate_asked_hz),
+        )
+        return self.settings
+
+    def set_gain_db(self, gain_db: float) -> CameraSettings:
+        """Set the gain and return all settings."""
+        self.settings = replace(self.settings, gain_db=self._controls.set_gain_db(gain_db))
+        return self.settings
+
+    def close(self) -> None:
+        """Drop stream, camera and device, and with them threads, sockets and control.
+
+        A camera that does not answer holds this up for about 10 s.
+        """
+        if self._stream is not None:
+            self._stream.close()
+        self._opened.close()
+
+    def _require_control(self) -> None:
+        if not self._opened.is_controller:
+            raise DeviceInUseError(
+                f"the camera at {self._opened.ip_address} is in use by another program; close "
+                "that one (a program that was killed holds it for some seconds more)"
+            )
+
+    def _read_info(self) -> DeviceInfo:
+        features = self._controls.features
+        firmware = features.first_of(FIRMWARE_NAMES)
+        serial_number = features.first_of(SERIAL_NUMBER_NAMES)
+        with translated_errors(self._opened.library, "DeviceVendorName"):
+            return DeviceInfo(
+                vendor=str(self._opened.camera.get_vendor_name()),
+                model=str(self._opened.camera.get_model_name()),
+                serial_number=(
+                    str(features.read(serial_number, str))
+                    if serial_number is not None
+                    else str(self._opened.camera.get_device_serial_number())
+                ),
+                firmware="" if firmware is None else str(features.read(firmware, str)),
+                driver="aravis",
+            )
+
+
+def _receive_buffer_warnings() -> tuple[str, ...]:
+    limit_bytes = receive_buffer_limit_bytes()
+    if limit_bytes is None or limit_bytes >= SOCKET_BUFFER_BYTES:
+        return ()
+    return (
+        f"the receive buffer is limited to {limit_bytes} bytes, so frames will be lost; run "
+        f"'sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}'",
+    )

@@ -1,0 +1,94 @@
+"""The largest stream packet that gets from a GigE Vision camera to this computer, by trial.
+
+Done over the bootstrap registers, which every camera has: Aravis' own negotiation gives up where
+the camera's description does not show ``GevSCPSFireTestPacket`` as a command (Aravis 0.8.26).
+
+References
+----------
+AIA, GigE Vision, version 2.0 (2011), section "Bootstrap registers", stream channel 0.
+"""
+
+import socket
+import time
+
+from acquisition.aravis.device import OpenedDevice
+from acquisition.aravis.errors import translated_errors
+
+__all__ = ["SAFE_PACKET_BYTES", "largest_packet"]
+
+SAFE_PACKET_BYTES = 1500
+"""What Ethernet carries without any set-up."""
+
+PORT_REGISTER = 0x0D00
+SIZE_REGISTER = 0x0D04
+ADDRESS_REGISTER = 0x0D18
+
+FIRE_TEST_PACKET = 0x8000_0000
+DO_NOT_FRAGMENT = 0x4000_0000
+SIZE_MASK = 0xFFFF
+
+IP_AND_UDP_HEADER_BYTES = 28
+USUAL_SIZES = (16000, 9000, 8228, 8000, 6000, 4000, 3000, 2000, SAFE_PACKET_BYTES, 1400, 576)
+"""Of jumbo frames, of tunnels, and the least that every network carries."""
+
+TRIES = 3
+WAIT_S = 0.02
+
+
+def largest_packet(
+    opened: OpenedDevice, *, own_address: str, mtu_bytes: int, low: int, high: int, step: int
+) -> int | None:
+    """Return the largest packet size that arrives whole, or None if no test packet does.
+
+    The camera's packet size is as before afterwards.
+
+    Parameters
+    ----------
+    own_address
+        Of the interface that leads to the camera.
+    mtu_bytes
+        Largest packet that this interface takes.
+    low, high, step
+        Packet sizes that the camera takes, in bytes.
+    """
+    most = min(mtu_bytes, high)
+    sizes = {low + (size - low) // step * step for size in (most, *USUAL_SIZES) if low <= size}
+    sizes = {size for size in sizes if size <= most}
+    with (
+        translated_errors(opened.library, "GevSCPSPacketSize"),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
+    ):
+        receiver.bind((own_address, 0))
+        before = opened.device.read_register(SIZE_REGISTER)
+        opened.device.write_register(
+            ADDRESS_REGISTER, int.from_bytes(socket.inet_aton(own_address), "big")
+        )
+        opened.device.write_register(PORT_REGISTER, receiver.getsockname()[1])
+        try:
+            # A camera that sends no test packets at all is found out by the sizes that always
+            # get through, and is not asked for all the others.
+            certain = sorted(size for size in sizes if size <= SAFE_PACKET_BYTES)[::-1]
+            jumbo = sorted(sizes - set(certain))[::-1]
+            arrived = next((s for s in certain if _arrives(opened, receiver, s)), None)
+            if arrived is None or arrived < certain[0]:
+                return arrived
+            return next((s for s in jumbo if _arrives(opened, receiver, s)), arrived)
+        finally:
+            opened.device.write_register(PORT_REGISTER, 0)
+            opened.device.write_register(SIZE_REGISTER, before & ~FIRE_TEST_PACKET)
+
+
+def _arrives(opened: OpenedDevice, receiver: socket.socket, size: int) -> bool:
+    for _ in range(TRIES):
+        opened.device.write_register(SIZE_REGISTER, FIRE_TEST_PACKET | DO_NOT_FRAGMENT | size)
+        deadline_s = time.monotonic() + WAIT_S
+        while (remaining_s := deadline_s - time.monotonic()) > 0:
+            receiver.settimeout(remaining_s)
+            try:
+                datagram, sender = receiver.recvfrom(SIZE_MASK)
+            except TimeoutError:
+                break
+            # A late packet of another trial, or of another sender, is not it.
+            if sender[0] == opened.ip_address and len(datagram) == size - IP_AND_UDP_HEADER_BYTES:
+                return True
+    return False

@@ -1,0 +1,143 @@
+"""Frames from an Aravis stream: buffers in flight, their state, the copy out of them."""
+
+import math
+
+import numpy as np
+
+from acquisition.aravis.device import OpenedDevice
+from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.library import AravisObject
+from acquisition.aravis.pixel_decoding import decode_pixels, encoded_bytes
+from acquisition.devices import CameraSettings, Frame, StreamStatistics
+from acquisition.errors import DeviceDisconnectedError
+
+__all__ = ["SOCKET_BUFFER_BYTES", "FrameStream"]
+
+SOCKET_BUFFER_BYTES = 4 * 2**20
+"""More than four frames of 780x580x2: what the kernel holds while this program is not scheduled."""
+
+BUFFERED_S = 0.3
+MIN_BUFFERS, MAX_BUFFERS = 8, 64
+"""Frames that may wait for us, as time; the bounds keep slow and fast cameras reasonable."""
+
+
+class FrameStream:
+    """One stream channel with its receive thread; it is dropped with its connection.
+
+    Parameters
+    ----------
+    opened
+        The camera, configured.
+    settings
+        What it was configured to.
+    """
+
+    def __init__(self, opened: OpenedDevice, settings: CameraSettings) -> None:
+        self._opened = opened
+        library = opened.library
+        self._format_name = settings.pixel_format
+        # After a leader that it cannot read, Aravis 0.8.26 delivers the buffer as a success with
+        # what an earlier frame left in it. Time stamps ascend: such a frame is not newer.
+        self._newest_ns = -1
+        # Compiled before the stream runs: the first time takes a second, and no frame waits.
+        decode_pixels(bytes(encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
+        self._success = library.api.BufferStatus.SUCCESS
+        self._image_payload = library.api.BufferPayloadType.IMAGE
+        with translated_errors(library, "the stream channel"):
+            self._format_code = int(opened.camera.get_pixel_format())
+            payload_bytes = int(opened.camera.get_payload())
+            # As root, Aravis reads a packet socket and so hides that the receive buffer is small.
+            opened.camera.gv_set_stream_options(library.api.GvStreamOption.PACKET_SOCKET_DISABLED)
+            self._made: AravisObject = opened.camera.create_stream(None, None)
+        self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
+        self._stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
+        wanted = math.ceil(BUFFERED_S * settings.frame_rate_hz)
+        for _ in range(min(max(wanted, MIN_BUFFERS), MAX_BUFFERS)):
+            self._stream.push_buffer(library.api.Buffer.new_allocate(payload_bytes))
+
+    @property
+    def _stream(self) -> AravisObject:
+        if self._made is None:
+            raise DeviceDisconnectedError("the connection to the camera is closed")
+        return self._made
+
+    def start(self) -> None:
+        """Drop what waits, then begin."""
+        # The receive thread takes a block id up to ten behind the last one for a late packet of
+        # an old block and drops it (Aravis 0.8.26). Cameras count from 1 after each start, so
+        # that a short series would cost the next one its first frames: a new thread forgets.
+        self._stream.stop_thread(False)
+        self._drain()
+        self._stream.start_thread()
+        with translated_errors(self._opened.library, "AcquisitionStart"):
+            self._opened.camera.start_acquisition()
+
+    def stop(self) -> None:
+        """End; what still arrives is dropped at the next start."""
+        with translated_errors(self._opened.library, "AcquisitionStop"):
+            self._opened.camera.stop_acquisition()
+
+    def pop(self, timeout_s: float) -> Frame | None:
+        """Next frame, complete or not, or None if none came within ``timeout_s``."""
+        buffer = self._stream.timeout_pop_buffer(max(0, round(1e6 * timeout_s)))
+        if buffer is None:
+            return None
+        try:
+            return self._frame(buffer)
+        finally:
+            self._stream.push_buffer(buffer)
+
+    def statistics(self) -> StreamStatistics:
+        """Frames and packets since the stream was made."""
+        # The instance's get_statistics() is GObject's, of another meaning; Aravis' takes it as
+        # an argument. Its third figure, "underruns", counts packets, not frames.
+        complete, incomplete, _ = self._opened.library.api.Stream.get_statistics(self._stream)
+        return StreamStatistics(
+            complete_frames=int(complete),
+            incomplete_frames=int(incomplete),
+            resent_packets=int(self._stream.get_info_uint64_by_name("n_resent_packets")),
+            missing_packets=int(self._stream.get_info_uint64_by_name("n_missing_packets")),
+        )
+
+    def close(self) -> None:
+        """End the receive thread and give the socket back; closing twice is harmless.
+
+        It writes to the camera, so the device is closed after it, and no other stream of the
+        camera is made before it: that one's port would be cleared (Aravis 0.8.26).
+        """
+        self._made = None
+
+    def _drain(self) -> None:
+        # Aravis never overwrites a frame that was not fetched: it would be delivered first.
+        while (buffer := self._stream.try_pop_buffer()) is not None:
+            self._stream.push_buffer(buffer)
+
+    def _frame(self, buffer: AravisObject) -> Frame:
+        frame_id, timestamp_ns = int(buffer.get_frame_id()), int(buffer.get_timestamp())
+        # The state comes first: an incomplete buffer has no bytes, and no picture to ask about.
+        if (
+            buffer.get_status() == self._success
+            and self._is_picture(buffer)
+            and timestamp_ns > self._newest_ns
+        ):
+            shape = (int(buffer.get_image_height()), int(buffer.get_image_width()))
+            data: bytes = buffer.get_data()
+            if len(data) >= encoded_bytes(self._format_name, shape):
+                self._newest_ns = timestamp_ns
+                return Frame(
+                    image_dn=decode_pixels(data, self._format_name, shape),
+                    frame_id=frame_id,
+                    timestamp_ns=timestamp_ns,
+                )
+        return Frame(
+            image_dn=np.empty((0, 0), np.uint16),
+            frame_id=frame_id,
+            timestamp_ns=timestamp_ns,
+            is_complete=False,
+        )
+
+    def _is_picture(self, buffer: AravisObject) -> bool:
+        return (
+            buffer.get_payload_type() == self._image_payload
+            and int(buffer.get_image_pixel_format()) == self._format_code
+        )

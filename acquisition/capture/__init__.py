@@ -1,0 +1,5 @@
+"""Running a capture plan: steps, exposure and the checks on each capture."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

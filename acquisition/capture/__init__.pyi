@@ -1,0 +1,21 @@
+from .auto_exposure import flicker_fraction as flicker_fraction, without_flicker as without_flicker
+from .quality import QualityFinding as QualityFinding, check_capture as check_capture
+from .runner import (
+    CaptureProgress as CaptureProgress,
+    Placement as Placement,
+    RunSummary as RunSummary,
+    Verdict as Verdict,
+    run_plan as run_plan,
+)
+
+__all__ = [
+    "CaptureProgress",
+    "Placement",
+    "QualityFinding",
+    "RunSummary",
+    "Verdict",
+    "check_capture",
+    "flicker_fraction",
+    "run_plan",
+    "without_flicker",
+]

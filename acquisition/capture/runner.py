@@ -1,0 +1,351 @@
+"""Run a capture plan: place, move, average, store; the same call resumes what was broken off."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+from acquisition.bench import BenchConfig
+from acquisition.capture.quality import QualityFinding, check_capture, drift_between
+from acquisition.capture.step import CaptureStep
+from acquisition.devices import Camera, Stage
+from acquisition.errors import (
+    DeviceError,
+    OperatorStopError,
+    SessionError,
+    StageLimitError,
+    StreamInterruptedError,
+)
+from acquisition.plan import CapturePlan, PlanEntry, bytes_per_pixel, plan_entries
+from acquisition.session import (
+    CaptureImages,
+    CaptureRecord,
+    SessionWriter,
+    camera_snapshot,
+    new_uid,
+    read_capture,
+    stage_snapshot,
+    utc_now,
+)
+
+__all__ = ["CaptureProgress", "Placement", "RunSummary", "Verdict", "run_plan"]
+
+Placement = Literal["ready", "skip"]
+Verdict = Literal["keep", "retake"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaptureProgress:
+    """After a capture was stored: ``captured`` of ``planned`` entries are done.
+
+    ``findings`` are what is wrong with it, ``remarks`` what else is worth knowing;
+    ``seconds_left`` leaves the operator's own time out.
+    """
+
+    captured: int
+    planned: int
+    entry: PlanEntry
+    record: CaptureRecord
+    findings: tuple[QualityFinding, ...] = ()
+    remarks: tuple[str, ...] = ()
+    seconds_left: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSummary:
+    """What one run did: captures made now, found from earlier runs, and skipped by the operator."""
+
+    captured: int
+    already_captured: int
+    skipped: int
+
+
+def run_plan(
+    path: Path,
+    *,
+    plan: CapturePlan,
+    bench: BenchConfig,
+    camera: Camera,
+    stage: Stage,
+    operator: str,
+    place: Callable[[PlanEntry], Placement],
+    progress: Callable[[CaptureProgress], None] = lambda _: None,
+    review: Callable[[PlanEntry, tuple[QualityFinding, ...]], Verdict] = lambda *_: "keep",
+    before_capture: Callable[[], None] = lambda: None,
+    retake: Sequence[int] = (),
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+    utc_now: Callable[[], datetime] = utc_now,
+    new_uid: Callable[[], str] = new_uid,
+) -> RunSummary:
+    """Capture every entry of the plan that the session at ``path`` does not have whole.
+
+    Parameters
+    ----------
+    path
+        New or empty directory, or the session to resume.
+    camera, stage
+        Opened and configured after ``bench``; the stage is homed where it is not.
+    place
+        Is asked when target or orientation changes, and at the first capture of a run; it
+        returns once the operator has set it up, or ``"skip"`` to leave that target and
+        orientation for another run.
+    progress
+        Is told after each capture.
+    review
+        Is asked about a capture that a quality check found bad enough to take again; what it
+        keeps is stored with the finding as a note in the journal, as all findings are.
+    before_capture
+        Is called before each capture, and may wait: the stage is at rest then.
+    retake
+        Indices whose captures are void from now on and taken again.
+    clock, sleep
+        Monotonic time in seconds, and what waits for some.
+
+    Raises
+    ------
+    StageLimitError
+        Before anything moves or is written, if the plan goes beyond the travel.
+    SessionError
+        If the session is in use, was made otherwise, or the disk is full.
+    DeviceError
+        If a device fails. What was captured until then is kept, and the error is journaled;
+        so is a stop by the keyboard or by `OperatorStopError`, which any of the callbacks and
+        devices may raise. A capture whose stream broke off is begun once more, from
+        its first frame; the journal has an ``error`` of that, too.
+    """
+    _refuse_beyond_travel(plan, stage)
+    with SessionWriter(
+        path,
+        plan=plan,
+        bench=bench,
+        devices={"camera": camera_snapshot(camera), "stage": stage_snapshot(stage)},
+        operator=operator,
+        utc_now=utc_now,
+        new_uid=new_uid,
+    ) as session:
+        for index in retake:
+            session.retake(index, "asked for by the operator", operator)
+        run = _Run(session, plan, bench, camera, operator, clock)
+        step = CaptureStep(
+            plan=plan,
+            bench=bench,
+            camera=camera,
+            stage=stage,
+            interrupted=run.journal_interruption,
+            clock=clock,
+            sleep=sleep,
+            utc_now=utc_now,
+        )
+        try:
+            return run.capture_all(step, place, progress, review, before_capture)
+        except (KeyboardInterrupt, SystemExit, OperatorStopError) as interrupt:
+            try:
+                stage.stop()
+            except DeviceError as error:
+                interrupt.add_note(f"stopping the stage failed: {error}")
+            _journal_or_note(session, "stop", {"index": run.index}, interrupt)
+            raise
+        except Exception as error:
+            facts = {"index": run.index, "error": type(error).__name__, "message": str(error)}
+            _journal_or_note(session, "error", facts, error)
+            raise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Taken:
+    """A capture that was stored, and what is to be said about it."""
+
+    record: CaptureRecord
+    findings: tuple[QualityFinding, ...]
+    remarks: tuple[str, ...]
+
+
+class _Run:
+    """One run of a plan; ``index`` is the entry at work."""
+
+    def __init__(
+        self,
+        session: SessionWriter,
+        plan: CapturePlan,
+        bench: BenchConfig,
+        camera: Camera,
+        operator: str,
+        clock: Callable[[], float],
+    ) -> None:
+        self.index: int | None = None
+        self._session = session
+        self._plan = plan
+        self._bench = bench
+        self._camera = camera
+        self._operator = operator
+        self._clock = clock
+        self._records = [c.record for c in session.captures if not c.is_superseded]
+        self._locked_us = self._exposures_found()
+
+    def capture_all(
+        self,
+        step: CaptureStep,
+        place: Callable[[PlanEntry], Placement],
+        progress: Callable[[CaptureProgress], None],
+        review: Callable[[PlanEntry, tuple[QualityFinding, ...]], Verdict],
+        before_capture: Callable[[], None],
+    ) -> RunSummary:
+        """Capture what is pending, then park the stage where the bench says so."""
+        pending = self._session.pending_entries()
+        planned = len(self._session.entries)
+        captured = skipped = 0
+        worked_s = 0.0
+        if pending:
+            self._require_space(len(pending), step.frames_asked)
+        placed: tuple[str, str, float] | None = None
+        placement: Placement = "ready"
+        for entry in pending:
+            self.index = entry.index
+            if entry.placement != placed:
+                placement = place(entry)
+                placed = entry.placement
+                step.forget_approach()
+            if placement == "skip":
+                self._session.journal("skip", {"index": entry.index})
+                skipped += 1
+                continue
+            before_capture()
+            began_s = self._clock()
+            taken = self._take(step, entry)
+            worked_s += self._clock() - began_s
+            while (
+                any(f.asks_retake for f in taken.findings)
+                and review(entry, taken.findings) == "retake"
+            ):
+                self._session.retake(entry.index, taken.findings[0].text, self._operator)
+                self._records.remove(taken.record)
+                taken = self._take(step, entry)
+            captured += 1
+            progress(
+                CaptureProgress(
+                    captured=planned - len(pending) + captured,
+                    planned=planned,
+                    entry=entry,
+                    record=taken.record,
+                    findings=taken.findings,
+                    remarks=taken.remarks,
+                    seconds_left=worked_s / captured * (len(pending) - skipped - captured),
+                )
+            )
+        self.index = None
+        if captured and self._bench.stage.park_mm is not None:
+            step.park(self._bench.stage.park_mm)
+        return RunSummary(
+            captured=captured, already_captured=planned - len(pending), skipped=skipped
+        )
+
+    def journal_interruption(self, entry: PlanEntry, error: StreamInterruptedError) -> None:
+        """Journal that a stream broke off and its capture is begun once more."""
+        self._session.journal(
+            "error",
+            {
+                "index": entry.index,
+                "error": type(error).__name__,
+                "message": f"{error}; the capture is begun once more",
+            },
+        )
+
+    def _require_space(self, captures: int, frames: int) -> None:
+        settings = self._camera.settings
+        per_pixel = bytes_per_pixel(frames, keep_frames=self._plan.keep_frames)
+        pixels = settings.width_px * settings.height_px
+        self._session.require_space(captures * per_pixel * pixels)
+
+    def _take(self, step: CaptureStep, entry: PlanEntry) -> _Taken:
+        """Capture an entry, store it, and journal what is to be said about it."""
+        exposed = step.capture(entry, self._exposure_us(entry))
+        settings = self._camera.settings
+        record = self._session.add_capture(
+            entry,
+            exposed.averaged,
+            settings=settings,
+            height_mm=exposed.height_mm,
+            focus_value=exposed.focus_value,
+            started=exposed.started,
+            finished=exposed.finished,
+            raw_frames=exposed.raw_frames,
+        )
+        if entry.exposure_us is None:
+            self._locked_us.setdefault((entry.kind, entry.target), settings.exposure_us)
+        images = CaptureImages(
+            mean_dn=exposed.averaged.mean_dn,
+            variance_dn2=exposed.averaged.variance_dn2,
+            record=record,
+        )
+        findings = check_capture(images, self._records)
+        remarks = self._drift_remarks(entry, images)
+        for text in (*(f"{f.problem}: {f.text}" for f in findings), *remarks):
+            facts = {"index": entry.index, "capture": record.uid, "operator": self._operator}
+            self._session.journal("note", {"text": text, **facts})
+        self._records.append(record)
+        return _Taken(record=record, findings=findings, remarks=remarks)
+
+    def _exposure_us(self, entry: PlanEntry) -> float | None:
+        """Exposure of an entry; None where it is to be found."""
+        if entry.exposure_us is not None:
+            return entry.exposure_us
+        if self._plan.auto_exposure and entry.kind != "dark":
+            return self._locked_us.get((entry.kind, entry.target))
+        return self._bench.camera.exposure_us
+
+    def _exposures_found(self) -> dict[tuple[str, str], float]:
+        """Exposure of each target as an earlier run found it."""
+        entries = {entry.index: entry for entry in self._session.entries}
+        found: dict[tuple[str, str], float] = {}
+        for capture in self._session.captures:
+            record = capture.record
+            if record.exposure_us is not None and entries[record.index].exposure_us is None:
+                found.setdefault((record.kind, record.target), record.exposure_us)
+        return found
+
+    def _drift_remarks(self, entry: PlanEntry, images: CaptureImages) -> tuple[str, ...]:
+        """Compare the last capture of an orientation with its first, where the plan asks."""
+        if not self._plan.drift_check or entry.repeat != self._plan.repeats:
+            return ()
+        first = [
+            record
+            for record in self._records
+            if (record.kind, record.target, record.orientation_deg) == entry.placement
+            and record.height_asked_mm == entry.height_mm
+            and record.exposure_us == images.record.exposure_us
+            and record.index < entry.index
+        ]
+        if not first:
+            return ()
+        drift = drift_between(
+            read_capture(self._session.path / first[0].file).mean_dn,
+            images.mean_dn,
+            black_level_dn=images.record.black_level_dn,
+        )
+        return (f"drift: {drift.text}",)
+
+
+def _refuse_beyond_travel(plan: CapturePlan, stage: Stage) -> None:
+    low_mm, high_mm = stage.limits_mm
+    for entry in plan_entries(plan):
+        if not low_mm <= entry.height_mm <= high_mm:
+            raise StageLimitError(
+                f"the plan asks for a height of {entry.height_mm:g} mm (capture {entry.index}), "
+                f"the stage goes from {low_mm:g} to {high_mm:g} mm; nothing moved"
+            )
+
+
+def _journal_or_note(
+    session: SessionWriter,
+    kind: Literal["stop", "error"],
+    facts: Mapping[str, object],
+    error: BaseException,
+) -> None:
+    """Journal why the run ends; where even that fails, say so on the error that ends it."""
+    try:
+        session.journal(kind, facts)
+    except SessionError as second:
+        error.add_note(f"journaling this failed too: {second}")

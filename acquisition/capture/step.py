@@ -1,0 +1,187 @@
+"""One capture at the bench: approach the height, settle, expose, average, read the height back."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from acquisition.averaging import AveragedFrames, average_frames
+from acquisition.bench import BenchConfig
+from acquisition.capture.auto_exposure import next_exposure
+from acquisition.devices import Camera, FrameImage, Stage
+from acquisition.errors import CaptureError, DeviceError, StreamInterruptedError
+from acquisition.focus import focus_value
+from acquisition.plan import CapturePlan, PlanEntry
+from acquisition.stages import home_timeout_s, move_timeout_s
+
+__all__ = ["CaptureStep", "Exposed"]
+
+SHORTEST_EXPOSURE_US = 50.0
+EXPOSURE_TRIALS = 8
+BRIGHT_PERCENTILE = 99.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exposed:
+    """One average, where and when it was made, and its focus value."""
+
+    averaged: AveragedFrames
+    raw_frames: list[FrameImage]
+    height_mm: float
+    focus_value: float | None
+    started: datetime
+    finished: datetime
+
+
+class CaptureStep:
+    """Makes the captures of a plan with a camera and a stage; stores nothing.
+
+    Parameters
+    ----------
+    interrupted
+        Is told of a stream that broke off; the capture is then begun once more.
+    clock, sleep
+        Monotonic seconds, and what waits for some.
+    """
+
+    def __init__(
+        self,
+        *,
+        plan: CapturePlan,
+        bench: BenchConfig,
+        camera: Camera,
+        stage: Stage,
+        interrupted: Callable[[PlanEntry, StreamInterruptedError], None],
+        clock: Callable[[], float],
+        sleep: Callable[[float], None],
+        utc_now: Callable[[], datetime],
+    ) -> None:
+        self.frames_asked = plan.frames_per_capture or bench.capture.frames_per_capture
+        self._plan = plan
+        self._bench = bench
+        self._camera = camera
+        self._stage = stage
+        self._interrupted = interrupted
+        self._clock = clock
+        self._sleep = sleep
+        self._utc_now = utc_now
+        self._approached_mm: float | None = None
+        self._exposure_us = bench.camera.exposure_us
+
+    def forget_approach(self) -> None:
+        """Approach the next height anew, even if it is the last one."""
+        self._approached_mm = None
+
+    def capture(self, entry: PlanEntry, exposure_us: float | None) -> Exposed:
+        """Capture an entry, at its exposure or, if None, at the one found to suit.
+
+        Raises
+        ------
+        DeviceError
+            If a device fails, or the stage is not at rest where it was sent; nothing of the
+            capture is kept.
+        """
+        self._approach(entry.height_mm)
+        self._require_still()
+        if exposure_us is None:
+            self._find_exposure()
+        elif exposure_us != self._exposure_us:
+            self._exposure_us = exposure_us
+            self._camera.set_exposure_us(exposure_us)
+        try:
+            started, averaged, raw_frames, finished = self._expose()
+        except StreamInterruptedError as error:
+            # Starting again opens the camera anew; what was averaged until then is gone.
+            self._interrupted(entry, error)
+            started, averaged, raw_frames, finished = self._expose()
+        # Asked after the exposure: a stage that moved or crept away spoils the capture.
+        self._require_still()
+        return Exposed(
+            averaged=averaged,
+            raw_frames=raw_frames,
+            height_mm=self._checked(entry.height_mm, self._stage.position_mm()),
+            focus_value=None if entry.kind in ("flat", "dark") else self._focus_value(averaged),
+            started=started,
+            finished=finished,
+        )
+
+    def park(self, height_mm: float) -> None:
+        """Leave the stage at a height."""
+        self.forget_approach()
+        self._stage.move_to(height_mm, move_timeout_s(self._bench.stage))
+
+    def _expose(self) -> tuple[datetime, AveragedFrames, list[FrameImage], datetime]:
+        raw_frames: list[FrameImage] = []
+        started = self._utc_now()
+        averaged = average_frames(
+            self._camera,
+            self.frames_asked,
+            keep_frame=raw_frames.append if self._plan.keep_frames else None,
+            clock=self._clock,
+        )
+        return started, averaged, raw_frames, self._utc_now()
+
+    def _focus_value(self, averaged: AveragedFrames) -> float:
+        return focus_value(
+            averaged.mean_dn,
+            black_level_dn=self._camera.settings.black_level_dn,
+            noise_variance_dn2=float(averaged.variance_dn2.mean()) / averaged.frames_used,
+        )
+
+    def _find_exposure(self) -> None:
+        """Expose for the brightest parts of what lies there, within a frame period."""
+        config = self._bench.camera
+        longest_us = max(1e6 / config.frame_rate_hz, config.exposure_us)
+        for _ in range(EXPOSURE_TRIALS):
+            settings = self._camera.settings
+            mean_dn = average_frames(self._camera, 2, clock=self._clock).mean_dn
+            step = next_exposure(
+                settings.exposure_us,
+                float(np.percentile(mean_dn, BRIGHT_PERCENTILE)),
+                black_level_dn=settings.black_level_dn,
+                max_level_dn=settings.max_level_dn,
+                limits_us=(SHORTEST_EXPOSURE_US, longest_us),
+                mains_hz=self._bench.capture.mains_hz,
+            )
+            if step.is_settled:
+                self._exposure_us = settings.exposure_us
+                return
+            self._camera.set_exposure_us(step.exposure_us)
+        raise CaptureError(
+            f"no exposure was found in {EXPOSURE_TRIALS} trials; is the light steady? "
+            "Give the target an exposure_us",
+            frames_complete=0,
+            frames_asked=self.frames_asked,
+        )
+
+    def _approach(self, height_mm: float) -> None:
+        if self._approached_mm == height_mm:
+            return
+        if not self._stage.is_homed:
+            self._stage.home(home_timeout_s(self._bench.stage))
+        self._approached_mm = None
+        self._checked(height_mm, self._stage.move_to(height_mm, move_timeout_s(self._bench.stage)))
+        if self._plan.settle_s:
+            self._sleep(self._plan.settle_s)
+        self._approached_mm = height_mm
+
+    def _require_still(self) -> None:
+        """Refuse a capture that overlaps a move, whoever moves the stage."""
+        state = self._stage.state
+        if state != "idle":
+            raise DeviceError(
+                f"the stage is not at rest but {state} during a capture; nothing of it is kept. "
+                "Stop whatever moves it and run again"
+            )
+
+    def _checked(self, asked_mm: float, read_back_mm: float) -> float:
+        """Give the height read back, if it is where the stage was sent."""
+        tolerance_mm = self._bench.stage.tolerance_mm
+        # The negation also refuses NaN. A nanometre forgives decimal fractions, not stages.
+        if not abs(read_back_mm - asked_mm) <= tolerance_mm + 1e-6:
+            raise DeviceError(
+                f"the stage stands at {read_back_mm:.3f} mm, not at {asked_mm:.3f} mm "
+                f"(tolerance {tolerance_mm:g} mm); home it and run again"
+            )
+        return read_back_mm

@@ -1,0 +1,40 @@
+from .live import (
+    FocusMeter as FocusMeter,
+    FocusOptions as FocusOptions,
+    FocusPoint as FocusPoint,
+    focus_values as focus_values,
+    newest_frames as newest_frames,
+    sweep_focus as sweep_focus,
+)
+from .measures import (
+    FOCUS_MEASURES as FOCUS_MEASURES,
+    FocusMeasure as FocusMeasure,
+    Region as Region,
+    focus_value as focus_value,
+)
+from .sweep import (
+    FEWEST_POSITIONS as FEWEST_POSITIONS,
+    FocusPeak as FocusPeak,
+    NoFocusPeakError as NoFocusPeakError,
+    fit_focus_peak as fit_focus_peak,
+)
+from .trace import FocusReading as FocusReading, FocusTrace as FocusTrace
+
+__all__ = [
+    "FEWEST_POSITIONS",
+    "FOCUS_MEASURES",
+    "FocusMeasure",
+    "FocusMeter",
+    "FocusOptions",
+    "FocusPeak",
+    "FocusPoint",
+    "FocusReading",
+    "FocusTrace",
+    "NoFocusPeakError",
+    "Region",
+    "fit_focus_peak",
+    "focus_value",
+    "focus_values",
+    "newest_frames",
+    "sweep_focus",
+]

@@ -1,0 +1,317 @@
+"""Focus values of a running camera, and of a camera that a stage carries through the focus."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.averaging import average_frames
+from acquisition.bench import StageConfig
+from acquisition.devices import Camera, Frame, FrameImage, Stage
+from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
+from acquisition.focus.measures import FocusMeasure, Region, focus_value
+from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
+
+__all__ = [
+    "FocusMeter",
+    "FocusOptions",
+    "FocusPoint",
+    "NoiseModel",
+    "focus_values",
+    "newest_frames",
+    "sweep_focus",
+    "variance_between",
+]
+
+_FRAME_PERIODS = 5.0
+_WAITING_S = 1e-3
+_WAITING_FRAMES = 64
+"""As many as a driver may hold ready; a camera that is faster than this loop does not block it."""
+
+
+def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
+    """Stream, and give the newest complete frame each time one is asked for, until closed.
+
+    Frames that came meanwhile are left out. The stream is stopped when the iterator is closed.
+
+    Raises
+    ------
+    DeviceError
+        If the camera fails; a stream that broke off is begun once more.
+    """
+    settings = camera.settings
+    timeout_s = max(1.0, _FRAME_PERIODS / settings.frame_rate_hz, 3e-6 * settings.exposure_us)
+    camera.start()
+    try:
+        while True:
+            frame = _newest(camera, timeout_s)
+            if frame.is_complete:
+                yield frame
+    finally:
+        camera.stop()
+
+
+def _newest(camera: Camera, timeout_s: float) -> Frame:
+    try:
+        newest = camera.next_frame(timeout_s)
+    except StreamInterruptedError:
+        camera.start()
+        newest = camera.next_frame(timeout_s)
+    for _ in range(_WAITING_FRAMES):
+        try:
+            frame = camera.next_frame(_WAITING_S)
+        except StreamInterruptedError:
+            camera.start()
+            break
+        except DeviceTimeoutError:
+            break
+        if frame.is_complete:
+            newest = frame
+    return newest
+
+
+Levels = NDArray[np.integer[Any] | np.floating[Any]]
+
+
+def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
+    """Temporal variance of one frame, in DN^2, averaged over the pixels of two frames.
+
+    The light of the second frame is scaled to that of the first, so that flicker does not count.
+    What moved between the frames does: over several pairs, the smallest value is the noise.
+
+    Parameters
+    ----------
+    first_dn, second_dn
+        Frames of the same shape ``(rows, cols)``, of the same scene.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+    """
+    if first_dn.shape != second_dn.shape:
+        raise ValueError(f"frames of {first_dn.shape} and {second_dn.shape}")
+    pixels = first_dn.size
+    means = cv2.mean(first_dn)[0], cv2.mean(second_dn)[0]
+    # Sums of squares above black, without copies of the frames.
+    first, second = (
+        cv2.norm(frame, cv2.NORM_L2SQR) - pixels * black_level_dn * (2 * mean - black_level_dn)
+        for frame, mean in zip((first_dn, second_dn), means, strict=True)
+    )
+    apart = cv2.norm(first_dn, second_dn, cv2.NORM_L2SQR)
+    light = (means[0] - black_level_dn, means[1] - black_level_dn)
+    scale = light[0] / light[1] if min(light) > 0 else 1.0
+    product = 0.5 * (first + second - apart)
+    left = first + scale**2 * second - 2 * scale * product
+    return max(left / pixels / (1.0 + scale**2), 0.0)
+
+
+NoiseModel = Callable[[float], float]
+"""Temporal variance of one frame in DN^2 at a mean level in DN."""
+
+_PAIRS = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusOptions:
+    """Where and how focus is measured; ``noise`` is None where it is measured meanwhile."""
+
+    measure: FocusMeasure = "squared-gradient"
+    region: Region | None = None
+    noise: NoiseModel | None = None
+
+    def view(self, image_dn: FrameImage) -> FrameImage:
+        """The part of a frame that is looked at."""
+        return image_dn if self.region is None else self.region.cut(image_dn)  # type: ignore[return-value]  # a view keeps its type
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusPoint:
+    """Focus value at a height that was read back, with its standard error."""
+
+    height_mm: float
+    value: float
+    err: float
+    level_dn: float
+    saturated_fraction: float
+
+
+def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None, None]:
+    """Stream, and give the focus value of every complete frame until closed.
+
+    Without a noise model the noise is taken from pairs of following frames: the smallest of the
+    last eight, as motion can only add to it; the first frame then gives no value. The stream is
+    stopped when the iterator is closed.
+
+    Raises
+    ------
+    ValueError
+        If the region reaches beyond the frame.
+    DeviceError
+        If the camera fails; a stream that broke off is begun once more.
+    """
+    settings = camera.settings
+    timeout_s = max(1.0, _FRAME_PERIODS / settings.frame_rate_hz, 3e-6 * settings.exposure_us)
+    meter = FocusMeter(options)
+    camera.start()
+    try:
+        while True:
+            frame = _next(camera, timeout_s)
+            if not frame.is_complete:
+                continue
+            value = meter.add(frame.image_dn, settings.black_level_dn)
+            if value is not None:
+                yield value
+    finally:
+        camera.stop()
+
+
+class FocusMeter:
+    """Focus value of one frame after the other; knows no camera.
+
+    Without a noise model the noise is taken from pairs of following frames: the smallest of the
+    last eight, as motion can only add to it.
+
+    Parameters
+    ----------
+    options
+        Where and how.
+    """
+
+    def __init__(self, options: FocusOptions) -> None:
+        self._options = options
+        self._previous: FrameImage | None = None
+        self._variances: deque[float] = deque(maxlen=_PAIRS)
+
+    def add(self, image_dn: FrameImage, black_level_dn: float) -> float | None:
+        """Focus value of the next frame; None for the first where its noise is not known yet.
+
+        Raises
+        ------
+        ValueError
+            If the region reaches beyond the frame, or the frames change their size.
+        """
+        options = self._options
+        view = options.view(image_dn)
+        if options.noise is not None:
+            variance = options.noise(float(view.mean()))
+        elif self._previous is None:
+            self._previous = view
+            return None
+        else:
+            self._variances.append(variance_between(self._previous, view, black_level_dn))
+            variance = min(self._variances)
+        self._previous = view
+        return focus_value(
+            view,
+            black_level_dn=black_level_dn,
+            noise_variance_dn2=variance,
+            measure=options.measure,
+        )
+
+
+def sweep_focus(
+    camera: Camera,
+    stage: Stage,
+    heights_mm: Sequence[float],
+    options: FocusOptions,
+    *,
+    frames: int,
+    stage_config: StageConfig,
+    progress: Callable[[FocusPoint], None] = lambda _: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> tuple[FocusPoint, ...]:
+    """Go to each height in turn and measure the focus value of the mean of ``frames`` frames.
+
+    The noise is each mean's own, from the temporal variance of its frames. The standard error
+    comes from the scatter of the focus values of the single frames.
+
+    Parameters
+    ----------
+    heights_mm
+        In the order in which they are gone to: from the side of approach.
+    frames
+        Frames at each height, at least 2.
+
+    Raises
+    ------
+    StageLimitError
+        Before anything moves, if a height is outside the travel.
+    ValueError
+        If the region reaches beyond the frame.
+    DeviceError
+        If a device fails; on that, and on Ctrl-C, the stage is stopped.
+    """
+    for height_mm in heights_mm:
+        refuse_beyond_limits(height_mm, stage.limits_mm)
+    points = []
+    try:
+        if not stage.is_homed:
+            stage.home(home_timeout_s(stage_config))
+        for height_mm in heights_mm:
+            read_back_mm = stage.move_to(height_mm, move_timeout_s(stage_config))
+            point = _point(camera, read_back_mm, options, frames, clock)
+            points.append(point)
+            progress(point)
+    except BaseException as error:
+        try:
+            stage.stop()
+        except DeviceError as stop_error:
+            error.add_note(f"stopping the stage failed too: {stop_error}")
+        raise
+    return tuple(points)
+
+
+def _point(
+    camera: Camera,
+    height_mm: float,
+    options: FocusOptions,
+    frames: int,
+    clock: Callable[[], float],
+) -> FocusPoint:
+    settings = camera.settings
+    singles: list[float] = []
+
+    def measure(image_dn: FrameImage) -> None:
+        singles.append(
+            focus_value(
+                options.view(image_dn),
+                black_level_dn=settings.black_level_dn,
+                measure=options.measure,
+            )
+        )
+
+    averaged = average_frames(camera, frames, keep_frame=measure, clock=clock)
+    whole = averaged.mean_dn
+    mean = whole if options.region is None else options.region.cut(whole)
+    variance = averaged.variance_dn2
+    variance = variance if options.region is None else options.region.cut(variance)  # type: ignore[assignment]  # a view keeps its type
+    level_dn = float(mean.mean(dtype=np.float64))
+    frame_dn2 = (
+        float(variance.mean(dtype=np.float64)) if options.noise is None else options.noise(level_dn)
+    )
+    return FocusPoint(
+        height_mm=height_mm,
+        value=focus_value(
+            mean,
+            black_level_dn=settings.black_level_dn,
+            noise_variance_dn2=frame_dn2 / averaged.frames_used,
+            measure=options.measure,
+        ),
+        err=float(np.std(singles, ddof=1) / np.sqrt(len(singles))),
+        level_dn=level_dn,
+        saturated_fraction=averaged.saturated_pixels / whole.size,
+    )
+
+
+def _next(camera: Camera, timeout_s: float) -> Frame:
+    try:
+        return camera.next_frame(timeout_s)
+    except StreamInterruptedError:
+        camera.start()
+        return camera.next_frame(timeout_s)

@@ -1,0 +1,132 @@
+"""A capture as an ImageJ TIFF: mean, temporal variance, scale and record, in one plain file."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from acquisition.errors import SessionError
+from acquisition.session.record import CaptureRecord
+from acquisition.untrusted import parse_json, read_tiff
+
+__all__ = ["CaptureImages", "parse_capture", "read_capture", "write_capture", "write_frames"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaptureImages:
+    """The pixels of a capture with its record; both images float32, shape ``(rows, cols)``.
+
+    ``variance_dn2`` is the unbiased temporal variance of one frame, so that the mean has
+    ``variance_dn2 / record.frames_used``. It is None where a single frame was used.
+    """
+
+    mean_dn: NDArray[np.float32]
+    variance_dn2: NDArray[np.float32] | None
+    record: CaptureRecord
+
+    def __post_init__(self) -> None:
+        if self.mean_dn.ndim != 2:
+            raise ValueError(f"mean_dn must have two axes, got shape {self.mean_dn.shape}")
+        if (self.variance_dn2 is None) != (self.record.frames_used == 1):
+            raise ValueError(
+                f"a capture of {self.record.frames_used} frame(s) "
+                f"with{'out' if self.variance_dn2 is None else ''} a variance"
+            )
+        if self.variance_dn2 is not None and self.variance_dn2.shape != self.mean_dn.shape:
+            raise ValueError(
+                f"variance of shape {self.variance_dn2.shape}, mean of {self.mean_dn.shape}"
+            )
+
+
+def write_capture(file: BinaryIO, images: CaptureImages) -> None:
+    """Write the capture as a TIFF file; the same capture gives the same bytes.
+
+    Page 1 is the mean, page 2 the variance, uncompressed float32. The record is in ImageJ's
+    Info as JSON without its ``sha256``, the scale in the resolution where it is known.
+    """
+    pages = [images.mean_dn]
+    labels = ["mean"]
+    if images.variance_dn2 is not None:
+        pages.append(images.variance_dn2)
+        labels.append("variance")
+    record = replace(images.record, sha256=None)
+    # ASCII alone: ImageJ 1.52 garbles most characters past it ("本" becomes a comma).
+    info = json.dumps(record.to_json(), ensure_ascii=True, allow_nan=False, indent=1)
+    _write_imagej(
+        file,
+        np.stack(pages).astype(np.float32, copy=False),
+        {"axes": "ZYX", "Labels": labels, "Info": info},
+        record.scale_px_per_mm,
+    )
+
+
+def write_frames(
+    file: BinaryIO, frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]
+) -> None:
+    """Write raw frames as one multi-page uint16 TIFF file, a page a frame, in order."""
+    stack = np.stack(frames_dn).astype(np.uint16, copy=False)
+    _write_imagej(file, stack, {"axes": "TYX"}, None)
+
+
+def parse_capture(data: bytes, *, source: str) -> CaptureImages:
+    """Read the bytes that ``write_capture`` wrote; ``source`` begins the message of an error.
+
+    Raises
+    ------
+    SessionError
+        If the bytes are no such file. Pixels are not checked here: the journal's hash does.
+    """
+    try:
+        tiff = read_tiff(data)
+        document = parse_json(tiff.info) if tiff.info is not None else None
+    except ValueError as error:
+        raise SessionError(f"{source}: not a readable TIFF file: {error}") from error
+    if not isinstance(document, dict) or len(tiff.images) not in (1, 2):
+        raise SessionError(f"{source}: a TIFF file, but not a capture of a session")
+    record = CaptureRecord.from_json(document, source=source)
+    mean_dn, *variances = [np.asarray(page, dtype=np.float32) for page in tiff.images]
+    try:
+        return CaptureImages(
+            mean_dn=mean_dn, variance_dn2=variances[0] if variances else None, record=record
+        )
+    except ValueError as error:
+        raise SessionError(f"{source}: {error}") from error
+
+
+def read_capture(path: Path) -> CaptureImages:
+    """Read one capture file on its own, unverified; a session's ``load`` checks the hash too.
+
+    Raises
+    ------
+    SessionError
+        If the file cannot be read or is no capture.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SessionError(f"capture file {path}: {error.strerror}") from error
+    return parse_capture(data, source=f"capture file {path}")
+
+
+def _write_imagej(
+    file: BinaryIO,
+    stack: NDArray[np.float32] | NDArray[np.uint16],
+    metadata: dict[str, object],
+    scale_px_per_mm: float | None,
+) -> None:
+    if scale_px_per_mm is not None:
+        metadata = {**metadata, "unit": "mm"}
+    tifffile.imwrite(
+        file,
+        stack,
+        imagej=True,
+        byteorder="<",
+        photometric="minisblack",
+        resolution=None if scale_px_per_mm is None else (scale_px_per_mm, scale_px_per_mm),
+        metadata=metadata,
+    )

@@ -1,0 +1,189 @@
+"""session.json: what a session was made with, fixed when it was made."""
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, Self
+
+from pydantic import ValidationError
+
+from acquisition.bench import BenchConfig
+from acquisition.devices import Camera, DeviceInfo, Stage
+from acquisition.errors import SessionError
+from acquisition.plan import CapturePlan, parse_plan
+from acquisition.untrusted import parse_json
+
+__all__ = ["MANIFEST_NAME", "Manifest", "camera_snapshot", "software_versions", "stage_snapshot"]
+
+
+def camera_snapshot(camera: Camera) -> dict[str, Any]:
+    """Identity and settings of the camera, as read back from it.
+
+    Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us,
+    ``Gain`` in dB, ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
+    """
+    settings = camera.settings
+    return {
+        **_identity(camera.info),
+        "Width": settings.width_px,
+        "Height": settings.height_px,
+        "PixelFormat": settings.pixel_format,
+        "ExposureTime": settings.exposure_us,
+        "Gain": settings.gain_db,
+        "AcquisitionFrameRate": settings.frame_rate_hz,
+        "BlackLevel": settings.black_level_dn,
+        **settings.features,
+    }
+
+
+def stage_snapshot(stage: Stage) -> dict[str, Any]:
+    """Identity and travel of the stage."""
+    return {**_identity(stage.info), "limits_mm": list(stage.limits_mm)}
+
+
+def _identity(info: DeviceInfo) -> dict[str, Any]:
+    return {
+        "driver": info.driver,
+        "DeviceVendorName": info.vendor,
+        "DeviceModelName": info.model,
+        "DeviceSerialNumber": info.serial_number,
+        "DeviceFirmwareVersion": info.firmware,
+    }
+
+
+MANIFEST_NAME = "session.json"
+
+_SCHEMA = "standoff.session/1"
+_IDENTITY_KEYS = ("driver", "DeviceVendorName", "DeviceModelName", "DeviceSerialNumber")
+_KEYS = ("schema", "uid", "created_utc", "operator", "plan", "bench", "devices", "software")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifest:
+    """The content of session.json.
+
+    ``bench`` is the resolved bench config as a JSON object; ``devices`` has a snapshot under
+    ``camera`` and ``stage`` where there is one; ``software`` maps package to version.
+    """
+
+    uid: str
+    created_utc: str
+    operator: str
+    plan: CapturePlan
+    bench: Mapping[str, Any]
+    devices: Mapping[str, Mapping[str, Any]]
+    software: Mapping[str, str]
+
+    def to_bytes(self) -> bytes:
+        """The file's text, indented for people."""
+        document = {
+            "schema": _SCHEMA,
+            "uid": self.uid,
+            "created_utc": self.created_utc,
+            "operator": self.operator,
+            "plan": self.plan.to_json(),
+            "bench": self.bench,
+            "devices": self.devices,
+            "software": self.software,
+        }
+        text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=2)
+        return text.encode() + b"\n"
+
+    @classmethod
+    def from_bytes(cls, data: bytes, *, source: str) -> Self:
+        """Read the file's text; ``source`` begins the message of an error.
+
+        Raises
+        ------
+        SessionError
+            If it is not the session.json of a session of this version.
+        """
+        try:
+            document = parse_json(data)
+        except ValueError as error:
+            raise SessionError(f"{source}: damaged ({error}); restore it from a copy") from error
+        if not isinstance(document, dict) or document.get("schema") != _SCHEMA:
+            raise SessionError(f"{source}: not of schema {_SCHEMA}")
+        if set(document) != set(_KEYS):
+            odd = ", ".join(sorted(set(document) ^ set(_KEYS)))
+            raise SessionError(f"{source}: missing or unknown key: {odd}")
+        for key in ("plan", "bench", "devices", "software"):
+            if not isinstance(document[key], dict):
+                raise SessionError(f"{source}: {key} is not a table")
+        return cls(
+            uid=str(document["uid"]),
+            created_utc=str(document["created_utc"]),
+            operator=str(document["operator"]),
+            plan=parse_plan(document["plan"], source=f"{source}, plan"),
+            bench=document["bench"],
+            devices=document["devices"],
+            software=document["software"],
+        )
+
+    def differences(
+        self,
+        plan: CapturePlan,
+        bench: Mapping[str, Any],
+        devices: Mapping[str, Mapping[str, Any]],
+    ) -> list[str]:
+        """What another run would change: plan keys, bench keys, and which devices they are.
+
+        A bench key that the session is older than counts as its default.
+        """
+        return [
+            *_differences("plan", self.plan.to_json(), plan.to_json()),
+            *_differences("bench", _with_defaults(self.bench), bench),
+            *_differences("devices", _identities(self.devices), _identities(devices)),
+        ]
+
+
+def software_versions() -> dict[str, str]:
+    """Versions of Python and of the packages whose code shapes a capture."""
+    versions = {"python": platform.python_version()}
+    for package in ("standoff", "numpy", "tifffile", "opencv-contrib-python-headless", "PyGObject"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions
+
+
+def _with_defaults(bench: Mapping[str, Any]) -> Mapping[str, Any]:
+    try:
+        return BenchConfig.model_validate(bench).model_dump(mode="json")
+    except ValidationError:
+        return bench
+
+
+def _identities(devices: Mapping[str, object]) -> dict[str, Any]:
+    return {
+        role: {key: device[key] for key in _IDENTITY_KEYS if key in device}
+        for role, device in devices.items()
+        if isinstance(device, Mapping)
+    }
+
+
+def _differences(path: str, old: object, new: object) -> list[str]:
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        keys = [*old, *(key for key in new if key not in old)]
+        return [
+            line
+            for key in keys
+            for line in _differences(f"{path}.{key}", old.get(key), new.get(key))
+        ]
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        return [
+            line
+            for number, pair in enumerate(zip(old, new, strict=True))
+            for line in _differences(f"{path}.{number}", *pair)
+        ]
+    return [] if old == new else [f"{path} was {_brief(old)}, now {_brief(new)}"]
+
+
+def _brief(value: object) -> str:
+    if value is None:
+        return "not set"
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,69 @@
+"""An operator's decisions about a session: exclude a capture, take it back in, retake it, note."""
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+from acquisition.errors import SessionError
+from acquisition.session.journal import EventKind, JournalEvent, JournalWriter, new_uid, utc_now
+from acquisition.session.reader import JOURNAL_NAME, Session, captures_of, current_capture
+
+__all__ = ["SessionNotes"]
+
+
+class SessionNotes:
+    """Journals the decisions of ``operator`` about the session at ``path``.
+
+    Each call holds the session for its own moment, so that it is refused while a run writes.
+
+    Raises
+    ------
+    SessionError
+        By every call: if ``path`` is no session, is in use, or has no such capture.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        operator: str,
+        utc_now: Callable[[], datetime] = utc_now,
+        new_uid: Callable[[], str] = new_uid,
+    ) -> None:
+        self._path = path
+        self._operator = operator
+        self._utc_now = utc_now
+        self._new_uid = new_uid
+
+    def exclude(self, index: int, reason: str) -> JournalEvent:
+        """Keep the capture of an entry out of calibration and analysis."""
+        return self._decide("exclude", index, reason)
+
+    def include(self, index: int, reason: str) -> JournalEvent:
+        """Take an excluded capture back in."""
+        return self._decide("include", index, reason)
+
+    def retake(self, index: int, reason: str) -> JournalEvent:
+        """Void the capture of an entry; the next run captures it again."""
+        return self._decide("retake", index, reason)
+
+    def note(self, text: str) -> JournalEvent:
+        """Write down what a later reader should know."""
+        with self._open() as journal:
+            return journal.append("note", {"text": text, "operator": self._operator})
+
+    def _open(self) -> JournalWriter:
+        Session.open(self._path)  # a mistyped path must not become a new journal
+        return JournalWriter(
+            self._path / JOURNAL_NAME, utc_now=self._utc_now, new_uid=self._new_uid
+        )
+
+    def _decide(self, kind: EventKind, index: int, reason: str) -> JournalEvent:
+        with self._open() as journal:
+            captures = captures_of(journal.events, source=str(self._path / JOURNAL_NAME))
+            capture = current_capture(captures, index, self._path)
+            if kind == "include" and capture.excluded_because is None:
+                raise SessionError(f"capture {index} of {self._path} is not excluded")
+            key = "supersedes" if kind == "retake" else "capture"
+            facts = {"index": index, key: capture.record.uid}
+            return journal.append(kind, {**facts, "reason": reason, "operator": self._operator})

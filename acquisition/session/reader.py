@@ -1,0 +1,306 @@
+"""Read a capture session: what was planned, what was captured, and whether the files are whole."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from acquisition.errors import SessionError
+from acquisition.plan import CapturePlan, PlanEntry, plan_entries
+from acquisition.session.capture_file import CaptureImages, parse_capture
+from acquisition.session.durable_write import PART_SUFFIX
+from acquisition.session.journal import JournalEvent, read_journal
+from acquisition.session.manifest import MANIFEST_NAME, Manifest
+from acquisition.session.record import CaptureRecord
+
+__all__ = [
+    "JOURNAL_NAME",
+    "FileCheck",
+    "FileState",
+    "Session",
+    "SessionCapture",
+    "VerifyReport",
+    "captures_of",
+    "current_capture",
+    "file_sha256",
+    "verify",
+]
+
+JOURNAL_NAME = "journal.jsonl"
+
+FileState = Literal["ok", "missing", "changed", "unjournaled"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionCapture:
+    """A journaled capture and what was decided about it since.
+
+    It is superseded once it was retaken or its entry captured again, and excluded for as long
+    as ``excluded_because`` gives a reason.
+    """
+
+    record: CaptureRecord
+    is_superseded: bool = False
+    excluded_because: str | None = None
+
+    @property
+    def is_used(self) -> bool:
+        """Whether calibration and analysis should use it."""
+        return not self.is_superseded and self.excluded_because is None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Session:
+    """A capture session as its journal tells it; nothing on the disk is changed by reading.
+
+    ``captures`` holds every journaled capture in order of time, marked; ``remarks`` what was
+    odd about the journal.
+    """
+
+    path: Path
+    manifest: Manifest
+    events: tuple[JournalEvent, ...]
+    captures: tuple[SessionCapture, ...]
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Read session.json and the journal; capture files are read by ``load`` only.
+
+        Raises
+        ------
+        SessionError
+            If ``path`` is no session, or its session.json or journal is damaged.
+        """
+        manifest_path = path / MANIFEST_NAME
+        if not manifest_path.is_file():
+            raise SessionError(
+                f"{path} is not a capture session (it has no {MANIFEST_NAME}); "
+                "name the directory that a capture run wrote"
+            )
+        manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
+        journal_path = path / JOURNAL_NAME
+        reading = read_journal(_read(journal_path), source=str(journal_path))
+        return cls(
+            path=path,
+            manifest=manifest,
+            events=reading.events,
+            captures=captures_of(reading.events, source=str(journal_path)),
+            remarks=() if reading.remark is None else (reading.remark,),
+        )
+
+    @property
+    def plan(self) -> CapturePlan:
+        """The plan the session was made with."""
+        return self.manifest.plan
+
+    @property
+    def bench(self) -> Mapping[str, Any]:
+        """The resolved bench config, as a JSON object."""
+        return self.manifest.bench
+
+    @property
+    def devices(self) -> Mapping[str, Mapping[str, Any]]:
+        """Snapshots of ``camera`` and ``stage`` when the session was made."""
+        return self.manifest.devices
+
+    @property
+    def entries(self) -> tuple[PlanEntry, ...]:
+        """Every capture that the plan asks for."""
+        return plan_entries(self.plan)
+
+    @property
+    def records(self) -> tuple[CaptureRecord, ...]:
+        """The captures to use, in order of index: neither superseded nor excluded."""
+        used = (capture.record for capture in self.captures if capture.is_used)
+        return tuple(sorted(used, key=lambda record: record.index))
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every entry of the plan has a capture that was not superseded."""
+        done = {c.record.index for c in self.captures if not c.is_superseded}
+        return done.issuperset(entry.index for entry in self.entries)
+
+    def load(self, record: CaptureRecord) -> CaptureImages:
+        """Read the pixels of a capture, after its file was found to be what was journaled.
+
+        Raises
+        ------
+        SessionError
+            If the file is missing or not the one that was captured.
+        """
+        path = self.path / record.file
+        data = _read(path)
+        if hashlib.sha256(data).hexdigest() != record.sha256:
+            raise SessionError(
+                f"{path} is not the file that was captured (its sha256 differs); "
+                "restore it from a copy, or retake the capture"
+            )
+        images = parse_capture(data, source=str(path))
+        return CaptureImages(
+            mean_dn=images.mean_dn, variance_dn2=images.variance_dn2, record=record
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileCheck:
+    """One file of a session against the journal; ``uid`` is its capture's, if it has one."""
+
+    file: str
+    state: FileState
+    uid: str | None = None
+    is_superseded: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerifyReport:
+    """Every file of a session against its journal, and remarks on the journal itself."""
+
+    files: tuple[FileCheck, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether every file that counts is there and unchanged.
+
+        A file without a journal line does not count, nor does a superseded capture.
+        """
+        return not any(
+            check.state in ("missing", "changed") and not check.is_superseded
+            for check in self.files
+        )
+
+
+def verify(path: Path) -> VerifyReport:
+    """Hash every file of the session at ``path`` and compare with the journal.
+
+    Raises
+    ------
+    SessionError
+        If ``path`` is no session, or its session.json or journal is damaged.
+    """
+    session = Session.open(path)
+    checks = [_check_manifest(session)]
+    known = set()
+    for capture in session.captures:
+        for file, sha256 in _files(capture.record):
+            known.add(file)
+            checks.append(
+                FileCheck(
+                    file=file,
+                    state=_file_state(path / file, sha256),
+                    uid=capture.record.uid,
+                    is_superseded=capture.is_superseded,
+                )
+            )
+    found = sorted(
+        file.relative_to(path).as_posix()
+        for folder in ("captures", "frames")
+        for file in (path / folder).glob("*")
+    )
+    checks += [FileCheck(file=f, state="unjournaled") for f in found if f not in known]
+    leftovers = [f for f in found if f.endswith(PART_SUFFIX)]
+    remarks = [f"{f} was being written when a run was killed; delete it" for f in leftovers]
+    return VerifyReport(files=tuple(checks), remarks=(*session.remarks, *remarks))
+
+
+def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[SessionCapture, ...]:
+    """Replay a journal: its captures in order of time, marked superseded and excluded.
+
+    Raises
+    ------
+    SessionError
+        If an event names a capture that is not there, or holds no valid record.
+    """
+    records: dict[str, CaptureRecord] = {}
+    superseded: set[str] = set()
+    excluded: dict[str, str] = {}
+    latest: dict[int, str] = {}
+    for number, event in enumerate(events, start=1):
+        here = f"{source}, line {number}"
+        if event.kind == "capture":
+            record = CaptureRecord.from_json(_table(event, "record", here), source=here)
+            if record.index in latest:
+                superseded.add(latest[record.index])
+            latest[record.index] = record.uid
+            records[record.uid] = record
+        elif event.kind in ("retake", "exclude", "include"):
+            uid = str(event.facts.get("supersedes" if event.kind == "retake" else "capture"))
+            if uid not in records:
+                raise SessionError(f"{here}: {event.kind} of {uid!r}, which was never captured")
+            if event.kind == "retake":
+                superseded.add(uid)
+            elif event.kind == "exclude":
+                excluded[uid] = str(event.facts.get("reason", ""))
+            else:
+                excluded.pop(uid, None)
+    return tuple(
+        SessionCapture(
+            record=record, is_superseded=uid in superseded, excluded_because=excluded.get(uid)
+        )
+        for uid, record in records.items()
+    )
+
+
+def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) -> SessionCapture:
+    """Return the capture of an entry that was not superseded, of the session at ``path``.
+
+    Raises
+    ------
+    SessionError
+        If there is none.
+    """
+    for capture in captures:
+        if capture.record.index == index and not capture.is_superseded:
+            return capture
+    raise SessionError(f"session {path} has no capture of index {index}")
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal digits, as ``sha256sum`` prints it."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def is_intact(path: Path, record: CaptureRecord) -> bool:
+    """Whether every file of a capture in the session at ``path`` is what was journaled."""
+    return all(_file_state(path / file, sha256) == "ok" for file, sha256 in _files(record))
+
+
+def _files(record: CaptureRecord) -> list[tuple[str, str | None]]:
+    files = [(record.file, record.sha256)]
+    if record.frames_file is not None:
+        files.append((record.frames_file, record.frames_sha256))
+    return files
+
+
+def _file_state(path: Path, sha256: str | None) -> FileState:
+    if not path.is_file():
+        return "missing"
+    try:
+        return "ok" if file_sha256(path) == sha256 else "changed"
+    except OSError as error:
+        raise SessionError(f"{path}: {error.strerror}") from error
+
+
+def _check_manifest(session: Session) -> FileCheck:
+    starts = [event for event in session.events if event.kind == "start"]
+    if not starts:
+        return FileCheck(file=MANIFEST_NAME, state="unjournaled")
+    expected = str(starts[0].facts.get("session_sha256"))
+    return FileCheck(file=MANIFEST_NAME, state=_file_state(session.path / MANIFEST_NAME, expected))
+
+
+def _table(event: JournalEvent, key: str, here: str) -> Mapping[str, object]:
+    value = event.facts.get(key)
+    if not isinstance(value, dict):
+        raise SessionError(f"{here}: {event.kind} without {key}")
+    return value
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise SessionError(f"{path}: {error.strerror}; restore it from a copy") from error

@@ -1,0 +1,356 @@
+"""Create or reopen a session and add captures to it, so that a kill at any byte loses nothing."""
+
+import hashlib
+import shutil
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.averaging import AveragedFrames
+from acquisition.bench import BenchConfig
+from acquisition.devices import CameraSettings, FrameImage
+from acquisition.errors import SessionError
+from acquisition.plan import CapturePlan, PlanEntry, plan_entries
+from acquisition.session.capture_file import CaptureImages, write_capture, write_frames
+from acquisition.session.durable_write import PART_SUFFIX, atomic_write, atomic_write_hashed
+from acquisition.session.journal import EventKind, JournalEvent, JournalWriter, new_uid, utc_now
+from acquisition.session.manifest import MANIFEST_NAME, Manifest, software_versions
+from acquisition.session.reader import (
+    JOURNAL_NAME,
+    SessionCapture,
+    captures_of,
+    current_capture,
+    is_intact,
+)
+from acquisition.session.record import CaptureRecord, utc_text
+
+__all__ = ["SessionWriter"]
+
+SPARE_BYTES = 64 * 2**20
+"""Room left on the disk beyond the captures, so that the journal can always be written."""
+
+
+class SessionWriter:
+    """The one process that writes a session; a context manager that gives it back.
+
+    Opening creates the session where there is none, else resumes it. The journal's ``flock``
+    is held until ``close``.
+
+    Parameters
+    ----------
+    path
+        Directory of the session: new, empty, or a session with the same plan and bench.
+    bench
+        The bench; None for photographs that come from elsewhere.
+    devices
+        Snapshots under ``camera`` and ``stage``, as far as there are devices.
+    utc_now, new_uid
+        Where time stamps and identities come from.
+
+    Raises
+    ------
+    SessionError
+        If ``path`` holds something else, is in use, cannot be written, or was made with
+        another plan, bench or device; the message shows the difference.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        plan: CapturePlan,
+        bench: BenchConfig | None,
+        devices: Mapping[str, Mapping[str, Any]],
+        operator: str,
+        utc_now: Callable[[], datetime] = utc_now,
+        new_uid: Callable[[], str] = new_uid,
+    ) -> None:
+        self.path = path
+        self.plan = plan
+        self.entries = plan_entries(plan)
+        self._utc_now = utc_now
+        self._new_uid = new_uid
+        _prepare_directory(path)
+        self._journal = JournalWriter(path / JOURNAL_NAME, utc_now=utc_now, new_uid=new_uid)
+        try:
+            self._takes = Counter(capture.record.index for capture in self.captures)
+            self._begin({} if bench is None else bench.model_dump(mode="json"), devices, operator)
+        except OSError as error:
+            self.close()
+            raise _write_failure(path, error) from error
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def captures(self) -> tuple[SessionCapture, ...]:
+        """The captures journaled so far, marked superseded and excluded."""
+        return captures_of(self._journal.events, source=str(self.path / JOURNAL_NAME))
+
+    def pending_entries(self) -> tuple[PlanEntry, ...]:
+        """Entries of the plan without a capture whose files are all as they were journaled."""
+        done = {
+            capture.record.index
+            for capture in self.captures
+            if not capture.is_superseded and is_intact(self.path, capture.record)
+        }
+        return tuple(entry for entry in self.entries if entry.index not in done)
+
+    def require_space(self, needed_bytes: int) -> None:
+        """Refuse to begin where the disk has no room for ``needed_bytes`` and some to spare.
+
+        Raises
+        ------
+        SessionError
+            With the room there is and the room it takes.
+        """
+        free_bytes = shutil.disk_usage(self.path).free
+        if free_bytes < needed_bytes + SPARE_BYTES:
+            raise SessionError(
+                f"the disk of {self.path} has {free_bytes / 1e6:.0f} MB free, the captures take "
+                f"{(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free the disk and run again"
+            )
+
+    def journal(self, kind: EventKind, facts: Mapping[str, Any]) -> JournalEvent:
+        """Journal an event that is no capture."""
+        return self._journal.append(kind, facts)
+
+    def retake(self, index: int, reason: str, operator: str) -> None:
+        """Void the capture of an entry, so that it is pending again.
+
+        Raises
+        ------
+        SessionError
+            If it has none.
+        """
+        void = current_capture(self.captures, index, self.path).record.uid
+        facts = {"index": index, "supersedes": void, "reason": reason, "operator": operator}
+        self._journal.append("retake", facts)
+
+    def add_capture(
+        self,
+        entry: PlanEntry,
+        averaged: AveragedFrames,
+        *,
+        settings: CameraSettings,
+        height_mm: float,
+        focus_value: float | None,
+        started: datetime,
+        finished: datetime,
+        scale_px_per_mm: float | None = None,
+        raw_frames: Sequence[FrameImage] = (),
+    ) -> CaptureRecord:
+        """Store one capture; when this returns it is on the disk and journaled.
+
+        Parameters
+        ----------
+        settings
+            The camera's, as read back, for exposure, gain, format and black level.
+        height_mm
+            As read back from the stage, never the one asked for.
+        raw_frames
+            Frames to store beside it; none if empty.
+
+        Raises
+        ------
+        SessionError
+            If it cannot be written; the capture then does not exist.
+        """
+        record = CaptureRecord(
+            index=entry.index,
+            uid=self._new_uid(),
+            kind=entry.kind,
+            target=entry.target,
+            orientation_deg=entry.orientation_deg,
+            height_asked_mm=entry.height_mm,
+            height_mm=height_mm,
+            frames_used=averaged.frames_used,
+            incomplete_frames=averaged.incomplete_frames,
+            resent_packets=averaged.resent_packets,
+            saturated_pixels=averaged.saturated_pixels,
+            min_dn=averaged.min_dn,
+            max_dn=averaged.max_dn,
+            exposure_us=settings.exposure_us,
+            gain_db=settings.gain_db,
+            pixel_format=settings.pixel_format,
+            black_level_dn=settings.black_level_dn,
+            max_level_dn=settings.max_level_dn,
+            started_utc=utc_text(started),
+            finished_utc=utc_text(finished),
+            first_timestamp_ns=averaged.first_timestamp_ns,
+            last_timestamp_ns=averaged.last_timestamp_ns,
+            focus_value=focus_value,
+            scale_px_per_mm=scale_px_per_mm,
+            file=self._file(entry, "captures"),
+            frames_file=self._file(entry, "frames") if raw_frames else None,
+            frames_sha256=None,
+            sha256=None,
+        )
+        return self._store(record, averaged.mean_dn, averaged.variance_dn2, raw_frames)
+
+    def add_photograph(
+        self,
+        entry: PlanEntry,
+        image_dn: NDArray[np.float32],
+        *,
+        pixel_format: str,
+        max_level_dn: float,
+        black_level_dn: float = 0.0,
+        exposure_us: float | None = None,
+        gain_db: float | None = None,
+        scale_px_per_mm: float | None = None,
+    ) -> CaptureRecord:
+        """Store a single foreign photograph as a capture of one frame, without a variance.
+
+        Its height is the entry's, on the word of whoever imports it.
+
+        Raises
+        ------
+        SessionError
+            If it cannot be written; the capture then does not exist.
+        """
+        now = utc_text(self._utc_now())
+        record = CaptureRecord(
+            index=entry.index,
+            uid=self._new_uid(),
+            kind=entry.kind,
+            target=entry.target,
+            orientation_deg=entry.orientation_deg,
+            height_asked_mm=entry.height_mm,
+            height_mm=entry.height_mm,
+            frames_used=1,
+            incomplete_frames=0,
+            resent_packets=0,
+            saturated_pixels=int(np.count_nonzero(image_dn >= max_level_dn)),
+            min_dn=float(image_dn.min()),
+            max_dn=float(image_dn.max()),
+            exposure_us=exposure_us,
+            gain_db=gain_db,
+            pixel_format=pixel_format,
+            black_level_dn=black_level_dn,
+            max_level_dn=max_level_dn,
+            started_utc=now,
+            finished_utc=now,
+            first_timestamp_ns=None,
+            last_timestamp_ns=None,
+            focus_value=None,
+            scale_px_per_mm=scale_px_per_mm,
+            file=self._file(entry, "captures"),
+            frames_file=None,
+            frames_sha256=None,
+            sha256=None,
+        )
+        return self._store(record, image_dn, None, ())
+
+    def close(self) -> None:
+        """Give the session back; closing twice is harmless."""
+        self._journal.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _begin(
+        self,
+        bench: dict[str, Any],
+        devices: Mapping[str, Mapping[str, Any]],
+        operator: str,
+    ) -> None:
+        """Write session.json, or compare with the one that is there, and journal the run."""
+        path = self.path / MANIFEST_NAME
+        if path.exists():
+            data = path.read_bytes()
+            old = Manifest.from_bytes(data, source=str(path))
+            differences = old.differences(self.plan, bench, devices)
+            if differences:
+                raise SessionError(
+                    f"session {self.path} was made otherwise: {'; '.join(differences)}; "
+                    "go back to that, or begin a new directory"
+                )
+        else:
+            if self._journal.events:
+                raise SessionError(f"{path} is gone but the journal is not empty; restore it")
+            data = Manifest(
+                uid=self._new_uid(),
+                created_utc=utc_text(self._utc_now()),
+                operator=operator,
+                plan=self.plan,
+                bench=bench,
+                devices=devices,
+                software=software_versions(),
+            ).to_bytes()
+            atomic_write(path, data)
+        for folder in ("captures", "frames", "logs"):
+            (self.path / folder).mkdir(exist_ok=True)
+        facts = {"operator": operator, "devices": devices, "software": software_versions()}
+        if any(event.kind == "start" for event in self._journal.events):
+            self._journal.append("resume", {**facts, "pending": len(self.pending_entries())})
+        else:
+            digest = hashlib.sha256(data).hexdigest()
+            self._journal.append("start", {**facts, "session_sha256": digest})
+            self._journal.append("plan", {"name": self.plan.name, "captures": len(self.entries)})
+
+    def _file(self, entry: PlanEntry, folder: str) -> str:
+        """Name a file that no journaled capture has: a later take of an entry is numbered."""
+        takes = self._takes[entry.index]
+        suffix = f"_take{takes + 1}" if takes else ""
+        return f"{folder}/{entry.stem}{suffix}.tif"
+
+    def _store(
+        self,
+        record: CaptureRecord,
+        mean_dn: NDArray[np.float32],
+        variance_dn2: NDArray[np.float32] | None,
+        raw_frames: Sequence[FrameImage],
+    ) -> CaptureRecord:
+        try:
+            if record.frames_file is not None:
+                digest = atomic_write_hashed(
+                    self.path / record.frames_file, lambda file: write_frames(file, raw_frames)
+                )
+                record = replace(record, frames_sha256=digest)
+            images = CaptureImages(mean_dn=mean_dn, variance_dn2=variance_dn2, record=record)
+            digest = atomic_write_hashed(
+                self.path / record.file, lambda file: write_capture(file, images)
+            )
+        except OSError as error:
+            raise _write_failure(self.path, error) from error
+        record = replace(record, sha256=digest)
+        self._journal.append("capture", {"record": record.to_json()}, uid=record.uid)
+        self._takes[record.index] += 1
+        return record
+
+
+def _prepare_directory(path: Path) -> None:
+    """Make the directory; refuse one that holds anything but a session or a beginning of one."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        present = {file.name for file in path.iterdir()}
+    except OSError as error:
+        raise _write_failure(path, error) from error
+    beginning = {JOURNAL_NAME, MANIFEST_NAME + PART_SUFFIX}
+    if MANIFEST_NAME not in present and not present <= beginning:
+        raise SessionError(
+            f"{path} holds files but is not a capture session; name a new or empty directory"
+        )
+
+
+def _write_failure(path: Path, error: OSError) -> SessionError:
+    return SessionError(
+        f"session {path} cannot be written: {error.strerror or error}; "
+        "see to the disk and run the same command again"
+    )

@@ -1,0 +1,5 @@
+"""Height stages: Grbl and grblHAL controllers, Zaber stages, a stand moved by hand."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

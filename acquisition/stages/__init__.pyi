@@ -1,0 +1,16 @@
+from .manual import ManualStage as ManualStage
+from .serial_link import SerialLink as SerialLink, open_serial_port as open_serial_port
+from .travel import (
+    home_timeout_s as home_timeout_s,
+    move_timeout_s as move_timeout_s,
+    refuse_beyond_limits as refuse_beyond_limits,
+)
+
+__all__ = [
+    "ManualStage",
+    "SerialLink",
+    "home_timeout_s",
+    "move_timeout_s",
+    "open_serial_port",
+    "refuse_beyond_limits",
+]

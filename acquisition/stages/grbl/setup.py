@@ -1,0 +1,116 @@
+"""What a Grbl controller's settings mean for the stage, and whether they are as expected."""
+
+from dataclasses import dataclass
+from math import isfinite
+
+from acquisition.bench import StageConfig
+from acquisition.errors import DeviceError, DeviceProtocolError
+from acquisition.stages.grbl.wire import AXES
+
+__all__ = ["GrblSetup", "HeightAxis", "check_settings", "height_axis"]
+
+REPORT_INCHES, HOMING, HOMING_INVERTED, LOCATE_FEED, PULL_OFF = 13, 22, 23, 24, 27
+KEEP_HOMED_ON_RESET = 7
+"""Bit of grblHAL's ``$22``."""
+
+ABSENT = {REPORT_INCHES: 0.0, HOMING_INVERTED: 0.0, LOCATE_FEED: 25.0, PULL_OFF: 1.0}
+"""Grbl's defaults, where a grblHAL with settings per axis does not list one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightAxis:
+    """How heights and machine positions of one axis belong together."""
+
+    letter: str
+    sign: float
+    offset_mm: float
+
+    @property
+    def index(self) -> int:
+        """Place of the axis in a report."""
+        return AXES.index(self.letter)
+
+    def height_mm(self, machine_mm: float) -> float:
+        """Height at a machine position, without the noise of binary fractions."""
+        return round(self.sign * machine_mm + self.offset_mm, 6)
+
+    def machine_mm(self, height_mm: float) -> float:
+        """Machine position for a height."""
+        return self.sign * (height_mm - self.offset_mm)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrblSetup:
+    """The settings that homing depends on.
+
+    ``towards_switch`` is the sign of the machine direction in which the home switch lies.
+    """
+
+    is_homing_enabled: bool
+    keeps_homed_on_reset: bool
+    towards_switch: float
+    pull_off_mm: float
+    locate_feed_mm_per_min: float
+
+
+def height_axis(config: StageConfig) -> HeightAxis:
+    """Return the axis that the bench file names."""
+    return HeightAxis(
+        letter=config.axis,
+        sign=1.0 if config.direction == "up" else -1.0,
+        offset_mm=config.home_offset_mm,
+    )
+
+
+def check_settings(settings: dict[int, str], config: StageConfig, *, name: str) -> GrblSetup:
+    """Read what homing needs, and compare with the bench file.
+
+    Raises
+    ------
+    DeviceError
+        If the controller reports inches, or a setting is not as expected: one line names each.
+    DeviceProtocolError
+        If a setting is missing or no number.
+    """
+    if _number(settings, REPORT_INCHES, name) != 0:
+        raise DeviceError(f"{name} reports inches; set $13=0 in a terminal")
+    faults = []
+    for key, expected in config.expected_settings.items():
+        digits = key.removeprefix("$")
+        if not digits.isdecimal():
+            raise DeviceError(f"expected_settings: {key!r} is not a Grbl setting such as '$102'")
+        found = settings.get(int(digits))
+        if found is None or _as_number(found) != expected:
+            faults.append(f"${digits} is {found or 'missing'}, expected {expected:g}")
+    if faults:
+        raise DeviceError(
+            f"{name} is not set as the bench file expects: {'; '.join(faults)}. "
+            "Enter the settings in a terminal, or correct expected_settings"
+        )
+    homing = int(_number(settings, HOMING, name))
+    inverted = int(_number(settings, HOMING_INVERTED, name))
+    is_towards_minus = inverted >> AXES.index(config.axis) & 1
+    return GrblSetup(
+        is_homing_enabled=bool(homing & 1),
+        keeps_homed_on_reset=bool(homing >> KEEP_HOMED_ON_RESET & 1),
+        towards_switch=-1.0 if is_towards_minus else 1.0,
+        pull_off_mm=_number(settings, PULL_OFF, name),
+        locate_feed_mm_per_min=_number(settings, LOCATE_FEED, name),
+    )
+
+
+def _number(settings: dict[int, str], number: int, name: str) -> float:
+    if number not in settings and number in ABSENT:
+        return ABSENT[number]
+    value = _as_number(settings.get(number, ""))
+    if value is None:
+        raise DeviceProtocolError(f"{name} has no readable setting ${number}")
+    return value
+
+
+def _as_number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if isfinite(value) else None

@@ -1,0 +1,150 @@
+"""A stage that a person moves and reads, as in the paper."""
+
+from collections.abc import Callable
+from math import isfinite
+
+from acquisition.bench import StageConfig
+from acquisition.devices import DeviceInfo, StageState
+from acquisition.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    StageAlarmError,
+    StageNotHomedError,
+)
+from acquisition.stages.travel import refuse_beyond_limits
+
+__all__ = ["ManualStage"]
+
+TRIES = 5
+
+
+class ManualStage:
+    """Asks the operator to set each height and to say what the scale shows.
+
+    It is homed once a height has been stated. The time limits of the contract do not apply to a
+    person.
+
+    Parameters
+    ----------
+    config
+        Limits and tolerance.
+    ask
+        Shows a question and returns the answer; an empty one confirms the height asked for.
+    """
+
+    def __init__(self, config: StageConfig, *, ask: Callable[[str], str]) -> None:
+        self._config = config
+        self._ask = ask
+        self._height_mm: float | None = None
+        self._is_emergency = False
+        self._is_open = True
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Stage.info`."""
+        return DeviceInfo(
+            vendor="", model="set by hand", serial_number="", firmware="", driver="manual"
+        )
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """See `Stage.limits_mm`."""
+        return self._config.limits_mm
+
+    @property
+    def is_homed(self) -> bool:
+        """See `Stage.is_homed`."""
+        return self._height_mm is not None
+
+    @property
+    def state(self) -> StageState:
+        """See `Stage.state`."""
+        return "alarm" if self._is_emergency else "idle"
+
+    def home(self, timeout_s: float) -> None:
+        """See `Stage.home`: ask what the scale shows."""
+        self._check_ready()
+        self._height_mm = None
+        low_mm, high_mm = self.limits_mm
+        question = "Height that the scale shows, in mm"
+        for _ in range(TRIES):
+            height_mm = _number(self._ask(question))
+            if height_mm is not None and low_mm <= height_mm <= high_mm:
+                self._height_mm = height_mm
+                return
+            question = f"A height from {low_mm:g} to {high_mm:g}, in mm, please"
+        raise DeviceError("the operator stated no height of the stage; nothing was captured")
+
+    def move_to(self, height_mm: float, timeout_s: float) -> float:
+        """See `Stage.move_to`: ask for it, and return what the operator reads.
+
+        Raises
+        ------
+        DeviceError
+            If the operator does not reach it within the tolerance.
+        """
+        refuse_beyond_limits(height_mm, self.limits_mm)
+        self._check_ready()
+        if self._height_mm is None:
+            raise StageNotHomedError("state the height of the stage before it is moved")
+        self._height_mm = None
+        side = "below" if self._config.approach == "from_below" else "above"
+        wish = (
+            f"Set the stage to {height_mm:.3f} mm, coming from {side}. "
+            "Enter once it stands there, or the height it shows"
+        )
+        question = wish
+        for _ in range(TRIES):
+            answer = self._ask(question)
+            shown_mm = _number(answer) if answer.strip() else height_mm
+            if shown_mm is None:
+                question = f"{answer.strip()!r} is not a height in mm. {wish}"
+                continue
+            off_mm = shown_mm - height_mm
+            if abs(off_mm) <= self._config.tolerance_mm + 1e-6:
+                self._height_mm = shown_mm
+                return shown_mm
+            question = f"That is {off_mm:+.3f} mm off. {wish}"
+        raise DeviceError(
+            f"the stage was not set to {height_mm:g} mm within {self._config.tolerance_mm:g} mm; "
+            "state its height anew, or raise stage.tolerance_mm"
+        )
+
+    def position_mm(self) -> float:
+        """See `Stage.position_mm`: what the operator stated last."""
+        if not self._is_open:
+            raise DeviceDisconnectedError("the manual stage is closed")
+        if self._height_mm is None:
+            raise StageNotHomedError("nobody has stated the height of the stage")
+        return self._height_mm
+
+    def stop(self) -> None:
+        """See `Stage.stop`: a person has stopped already."""
+
+    def emergency_stop(self) -> None:
+        """See `Stage.emergency_stop`."""
+        self._height_mm = None
+        self._is_emergency = True
+
+    def clear_alarm(self) -> None:
+        """See `Stage.clear_alarm`."""
+        self._is_emergency = False
+
+    def close(self) -> None:
+        """See `Stage.close`."""
+        self._is_open = False
+
+    def _check_ready(self) -> None:
+        if not self._is_open:
+            raise DeviceDisconnectedError("the manual stage is closed")
+        if self._is_emergency:
+            raise StageAlarmError("the stage was stopped in an emergency; clear the alarm first")
+
+
+def _number(text: str) -> float | None:
+    """Read a height, with a point or a decimal comma, with or without its unit."""
+    try:
+        value = float(text.strip().removesuffix("mm").strip().replace(",", "."))
+    except ValueError:
+        return None
+    return value if isfinite(value) else None

@@ -1,0 +1,325 @@
+"""Lines over a serial port: time limits, silence, lengths, and the log of the wire."""
+
+import errno
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
+from typing import Protocol
+
+import serial
+
+from acquisition.bench import StageConfig
+from acquisition.errors import (
+    BenchConfigError,
+    DeviceDisconnectedError,
+    DeviceInUseError,
+    DeviceProtocolError,
+    DeviceTimeoutError,
+)
+from acquisition.stages.wire_log import WireLog
+
+__all__ = ["BytePort", "SerialLink", "SerialPort", "open_serial_port", "open_stage_link"]
+
+READ_SLICE_S = 0.02
+"""How long one read waits for its first byte."""
+
+WRITE_TIMEOUT_S = 1.0
+
+
+class SerialPort:
+    """An open port; pyserial's errors become ours."""
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port = port
+
+    def read(self) -> bytes:
+        """Return what is there, waiting a moment for the first byte; nothing is no error.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        try:
+            first: bytes = self._port.read(1)
+        except (OSError, TypeError) as error:  # pyserial: TypeError when closed in mid-read
+            raise self._gone() from error
+        return first + self.read_waiting() if first else b""
+
+    def read_waiting(self) -> bytes:
+        """Return what is there, without waiting.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        try:
+            waiting = self._port.in_waiting
+            return self._port.read(waiting) if waiting else b""
+        except (OSError, TypeError) as error:
+            raise self._gone() from error
+
+    def write(self, data: bytes) -> None:
+        """Write all of it.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If the port does not take it.
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            raise DeviceTimeoutError(
+                f"the serial port {self._port.port} takes no data; unplug it and plug it in again"
+            ) from error
+        except OSError as error:
+            raise self._gone() from error
+
+    def close(self) -> None:
+        """Give the port back; closing twice is harmless."""
+        self._port.close()
+
+    def _gone(self) -> DeviceDisconnectedError:
+        return DeviceDisconnectedError(
+            f"the serial port {self._port.port} is gone; check cable and power. "
+            "A stage in mid-move runs on to its target"
+        )
+
+
+def open_serial_port(
+    path: str,
+    baud_rate: int,
+    *,
+    read_slice_s: float = READ_SLICE_S,
+    write_timeout_s: float = WRITE_TIMEOUT_S,
+) -> SerialPort:
+    """Open a port exclusively, 8 data bits, no parity, 1 stop bit.
+
+    Opening resets Arduino boards (DTR).
+
+    Raises
+    ------
+    DeviceDisconnectedError
+        If the port is missing, not ours to open, or not a serial port.
+    DeviceInUseError
+        If another program has it.
+    """
+    try:
+        return SerialPort(
+            serial.Serial(
+                path,
+                baud_rate,
+                timeout=read_slice_s,
+                write_timeout=write_timeout_s,
+                exclusive=True,
+            )
+        )
+    except (OSError, ValueError) as error:
+        number = error.errno if isinstance(error, OSError) else None
+        if number in (errno.EAGAIN, errno.EBUSY):
+            raise DeviceInUseError(
+                f"serial port {path}: another program uses it; end that program"
+            ) from error
+        raise DeviceDisconnectedError(f"serial port {path}: {_why(number, error)}") from error
+
+
+def _why(number: int | None, error: Exception) -> str:
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return "there is no such port; check cable and power, and stage.port in the bench file"
+    if number in (errno.EACCES, errno.EPERM):
+        return "no permission; add yourself to the group of the port, often dialout, and log in"
+    return f"cannot be opened: {error}"
+
+
+MAX_LINE_BYTES = 1024
+"""No message of the protocols we speak is longer."""
+
+
+class BytePort(Protocol):
+    """An open port; it raises the errors of `acquisition.errors`."""
+
+    def read(self) -> bytes:
+        """Return what is there, waiting a moment for the first byte."""
+        ...
+
+    def read_waiting(self) -> bytes:
+        """Return what is there, without waiting."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Write all of it."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back."""
+        ...
+
+
+class SerialLink:
+    """One connection; it knows lines, not what they mean.
+
+    Parameters
+    ----------
+    port
+        Open port.
+    name
+        What errors call it.
+    clock
+        Monotonic time in seconds, the same that passes while the port reads.
+    log
+        Where every line is logged.
+    """
+
+    def __init__(
+        self,
+        port: BytePort,
+        *,
+        name: str,
+        clock: Callable[[], float],
+        log: WireLog | None = None,
+    ) -> None:
+        self.name = name
+        self._port = port
+        self._clock = clock
+        self._log = log
+        self._is_open = True
+        self._partial = b""
+        self._lines: deque[bytes] = deque()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises
+        ------
+        DeviceTimeoutError, DeviceDisconnectedError
+            If they cannot be sent.
+        """
+        self._check_open()
+        if self._log:
+            self._log.sent(data)
+        self._port.write(data)
+
+    def read_line(self, timeout_s: float) -> bytes:
+        """Wait for the next line that is not empty, and return it without its end.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If there is none within ``timeout_s``.
+        DeviceProtocolError
+            If a line does not end.
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        deadline = self._clock() + timeout_s
+        while not self._lines:
+            self._receive()
+            if not self._lines and self._clock() >= deadline:
+                raise DeviceTimeoutError(f"{self.name} did not answer within {timeout_s:g} s")
+        return self._lines.popleft()
+
+    def waiting_lines(self) -> list[bytes]:
+        """Return the lines that came unasked until now."""
+        self._receive(wait=False)
+        lines = list(self._lines)
+        self._lines.clear()
+        return lines
+
+    def drain(self, quiet_s: float, timeout_s: float) -> list[bytes]:
+        """Listen until nothing has come for ``quiet_s``; return what came, cut into lines.
+
+        Raises
+        ------
+        DeviceProtocolError
+            If it does not fall silent within ``timeout_s``.
+        """
+        deadline = self._clock() + timeout_s
+        heard = list(self._lines)
+        self._lines.clear()
+        quiet_since = self._clock()
+        while self._clock() - quiet_since < quiet_s:
+            try:
+                got = self._receive()
+            except DeviceProtocolError:
+                got = True
+            if got:
+                quiet_since = self._clock()
+                heard += self._lines
+                self._lines.clear()
+            if self._clock() >= deadline:
+                raise DeviceProtocolError(
+                    f"{self.name} talks without being asked and does not stop; "
+                    "is this the right port and baud rate?"
+                )
+        if self._partial:
+            heard.append(self._cut_partial())
+        return heard
+
+    def remark(self, text: str) -> None:
+        """Write a remark to the log."""
+        if self._log:
+            self._log.remark(text)
+
+    def close(self) -> None:
+        """Close port and log; closing twice is harmless."""
+        self._is_open = False
+        self._port.close()
+        if self._log:
+            self._log.close()
+
+    def _receive(self, *, wait: bool = True) -> bool:
+        """Read once; whether anything came."""
+        self._check_open()
+        data = self._port.read() if wait else self._port.read_waiting()
+        if not data:
+            return False
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        for line in lines:
+            # NULs are what a cable or a power-up leaves; no protocol of ours sends them.
+            clean = line.strip(b"\r\0 ")
+            if clean:
+                if self._log:
+                    self._log.received(clean)
+                self._lines.append(clean)
+        if len(self._partial) > MAX_LINE_BYTES:
+            start = self._cut_partial()[:40]
+            raise DeviceProtocolError(f"{self.name} sent a line without an end: {start!r}...")
+        return True
+
+    def _cut_partial(self) -> bytes:
+        cut, self._partial = self._partial, b""
+        if self._log:
+            self._log.received(cut)
+        return cut
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceDisconnectedError(f"{self.name} is closed")
+
+
+def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
+    """Open port and wire log.
+
+    Raises
+    ------
+    BenchConfigError
+        If the wire log cannot be written.
+    DeviceDisconnectedError
+        If the port cannot be opened.
+    """
+    try:
+        log = WireLog(Path(config.wire_log)) if config.wire_log else None
+    except OSError as error:
+        raise BenchConfigError(f"stage.wire_log {config.wire_log}: {error.strerror}") from error
+    try:
+        port = open_serial_port(config.port or "", config.baud_rate)
+    except BaseException:
+        if log:
+            log.close()
+        raise
+    return SerialLink(port, name=f"{name} on {config.port}", clock=monotonic, log=log)

@@ -1,0 +1,106 @@
+"""JSON and TOML from files that others wrote: whatever is wrong with it is a ``ValueError``."""
+
+import json
+import struct
+import tomllib
+import zlib
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+import tifffile
+from numpy.typing import NDArray
+
+__all__ = ["TiffDamageError", "TiffPages", "parse_json", "parse_toml", "read_tiff"]
+
+LARGEST_RATIO = 2000
+"""No compression of TIFF gains more; a page that would be larger has a damaged size."""
+
+# What tifffile and its codecs raise over files with flipped bytes, found by fuzzing.
+_DAMAGE = (
+    tifffile.TiffFileError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
+
+
+class TiffDamageError(ValueError):
+    """Bytes are no TIFF file, or a damaged one; the message is one short line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TiffPages:
+    """The images of a file in order, and ImageJ's Info where there is one."""
+
+    images: tuple[NDArray[Any], ...]
+    info: str | None
+
+
+def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
+    """Read the pages of a TIFF file, or the first one.
+
+    Raises
+    ------
+    TiffDamageError
+        If it cannot be read, or a page is cut short.
+    """
+    try:
+        with tifffile.TiffFile(BytesIO(data)) as tiff:
+            info = (tiff.imagej_metadata or {}).get("Info")
+            pages = [tiff.pages[0]] if first_alone else list(tiff.pages)
+            images = tuple(_pixels(page, len(data)) for page in pages)
+    except TiffDamageError:
+        raise
+    except _DAMAGE as error:
+        text = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TiffDamageError(text) from error
+    return TiffPages(images=images, info=info if isinstance(info, str) else None)
+
+
+def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, file_bytes: int) -> NDArray[Any]:
+    if page.nbytes > LARGEST_RATIO * file_bytes:
+        raise TiffDamageError(f"a page of {page.shape} pixels in a file of {file_bytes} bytes")
+    pixels: NDArray[Any] = page.asarray()
+    if pixels.shape != page.shape:
+        raise TiffDamageError(f"cut short: {pixels.shape} of {page.shape} pixels")
+    return pixels
+
+
+_TOO_DEEP = "its brackets are nested too deeply"
+
+
+def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks what it needs
+    """Read one JSON document.
+
+    Raises
+    ------
+    ValueError
+        If it is none, not UTF-8, or nested deeper than the parser goes.
+    """
+    try:
+        return json.loads(text if isinstance(text, str) else text.decode("utf-8"))
+    except RecursionError as error:
+        raise ValueError(_TOO_DEEP) from error
+
+
+def parse_toml(text: str | bytes) -> dict[str, Any]:
+    """Read one TOML document.
+
+    Raises
+    ------
+    ValueError
+        If it is none, not UTF-8, nested deeper than the parser goes, or holds a number of
+        thousands of digits.
+    """
+    try:
+        return tomllib.loads(text if isinstance(text, str) else text.decode("utf-8"))
+    except RecursionError as error:
+        raise ValueError(_TOO_DEEP) from error

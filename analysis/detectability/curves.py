@@ -1,0 +1,246 @@
+"""curves.json: d' against zoom, what it holds, how it is read, and which curve is meant."""
+
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from acquisition.untrusted import parse_json
+from analysis.detectability.observers import Observer
+from analysis.errors import AnalysisError, ResultsFileError
+from analysis.results_file import write_results
+from simulation import Model
+
+__all__ = [
+    "CURVES_SCHEMA",
+    "AmbiguousCurveError",
+    "CurveChoice",
+    "CurvesFile",
+    "DetectabilityCurve",
+    "curves_document",
+    "d_prime_between",
+    "read_curves",
+    "write_curves",
+]
+
+CURVES_SCHEMA = "standoff.detectability/1"
+
+_NOTE = (
+    "Every d' is an upper bound: sampling, sharpness, noise and the artefact of the alignment are "
+    "in the model; exposure, registration error, gloss, parallax, defocus and motion are not. "
+    "Between two zooms 1/d' is read as straight."
+)
+
+
+class AmbiguousCurveError(AnalysisError, ValueError):
+    """More than one curve, or none, is meant by a choice."""
+
+
+class DetectabilityCurve(BaseModel):
+    """d' against zoom for one model, observer, noise and contrast; an upper bound."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    model: Model
+    observer: Observer
+    noise_dn: float = Field(gt=0)
+    contrast_dn: float = Field(gt=0)
+    signal_sigma_px: float | None
+    zoom: list[float] = Field(min_length=1)
+    dprime: list[float]
+    dprime_low: list[float]
+    dprime_high: list[float]
+    auc: list[float]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("dprime", "dprime_low", "dprime_high", "auc"):
+            if len(getattr(self, name)) != len(self.zoom):
+                raise ValueError(f"{name} has {len(getattr(self, name))} values, zoom more or less")
+        if self.zoom[0] < 1 or any(np.diff(self.zoom) <= 0):
+            raise ValueError("zoom must rise from 1 or more")
+        if min(*self.dprime, *self.dprime_low, *self.dprime_high) < 0:
+            raise ValueError("d' and its interval must be 0 or more")
+        return self
+
+    @property
+    def name(self) -> str:
+        """Which curve it is, in words."""
+        return (
+            f"{self.model}, {self.observer}, noise {self.noise_dn:g} DN, "
+            f"contrast {self.contrast_dn:g} DN"
+        )
+
+    def d_prime_at(self, zoom: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return d' between the curve's zooms, 1/d' straight in zoom; NaN beyond the last one.
+
+        Below the first zoom, and below 1, the first value holds: a nearer follow-up is no worse.
+        ``d_prime_between`` says why.
+        """
+        value = d_prime_between(self.zoom, self.dprime, zoom)
+        return np.asarray(np.where(np.asarray(zoom) > self.zoom[-1] + 1e-9, np.nan, value))
+
+    def largest_zoom(self, min_dprime: float) -> float | None:
+        """Largest zoom up to which ``d_prime_at`` stays at the threshold or above.
+
+        None if it is below from the start; the last zoom of the curve if it never falls below.
+        """
+        below = np.flatnonzero(np.asarray(self.dprime) < min_dprime)
+        if len(below) == 0:
+            return self.zoom[-1]
+        first = int(below[0])
+        if first == 0:
+            return None
+        (z0, z1), (d0, d1) = self.zoom[first - 1 : first + 1], self.dprime[first - 1 : first + 1]
+        # (1/m - 1/d0) / (1/d1 - 1/d0), without a division by a d1 of 0.
+        return z0 + (z1 - z0) * (d1 / min_dprime) * ((d0 - min_dprime) / (d0 - d1))
+
+    def contrast_found(self, zoom: float, min_dprime: float) -> float:
+        """Least contrast in DN that reaches a d' at a zoom; d' is proportional to contrast.
+
+        Raises
+        ------
+        AnalysisError
+            If d' is 0 there: no contrast will do.
+        """
+        d_prime = float(self.d_prime_at(zoom))
+        if d_prime == 0:
+            raise AnalysisError(f"d' is 0 at zoom {zoom:.3g}: no contrast is found there")
+        return self.contrast_dn * min_dprime / d_prime
+
+
+class CurveChoice(BaseModel):
+    """Which curve of a file is meant; None leaves it open."""
+
+    model_config = ConfigDict(frozen=True)
+
+    model: Model | None = None
+    observer: Observer | None = None
+    noise_dn: float | None = None
+    contrast_dn: float | None = None
+
+
+class CurvesFile(BaseModel):
+    """What a curves.json holds."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    schema_name: Literal["standoff.detectability/1"] = Field(alias="schema")
+    curves: list[DetectabilityCurve] = Field(min_length=1)
+
+    def chosen(self, choice: CurveChoice) -> DetectabilityCurve:
+        """Return the one curve that is meant.
+
+        Raises
+        ------
+        AmbiguousCurveError
+            If none or more than one fits; the message says what tells them apart.
+        """
+        wanted = choice.model_dump(exclude_none=True)
+        fitting = [
+            curve
+            for curve in self.curves
+            if all(_agrees(getattr(curve, name), value) for name, value in wanted.items())
+        ]
+        if len(fitting) == 1:
+            return fitting[0]
+        among = fitting or self.curves
+        open_keys = [
+            f"--{name.removesuffix('_dn')} ({', '.join(map(_shown, values))})"
+            for name in CurveChoice.model_fields
+            if len(values := sorted({getattr(curve, name) for curve in among})) > 1
+        ]
+        if not fitting:
+            raise AmbiguousCurveError(
+                f"no curve fits; there are {'; '.join(curve.name for curve in self.curves[:8])}"
+            )
+        raise AmbiguousCurveError(
+            f"{len(fitting)} curves fit; choose by {' and '.join(open_keys) or 'another file'}"
+        )
+
+
+def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> NDArray[np.float64]:
+    """Return d' at any zoom, 1/d' straight between those computed; outside, the nearest one.
+
+    The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that
+    1/d' is much like a hyperbola, which bends upwards: its chord reads d' a little too low, where
+    the chord of d' itself reads up to several times too much. A step just beyond zoom 1 is the
+    exception; docs/theory-detectability.md has the figures.
+
+    Parameters
+    ----------
+    zooms, d_primes
+        What was computed: zooms in rising order, d' of 0 or more. Beside a d' of 0 it is 0 in the
+        whole open interval: nothing says where it vanished.
+    zoom
+        Any shape; NaN gives NaN.
+    """
+    nodes, values = np.asarray(zooms, np.float64), np.asarray(d_primes, np.float64)
+    within = np.clip(np.asarray(zoom, np.float64), nodes[0], nodes[-1])
+    straight = np.interp(within, nodes, values)
+    with np.errstate(divide="ignore", over="ignore"):  # a d' of 0, or next to it
+        # Rounding must not lift it above the chord of d' itself.
+        reciprocal = np.maximum(np.interp(within, nodes, 1 / values), 1 / straight)
+    # 1 / (1 / d') is not always d', and a threshold may be a computed value.
+    return np.asarray(np.where(np.isin(within, nodes), straight, 1 / reciprocal))
+
+
+def read_curves(path: Path) -> CurvesFile:
+    """Read a curves.json.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, is of another schema or holds values that are not numbers.
+    """
+    try:
+        document = parse_json(path.read_bytes())
+    except OSError as error:
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ResultsFileError(f"{path}: not a curves.json: {error}") from error
+    found = document.get("schema") if isinstance(document, dict) else None
+    if found != CURVES_SCHEMA:
+        raise ResultsFileError(
+            f"{path}: schema is {found!r}, expected {CURVES_SCHEMA!r}; write it with standoff "
+            "detectability"
+        )
+    try:
+        return CurvesFile.model_validate(document)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        place = ".".join(str(part) for part in fault["loc"])
+        raise ResultsFileError(f"{path}: {place}: {fault['msg']}") from error
+
+
+def curves_document(curves: list[DetectabilityCurve], **about: object) -> dict[str, object]:
+    """Content of a curves.json; ``about`` is added for the reader's sake."""
+    return {
+        "schema": CURVES_SCHEMA,
+        "note": _NOTE,
+        **about,
+        "curves": [curve.model_dump() for curve in curves],
+    }
+
+
+def write_curves(path: Path, document: dict[str, object]) -> None:
+    """Write a curves.json, whole or not at all.
+
+    Raises
+    ------
+    ResultsFileError
+        If the file cannot be written.
+    """
+    write_results(path, document)
+
+
+def _agrees(value: object, wanted: object) -> bool:
+    if isinstance(value, float) and isinstance(wanted, float):
+        return abs(value - wanted) <= 1e-6 * max(abs(wanted), 1.0)
+    return value == wanted
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

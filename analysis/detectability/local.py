@@ -1,0 +1,105 @@
+"""The difference image around a change: what is left of the signal, and the noise's covariance."""
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.detectability.pair import REFERENCE_ZOOM, compared_pair, frame_size_px
+from analysis.detectability.signal import ChangeSignal, signal_offsets_px
+from simulation import GaussianPsf, Model
+
+__all__ = ["POSITIONS", "WINDOW_PX", "LocalChange", "local_changes"]
+
+FloatArray = NDArray[np.float64]
+
+WINDOW_PX = 33
+"""Side of the window on c'. A larger one finds more: docs/theory-detectability.md says how much."""
+
+POSITIONS = 6
+"""Places of the signal against the pixel grids; d' over them scatters by 2 % at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LocalChange:
+    """A signal of contrast 1 at one place against the pixel grids, in a window on c'.
+
+    Parameters
+    ----------
+    signal
+        ``U A_rz s``, shape (n, n).
+    up_y, up_x
+        Rows of ``U`` for the window, shape (n, follow-up pixels).
+    """
+
+    signal: FloatArray
+    up_y: FloatArray
+    up_x: FloatArray
+
+    def noise_variance(self, template: FloatArray) -> float:
+        """Variance of a template's response to noise of variance 1 in both images."""
+        through = self.up_y.T @ template @ self.up_x
+        return float(np.sum(template**2) + np.sum(through**2))
+
+
+def local_changes(
+    signal: ChangeSignal,
+    psf: GaussianPsf | None,
+    model: Model,
+    zoom: float,
+    *,
+    reference_zoom: float = REFERENCE_ZOOM,
+    window_px: int = WINDOW_PX,
+    positions: int = POSITIONS,
+) -> tuple[LocalChange, ...]:
+    """Work out what is left of a signal at several places against the pixel grids.
+
+    Parameters
+    ----------
+    signal
+        On the grid of c.
+    psf, model, zoom, reference_zoom
+        As in ``compared_pair``.
+    window_px
+        Side of the window, odd.
+    positions
+        Number of places.
+
+    Raises
+    ------
+    ValueError
+        If the window is even or the signal wider than it.
+    """
+    if window_px % 2 == 0 or window_px < 5:
+        raise ValueError(f"the window's side must be odd and at least 5 px, got {window_px}")
+    if 2 * signal.reach_px / reference_zoom > window_px:
+        raise ValueError(
+            f"a signal of {2 * signal.reach_px / reference_zoom:.0f} px on the reference is wider "
+            f"than the window of {window_px} px"
+        )
+    period_px = reference_zoom * zoom
+    offsets = signal_offsets_px(positions, period_px)
+    farthest = signal.reach_px + 4 * ceil(period_px)
+    side = frame_size_px(psf, farthest, window_px, zoom, reference_zoom)
+    pair = compared_pair((side, side), psf, model, zoom, reference_zoom)
+    up_y, up_x = pair.up_y.dense(), pair.up_x.dense()
+    places_y, places_x = pair.reference_grid.rows_px, pair.reference_grid.cols_px
+    changes = []
+    for offset_y, offset_x in offsets:
+        aligned = pair.aligned_of(signal.image(side, (offset_y, offset_x)))
+        rows = _window(places_y, side // 2 + offset_y, window_px)
+        cols = _window(places_x, side // 2 + offset_x, window_px)
+        changes.append(
+            LocalChange(signal=aligned[rows, cols], up_y=_used(up_y[rows]), up_x=_used(up_x[cols]))
+        )
+    return tuple(changes)
+
+
+def _window(places_px: FloatArray, centre_px: float, window_px: int) -> slice:
+    nearest = int(np.argmin(np.abs(places_px - centre_px)))
+    return slice(nearest - window_px // 2, nearest + window_px // 2 + 1)
+
+
+def _used(rows: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(rows[:, np.any(rows != 0.0, axis=0)])

@@ -1,0 +1,235 @@
+"""Artefact statistics of many images: one cell an image, on one machine or a Dask cluster.
+
+A cell draws no random number and sums in a fixed order, so that the results are the same bits
+for any number of workers. Finished cells are appended to a file and found again by what went
+into them.
+"""
+
+import hashlib
+import json
+import os
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from math import ceil, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed, parallel_config
+from numpy.typing import NDArray
+
+from acquisition.session import atomic_write
+from acquisition.untrusted import parse_json
+from analysis.detectability.artefact import ArtefactTiles
+from analysis.detectability.dprime import Scenario, scene_artefact
+from analysis.errors import AnalysisError, ResultsFileError
+from simulation import Model
+
+__all__ = ["SceneStatistics", "SweepPlan", "sweep_images", "tiles_per_side"]
+
+FloatArray = NDArray[np.float64]
+
+_VERSION = 1
+"""Counts the changes of what a cell holds; older cells are made anew."""
+
+_TILES_WANTED = 16
+"""Tiles in all that a bootstrap can draw from; sixteen images need no tiles."""
+
+_CONNECT_S = 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepPlan:
+    """What is measured on every image."""
+
+    scenario: Scenario
+    models: tuple[Model, ...]
+    zooms: tuple[float, ...]
+    tiles_per_side: int
+
+    @property
+    def key(self) -> str:
+        """The plan as text, the same for equal plans."""
+        return json.dumps({"version": _VERSION, **asdict(self)}, sort_keys=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SceneStatistics:
+    """What one image gave: its mean level and the artefact for every model and zoom.
+
+    ``products_dn2`` has the shape (models, zooms, tiles, n, 2 n - 1), the rows of lags from
+    -(n - 1) to 0; ``pixels`` the shape (models, zooms, tiles).
+    """
+
+    mean_dn: float
+    products_dn2: FloatArray
+    pixels: FloatArray
+
+    def artefact(self, model: int, zoom: int) -> ArtefactTiles:
+        """Artefact of the plan's model and zoom of these numbers."""
+        half = self.products_dn2[model, zoom]
+        # The other half follows from evenness in the lag.
+        other = half[:, -2::-1, ::-1]
+        return ArtefactTiles(
+            products_dn2=np.concatenate([half, other], axis=1), pixels=self.pixels[model, zoom]
+        )
+
+
+def tiles_per_side(images: int) -> int:
+    """Return into how many tiles along each axis an image is cut when there are so many."""
+    return ceil(sqrt(_TILES_WANTED / images)) if images < _TILES_WANTED else 1
+
+
+def sweep_images(
+    paths: Sequence[Path],
+    load: Callable[[Path], FloatArray],
+    plan: SweepPlan,
+    *,
+    results: Path | None = None,
+    workers: int = 1,
+    scheduler: str | None = None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[SceneStatistics]:
+    """Measure every image, in the order of ``paths``; finished cells are not measured again.
+
+    Parameters
+    ----------
+    paths
+        Image files; with a scheduler, its workers must find them under the same names.
+    load
+        Grey image of a file; a function that a worker process can import.
+    plan
+        What is measured.
+    results
+        File that finished cells are appended to.
+    workers
+        Processes on this machine; 1 works in this one.
+    scheduler
+        Address of a Dask scheduler, ``tcp://host:port``, in place of ``workers``.
+    progress
+        Called with the number of finished images.
+
+    Raises
+    ------
+    AnalysisError
+        If an image is too small, there is no such scheduler or Dask is not installed.
+    ResultsFileError
+        If an image or the results file cannot be read or written.
+    """
+    keys = [_cell_key(path, plan) for path in paths]
+    known = _read_cells(results)
+    missing = [(key, path) for key, path in dict(zip(keys, paths, strict=True)).items()]
+    missing = [(key, path) for key, path in missing if key not in known]
+    done = len(set(keys)) - len(missing)
+    progress(done)
+    if missing:
+        with _backend(workers, scheduler) as jobs:
+            found = Parallel(n_jobs=jobs, return_as="generator")(
+                delayed(_measured)(path, load, plan) for _, path in missing
+            )
+            for (key, path), cell in zip(missing, found, strict=True):
+                known[key] = cell
+                _append(results, {"key": key, "image": path.name, **_stored(cell)})
+                done += 1
+                progress(done)
+    return [known[key] for key in keys]
+
+
+def _measured(path: Path, load: Callable[[Path], FloatArray], plan: SweepPlan) -> SceneStatistics:
+    scene_dn = load(path)
+    n = plan.scenario.window_px
+    products, pixels = [], []
+    try:
+        for model in plan.models:
+            tiles = [
+                scene_artefact(scene_dn, plan.scenario, model, zoom, plan.tiles_per_side)
+                for zoom in plan.zooms
+            ]
+            products.append([one.products_dn2[:, :n] for one in tiles])
+            pixels.append([one.pixels for one in tiles])
+    except ValueError as error:
+        raise AnalysisError(f"{path}: {error}") from error
+    return SceneStatistics(
+        mean_dn=float(scene_dn.mean()), products_dn2=np.array(products), pixels=np.array(pixels)
+    )
+
+
+def _cell_key(path: Path, plan: SweepPlan) -> str:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+    return hashlib.sha256(plan.key.encode() + hashlib.sha256(content).digest()).hexdigest()
+
+
+def _stored(cell: SceneStatistics) -> dict[str, Any]:
+    return {
+        "mean_dn": cell.mean_dn,
+        **{
+            name: {"shape": values.shape, "float64": b64encode(values.tobytes()).decode("ascii")}
+            for name, values in (("products_dn2", cell.products_dn2), ("pixels", cell.pixels))
+        },
+    }
+
+
+def _read_cells(path: Path | None) -> dict[str, SceneStatistics]:
+    """Read the finished cells; a line cut short by a kill is taken off."""
+    if path is None or not path.is_file():
+        return {}
+    try:
+        text = path.read_bytes()
+        whole = text[: text.rfind(b"\n") + 1]
+        if whole != text:
+            atomic_write(path, whole)
+        lines = [parse_json(line) for line in whole.splitlines()]
+        return {
+            line["key"]: SceneStatistics(
+                mean_dn=line["mean_dn"],
+                products_dn2=_array(line["products_dn2"]),
+                pixels=_array(line["pixels"]),
+            )
+            for line in lines
+        }
+    except OSError as error:
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise ResultsFileError(f"{path}: holds no finished cells: {error}; delete it") from error
+
+
+def _array(stored: dict[str, Any]) -> FloatArray:
+    return np.frombuffer(b64decode(stored["float64"])).reshape(stored["shape"])
+
+
+def _append(path: Path | None, line: dict[str, Any]) -> None:
+    if path is None:
+        return
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+@contextmanager
+def _backend(workers: int, scheduler: str | None) -> Iterator[int]:
+    """Choose joblib's backend; yields the number of jobs, -1 for all that a cluster has."""
+    if scheduler is None:
+        with parallel_config(backend="loky", inner_max_num_threads=1):
+            yield workers
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise AnalysisError(
+            "a Dask cluster needs the extra cluster: pip install 'standoff[cluster]'"
+        ) from error
+    try:
+        client: Any = Client(scheduler, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise AnalysisError(f"no Dask scheduler answers at {scheduler}: {error}") from error
+    with client, parallel_config(backend="dask", wait_for_workers_timeout=_CONNECT_S):
+        yield -1

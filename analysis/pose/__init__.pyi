@@ -1,0 +1,20 @@
+from .limits import (
+    PoseLimits as PoseLimits,
+    contrast_found_at as contrast_found_at,
+    pose_limits as pose_limits,
+)
+from .quality import Criterion as Criterion, PoseQuality as PoseQuality, judge_pose as judge_pose
+from .tracker import PoseTracker as PoseTracker, PoseVerdict as PoseVerdict
+from .viewing_camera import ViewingCamera as ViewingCamera
+
+__all__ = [
+    "Criterion",
+    "PoseLimits",
+    "PoseQuality",
+    "PoseTracker",
+    "PoseVerdict",
+    "ViewingCamera",
+    "contrast_found_at",
+    "judge_pose",
+    "pose_limits",
+]

@@ -1,0 +1,257 @@
+"""Allowed movement: how far away, how tilted and how far aside a follow-up may be taken."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import atan2, degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.detectability import DetectabilityCurve
+from analysis.errors import AnalysisError
+from analysis.pose.local_sampling import sampled_places
+from analysis.pose.viewing_camera import ViewingCamera
+
+__all__ = ["PoseLimits", "contrast_found_at", "pose_limits", "shift_overlap", "worst_zoom"]
+
+FloatArray = NDArray[np.float64]
+
+_DIRECTIONS = 13
+_REFINED = 3
+_REFINED_STEPS = 11
+_REFINEMENTS = 2
+_ON_THE_BORDER_PX = 1e-6
+
+
+def worst_zoom(
+    camera: ViewingCamera,
+    zoom: float,
+    tilt_deg: float,
+    reference_tilt_deg: float = 0.0,
+    direction_deg: float | None = None,
+) -> float:
+    """Largest local zoom in the overlap, infinite where the horizon comes into the frame.
+
+    ``direction_deg`` is where the follow-up leans, from the reference's lean (x where that is
+    upright); None for the worst direction, to 1e-4 of its zoom.
+    """
+
+    def along(directions_deg: FloatArray) -> FloatArray:
+        return _worst_zooms(
+            camera.followup_to_reference(zoom, tilt_deg, reference_tilt_deg, directions_deg),
+            camera.size,
+        )
+
+    if direction_deg is not None:
+        return float(along(np.array([direction_deg]))[0])
+    if tilt_deg == 0:
+        return float(along(np.zeros(1))[0])
+    if reference_tilt_deg == 0:
+        # The frame's symmetry leaves its axes and diagonals.
+        diagonal_deg = degrees(atan2(camera.height_px, camera.width_px))
+        return float(along(np.array([0.0, diagonal_deg, 90.0])).max())
+    # Both sides of the reference's lean are alike.
+    tried_deg, step_deg = np.linspace(0.0, 180.0, _DIRECTIONS, retstep=True)
+    found = along(tried_deg)
+    is_peak = np.concatenate([[True], found[1:] >= found[:-1]])
+    is_peak &= np.concatenate([found[:-1] >= found[1:], [True]])
+    peaks_deg = tried_deg[is_peak][np.argsort(found[is_peak])[-_REFINED:]]
+    worst = float(found.max())
+    for _ in range(_REFINEMENTS):
+        beside = np.linspace(-step_deg, step_deg, _REFINED_STEPS)
+        step_deg *= 2 / (_REFINED_STEPS - 1)
+        tried_deg = peaks_deg[:, None] + beside
+        found = along(tried_deg.ravel()).reshape(tried_deg.shape)
+        peaks_deg = np.take_along_axis(tried_deg, found.argmax(axis=1)[:, None], axis=1)[:, 0]
+        worst = max(worst, float(found.max()))
+    return worst
+
+
+def _worst_zooms(matrices: FloatArray, size: tuple[int, int]) -> FloatArray:
+    """Largest local zoom of each homography, shape (n, 3, 3), over the overlap of two frames.
+
+    The overlap is a convex polygon, and the largest zoom lies at one of its corners: a corner of
+    either frame, or where their borders cross. (Along a side the zoom may rise in between only
+    where the plane is seen so aslant that the frame reaches further sideways than towards the
+    horizon.)
+    """
+    width, height = size
+    followup = _corners(0.0, 0.0, width - 1.0, height - 1.0)
+    reference = _corners(-0.5, -0.5, width - 0.5, height - 0.5)
+    depths = matrices[:, 2] @ followup.T
+    sees_plane = np.all(depths > 0, axis=1) | np.all(depths < 0, axis=1)
+    mapped = np.einsum("dij,nj->dni", np.linalg.inv(matrices), reference)
+    borders = np.einsum("dji,nj->dni", matrices, _sides(reference))
+    crossings = np.cross(_sides(followup)[:, None], borders[:, None])
+    places = np.concatenate(
+        [
+            np.broadcast_to(followup, mapped.shape),
+            mapped,
+            crossings.reshape(len(matrices), -1, 3),
+        ],
+        axis=1,
+    )
+    # Parallel borders cross nowhere, and a place may lie in the reference camera's own plane.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        places = places / places[..., 2:]
+        seen_x, seen_y, zooms, _ = sampled_places(matrices[:, None], places[..., 0], places[..., 1])
+    seen = np.stack([seen_x, seen_y], axis=-1)
+    is_corner = _is_within(places, followup) & _is_within(seen, reference)
+    worst = np.where(is_corner, zooms, -np.inf).max(axis=1)
+    return np.asarray(np.where(sees_plane & is_corner.any(axis=1), worst, np.inf))
+
+
+def _corners(left: float, top: float, right: float, bottom: float) -> FloatArray:
+    return np.array(
+        [[left, top, 1.0], [right, top, 1.0], [right, bottom, 1.0], [left, bottom, 1.0]]
+    )
+
+
+def _sides(corners: FloatArray) -> FloatArray:
+    return np.asarray(np.cross(corners, np.roll(corners, -1, axis=0)))
+
+
+def _is_within(places: FloatArray, corners: FloatArray) -> NDArray[np.bool_]:
+    least, most = corners[0, :2] - _ON_THE_BORDER_PX, corners[2, :2] + _ON_THE_BORDER_PX
+    at = places[..., :2]
+    return np.asarray(np.all((at >= least) & (at <= most), axis=-1))
+
+
+_TILT_LIMIT_DEG = 75.0
+_BISECTIONS = 40
+
+_TILTS_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0)
+_SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseLimits:
+    """Movement that keeps d' at the threshold or above, everywhere in the overlap.
+
+    Parameters
+    ----------
+    zoom
+        Largest ratio of the distances for a straight move back, without any tilt.
+    is_zoom_beyond_curve
+        d' is above the threshold up to the curve's end: the true limit is larger.
+    tilt_deg
+        Largest tilt at equal distances, up to 75 degrees, in the direction asked for or in
+        whichever is the worst; None if there is none.
+    zoom_by_tilt
+        Tilt in degrees and the largest ratio of the distances with it, None if there is none.
+    overlap_by_shift
+        Sideways movement as a share of the field of view's width, and the share of the frame
+        that remains; the sampling does not change.
+    """
+
+    zoom: float
+    is_zoom_beyond_curve: bool
+    tilt_deg: float | None
+    zoom_by_tilt: tuple[tuple[float, float | None], ...]
+    overlap_by_shift: tuple[tuple[float, float], ...]
+
+
+def pose_limits(
+    curve: DetectabilityCurve,
+    min_d_prime: float,
+    camera: ViewingCamera,
+    reference_tilt_deg: float = 0.0,
+    direction_deg: float | None = None,
+) -> PoseLimits:
+    """Find the movement that a threshold of d' allows.
+
+    Parameters
+    ----------
+    curve
+        d' against zoom.
+    min_d_prime
+        Threshold.
+    camera
+        Takes both images and looks at the same point of the plane in both.
+    reference_tilt_deg
+        Tilt of the reference, along x.
+    direction_deg
+        Where the follow-up leans, from there; None for the worst direction.
+
+    Raises
+    ------
+    AnalysisError
+        If d' is below the threshold even at equal poses.
+    """
+    allowed = curve.largest_zoom(min_d_prime)
+    if allowed is None:
+        raise AnalysisError(
+            f"d' is {curve.dprime[0]:.3g} at zoom {curve.zoom[0]:g} already, below "
+            f"{min_d_prime:g}: lower --min-dprime, average more frames or look for a larger "
+            "contrast"
+        )
+    # A follow-up that leans like its reference is the easiest; in any direction, an upright one.
+    start = 0.0 if direction_deg is None else abs(reference_tilt_deg)
+    tilt_deg = _largest(
+        lambda tilt: worst_zoom(camera, 1.0, tilt, reference_tilt_deg, direction_deg),
+        start,
+        _TILT_LIMIT_DEG,
+        allowed,
+    )
+    by_tilt = []
+    for tilt in sorted({*_TILTS_DEG, abs(reference_tilt_deg)}):
+
+        def zoom_needed(zoom: float, tilt: float = tilt) -> float:
+            return worst_zoom(camera, zoom, tilt, reference_tilt_deg, direction_deg)
+
+        by_tilt.append((tilt, _largest(zoom_needed, 1.0, allowed, allowed)))
+    return PoseLimits(
+        zoom=allowed,
+        is_zoom_beyond_curve=min(curve.dprime) >= min_d_prime,
+        tilt_deg=tilt_deg,
+        zoom_by_tilt=tuple(by_tilt),
+        overlap_by_shift=tuple((share, shift_overlap(share)) for share in _SHIFTS),
+    )
+
+
+def shift_overlap(share: float) -> float:
+    """Share of the frame that both images see after a shift by a share of its width."""
+    return max(1.0 - abs(share), 0.0)
+
+
+def contrast_found_at(
+    curve: DetectabilityCurve,
+    min_d_prime: float,
+    camera: ViewingCamera,
+    zoom: float,
+    tilt_deg: float = 0.0,
+    reference_tilt_deg: float = 0.0,
+    direction_deg: float | None = None,
+) -> float:
+    """Least contrast in DN that is still found at a pose, at its worst place.
+
+    Raises
+    ------
+    AnalysisError
+        If the pose's local zoom lies beyond the curve.
+    """
+    local = worst_zoom(camera, zoom, tilt_deg, reference_tilt_deg, direction_deg)
+    if local > curve.zoom[-1] + 1e-9:
+        raise AnalysisError(
+            f"the pose's local zoom of {local:.3g} lies beyond the curve's {curve.zoom[-1]:g}; "
+            "run standoff detectability with larger --zooms"
+        )
+    return curve.contrast_found(local, min_d_prime)
+
+
+def _largest(
+    local_zoom: Callable[[float], float], low: float, high: float, allowed: float
+) -> float | None:
+    """Largest argument up to which the local zoom stays within what is allowed."""
+    slack = 1e-9
+    if local_zoom(low) > allowed + slack:
+        return None
+    if local_zoom(high) <= allowed + slack:
+        return high
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        if local_zoom(middle) <= allowed + slack:
+            low = middle
+        else:
+            high = middle
+    return low

@@ -1,0 +1,227 @@
+"""A live verdict on the camera's pose: whether a follow-up taken from here is good enough.
+
+No files, no clock, no camera: an image goes in, a verdict comes out. The pose is followed from
+frame to frame against the reference itself; a full search of the frame (an *anchor*) happens at
+the first frame and whenever the pose was lost.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.detectability import DetectabilityCurve
+from analysis.errors import AnalysisError
+from analysis.pose.quality import Criterion, PoseQuality, judge_pose
+from calibration.errors import RegistrationError
+from calibration.registration import TrackedPose, TrackingReference
+
+__all__ = ["PoseTracker", "PoseVerdict"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PoseVerdict:
+    """What one frame's pose allows.
+
+    Parameters
+    ----------
+    accepted
+        Whether d' reaches the threshold by the criterion; False where the pose is not known.
+    dprime
+        What the criterion looks at, an upper bound; None where the pose is not known.
+    margin
+        ``dprime / threshold - 1``: 0.1 is ten per cent above it; None where the pose is not known.
+    reason
+        One line for the operator: why, and what to do.
+    homography
+        Shape (3, 3): frame pixel centres ``(x, y, 1)`` to reference pixel centres, or None.
+    zoom
+        Reference pixels per frame pixel at the frame's centre, or None.
+    overlap
+        Share of the frame that the reference covers, or None.
+    anchored
+        Whether the whole frame was searched for the reference, which takes longer.
+    """
+
+    accepted: bool
+    dprime: float | None
+    margin: float | None
+    reason: str
+    homography: FloatArray | None
+    zoom: float | None
+    overlap: float | None
+    anchored: bool
+
+
+class PoseTracker:
+    """Follows the camera's pose and judges it, frame by frame.
+
+    Not safe for several threads at once: one tracker belongs to one stream.
+
+    Parameters
+    ----------
+    reference
+        The earlier, nearer image: grey, shape ``(rows, cols)``, any dtype, finite.
+    curve
+        d' against zoom: one curve of a curves.json (``read_curves(path).chosen(...)``).
+    min_d_prime
+        Threshold.
+    criterion
+        ``min`` or ``quantile``, as in ``judge_pose``.
+
+    Raises
+    ------
+    RegistrationError
+        If the reference has too little texture to be followed.
+    ValueError
+        If the threshold is not positive, or the reference is not a grey image.
+
+    Examples
+    --------
+    >>> tracker = PoseTracker(reference, curve, 2.0)         # doctest: +SKIP
+    >>> verdict = tracker.update(camera.next_frame(1.0).image_dn)  # doctest: +SKIP
+    >>> verdict.accepted, verdict.margin, verdict.reason     # doctest: +SKIP
+    (True, 0.31, 'good: d′ 2.62, threshold 2')
+    """
+
+    def __init__(
+        self,
+        reference: NDArray[np.generic],
+        curve: DetectabilityCurve,
+        min_d_prime: float,
+        criterion: Criterion = "min",
+    ) -> None:
+        if not 0 < min_d_prime < float("inf"):
+            raise ValueError(f"min_d_prime must be positive, got {min_d_prime}")
+        self._reference = TrackingReference(reference)
+        self._curve = curve
+        self._min_d_prime = min_d_prime
+        self._criterion = criterion
+        self._last: FloatArray | None = None
+        self._shape: tuple[int, ...] = ()
+        self._frames = 0
+        self._anchors = 0
+
+    @property
+    def frames(self) -> int:
+        """Frames seen so far."""
+        return self._frames
+
+    @property
+    def anchors(self) -> int:
+        """How often the whole frame was searched so far."""
+        return self._anchors
+
+    def reset(self) -> None:
+        """Forget the pose: the next frame is searched as a whole."""
+        self._last = None
+
+    def update(self, image: NDArray[np.generic]) -> PoseVerdict:
+        """Judge the pose of the next frame.
+
+        Parameters
+        ----------
+        image
+            Grey, shape ``(rows, cols)``, finite; a frame of another size is searched as a whole.
+
+        Returns
+        -------
+        PoseVerdict
+            Rejected, with the reason, where the reference is not recognised; nothing is raised
+            then, as an operator on the way loses it all the time.
+
+        Raises
+        ------
+        ValueError
+            If it is not a grey image.
+        """
+        self._frames += 1
+        if image.shape != self._shape:
+            self._shape, self._last = image.shape, None
+        found = self._followed(image)
+        is_anchored = found is None
+        if found is None:
+            self._anchors += 1
+            try:
+                found = self._reference.anchored(image)
+            except RegistrationError as error:
+                self._last = None
+                return _unknown(f"the reference is not recognised: {error}")
+        return self._judged(found, (image.shape[1], image.shape[0]), is_anchored=is_anchored)
+
+    def _followed(self, image: NDArray[np.generic]) -> TrackedPose | None:
+        if self._last is None:
+            return None
+        try:
+            return self._reference.followed(image, self._last)
+        except RegistrationError:
+            return None
+
+    def _judged(
+        self, found: TrackedPose, size: tuple[int, int], *, is_anchored: bool
+    ) -> PoseVerdict:
+        rows, cols = self._reference.shape
+        try:
+            quality = judge_pose(
+                found.matrix, size, (cols, rows), self._curve, self._min_d_prime, self._criterion
+            )
+        except AnalysisError as error:
+            self._last = None
+            return _unknown(str(error))
+        self._last = found.matrix
+        return PoseVerdict(
+            accepted=quality.is_accepted,
+            dprime=quality.decisive_d_prime,
+            margin=quality.decisive_d_prime / self._min_d_prime - 1,
+            reason=_reason(quality, self._curve),
+            homography=found.matrix,
+            zoom=found.zoom,
+            overlap=quality.sampling.overlap,
+            anchored=is_anchored,
+        )
+
+
+def _unknown(reason: str) -> PoseVerdict:
+    return PoseVerdict(
+        accepted=False,
+        dprime=None,
+        margin=None,
+        reason=reason,
+        homography=None,
+        zoom=None,
+        overlap=None,
+        anchored=True,
+    )
+
+
+def _reason(quality: PoseQuality, curve: DetectabilityCurve) -> str:
+    """Why, in one line: how far too far, or which side."""
+    wanted = f"d′ {quality.decisive_d_prime:.2f}, threshold {quality.min_d_prime:g}"
+    if quality.is_accepted:
+        return f"good: {wanted}"
+    allowed = curve.largest_zoom(quality.min_d_prime)
+    if allowed is None:
+        return f"no pose will do with this curve: {wanted}"
+    sampling = quality.sampling
+    zoom = np.where(sampling.inside, sampling.worst_zoom, np.nan)
+    if float(np.nanmedian(zoom)) > allowed:
+        return (
+            f"too far: local zoom {np.nanmedian(zoom):.2f}, up to {allowed:.2f} will do ({wanted})"
+        )
+    row, col = np.unravel_index(int(np.nanargmax(zoom)), zoom.shape)
+    side = _side(float(row) / (zoom.shape[0] - 1), float(col) / (zoom.shape[1] - 1))
+    return (
+        f"too oblique: local zoom {np.nanmax(zoom):.2f} {side}, up to {allowed:.2f} will do "
+        f"({wanted})"
+    )
+
+
+def _side(down: float, across: float) -> str:
+    """Where in the picture, as an operator says it."""
+    across_word = "left" if across < 1 / 3 else "right" if across > 2 / 3 else ""
+    down_word = "at the top" if down < 1 / 3 else "at the bottom" if down > 2 / 3 else ""
+    if down_word and across_word:
+        return f"{down_word} {across_word}"
+    return down_word or (f"on the {across_word}" if across_word else "in the middle")

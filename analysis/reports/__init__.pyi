@@ -1,0 +1,66 @@
+from .bench import (
+    captures_section as captures_section,
+    device_rows as device_rows,
+    noise_section as noise_section,
+    stage_section as stage_section,
+)
+from .changes import plot_change_roc as plot_change_roc, plot_changes as plot_changes
+from .detectability import plot_detectability as plot_detectability
+from .focus import plot_focus_sweep as plot_focus_sweep
+from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
+from .noise import render_noise_report as render_noise_report
+from .page import (
+    ReportSection as ReportSection,
+    in_report_style as in_report_style,
+    new_figure as new_figure,
+    png_bytes as png_bytes,
+    render_report as render_report,
+    svg_bytes as svg_bytes,
+)
+from .pose import plot_limits as plot_limits, plot_pose as plot_pose
+from .psf import (
+    calibration_sections as calibration_sections,
+    calibration_verdicts as calibration_verdicts,
+    edge_table_section as edge_table_section,
+)
+from .psf_history import (
+    history_document as history_document,
+    history_sections as history_sections,
+    ordered_history as ordered_history,
+)
+from .session import render_session_report as render_session_report, versions as versions
+from .validation import render_validation as render_validation
+from .validation_plots import plot_curves as plot_curves, plot_images as plot_images
+
+__all__ = [
+    "ReportSection",
+    "calibration_sections",
+    "calibration_verdicts",
+    "captures_section",
+    "device_rows",
+    "edge_table_section",
+    "geometry_sections",
+    "geometry_verdicts",
+    "history_document",
+    "history_sections",
+    "in_report_style",
+    "new_figure",
+    "noise_section",
+    "ordered_history",
+    "plot_change_roc",
+    "plot_changes",
+    "plot_curves",
+    "plot_detectability",
+    "plot_focus_sweep",
+    "plot_images",
+    "plot_limits",
+    "plot_pose",
+    "png_bytes",
+    "render_noise_report",
+    "render_report",
+    "render_session_report",
+    "render_validation",
+    "stage_section",
+    "svg_bytes",
+    "versions",
+]

@@ -1,0 +1,261 @@
+"""What a report says about the bench: captures, noise of the frames, heights of the stage."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from acquisition.session import CaptureRecord, Session
+from analysis.reports.page import (
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    in_report_style,
+    new_figure,
+)
+from calibration.edges import REJECTING_FLAGS
+from calibration.files import StoredPsf
+from calibration.noise import LevelNoise, fit_level_noise
+
+__all__ = [
+    "NoiseSample",
+    "captures_section",
+    "device_rows",
+    "noise_section",
+    "plot_noise",
+    "plot_stage",
+    "stage_section",
+]
+
+_INK = "#1b1f24"
+_BLUE = "#0072B2"
+_BINS = 40
+_FEWEST_IN_BIN = 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseSample:
+    """Mean and temporal variance of the pixels of one capture, and the line through them."""
+
+    mean_dn: NDArray[np.floating]
+    variance_dn2: NDArray[np.floating]
+    noise: LevelNoise
+    frames: int
+    black_level_dn: float
+
+    @property
+    def gain_e_per_dn(self) -> float | None:
+        """Electrons per DN, from the slope; None where the variance does not rise."""
+        return 1.0 / self.noise.slope_dn if self.noise.slope_dn > 0 else None
+
+    @property
+    def read_noise_dn(self) -> float:
+        """Noise of one frame at the black level."""
+        at_black = self.noise.offset_dn2 + self.noise.slope_dn * self.black_level_dn
+        return float(np.sqrt(max(at_black, 0.0)))
+
+
+@in_report_style
+def plot_noise(sample: NoiseSample) -> Figure:
+    """Plot variance against mean level: bins of pixels, and the photon transfer line."""
+    mean = np.asarray(sample.mean_dn, dtype=np.float64).ravel()
+    variance = np.asarray(sample.variance_dn2, dtype=np.float64).ravel()
+    edges = np.linspace(mean.min(), mean.max() * (1 + 1e-9) + 1e-9, _BINS + 1)
+    place = np.clip(np.searchsorted(edges, mean, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(place, minlength=_BINS)
+    used = count >= _FEWEST_IN_BIN
+    level = np.bincount(place, mean, minlength=_BINS)[used] / count[used]
+    spread = np.bincount(place, variance, minlength=_BINS)[used] / count[used]
+    err = spread * np.sqrt(2 / (max(sample.frames - 1, 1) * count[used]))
+    figure = new_figure(6.4, 3.2)
+    axes = figure.subplots()
+    axes.errorbar(
+        level, spread, yerr=err, fmt="o", markersize=3.5, color=_BLUE, label="pixels, in bins"
+    )
+    line = np.linspace(0, float(mean.max()), 100)
+    axes.plot(line, sample.noise.variance_dn2(line), color=_INK, linewidth=1, label="fitted line")
+    axes.set(
+        xlabel="mean level / DN",
+        ylabel="variance of one frame / DN²",
+        xlim=(0, None),
+        ylim=(0, None),
+    )
+    axes.legend(loc="upper left")
+    return figure
+
+
+@in_report_style
+def plot_stage(records: Sequence[CaptureRecord]) -> Figure:
+    """Plot what the stage read back against what it was asked for."""
+    asked = np.array([record.height_asked_mm for record in records])
+    away_um = 1e3 * np.array([record.height_mm - record.height_asked_mm for record in records])
+    figure = new_figure(6.4, 2.6)
+    axes = figure.subplots()
+    axes.plot(asked, away_um, "o", markersize=4, color=_BLUE)
+    axes.axhline(0, color=_INK, linewidth=0.6)
+    reach = max(1.0, 1.2 * float(np.abs(away_um).max()))
+    axes.set(xlabel="height asked / mm", ylabel="read back − asked / µm", ylim=(-reach, reach))
+    return figure
+
+
+_FEWEST_PIXELS = 100
+_FEWEST_FRAMES = 3
+
+
+def captures_section(session: Session) -> ReportSection:
+    """List every capture, those that were left out and why."""
+    rows = tuple(
+        (
+            str(capture.record.index),
+            capture.record.kind,
+            capture.record.target,
+            f"{capture.record.orientation_deg:g}",
+            f"{capture.record.height_asked_mm:.3f}",
+            f"{capture.record.height_mm:.3f}",
+            str(capture.record.frames_used),
+            str(capture.record.incomplete_frames),
+            str(capture.record.saturated_pixels),
+            "" if capture.record.focus_value is None else f"{capture.record.focus_value:.4g}",
+            _standing(capture.is_superseded, capture.excluded_because),
+        )
+        for capture in session.captures
+    )
+    columns = (
+        "capture",
+        "kind",
+        "target",
+        "turn / deg",
+        "asked / mm",
+        "height / mm",
+        "frames",
+        "lost",
+        "saturated",
+        "focus",
+        "remarks",
+    )
+    complete = "complete" if session.is_complete else "not complete: run the capture again"
+    return ReportSection(
+        title="Captures",
+        text=(
+            f"{len(session.records)} of {len(session.entries)} planned; {complete}.",
+            "Asked is the height the plan asks for, height what was read back; lost counts "
+            "incomplete frames that were replaced, saturated the pixels clipped in any frame.",
+        ),
+        tables=(ReportTable(columns=columns, rows=rows),),
+    )
+
+
+def noise_section(session: Session, psf: StoredPsf | None) -> ReportSection | None:
+    """Say how noisy single frames are and what averaging gains; None where nothing tells it.
+
+    Raises
+    ------
+    SessionError
+        If a capture file is missing or changed.
+    """
+    sample = _noise_sample(session)
+    if sample is None:
+        return None
+    gain = sample.gain_e_per_dn
+    text = [
+        f"Temporal variance of {sample.frames} frames against their mean, pixel by pixel. The "
+        "slope of the line is the shot noise, its level at black the read noise.",
+        *_averaging(psf, sample.frames),
+    ]
+    if gain is None:
+        text.append("The variance does not rise with the level: the gain is not determined.")
+    electrons = "" if gain is None else f"{gain * sample.read_noise_dn:.2f}"
+    return ReportSection(
+        title="Noise",
+        text=tuple(text),
+        tables=(
+            ReportTable(
+                columns=("gain / (e/DN)", "read noise / DN", "read noise / e", "frames averaged"),
+                rows=(
+                    (
+                        "not determined" if gain is None else f"{gain:.3f}",
+                        f"{sample.read_noise_dn:.3f}",
+                        electrons,
+                        str(sample.frames),
+                    ),
+                ),
+            ),
+        ),
+        figures=(ReportFigure.of(plot_noise(sample), "Photon transfer of one edge capture."),),
+    )
+
+
+def stage_section(session: Session) -> ReportSection | None:
+    """Compare the heights asked for with those read back; None without a capture."""
+    records = session.records
+    if not records:
+        return None
+    away_um = np.array([1e3 * (r.height_mm - r.height_asked_mm) for r in records])
+    return ReportSection(
+        title="Stage",
+        text=(
+            f"Read back less asked: mean {away_um.mean():+.1f} µm, largest "
+            f"{np.abs(away_um).max():.1f} µm, over {len(records)} captures.",
+        ),
+        figures=(ReportFigure.of(plot_stage(records), "What the stage read back at each height."),),
+    )
+
+
+def device_rows(session: Session) -> tuple[tuple[str, str], ...]:
+    """Name the devices of a session: maker, model and serial number."""
+    return tuple((name, _snapshot(snapshot)) for name, snapshot in session.devices.items())
+
+
+def _noise_sample(session: Session) -> NoiseSample | None:
+    for record in session.records:
+        if record.kind not in ("edge", "board", "flat") or record.frames_used < _FEWEST_FRAMES:
+            continue
+        images = session.load(record)
+        if images.variance_dn2 is None or images.mean_dn.size < _FEWEST_PIXELS:
+            continue
+        try:
+            noise = fit_level_noise(images.mean_dn, images.variance_dn2, record.max_level_dn)
+        except ValueError:  # nearly all of it is saturated
+            continue
+        return NoiseSample(
+            mean_dn=images.mean_dn,
+            variance_dn2=images.variance_dn2,
+            noise=noise,
+            frames=record.frames_used,
+            black_level_dn=record.black_level_dn,
+        )
+    return None
+
+
+def _averaging(psf: StoredPsf | None, frames: int) -> tuple[str, ...]:
+    """What is left of a frame's noise in the mean, by what the edge fits leave over."""
+    if psf is None:
+        return ()
+    known = [
+        edge.chi2_reduced
+        for edge in psf.edges
+        if edge.chi2_reduced is not None and not REJECTING_FLAGS & set(edge.flags)
+    ]
+    if not known:
+        return ()
+    ideal = 1 / np.sqrt(frames)
+    measured = float(np.sqrt(np.median(known))) * ideal
+    return (
+        f"Averaging {frames} frames leaves {measured:.3f} of a frame's noise around the fitted "
+        f"edges (median of {len(known)}); 1/√{frames} = {ideal:.3f} is what independent frames "
+        "give. More means structure that the edge model does not hold, or frames that share "
+        "their noise.",
+    )
+
+
+def _standing(is_superseded: bool, excluded_because: str | None) -> str:
+    if is_superseded:
+        return "superseded"
+    return "" if excluded_because is None else f"excluded: {excluded_because}"
+
+
+def _snapshot(snapshot: Mapping[str, object]) -> str:
+    parts = (snapshot.get(f"Device{key}") for key in ("VendorName", "ModelName", "SerialNumber"))
+    return " ".join(str(part) for part in parts if part)

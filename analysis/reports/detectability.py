@@ -1,0 +1,97 @@
+"""Figures 4 and 5: d' against zoom, for several noises and for several contrasts."""
+
+from collections.abc import Sequence
+from typing import Final, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from analysis.comparison_plots import MODEL_COLOURS
+from analysis.detectability import DetectabilityCurve, d_prime_between
+from analysis.reports.page import in_report_style, new_figure
+
+__all__ = ["OBSERVER_NAMES", "draw_curve", "plot_detectability"]
+
+OBSERVER_NAMES = {
+    "npw": "non-prewhitening",
+    "hotelling": "Hotelling",
+    "cho": "channelised Hotelling",
+}
+_STYLES: Final[tuple[Literal["-", "--", ":", "-."], ...]] = ("-", "--", ":", "-.")
+_WIDTHS = {"paper": 3.2, "lmmse": 2.2}
+"""Models whose curves nearly coincide with that of ``matched`` show beneath it."""
+
+_DRAWN = 200
+"""Places along a curve that bends between the zooms computed."""
+
+_NAMES = {"noise_dn": "noise", "contrast_dn": "contrast"}
+
+
+def draw_curve(axes: Axes, curve: DetectabilityCurve, colour: str) -> Line2D:
+    """Draw d' and its interval as they are read; the line's markers are the zooms computed."""
+    zoom = np.union1d(curve.zoom, np.linspace(curve.zoom[0], curve.zoom[-1], _DRAWN))
+    low, d_prime, high = (
+        d_prime_between(curve.zoom, values, zoom)
+        for values in (curve.dprime_low, curve.dprime, curve.dprime_high)
+    )
+    computed = np.flatnonzero(np.isin(zoom, curve.zoom)).tolist()
+    axes.fill_between(zoom, low, high, color=colour, alpha=0.15, lw=0)
+    [line] = axes.plot(zoom, d_prime, color=colour, markevery=computed)
+    return line
+
+
+@in_report_style
+def plot_detectability(
+    curves: Sequence[DetectabilityCurve], varied: Literal["noise_dn", "contrast_dn"]
+) -> Figure:
+    """Plot d' against zoom: a panel for each observer, a colour for each model.
+
+    Parameters
+    ----------
+    curves
+        Equal in contrast if the noise is varied, and the other way round.
+    varied
+        What the line styles tell apart: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5.
+    """
+    observers = list(dict.fromkeys(curve.observer for curve in curves))
+    models = list(dict.fromkeys(curve.model for curve in curves))
+    values = sorted({float(getattr(curve, varied)) for curve in curves})
+    fixed: Literal["noise_dn", "contrast_dn"] = (
+        "contrast_dn" if varied == "noise_dn" else "noise_dn"
+    )
+    figure = new_figure(max(2.6 * len(observers) + 1.6, 4.6), 3.5)
+    panels = figure.subplots(1, len(observers), sharey=True, squeeze=False)[0]
+    for axes, observer in zip(panels, observers, strict=True):
+        for curve in curves:
+            if curve.observer != observer:
+                continue
+            colour = MODEL_COLOURS[curve.model]
+            width = _WIDTHS.get(curve.model, 1.2)
+            style = _STYLES[values.index(float(getattr(curve, varied))) % len(_STYLES)]
+            line = draw_curve(axes, curve, colour)
+            line.set(linestyle=style, linewidth=width, zorder=3 - width / 4)
+        axes.set(title=OBSERVER_NAMES[observer], xlabel="zoom-out z (ratio of the distances)")
+        axes.set_ylim(bottom=0)
+    panels[0].set_ylabel("detectability d′ (upper bound)")
+    handles = [
+        Line2D([], [], color=MODEL_COLOURS[model], linewidth=_WIDTHS.get(model, 1.2), label=model)
+        for model in models
+    ]
+    handles += [
+        Line2D(
+            [],
+            [],
+            color="0.3",
+            linestyle=_STYLES[place % len(_STYLES)],
+            label=f"{_NAMES[varied]} {value:.4g} DN",
+        )
+        for place, value in enumerate(values)
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
+    level = float(getattr(curves[0], fixed))
+    figure.suptitle(
+        f"{_NAMES[fixed]} {level:.4g} DN; bands: 95 % over images and positions", fontsize=9
+    )
+    return figure

@@ -1,0 +1,197 @@
+"""Figures of measured edges: on their photograph, across each, and their widths by angle."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from analysis.reports.page import in_report_style, new_figure
+from calibration.edges import edge_profile
+from calibration.files import StoredEdge, StoredPsf
+
+__all__ = [
+    "ORIENTATION_COLOURS",
+    "plot_edges",
+    "plot_profile",
+    "plot_widths_by_angle",
+]
+
+Image = NDArray[np.floating[Any]]
+
+# Okabe and Ito's palette, which colour-blind readers can tell apart.
+ORIENTATION_COLOURS = {"vertical": "#0072B2", "horizontal": "#D55E00", "diagonal": "#009E73"}
+REJECTED_COLOUR = "#CC79A7"
+_INK = "#1b1f24"
+
+_PROFILE_BAND_SIGMAS = 6.0
+_PROFILE_BAND_EXTRA_PX = 3.0
+_PROFILE_BIN_PX = 0.25
+
+
+@in_report_style
+def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset[str]) -> Figure:
+    """Draw the measured edges on their photograph; rejected ones dashed."""
+    rows, cols = image_dn.shape
+    image_dn = _filled(image_dn)
+    figure = new_figure(4.4, 4.4 * rows / cols + 0.5)
+    axes = figure.subplots()
+    low, high = np.percentile(image_dn, [0.5, 99.5])
+    axes.imshow(image_dn, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
+    labels = set()
+    for edge in edges:
+        is_rejected = bool(rejected & set(edge.flags))
+        label = "not used" if is_rejected else edge.orientation
+        turn = np.deg2rad(edge.angle_deg)
+        reach = 0.5 * edge.length_px * np.array([np.cos(turn), np.sin(turn)])
+        axes.plot(
+            [edge.x_px - reach[0], edge.x_px + reach[0]],
+            [edge.y_px - reach[1], edge.y_px + reach[1]],
+            color=REJECTED_COLOUR if is_rejected else ORIENTATION_COLOURS[edge.orientation],
+            linestyle="--" if is_rejected else "-",
+            marker="|",
+            linewidth=1.8,
+            label=None if label in labels else label,
+        )
+        labels.add(label)
+    axes.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5), xlabel="x / px", ylabel="y / px")
+    axes.grid(visible=False)
+    if labels:
+        figure.legend(loc="outside upper right", ncols=len(labels))
+    return figure
+
+
+@in_report_style
+def plot_profile(image_dn: Image, edge: StoredEdge) -> Figure:
+    """Plot one edge: its pixels by distance, the fitted edge, and what is left between them."""
+    distances, values, low, high = _edge_pixels(image_dn, edge)
+    levels = (values - low) / (high - low)
+    normal = float(np.deg2rad(edge.angle_deg + 90.0))
+    has_optical = edge.optical_sigma_px is not None
+    sigma = edge.optical_sigma_px if edge.optical_sigma_px is not None else edge.sigma_px
+    model = edge_profile(distances, sigma, normal if has_optical else None)
+    figure = new_figure(6.4, 3.8)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
+    upper.plot(
+        distances, levels, ".", markersize=2, color="#9aa3ad", rasterized=True, label="pixels"
+    )
+    fine = np.linspace(distances.min(), distances.max(), 400)
+    upper.plot(
+        fine,
+        edge_profile(fine, sigma, normal if has_optical else None),
+        color=ORIENTATION_COLOURS[edge.orientation],
+        label=f"fit, {'optical' if has_optical else 'total'} sigma {sigma:.3f} px",
+    )
+    upper.set(ylabel="level, dark 0 to bright 1")
+    upper.legend(loc="upper left")
+    residuals = 100 * (levels - model)
+    lower.plot(distances, residuals, ".", markersize=2, color="#9aa3ad", rasterized=True)
+    place = np.round(distances / _PROFILE_BIN_PX).astype(int)
+    place -= place.min()
+    count = np.bincount(place)
+    used = count >= 5
+    lower.plot(
+        (np.bincount(place, distances)[used] / count[used]),
+        (np.bincount(place, residuals)[used] / count[used]),
+        color=_INK,
+        linewidth=1.2,
+        label=f"mean over {_PROFILE_BIN_PX:g} px",
+    )
+    lower.set(xlabel="distance from the edge / px", ylabel="residual / %")
+    lower.legend(loc="upper left", fontsize=8)
+    return figure
+
+
+@in_report_style
+def plot_widths_by_angle(psf: StoredPsf, rejected: frozenset[str]) -> Figure:
+    """Plot the width across every edge against its angle, with the fitted covariance."""
+    figure = new_figure(6.4, 3.4)
+    axes = figure.subplots()
+    _draw_widths(axes, psf, rejected, [edge.angle_deg for edge in psf.edges])
+    angles = np.linspace(0, 180, 361)
+    normal = np.deg2rad(angles + 90)
+    nx, ny = np.cos(normal), np.sin(normal)
+    for matrix, name, style in (
+        (psf.covariance_px2, "total", "-"),
+        (psf.optical_covariance_px2, "optical", "--"),
+    ):
+        if matrix is not None:
+            (xx, xy), (_, yy) = matrix
+            width = np.sqrt(np.maximum(xx * nx**2 + 2 * xy * nx * ny + yy * ny**2, 0))
+            axes.plot(angles, width, style, color=_INK, linewidth=1, label=f"{name} covariance")
+    axes.set(
+        xlim=(0, 180),
+        xticks=range(0, 181, 30),
+        xlabel="direction of the edge against +x / deg",
+        ylabel="sigma across the edge / px",
+    )
+    figure.legend(loc="outside upper center", ncols=3, fontsize=8)
+    return figure
+
+
+def _draw_widths(
+    axes: Axes, psf: StoredPsf, rejected: frozenset[str], places: Sequence[float]
+) -> None:
+    labels = set()
+    shown: list[float] = []
+    for edge, place in zip(psf.edges, places, strict=True):
+        if rejected & set(edge.flags):
+            continue
+        for width, err, name, filled in (
+            (edge.sigma_px, edge.sigma_err_px, edge.orientation, True),
+            (edge.optical_sigma_px, edge.optical_sigma_err_px, "open: optical", False),
+        ):
+            if width is None or err is None:
+                continue
+            shown.append(width)
+            colour = ORIENTATION_COLOURS[edge.orientation]
+            axes.errorbar(
+                place,
+                width,
+                yerr=err,
+                fmt="o",
+                markersize=3.5,
+                linewidth=0.8,
+                color=colour,
+                markerfacecolor=colour if filled else "white",
+                label=None if name in labels else name,
+            )
+            labels.add(name)
+    if shown:  # a width that is hardly known must not set the scale by its error
+        room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
+        axes.set_ylim(min(shown) - room, max(shown) + room)
+
+
+def _filled(image_dn: Image) -> Image:
+    """The image with pixels that are NaN (of other colours in a mosaic) taken from beside."""
+    known = np.isfinite(image_dn)
+    if known.all():
+        return image_dn
+    sums = uniform_filter(np.where(known, image_dn, 0.0).astype(np.float64), 3, mode="nearest")
+    share = uniform_filter(known.astype(np.float64), 3, mode="nearest")
+    return np.where(known, image_dn, sums / np.maximum(share, 1e-9))
+
+
+def _edge_pixels(
+    image_dn: Image, edge: StoredEdge
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """Distance and level of the pixels around an edge, and the levels of its two sides."""
+    rows, cols = image_dn.shape
+    turn = np.deg2rad(edge.angle_deg)
+    along = np.array([np.cos(turn), np.sin(turn)])
+    across = np.array([-along[1], along[0]])
+    band = _PROFILE_BAND_SIGMAS * edge.sigma_px + _PROFILE_BAND_EXTRA_PX
+    y, x = np.mgrid[:rows, :cols]
+    u = (x - edge.x_px) * across[0] + (y - edge.y_px) * across[1]
+    v = (x - edge.x_px) * along[0] + (y - edge.y_px) * along[1]
+    inside = (np.abs(u) <= band) & (np.abs(v) <= 0.5 * edge.length_px) & np.isfinite(image_dn)
+    distances = u[inside].astype(np.float64)
+    values = np.asarray(image_dn[inside], dtype=np.float64)
+    far = 3 * edge.sigma_px + 1
+    low, high = (float(np.median(values[side * distances > far])) for side in (-1, 1))
+    if low > high:
+        distances, low, high = -distances, high, low
+    return distances, values, low, high

@@ -1,0 +1,44 @@
+"""Figure of a focus sweep."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from acquisition.focus import FocusPeak
+from analysis.reports.page import in_report_style, new_figure
+
+__all__ = ["plot_focus_sweep"]
+
+_BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#1b1f24"
+_SIGMAS_95 = 1.96
+
+
+@in_report_style
+def plot_focus_sweep(
+    heights_mm: NDArray[np.float64],
+    values: NDArray[np.float64],
+    errs: NDArray[np.float64],
+    peak: FocusPeak | None,
+    measure: str,
+) -> Figure:
+    """Plot focus values by height, with the fitted curve and the peak where there is one."""
+    figure = new_figure(6.4, 3.4)
+    axes = figure.subplots()
+    axes.errorbar(
+        heights_mm, values, yerr=errs, fmt="o", markersize=4, linewidth=0.9, color=_BLUE,
+        label="measured",
+    )  # fmt: skip
+    if peak is not None:
+        line = np.linspace(heights_mm.min(), heights_mm.max(), 400)
+        axes.plot(line, peak.curve(line), color=_INK, linewidth=1, label=f"fit, {peak.shape}")
+        half = _SIGMAS_95 * peak.err_mm
+        axes.axvspan(
+            peak.height_mm - half, peak.height_mm + half, color=_ORANGE, alpha=0.25, linewidth=0,
+            label="peak, 95 %",
+        )  # fmt: skip
+        axes.axvline(peak.height_mm, color=_ORANGE, linewidth=1)
+        axes.set(title=f"sharpest at {peak.height_mm:.3f} ± {half:.3f} mm (95 %)")
+    axes.set(xlabel="height / mm", ylabel=f"focus value ({measure})")
+    axes.margins(y=0.15)
+    axes.legend(loc="best", fontsize=8)
+    return figure

@@ -1,0 +1,228 @@
+"""What a report says about the geometry: verdict, scales, zooms, distortion, squareness."""
+
+from pathlib import PurePath
+
+from analysis.reports.geometry_plots import (
+    plot_distortion,
+    plot_scale_by_height,
+    plot_squareness,
+    plot_travel,
+)
+from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
+from calibration.files import StoredGeometry
+
+__all__ = ["geometry_sections", "geometry_verdicts"]
+
+_SOURCES = {
+    "board": "The scale rests on the size of the board's squares.",
+    "given": "The scale rests on the one that was given for the lowest height.",
+    "bench": "The scale rests on the focal length and pixel pitch of the bench file, taken as "
+    "exact; a varifocal lens makes it a nominal one.",
+}
+
+
+def geometry_verdicts(geometry: StoredGeometry) -> tuple[Verdict, ...]:
+    """Return the headline figures with their standard errors."""
+    return (
+        Verdict(
+            name="entrance pupil above height 0",
+            value=f"{geometry.pupil_offset_mm:.3f} mm",
+            remark=_err(geometry.pupil_offset_err_mm, 3, " mm"),
+        ),
+        Verdict(
+            name=f"scale at {geometry.heights_mm[0]:g} mm",
+            value="not determined"
+            if geometry.scale_px_per_mm is None
+            else f"{geometry.scale_px_per_mm[0]:.4f} px/mm",
+            remark=""
+            if geometry.scale_err_px_per_mm is None
+            else _err(geometry.scale_err_px_per_mm[0], 4, " px/mm"),
+        ),
+        Verdict(
+            name="tilt of target to sensor",
+            value=_value(geometry.tilt_deg, 3, "°"),
+            remark=_err(geometry.tilt_err_deg, 3, "°"),
+        ),
+        Verdict(
+            name="distortion k1 at the corner",
+            value=_value(None if geometry.k1 is None else 100 * geometry.k1, 3, " %"),
+            remark=_err(None if geometry.k1_err is None else 100 * geometry.k1_err, 3, " %"),
+        ),
+    )
+
+
+def geometry_sections(geometry: StoredGeometry) -> tuple[ReportSection, ...]:
+    """Return the sections on the geometry of camera and stage."""
+    sections = [_scale_section(geometry), _squareness_section(geometry)]
+    distortion = plot_distortion(geometry)
+    if distortion is not None:
+        sections.append(
+            ReportSection(
+                title="Distortion",
+                text=(
+                    "Seen radius r (1 + k1 r² + k2 r⁴) for an ideal radius r that is 1 at the "
+                    "image corner. Negative is barrel distortion.",
+                ),
+                tables=(_lens_table(geometry),),
+                figures=(
+                    ReportFigure.of(distortion, "How far a point is seen from its ideal place."),
+                ),
+            )
+        )
+    sections.append(_captures_section(geometry))
+    return tuple(sections)
+
+
+def _scale_section(geometry: StoredGeometry) -> ReportSection:
+    lowest = geometry.heights_mm[0]
+    zooms = {z.far_height_mm: z for z in geometry.zooms if z.near_height_mm == lowest}
+    nothing: list[float | None] = [None] * len(geometry.heights_mm)
+    scales = nothing if geometry.scale_px_per_mm is None else geometry.scale_px_per_mm
+    errs = nothing if geometry.scale_err_px_per_mm is None else geometry.scale_err_px_per_mm
+    rows = tuple(
+        (
+            f"{height:g}",
+            _value(scale, 5, ""),
+            "" if err is None else f"{err:.5f}",
+            f"{zooms[height].zoom:.5f}" if height in zooms else "1",
+            f"{zooms[height].zoom_err:.5f}" if height in zooms else "",
+        )
+        for height, scale, err in zip(geometry.heights_mm, scales, errs, strict=True)
+    )
+    source = geometry.scale_source
+    text = [
+        "A pinhole at the entrance pupil: the scale is the focal length in pixels over the "
+        "distance, which is the height plus the pupil's offset.",
+        _SOURCES[source] if source else "No length is known, so there is no absolute scale.",
+    ]
+    text += [f"{name} is not determined: {why}." for name, why in geometry.undetermined.items()]
+    return ReportSection(
+        title="Scale and zoom",
+        text=(*text, *geometry.notes),
+        tables=(
+            ReportTable(
+                columns=(
+                    "height / mm",
+                    "scale / (px/mm)",
+                    "± px/mm",
+                    f"zoom from {lowest:g} mm",
+                    "± zoom",
+                ),
+                rows=rows,
+            ),
+        ),
+        figures=(
+            ReportFigure.of(
+                plot_scale_by_height(geometry),
+                "Scale of every capture, and the height that was read less the one its image "
+                "fits, with the image's standard error.",
+            ),
+        ),
+    )
+
+
+def _squareness_section(geometry: StoredGeometry) -> ReportSection:
+    figures = []
+    squareness = plot_squareness(geometry)
+    if squareness is not None:
+        figures.append(
+            ReportFigure.of(
+                squareness,
+                "Where the optical axis leans, as seen in the image; the cross is the 95 % "
+                "interval, the middle is square.",
+            )
+        )
+    travel = plot_travel(geometry)
+    if travel is not None:
+        figures.append(
+            ReportFigure.of(travel, "Sideways place of the camera beside a straight travel.")
+        )
+    rows = [
+        ("tilt of target to sensor / deg", geometry.tilt_deg, geometry.tilt_err_deg, 4),
+        (
+            f"drift of the axis at {geometry.heights_mm[0]:g} mm / (px/mm)",
+            geometry.axis_drift_px_per_mm,
+            geometry.axis_drift_err_px_per_mm,
+            5,
+        ),
+        (
+            "stage's travel to the line of sight / deg",
+            geometry.stage_angle_deg,
+            geometry.stage_angle_err_deg,
+            4,
+        ),
+    ]
+    return ReportSection(
+        title="Squareness",
+        tables=(
+            ReportTable(
+                columns=("", "value", "standard error"),
+                rows=tuple(
+                    (name, _value(value, digits, ""), "" if err is None else f"{err:.{digits}f}")
+                    for name, value, err, digits in rows
+                ),
+            ),
+        ),
+        figures=tuple(figures),
+    )
+
+
+def _lens_table(geometry: StoredGeometry) -> ReportTable:
+    rows = [
+        ("k1, at the image corner", geometry.k1, geometry.k1_err),
+        ("k2, at the image corner", geometry.k2, geometry.k2_err),
+        ("k1 of OpenCV", geometry.k1_opencv, None),
+        ("k2 of OpenCV", geometry.k2_opencv, None),
+    ]
+    return ReportTable(
+        columns=("", "value", "standard error"),
+        rows=tuple(
+            (name, _value(value, 5, ""), "" if err is None else f"{err:.5f}")
+            for name, value, err in rows
+        ),
+    )
+
+
+def _captures_section(geometry: StoredGeometry) -> ReportSection:
+    used = tuple(
+        (
+            PurePath(capture.image).name,
+            f"{capture.height_mm:.3f}",
+            _value(capture.scale_px_per_mm, 5, ""),
+            f"{1e3 * capture.height_residual_mm:.1f}",
+            str(capture.matches),
+            f"{capture.rms_px:.4f}",
+            "",
+        )
+        for capture in geometry.captures
+    )
+    left_out = tuple(
+        (PurePath(item.image).name, "", "", "", "", "", f"left out: {item.reason}")
+        for item in geometry.excluded
+    )
+    return ReportSection(
+        title="Captures",
+        is_folded=True,
+        tables=(
+            ReportTable(
+                columns=(
+                    "image",
+                    "height / mm",
+                    "scale / (px/mm)",
+                    "height left / µm",
+                    "matches",
+                    "rms / px",
+                    "remarks",
+                ),
+                rows=(*used, *left_out),
+            ),
+        ),
+    )
+
+
+def _value(value: float | None, digits: int, unit: str) -> str:
+    return "not determined" if value is None else f"{value:.{digits}f}{unit}"
+
+
+def _err(err: float | None, digits: int, unit: str) -> str:
+    return "" if err is None else f"± {err:.{digits}f}{unit} (standard error)"

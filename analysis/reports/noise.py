@@ -1,0 +1,252 @@
+"""The report of a noise calibration: photon transfer, linearity and the maps."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from analysis.reports.page import (
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    Verdict,
+    in_report_style,
+    new_figure,
+    render_report,
+)
+from calibration.noise import CorrectionMaps, Linearity, NoiseCalibration, PhotonTransfer
+
+__all__ = ["plot_linearity", "plot_maps", "plot_photon_transfer", "render_noise_report"]
+
+# Okabe and Ito's palette, which colour-blind readers can tell apart.
+_BLUE, _ORANGE, _GREEN = "#0072B2", "#D55E00", "#009E73"
+_INK = "#1b1f24"
+
+
+@in_report_style
+def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
+    """Plot the variance of a frame against the light, the fit, and what is left in percent."""
+    black = transfer.dark.black_level_dn
+    light = np.array([sample.mean_dn - black for sample in transfer.samples])
+    variance = np.array([sample.variance_dn2 for sample in transfer.samples])
+    err = np.array(
+        [
+            sample.variance_dn2 * np.sqrt(2 / ((sample.frames - 1) * sample.pixels))
+            for sample in transfer.samples
+        ]
+    )
+    fitted = np.array(transfer.fitted)
+    figure = new_figure(6.4, 4.4)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
+    line = np.linspace(0, light.max(), 200)
+    upper.plot(line, transfer.variance_dn2(line), color=_INK, linewidth=1, label="fit")
+    upper.plot(light[fitted], variance[fitted], "o", markersize=4, color=_BLUE, label="fitted")
+    if not fitted.all():
+        upper.plot(
+            light[~fitted], variance[~fitted], "o", markersize=4, markerfacecolor="white",
+            color=_ORANGE, label="not fitted",
+        )  # fmt: skip
+    upper.axvline(
+        transfer.saturation.level_dn - black, color=_GREEN, linewidth=1, linestyle="--",
+        label="saturation",
+    )  # fmt: skip
+    upper.set(ylabel="variance of one frame / DN²", ylim=(0, None))
+    upper.legend(loc="upper left", fontsize=8)
+    expected = transfer.variance_dn2(light)
+    lower.errorbar(
+        light[fitted], 100 * (variance / expected - 1)[fitted], yerr=100 * (err / expected)[fitted],
+        fmt="o", markersize=4, linewidth=0.9, color=_BLUE,
+    )  # fmt: skip
+    lower.axhline(0, color=_INK, linewidth=0.8)
+    lower.margins(y=0.25)
+    lower.set(xlabel="level above black / DN", ylabel="variance less\nfitted / %")
+    return figure
+
+
+@in_report_style
+def plot_linearity(linearity: Linearity) -> Figure:
+    """Plot how far each level lies off the line over the exposure, in percent."""
+    figure = new_figure(6.4, 2.6)
+    axes = figure.subplots()
+    axes.plot(
+        linearity.light_dn, 100 * np.array(linearity.deviations), "o", markersize=4, color=_BLUE
+    )
+    axes.axhline(0, color=_INK, linewidth=0.8)
+    axes.margins(y=0.25)
+    axes.set(xlabel="level above black / DN", ylabel="off the line / %", xlim=(0, None))
+    return figure
+
+
+@in_report_style
+def plot_maps(maps: CorrectionMaps) -> Figure:
+    """Show the dark and the flat map, with the defect pixels ringed."""
+    rows, cols = maps.dark_dn.shape
+    figure = new_figure(7.2, 3.3 * rows / cols + 0.6)
+    y, x = np.nonzero(maps.defects)
+    for axes, image, title in zip(
+        figure.subplots(1, 2),
+        (maps.dark_dn, maps.response),
+        ("dark map / DN", "flat map, mean 1"),
+        strict=True,
+    ):
+        low, high = np.percentile(image, [0.5, 99.5])
+        shown = axes.imshow(image, cmap="viridis", vmin=low, vmax=max(high, low + 1e-9))
+        axes.plot(x, y, "o", markersize=7, markerfacecolor="none", color=_ORANGE, linewidth=1)
+        axes.set(title=title, xlabel="x / px", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
+        axes.grid(visible=False)
+        figure.colorbar(shown, ax=axes, shrink=0.8)
+    return figure
+
+
+_SIGMAS_95 = 1.96
+
+
+def render_noise_report(noise: NoiseCalibration, source: str) -> str:
+    """Return the report as one HTML page; ``source`` names the session."""
+    transfer = noise.transfer
+    return render_report(
+        title="Camera noise",
+        subtitle=f"{source}: {noise.darks} dark and {noise.flats} flat captures, "
+        f"{noise.captured_utc[:10]}",
+        verdicts=_verdicts(noise),
+        sections=tuple(
+            section
+            for section in (
+                _transfer_section(noise),
+                _linearity_section(noise),
+                _maps_section(noise),
+                _captures_section(noise),
+            )
+            if section is not None
+        ),
+        provenance=(
+            ("camera", f"{noise.camera_model or 'unknown'}, {noise.camera_serial or 'no serial'}"),
+            ("gain", "unknown" if noise.gain_db is None else f"{noise.gain_db:g} dB"),
+            ("pixel format", noise.pixel_format),
+            ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
+        ),
+    )
+
+
+def _verdicts(noise: NoiseCalibration) -> tuple[Verdict, ...]:
+    transfer = noise.transfer
+    dark, saturation = transfer.dark, transfer.saturation
+    return (
+        Verdict(
+            name="Gain",
+            value=f"{transfer.gain_e_per_dn:.4f} e/DN",
+            remark=_interval(transfer.gain_e_per_dn_err, 4),
+        ),
+        Verdict(
+            name="Read noise",
+            value=f"{transfer.read_noise_e:.3f} e",
+            remark=_interval(transfer.read_noise_e_err, 3),
+        ),
+        Verdict(
+            name="Black level",
+            value=f"{dark.black_level_dn:.3f} DN",
+            remark=_interval(dark.black_level_dn_err, 3),
+        ),
+        Verdict(
+            name="Saturation",
+            value=f"{saturation.level_dn:.0f} DN",
+            remark=f"{transfer.saturation_e:.0f} e"
+            if saturation.is_reached
+            else "not reached; from the pixel format",
+        ),
+    )
+
+
+def _interval(err: float, digits: int) -> str:
+    return f"± {_SIGMAS_95 * err:.{digits}f} (95 %)"
+
+
+def _transfer_section(noise: NoiseCalibration) -> ReportSection:
+    transfer = noise.transfer
+    return ReportSection(
+        title="Photon transfer",
+        text=(
+            "The variance of one frame rises with the light: its slope is 1 over the gain, its "
+            "value without light the read noise (less 1/12 DN² of rounding). Flats above 70 % of "
+            "saturation are not fitted.",
+            f"Scatter about the line: {transfer.chi2_reduced:.2f} times what the number of pixels "
+            "gives; above 1 the errors are widened by its root.",
+            *transfer.notes,
+        ),
+        figures=(
+            ReportFigure.of(
+                plot_photon_transfer(transfer),
+                "Mean of all sound pixels of each capture. Below: off the fit, with the standard "
+                "error that the number of pixels gives.",
+            ),
+        ),
+    )
+
+
+def _linearity_section(noise: NoiseCalibration) -> ReportSection | None:
+    linearity = noise.transfer.linearity
+    if linearity is None:
+        return None
+    drift = (
+        "No exposure was captured twice, so a drift of the light counts as deviation."
+        if linearity.light_drift_per_s is None
+        else f"The light drifted by {100 * linearity.light_drift_per_s:.2g} % per second; that is "
+        "taken out."
+    )
+    return ReportSection(
+        title="Linearity",
+        text=(
+            f"Mean deviation {100 * linearity.mean_deviation:.3f} %, worst "
+            f"{100 * linearity.worst_deviation:.3f} %, between 5 and 95 % of saturation. {drift}",
+        ),
+        figures=(
+            ReportFigure.of(plot_linearity(linearity), "Level against exposure, off the line."),
+        ),
+    )
+
+
+def _maps_section(noise: NoiseCalibration) -> ReportSection:
+    pixels, gain = noise.nonuniformity, noise.transfer.gain_e_per_dn
+    return ReportSection(
+        title="Sensor maps",
+        text=(
+            "The flat map holds the lens's fall-off, the unevenness of the light and the pixels' "
+            "own response; it is right for this lens, aperture and light only.",
+        ),
+        tables=(
+            ReportTable(
+                columns=("", "value"),
+                rows=(
+                    ("dark pattern (DSNU)", f"{gain * pixels.dsnu_dn:.2f} e"),
+                    ("response pattern (PRNU)", f"{100 * pixels.prnu:.3f} %"),
+                    ("shading, smallest to largest", f"{100 * pixels.shading:.1f} %"),
+                    ("defect pixels", str(pixels.defects)),
+                ),
+                caption="Patterns are standard deviations between pixels, temporal noise and "
+                "large structures taken off.",
+            ),
+        ),
+        figures=(ReportFigure.of(plot_maps(noise.maps), "Defects are ringed.", "png"),),
+    )
+
+
+def _captures_section(noise: NoiseCalibration) -> ReportSection:
+    transfer = noise.transfer
+    return ReportSection(
+        title="Captures",
+        is_folded=True,
+        tables=(
+            ReportTable(
+                columns=("capture", "exposure / µs", "level / DN", "variance / DN²", "clipped", ""),
+                rows=tuple(
+                    (
+                        sample.name,
+                        "" if sample.exposure_us is None else f"{sample.exposure_us:g}",
+                        f"{sample.mean_dn:.3f}",
+                        f"{sample.variance_dn2:.3f}",
+                        f"{100 * sample.clipped_fraction:.2f} %",
+                        "fitted" if is_fitted else "not fitted",
+                    )
+                    for sample, is_fitted in zip(transfer.samples, transfer.fitted, strict=True)
+                ),
+            ),
+        ),
+    )

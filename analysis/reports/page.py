@@ -1,0 +1,157 @@
+"""One HTML file that holds a whole report: text, tables and figures, nothing beside it."""
+
+from base64 import b64encode
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import wraps
+from io import BytesIO
+from typing import Any, Literal, ParamSpec, TypeVar
+
+import matplotlib as mpl
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+__all__ = [
+    "ReportFigure",
+    "ReportSection",
+    "ReportTable",
+    "Verdict",
+    "in_report_style",
+    "new_figure",
+    "png_bytes",
+    "render_report",
+    "svg_bytes",
+]
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+_STYLE: Any = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "svg.hashsalt": "standoff",
+    "svg.fonttype": "path",
+}
+_PNG_DPI = 110
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """One headline figure: what it is, its value with unit, and how sure it is."""
+
+    name: str
+    value: str
+    remark: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportTable:
+    """A table; the first column is text, the others are figures."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportFigure:
+    """A figure as markup that stands in the page itself, and what it shows."""
+
+    markup: Markup
+    caption: str
+
+    @classmethod
+    def of(
+        cls, figure: Figure, caption: str, form: Literal["svg", "png"] = "svg"
+    ) -> "ReportFigure":
+        """Draw a matplotlib figure into the page: ``svg`` for lines, ``png`` for photographs."""
+        if form == "svg":
+            markup = svg_bytes(figure).decode("utf-8")
+            markup = markup[markup.index("<svg") :]
+        else:
+            encoded = b64encode(png_bytes(figure)).decode("ascii")
+            markup = f'<img alt="" src="data:image/png;base64,{encoded}">'
+        return cls(markup=Markup(markup), caption=caption)  # noqa: S704 - matplotlib's own output
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportSection:
+    """A part of the report: what it says, in words, tables and figures.
+
+    A folded section shows its title and words until it is opened.
+    """
+
+    title: str
+    is_folded: bool = False
+    text: tuple[str, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
+    figures: tuple[ReportFigure, ...] = ()
+
+
+def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Decorate what draws a figure: its artists take the report's style."""
+
+    @wraps(draw)
+    def draw_in_style(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        with mpl.rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return draw_in_style
+
+
+def new_figure(width_in: float = 6.4, height_in: float = 3.2) -> Figure:
+    """Return an empty figure; it belongs to no window."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def png_bytes(figure: Figure) -> bytes:
+    """Draw a figure as a PNG file."""
+    data = BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(data, format="png", dpi=_PNG_DPI)
+    return data.getvalue()
+
+
+def svg_bytes(figure: Figure) -> bytes:
+    """Draw a figure as an SVG file."""
+    data = BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(data, format="svg", metadata={"Date": None})
+    return data.getvalue()
+
+
+def render_report(
+    *,
+    title: str,
+    subtitle: str,
+    verdicts: tuple[Verdict, ...],
+    sections: tuple[ReportSection, ...],
+    provenance: tuple[tuple[str, str], ...],
+    written: datetime | None = None,
+) -> str:
+    """Return the report as one HTML document that needs no other file and no network."""
+    template = Environment(
+        loader=PackageLoader("analysis.reports", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    ).get_template("report.html")
+    moment = (written or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
+    return template.render(
+        title=title,
+        subtitle=subtitle,
+        verdicts=verdicts,
+        sections=sections,
+        provenance=provenance,
+        written=moment,
+    )

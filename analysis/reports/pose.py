@@ -1,0 +1,82 @@
+"""Pictures of a pose's quality and of the allowed movement."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from analysis.detectability import DetectabilityCurve
+from analysis.pose import PoseLimits, PoseQuality
+from analysis.reports.detectability import draw_curve
+from analysis.reports.page import in_report_style, new_figure
+
+__all__ = ["plot_limits", "plot_pose"]
+
+_BLUE, _RED = "#0072B2", "#D55E00"
+
+
+@in_report_style
+def plot_pose(followup: NDArray[np.floating[Any]], quality: PoseQuality) -> Figure:
+    """Show d' over the follow-up, with the border of what is below the threshold."""
+    rows, cols = followup.shape[:2]
+    figure = new_figure(6.0, 1.0 + 4.6 * rows / cols)
+    axes = figure.subplots()
+    axes.imshow(followup, cmap="gray")
+    extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
+    top = max(float(np.nanmax(quality.d_prime)), quality.min_d_prime)
+    shown = axes.imshow(
+        quality.d_prime, extent=extent, cmap="viridis", vmin=0, vmax=top, alpha=0.55
+    )
+    low, high = np.nanmin(quality.d_prime), np.nanmax(quality.d_prime)
+    if low < quality.min_d_prime <= high:
+        axes.contour(
+            np.linspace(0, cols - 1, quality.d_prime.shape[1]),
+            np.linspace(0, rows - 1, quality.d_prime.shape[0]),
+            quality.d_prime,
+            levels=[quality.min_d_prime],
+            colors=_RED,
+        )
+    figure.colorbar(shown, ax=axes, label="local d′ (upper bound)", shrink=0.85)
+    verdict = "accepted" if quality.is_accepted else "rejected"
+    axes.set(
+        title=(
+            f"{verdict}: {quality.criterion} d′ {quality.decisive_d_prime:.2f}, "
+            f"threshold {quality.min_d_prime:g}"
+        ),
+        xlabel="follow-up x / px",
+        ylabel="follow-up y / px",
+    )
+    axes.grid(visible=False)
+    return figure
+
+
+@in_report_style
+def plot_limits(curve: DetectabilityCurve, limits: PoseLimits, min_d_prime: float) -> Figure:
+    """Plot d' against zoom with the threshold, and the allowed zoom against the tilt.
+
+    Dots are what was computed.
+    """
+    figure = new_figure(8.4, 3.4)
+    against_zoom, against_tilt = figure.subplots(1, 2)
+    line = draw_curve(against_zoom, curve, _BLUE)
+    line.set(marker="o", markersize=3, label=f"{curve.model} {curve.observer}")
+    against_zoom.axhline(min_d_prime, color=_RED, linestyle="--", label="threshold")
+    against_zoom.axvline(limits.zoom, color="0.4", linestyle=":", label=f"limit {limits.zoom:.3g}")
+    against_zoom.set(
+        xlabel="zoom-out z (ratio of the distances)", ylabel="detectability d′ (upper bound)"
+    )
+    against_zoom.set_ylim(bottom=0)
+    against_zoom.legend(fontsize=8)
+    known = [(tilt, zoom) for tilt, zoom in limits.zoom_by_tilt if zoom is not None]
+    if limits.tilt_deg is not None and all(tilt != limits.tilt_deg for tilt, _ in known):
+        known = sorted([*known, (limits.tilt_deg, 1.0)])
+    tilts, zooms = [t for t, _ in known], [z for _, z in known]
+    against_tilt.plot(tilts, zooms, color=_BLUE, marker="o", markersize=3)
+    against_tilt.fill_between(tilts, 1.0, zooms, color=_BLUE, alpha=0.15, lw=0)
+    against_tilt.set(
+        xlabel="tilt of the follow-up / degrees",
+        ylabel="allowed zoom-out z",
+        title="shaded: allowed",
+    )
+    return figure

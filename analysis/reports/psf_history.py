@@ -1,0 +1,188 @@
+"""The calibrations of a camera over time: a table and a figure."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from analysis.reports.page import (
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    in_report_style,
+    new_figure,
+)
+from calibration.errors import CalibrationError
+from calibration.psf import StoredPsf, compare_psfs
+
+__all__ = [
+    "HistoryEntry",
+    "history_document",
+    "history_sections",
+    "ordered_history",
+    "plot_history",
+]
+
+_UNKNOWN = "unknown"
+_COLOURS = {"sigma_x_px": "#0072B2", "sigma_y_px": "#D55E00"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HistoryEntry:
+    """One psf.json, by the name of its file.
+
+    ``verdict`` is about the change since the first calibration of its camera; empty for that
+    one itself.
+    """
+
+    name: str
+    psf: StoredPsf
+    verdict: str = ""
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the camera, or ``unknown``."""
+        return (self.psf.camera.serial if self.psf.camera else None) or _UNKNOWN
+
+    @property
+    def captured_utc(self) -> str:
+        """When its first capture was taken, or ``unknown``."""
+        return self.psf.captured_utc or _UNKNOWN
+
+
+def ordered_history(psfs: Sequence[tuple[str, StoredPsf]]) -> dict[str, list[HistoryEntry]]:
+    """Sort calibrations by camera and time, each compared with the first of its camera.
+
+    Those whose time is not known come first, in the order given.
+    """
+    by_camera: dict[str, list[HistoryEntry]] = defaultdict(list)
+    for name, psf in psfs:
+        entry = HistoryEntry(name=name, psf=psf)
+        by_camera[entry.serial].append(entry)
+    return {
+        serial: _compared(sorted(entries, key=lambda e: e.psf.captured_utc or ""))
+        for serial, entries in sorted(by_camera.items())
+    }
+
+
+def history_document(history: dict[str, list[HistoryEntry]]) -> dict[str, Any]:
+    """Return the history as plain lists and numbers."""
+    return {
+        "cameras": [
+            {
+                "serial": serial,
+                "calibrations": [
+                    {
+                        "file": entry.name,
+                        "captured_utc": entry.psf.captured_utc,
+                        **{
+                            key: getattr(entry.psf, key)
+                            for key in (
+                                "sigma_x_px",
+                                "sigma_x_err_px",
+                                "sigma_y_px",
+                                "sigma_y_err_px",
+                                "rho",
+                                "rho_err",
+                            )
+                        },
+                        "change": entry.verdict or None,
+                    }
+                    for entry in entries
+                ],
+            }
+            for serial, entries in history.items()
+        ]
+    }
+
+
+def history_sections(history: dict[str, list[HistoryEntry]]) -> tuple[ReportSection, ...]:
+    """Return one section for each camera."""
+    return tuple(_camera_section(serial, entries) for serial, entries in history.items())
+
+
+@in_report_style
+def plot_history(entries: Sequence[HistoryEntry]) -> Figure | None:
+    """Plot the total widths over time, with 95 % bars; None where fewer than two have a time."""
+    dated = [entry for entry in entries if entry.psf.captured_utc is not None]
+    if len(dated) < 2:
+        return None
+    figure = new_figure(6.4, 3.2)
+    axes = figure.subplots()
+    axes.tick_params(axis="x", labelrotation=20)
+    for key, colour in _COLOURS.items():
+        points = [
+            (
+                datetime.fromisoformat(entry.captured_utc),
+                getattr(entry.psf, key),
+                1.96 * (getattr(entry.psf, key.replace("_px", "_err_px")) or 0.0),
+            )
+            for entry in dated
+            if getattr(entry.psf, key) is not None
+        ]
+        if not points:
+            continue
+        moments, widths, errs = zip(*points, strict=True)
+        axes.errorbar(
+            moments,
+            widths,
+            yerr=errs,
+            fmt="o-",
+            markersize=4,
+            linewidth=0.8,
+            color=colour,
+            label=key.removesuffix("_px").replace("_", " "),
+        )
+    axes.set(xlabel="captured (UTC)", ylabel="total sigma / px")
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+def _compared(entries: list[HistoryEntry]) -> list[HistoryEntry]:
+    done = entries[:1]
+    for entry in entries[1:]:
+        try:
+            verdict = compare_psfs(entries[0].psf, entry.psf).verdict
+        except CalibrationError as error:
+            verdict = f"not comparable: {error}"
+        done.append(HistoryEntry(name=entry.name, psf=entry.psf, verdict=verdict))
+    return done
+
+
+def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
+    rows = tuple(
+        (
+            entry.captured_utc[:19].replace("T", " "),
+            entry.name,
+            _width(entry.psf.sigma_x_px, entry.psf.sigma_x_err_px),
+            _width(entry.psf.sigma_y_px, entry.psf.sigma_y_err_px),
+            _width(entry.psf.rho, entry.psf.rho_err),
+            entry.verdict or "first",
+        )
+        for entry in entries
+    )
+    figure = plot_history(entries)
+    return ReportSection(
+        title=f"Camera {serial}",
+        text=("Every calibration is compared with the first one of its camera.",),
+        tables=(
+            ReportTable(
+                columns=("captured (UTC)", "file", "sigma x / px", "sigma y / px", "rho", "change"),
+                rows=rows,
+            ),
+        ),
+        figures=(
+            ()
+            if figure is None
+            else (ReportFigure.of(figure, "Total widths over time; bars are 95 %."),)
+        ),
+    )
+
+
+def _width(value: float | None, err: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4f}" if err is None else f"{value:.4f} ± {err:.4f}"

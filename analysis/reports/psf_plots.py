@@ -1,0 +1,316 @@
+"""Figures of a PSF: its transfer functions, its change over the frame and with height."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from analysis.reports.edge_plots import ORIENTATION_COLOURS, plot_widths_by_angle
+from analysis.reports.page import (
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    in_report_style,
+    new_figure,
+)
+from calibration.edges import REJECTING_FLAGS
+from calibration.errors import PsfFileError
+from calibration.files import StoredPsf
+from simulation.psf import PsfField
+
+__all__ = ["field_section", "plot_field", "plot_heights", "plot_mtf", "widths_section", "with_err"]
+
+Array = NDArray[np.float64]
+
+_INK = "#1b1f24"
+_AXES = (("x", "vertical"), ("y", "horizontal"))
+_MAP_PLACES = 61
+_ELLIPSES = 5
+_ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
+
+
+@in_report_style
+def plot_mtf(psf: StoredPsf) -> Figure | None:
+    """Plot the contrast by frequency along x and y: as measured, and of the fitted Gaussian."""
+    figure = new_figure(6.4, 3.4)
+    axes = figure.subplots()
+    freq = np.linspace(0, 1, 501)
+    for axis, orientation in _AXES:
+        colour = ORIENTATION_COLOURS[orientation]
+        total: float | None = getattr(psf, f"sigma_{axis}_px")
+        optical: float | None = getattr(psf, f"optical_sigma_{axis}_px")
+        measured = getattr(psf.transfer, axis, None)
+        if measured is not None:
+            places, values = np.array(measured.freq_cy_per_px), np.array(measured.mtf)
+            label = f"along {axis}, e-SFR: {_half(places, values)}"
+            axes.plot(places, values, color=colour, label=label)
+            _mark_half(axes, places, values, colour)
+        if total is not None:
+            curve = (
+                np.exp(-2 * (np.pi * total * freq) ** 2)
+                if optical is None
+                else np.exp(-2 * (np.pi * optical * freq) ** 2) * np.sinc(freq)
+            )
+            axes.plot(
+                freq,
+                curve,
+                color=colour,
+                linewidth=1.0,
+                linestyle="--",
+                label=f"along {axis}, Gaussian: {_half(freq, curve)}",
+            )
+            _mark_half(axes, freq, curve, colour)
+    if not axes.lines:
+        return None
+    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
+    axes.annotate("Nyquist", (0.51, 0.55), fontsize=8, va="bottom")
+    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast left")
+    axes.legend(loc="upper right", fontsize=8)
+    return figure
+
+
+@in_report_style
+def plot_field(psf: StoredPsf, field: PsfField) -> Figure:
+    """Map the width over the frame, with the PSF's shape at places from centre to corner."""
+    width, height = field.width_px, field.height_px
+    x, y = np.linspace(0, width - 1, _MAP_PLACES), np.linspace(0, height - 1, _MAP_PLACES)
+    covariance = field.covariance_px2(x[None, :], y[:, None])
+    mean_width = np.linalg.det(covariance) ** 0.25
+    figure = new_figure(6.4, 6.4 * height / width * 0.8 + 0.6)
+    axes = figure.subplots()
+    shown = axes.imshow(
+        mean_width,
+        extent=(-0.5, width - 0.5, height - 0.5, -0.5),
+        cmap="cividis",
+        interpolation="bilinear",
+    )
+    bar = figure.colorbar(shown, ax=axes, shrink=0.9)
+    bar.set_label("total sigma, geometric mean / px")
+    scale = _ELLIPSE_SHARE * width / float(np.sqrt(np.linalg.eigvalsh(covariance).max()))
+    turn = np.linspace(0, 2 * np.pi, 60)
+    circle = np.stack([np.cos(turn), np.sin(turn)])
+    for place_y in np.linspace(0.08, 0.92, _ELLIPSES) * (height - 1):
+        for place_x in np.linspace(0.08, 0.92, _ELLIPSES) * (width - 1):
+            values, vectors = np.linalg.eigh(field.covariance_px2(place_x, place_y))
+            outline = vectors @ (np.sqrt(values)[:, None] * circle)
+            axes.plot(
+                place_x + scale * outline[0],
+                place_y + scale * outline[1],
+                color="white",
+                linewidth=1.0,
+            )
+    used = [(edge.x_px, edge.y_px) for edge in psf.edges]
+    if used:
+        places = np.array(used).T
+        axes.plot(*places, ".", color="#D55E00", markersize=3)
+    axes.set(xlabel="x / px", ylabel="y / px", xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    axes.grid(visible=False)
+    return figure
+
+
+@in_report_style
+def plot_heights(psf: StoredPsf, rejected: frozenset[str]) -> Figure | None:
+    """Plot the width across every edge by height, and the trend; None for one height only."""
+    edges = [edge for edge in psf.edges if not rejected & set(edge.flags)]
+    heights = [edge.height_mm for edge in edges if edge.height_mm is not None]
+    if len(set(heights)) < 2:
+        return None
+    trend = psf.height_trend
+    figure = new_figure(6.4, 5.0 if trend else 3.2)
+    panels: Any = figure.subplots(2 if trend else 1, 1, sharex=True, squeeze=False)[:, 0]
+    span = max(heights) - min(heights)
+    shifts = {"vertical": -0.006, "diagonal": 0.0, "horizontal": 0.006}
+    for orientation, shift in shifts.items():
+        chosen = [e for e in edges if e.orientation == orientation and e.height_mm is not None]
+        if not chosen:
+            continue
+        panels[0].errorbar(
+            [(e.height_mm or 0.0) + shift * span for e in chosen],
+            [e.sigma_px for e in chosen],
+            yerr=[e.sigma_err_px for e in chosen],
+            fmt="o",
+            markersize=3.5,
+            linewidth=0.8,
+            color=ORIENTATION_COLOURS[orientation],
+            label=orientation,
+        )
+    shown = [e.sigma_px for e in edges if e.height_mm is not None]
+    room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
+    panels[0].set(
+        ylabel="total sigma across\nthe edge / px",
+        ylim=(min(shown) - room, max(shown) + room),
+    )
+    if trend is not None:
+        places = np.array([group.height_mm for group in trend.heights])
+        widths = np.array([group.relative_width for group in trend.heights])
+        errs = np.array([group.relative_width_err for group in trend.heights])
+        panels[1].errorbar(
+            places,
+            100 * (widths - 1),
+            yerr=196 * errs,
+            fmt="s",
+            markersize=4,
+            color=_INK,
+            label="all edges at a height, 95 %",
+        )
+        weight = 1 / errs**2
+        middle = np.average(places, weights=weight)
+        line = np.average(widths, weights=weight) + trend.slope_per_mm * (places - middle)
+        panels[1].plot(
+            places,
+            100 * (line - 1),
+            color=_INK,
+            linewidth=1,
+            linestyle="--",
+            label=f"trend {1e4 * trend.slope_per_mm:+.3f} % per 100 mm",
+        )
+        panels[1].axhline(0, color=_INK, linewidth=0.6)
+        panels[1].set(ylabel="width against\nthe mean / %")
+        low, high = panels[1].get_ylim()
+        panels[1].set_ylim(low, high + 0.35 * (high - low))  # room for the legend
+        panels[1].legend(loc="upper center", fontsize=8, ncols=2)
+    panels[-1].set(xlabel="camera height / mm")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _half(freq: Array, values: Array) -> str:
+    half = _half_frequency(freq, values)
+    return "MTF50 beyond 1 cy/px" if half is None else f"MTF50 {half:.3f} cy/px"
+
+
+def _half_frequency(freq: Array, values: Array) -> float | None:
+    below = np.flatnonzero(values < 0.5)
+    if below.size == 0 or below[0] == 0:
+        return None
+    pair = slice(below[0] - 1, below[0] + 1)
+    return float(np.interp(-0.5, -values[pair], freq[pair]))
+
+
+def _mark_half(axes: Axes, freq: Array, values: Array, colour: str) -> None:
+    half = _half_frequency(freq, values)
+    if half is not None:
+        axes.plot([half], [0.5], "o", color=colour, markersize=4)
+
+
+def widths_section(psf: StoredPsf) -> ReportSection:
+    """Show the width across every edge by its angle and the height of the camera."""
+    figures = [
+        ReportFigure.of(
+            plot_widths_by_angle(psf, REJECTING_FLAGS),
+            "Width across each edge with its standard error; the curve is the fitted covariance.",
+        )
+    ]
+    by_height = plot_heights(psf, REJECTING_FLAGS)
+    if by_height is not None:
+        figures.append(
+            ReportFigure.of(
+                by_height,
+                "Width against the height of the camera: every edge, and all of a height "
+                "together against the mean of the calibration.",
+            )
+        )
+    return ReportSection(
+        title="Width by angle and height",
+        text=_trend_text(psf),
+        tables=_heights_table(psf),
+        figures=tuple(figures),
+    )
+
+
+def _trend_text(psf: StoredPsf) -> tuple[str, ...]:
+    trend = psf.height_trend
+    if trend is None:
+        return ()
+    p_value = min(trend.p_value, trend.p_value_between)
+    if trend.is_drift:
+        return (
+            f"The width changes with the height (p = {p_value:.2g}): the focus drifts, or the "
+            "target is not sharp enough for the nearest height. Calibrate at one height, or "
+            "refocus.",
+        )
+    return (f"No change of the width with the height beyond chance or 1 % (p = {p_value:.2g}).",)
+
+
+def _heights_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
+    if psf.height_trend is None:
+        return ()
+    rows = tuple(
+        (
+            f"{group.height_mm:.3f}",
+            str(group.edges),
+            with_err(group.sigma_x_px, group.sigma_x_err_px),
+            with_err(group.sigma_y_px, group.sigma_y_err_px),
+            f"{100 * (group.relative_width - 1):+.2f} ± {100 * group.relative_width_err:.2f}",
+        )
+        for group in psf.height_trend.heights
+    )
+    columns = (
+        "height / mm",
+        "edges",
+        "median sigma x / px",
+        "median sigma y / px",
+        "against the mean / %",
+    )
+    return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
+
+
+def field_section(psf: StoredPsf) -> ReportSection | None:
+    """Show the PSF from centre to corner; None for a psf.json without edges and field."""
+    try:
+        field = psf.total_field("psf.json")
+    except PsfFileError as error:
+        return ReportSection(title="From centre to corner", text=(f"Left out: {error}.",))
+    if field is None:
+        if not psf.edges:
+            return None
+        return ReportSection(
+            title="From centre to corner",
+            text=(
+                "No PSF field: there are too few edges over the frame (36 in several directions "
+                "at the least) to tell one, or they show no change beyond chance.",
+            ),
+        )
+    width, height = field.width_px, field.height_px
+    places = (
+        ("centre", (width - 1) / 2, (height - 1) / 2),
+        ("top left", 0.0, 0.0),
+        ("top right", width - 1.0, 0.0),
+        ("bottom left", 0.0, height - 1.0),
+        ("bottom right", width - 1.0, height - 1.0),
+    )
+    rows = []
+    for name, x, y in places:
+        (xx, xy), (_, yy) = field.covariance_px2(x, y).tolist()
+        rows.append((name, f"{xx**0.5:.4f}", f"{yy**0.5:.4f}", f"{xy / (xx * yy) ** 0.5:+.3f}"))
+    stored = psf.field
+    sure = ""
+    if stored is not None and stored.worst_err is not None and stored.p_value is not None:
+        sure = (
+            f" An F-test prefers it to one PSF for the frame (p = {stored.p_value:.1g}); no width "
+            f"in the frame is less sure than {100 * stored.worst_err:.1f} %."
+        )
+    return ReportSection(
+        title="From centre to corner",
+        text=("A quadratic polynomial of each element of the covariance over the frame." + sure,),
+        tables=(
+            ReportTable(
+                columns=("place", "total sigma x / px", "total sigma y / px", "rho"),
+                rows=tuple(rows),
+            ),
+        ),
+        figures=(
+            ReportFigure.of(
+                plot_field(psf, field),
+                "Total width over the frame. Ellipses: shape of the PSF there, all to one scale, "
+                "enlarged. Dots: places of the edges.",
+            ),
+        ),
+    )
+
+
+def with_err(value: float | None, err: float | None) -> str:
+    """Text of a value with its standard error; empty where there is none."""
+    return "" if value is None or err is None else f"{value:.4f} ± {err:.4f}"

@@ -1,0 +1,155 @@
+"""The validation report: both tables beside the paper's, both figures, pairs and exclusions."""
+
+import numpy as np
+
+from acquisition.session import Session
+from analysis.reports.bench import device_rows
+from analysis.reports.page import (
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    Verdict,
+    render_report,
+)
+from analysis.reports.session import versions
+from analysis.reports.validation_plots import plot_curves, plot_images
+from analysis.validation import TABLE_NOTES, ResultTable, Validation, both_tables, table_2
+
+__all__ = ["render_validation"]
+
+
+def render_validation(
+    session: Session, validation: Validation, facts: tuple[tuple[str, str], ...]
+) -> str:
+    """Return the report as one HTML document.
+
+    Parameters
+    ----------
+    session
+        The session that was validated.
+    validation
+        Its pairs.
+    facts
+        How it came about: name and value.
+    """
+    sections = (
+        _screening_section(validation),
+        ReportSection(
+            title="Tables",
+            text=TABLE_NOTES,
+            tables=tuple(_report_table(table) for table in both_tables(validation)),
+        ),
+        ReportSection(
+            title="Figure 2: processed images",
+            figures=(
+                ReportFigure.of(
+                    plot_images(validation),
+                    "The middle of the processed images on the reference's pixels.",
+                    form="png",
+                ),
+            ),
+        ),
+        ReportSection(
+            title="Figure 3: metrics against the zoom-out",
+            figures=(
+                ReportFigure.of(
+                    plot_curves(validation),
+                    "Each metric between the reference and a follow-up aligned to it. Dashed: the "
+                    "second reference.",
+                ),
+            ),
+        ),
+        _registration_section(validation),
+    )
+    return render_report(
+        title=f"Validation of session {session.plan.name}",
+        subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
+        verdicts=_verdicts(validation),
+        sections=sections,
+        provenance=(*facts, *device_rows(session), *versions()),
+    )
+
+
+def _verdicts(validation: Validation) -> tuple[Verdict, ...]:
+    means = table_2(validation)
+    verdicts = [
+        Verdict(
+            name="pairs compared",
+            value=str(len(validation.pairs)),
+            remark=f"{len(validation.screening.excluded)} captures excluded",
+        )
+    ]
+    for row, mean in means.items():
+        if row in (("as-in-paper", "paper"), ("followup-grid", "matched")):
+            verdicts.append(Verdict(name=f"{row[1]}, {row[0]}", value=f"MSE {mean.mse_dn2:.2f}"))
+    return tuple(verdicts)
+
+
+def _screening_section(validation: Validation) -> ReportSection:
+    screening = validation.screening
+    text = ["Every capture was checked for shake and focus, and every pair for its alignment."]
+    if not screening.excluded:
+        text.append("None was excluded.")
+    return ReportSection(
+        title="What counts",
+        text=(*text, *(f"Remark: {remark}." for remark in screening.remarks)),
+        tables=(
+            ReportTable(
+                columns=("capture", "target", "height / mm", "excluded because"),
+                rows=tuple(
+                    (
+                        str(one.record.index),
+                        one.record.target,
+                        f"{one.record.height_mm:.3f}",
+                        one.reason,
+                    )
+                    for one in screening.excluded
+                ),
+            ),
+        )
+        if screening.excluded
+        else (),
+    )
+
+
+def _report_table(table: ResultTable) -> ReportTable:
+    return ReportTable(columns=table.columns, rows=(*table.rows, *table.paper), caption=table.title)
+
+
+def _registration_section(validation: Validation) -> ReportSection:
+    errors_px = [pair.registration.place_err_px for pair in validation.pairs]
+    return ReportSection(
+        title="Alignment",
+        is_folded=True,
+        text=(
+            f"Standard error of a pixel's place: median {np.median(errors_px):.4f} px, largest "
+            f"{max(errors_px):.4f} px of the reference.",
+        ),
+        tables=(
+            ReportTable(
+                columns=(
+                    "target",
+                    "reference / mm",
+                    "follow-up / mm",
+                    "zoom",
+                    "k1",
+                    "error of k1",
+                    "error of a place / px",
+                    "features",
+                ),
+                rows=tuple(
+                    (
+                        pair.reference.target,
+                        f"{pair.reference.height_mm:.2f}",
+                        f"{pair.followup.height_mm:.2f}",
+                        f"{pair.registration.zoom:.5f}",
+                        f"{pair.registration.pose.k1:+.5f}",
+                        f"{pair.registration.k1_err:.5f}",
+                        f"{pair.registration.place_err_px:.4f}",
+                        str(pair.registration.inlier_count),
+                    )
+                    for pair in validation.pairs
+                ),
+            ),
+        ),
+    )

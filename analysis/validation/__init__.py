@@ -1,0 +1,5 @@
+"""Simulations against captures: the paper's Tables I and II."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

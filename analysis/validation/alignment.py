@@ -1,0 +1,120 @@
+"""Three ways to bring a reference and a follow-up onto common pixels.
+
+``as-in-paper``: every follow-up is scaled up by bicubic interpolation onto the reference's pixels,
+a captured one by the homography of its features, a simulated one simply by the zoom.
+``reference-grid`` is the same, but the captured one lies where features, pixels and the lens's
+distortion together put it. ``followup-grid`` simulates the reference on the captured follow-up's
+own pixels, so that neither has to be interpolated.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.errors import AnalysisError
+from calibration.registration import OVERLAP_MIN_PX, DistortedPose
+
+__all__ = ["PROCEDURES", "Procedure", "SharedWindow", "bicubic_at", "scaled_up", "shared_window"]
+
+FloatArray = NDArray[np.float64]
+
+Procedure = Literal["as-in-paper", "reference-grid", "followup-grid"]
+PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
+"""Names of the three ways."""
+
+_KEYS_A = -0.5
+"""Slope parameter of the cubic, as in Pillow's BICUBIC."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SharedWindow:
+    """A rectangle of follow-up pixels that the reference covers wholly.
+
+    ``y_px`` and ``x_px`` are their reference coordinates, of the rectangle's shape.
+    """
+
+    rows: slice
+    cols: slice
+    y_px: FloatArray
+    x_px: FloatArray
+
+
+def shared_window(pose: DistortedPose) -> SharedWindow:
+    """Largest rectangle about the middle of what both images show.
+
+    Raises
+    ------
+    AnalysisError
+        If it has fewer than 16 pixels along an axis.
+    """
+    place_y, place_x = pose.followup_places_px()
+    rows, cols = pose.reference_shape
+    margin_px = max(pose.zoom - 1, 0.0) / 2
+    inside = (
+        (place_y >= margin_px)
+        & (place_y <= rows - 1 - margin_px)
+        & (place_x >= margin_px)
+        & (place_x <= cols - 1 - margin_px)
+    )
+    if not inside.any():
+        raise AnalysisError("the images do not overlap")
+    down, across = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    top, bottom, left, right = down[0], down[-1] + 1, across[0], across[-1] + 1
+    while top < bottom and left < right and not inside[top:bottom, left:right].all():
+        # The side with most pixels outside gives way.
+        outside = ~inside[top:bottom, left:right]
+        sides = [outside[0], outside[-1], outside[:, 0], outside[:, -1]]
+        worst = int(np.argmax([side.mean() for side in sides]))
+        top, bottom = top + (worst == 0), bottom - (worst == 1)
+        left, right = left + (worst == 2), right - (worst == 3)
+    if min(bottom - top, right - left) < OVERLAP_MIN_PX:
+        raise AnalysisError("the images overlap too little")
+    here = np.s_[top:bottom, left:right]
+    return SharedWindow(
+        rows=slice(int(top), int(bottom)),
+        cols=slice(int(left), int(right)),
+        y_px=place_y[here],
+        x_px=place_x[here],
+    )
+
+
+def bicubic_at(image: NDArray[np.generic], y_px: FloatArray, x_px: FloatArray) -> FloatArray:
+    """Levels of an image at any places by bicubic interpolation; its border goes on outside.
+
+    References
+    ----------
+    R. G. Keys, "Cubic convolution interpolation for digital image processing", 1981.
+    """
+    levels = np.asarray(image, dtype=np.float64)
+    first_y, first_x = np.floor(y_px).astype(np.int64), np.floor(x_px).astype(np.int64)
+    taps = []
+    for places, first, size in ((y_px, first_y, levels.shape[0]), (x_px, first_x, levels.shape[1])):
+        taps.append(
+            [
+                (np.clip(first + shift, 0, size - 1), _keys(places - (first + shift)))
+                for shift in (-1, 0, 1, 2)
+            ]
+        )
+    total = np.zeros(y_px.shape)
+    for row, weight_y in taps[0]:
+        for col, weight_x in taps[1]:
+            total += weight_y * weight_x * levels[row, col]
+    return total
+
+
+def scaled_up(image: NDArray[np.generic], zoom: float, shape: tuple[int, int]) -> FloatArray:
+    """An image scaled up by a zoom to a size, both centred: the paper's plain upscaling."""
+    y, x = (
+        (np.arange(size) - (size - 1) / 2) / zoom + (count - 1) / 2
+        for size, count in zip(shape, image.shape, strict=True)
+    )
+    return bicubic_at(image, *np.meshgrid(y, x, indexing="ij"))
+
+
+def _keys(distance: FloatArray) -> FloatArray:
+    x, a = np.abs(distance), _KEYS_A
+    inner = ((a + 2) * x - (a + 3)) * x**2 + 1
+    outer = (((x - 5) * x + 8) * x - 4) * a
+    return np.where(x <= 1, inner, np.where(x < 2, outer, 0.0))

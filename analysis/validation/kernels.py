@@ -1,0 +1,151 @@
+"""Trained kernels for a validation: one for every reference and zoom-out, as in the paper."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from joblib import Parallel, delayed, parallel_config
+from numpy.typing import NDArray
+
+from acquisition.session import Session
+from analysis.errors import AnalysisError
+from analysis.validation.kernel_cache import KernelCache
+from analysis.validation.models import ValidationModel
+from analysis.validation.screening import RegisteredPair
+from simulation.kernelgan import (
+    KERNEL_MODELS,
+    EstimatedKernel,
+    KernelGanError,
+    KernelGanSettings,
+    estimate_kernel,
+)
+
+__all__ = ["PAPER_TRAINING_STEPS", "KernelBook", "trainings_needed"]
+
+PAPER_TRAINING_STEPS = 4000
+"""Of every training, from the paper on camera poses."""
+
+_ZOOM_DECIMALS = 3
+"""So that the last digits of a registration do not ask for another training."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KernelBook:
+    """Kernels of the learned models, found in the cache or trained into it.
+
+    Parameters
+    ----------
+    folder
+        Of the cache.
+    steps, seed
+        Of every training.
+    """
+
+    folder: Path
+    steps: int = PAPER_TRAINING_STEPS
+    seed: int = 0
+
+    def settings(self, model: ValidationModel, zoom: float) -> KernelGanSettings | None:
+        """What determines a kernel beside the image; None for a model that needs none."""
+        for learned in KERNEL_MODELS:
+            if learned == model:
+                rounded = max(round(zoom, _ZOOM_DECIMALS), 1.0)
+                return KernelGanSettings(
+                    zoom=rounded, model=learned, steps=self.steps, seed=self.seed
+                )
+        return None
+
+    def kernel(
+        self, image: NDArray[np.generic], model: ValidationModel, zoom: float
+    ) -> EstimatedKernel | None:
+        """Kernel of a model for a reference and a zoom; trained here where it is not stored.
+
+        Raises
+        ------
+        AnalysisError
+            If it cannot be trained.
+        ResultsFileError
+            If the cache cannot be read or written.
+        """
+        settings = self.settings(model, zoom)
+        if settings is None:
+            return None
+        cache = KernelCache(self.folder)
+        stored = cache.load(image, settings)
+        return _trained(image, settings, self.folder) if stored is None else stored
+
+    def train_all(
+        self,
+        session: Session,
+        needed: Sequence[tuple[RegisteredPair, KernelGanSettings]],
+        workers: int = 1,
+        progress: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        """Train what is not stored yet; each kernel is stored as soon as it is there.
+
+        Parameters
+        ----------
+        session
+            Whose captures the pairs name.
+        needed
+            From ``trainings_needed``.
+        workers
+            Processes; the kernels are the same for any number.
+        progress
+            Called with the number of trainings done.
+
+        Raises
+        ------
+        AnalysisError
+            If one cannot be trained.
+        ResultsFileError
+            If the cache cannot be written.
+        """
+        jobs = (
+            delayed(_trained)(session.load(pair.reference).mean_dn, settings, self.folder)
+            for pair, settings in needed
+        )
+        # More workers than trainings would only be started for nothing.
+        count = max(min(workers, len(needed)), 1)
+        with parallel_config(backend="loky", inner_max_num_threads=1):
+            results = Parallel(n_jobs=count, return_as="generator_unordered")(jobs)
+            for done, _ in enumerate(results, start=1):
+                progress(done)
+
+
+def trainings_needed(
+    session: Session,
+    pairs: Sequence[RegisteredPair],
+    models: Sequence[ValidationModel],
+    book: KernelBook,
+) -> list[tuple[RegisteredPair, KernelGanSettings]]:
+    """Pairs and settings whose kernel is not stored, each kernel once.
+
+    Raises
+    ------
+    ResultsFileError
+        If the cache cannot be read.
+    """
+    cache = KernelCache(book.folder)
+    needed: dict[Path, tuple[RegisteredPair, KernelGanSettings]] = {}
+    for pair in pairs:
+        wanted = [book.settings(model, pair.registration.zoom) for model in models]
+        if not any(wanted):
+            continue
+        image = session.load(pair.reference).mean_dn
+        for settings in wanted:
+            if settings is not None and cache.load(image, settings) is None:
+                needed.setdefault(cache.path(image, settings), (pair, settings))
+    return list(needed.values())
+
+
+def _trained(
+    image: NDArray[np.generic], settings: KernelGanSettings, folder: Path
+) -> EstimatedKernel:
+    try:
+        kernel = estimate_kernel(image, settings)
+    except KernelGanError as error:
+        raise AnalysisError(f"model {settings.model}, zoom {settings.zoom:g}: {error}") from error
+    KernelCache(folder).store(image, settings, kernel)
+    return kernel

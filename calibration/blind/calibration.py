@@ -1,0 +1,213 @@
+"""The PSF from photographs of scenes that were not made for it: one image, or two distances."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.blind.single_image import fit_sharpest_widths
+from calibration.blind.two_distance import PairPsf, combined, pair_psf
+from calibration.edges import EdgeImage, EdgeMeasurement, Region, measure_edges
+from calibration.errors import CalibrationError, NoEdgeError, RegistrationError
+from calibration.psf import CalibrationMethod, Estimate, PairWidths, PsfCalibration
+from calibration.registration import register
+
+__all__ = ["CLEAREST_SNR", "calibrate_from_distances", "calibrate_from_scene"]
+
+Array = NDArray[np.float64]
+
+CLEAREST_SNR = 9.0
+"""Contrast over scatter from which an edge of a scene is an edge: what lies beside it scatters."""
+
+_PIXEL_VARIANCE_PX2 = 1.0 / 12.0
+_MOST_SATURATED = 0.005
+_NORMAL_95 = 1.959963984540054
+
+
+def calibrate_from_scene(
+    sources: Iterable[EdgeImage],
+    *,
+    region: Callable[[EdgeImage], Region | None] = lambda _: None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> PsfCalibration:
+    """Measure the PSF from the edges that ordinary photographs hold (method single-image).
+
+    Right to some 10 to 15 % where the scene's edges are sharper than a pixel; softer scenes read
+    as a wider PSF. Parameters are those of ``calibrate_psf``.
+
+    Raises
+    ------
+    NoEdgeError
+        If too few edges are clear enough.
+    """
+    edges: list[EdgeMeasurement] = []
+    names: list[str] = []
+    for done, source in enumerate(sources, start=1):
+        names.append(source.name)
+        # What lies beside an edge of a scene is its noise, whatever the camera's is.
+        edges.extend(measure_edges(replace(source, noise=None), region(source)))
+        progress(done)
+    clear = [e for e in edges if "saturated" not in e.flags and e.fit.snr >= CLEAREST_SNR]
+    try:
+        widths = fit_sharpest_widths(
+            np.array([edge.fit.angle_deg for edge in clear]),
+            np.array([edge.fit.sigma_px for edge in clear]),
+            np.array([edge.fit.sigma_err_px for edge in clear]),
+        )
+    except ValueError as error:
+        where = names[0] if len(names) == 1 else f"{len(names)} images"
+        raise NoEdgeError(f"{where}: {error}; use a scene with sharp edges, or more images") from (
+            error
+        )
+    return _calibration(
+        widths.covariance_px2,
+        widths.covariance_err_px2,
+        "single-image",
+        edges=tuple(edges),
+        softness_px2=widths.softness_px2,
+    )
+
+
+def calibrate_from_distances(
+    series: Sequence[Sequence[EdgeImage]],
+    *,
+    zoom: float | None = None,
+    region: Callable[[EdgeImage], Region | None] = lambda _: None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> PsfCalibration:
+    """Measure the PSF from scenes photographed at two or more distances (method two-distance).
+
+    Parameters
+    ----------
+    series
+        Photographs of each scene, the nearest first; each further one is compared with it.
+    zoom
+        Ratio of the distances, where features alone do not tell how the photographs lie; None
+        finds it by matching features.
+    region
+        Gives the part of the nearest photograph that is used; None for all of it.
+    progress
+        Called with the number of pairs done.
+
+    Raises
+    ------
+    CalibrationError
+        If no pair can be aligned, or tells the PSF; the message is that of the first one.
+    ValueError
+        If a region does not lie inside its photograph.
+    """
+    found: list[tuple[EdgeImage, EdgeImage, PairPsf]] = []
+    failures: list[str] = []
+    done = 0
+    for near, *further in series:
+        for far in further:
+            try:
+                found.append((near, far, _pair(near, far, zoom, region(near))))
+            except CalibrationError as error:
+                failures.append(f"{near.name} and {far.name}: {error}")
+            done += 1
+            progress(done)
+    if not found:
+        raise CalibrationError(failures[0] if failures else "no scene was given twice")
+    elements, errors = combined([pair for _, _, pair in found])
+    xx, xy, yy = elements
+    return _calibration(
+        np.array([[xx, xy], [xy, yy]]),
+        errors,
+        "two-distance",
+        pairs=tuple(_widths(near.name, far.name, pair) for near, far, pair in found),
+    )
+
+
+def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | None) -> PairPsf:
+    for source in (near, far):
+        if source.saturation_dn is not None:
+            share = float(np.mean(source.image_dn >= 0.995 * source.saturation_dn))
+            if share > _MOST_SATURATED:
+                raise CalibrationError(
+                    f"{source.name}: {100 * share:.1f} % of the pixels are saturated; "
+                    "expose shorter"
+                )
+    if zoom is None:
+        try:
+            matrix = register(near.image_dn, far.image_dn).matrix
+        except RegistrationError as error:
+            raise CalibrationError(f"{error}; the nearer photograph comes first") from error
+    else:
+        matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)
+    image = near.image_dn
+    if region is not None:
+        near.refuse_beyond_frame(region)
+        bottom, right = region.y_px + region.height_px, region.x_px + region.width_px
+        image = image[region.y_px : bottom, region.x_px : right]
+        matrix = np.array([[1, 0, -region.x_px], [0, 1, -region.y_px], [0, 0, 1]]) @ matrix
+    noise_dn2 = 0.0 if near.noise is None else float(near.noise.variance_dn2(image).mean())
+    return pair_psf(image, far.image_dn, matrix, near_noise_dn2=noise_dn2)
+
+
+def _centred_zoom(zoom: float, near: tuple[int, ...], far: tuple[int, ...]) -> Array:
+    x = (near[1] - 1) / 2 - zoom * (far[1] - 1) / 2
+    y = (near[0] - 1) / 2 - zoom * (far[0] - 1) / 2
+    return np.array([[zoom, 0.0, x], [0.0, zoom, y], [0.0, 0.0, 1.0]])
+
+
+def _widths(near: str, far: str, pair: PairPsf) -> PairWidths:
+    sigma_x, sigma_y = np.sqrt(np.diag(pair.covariance_px2)).tolist()
+    err_xx, _, err_yy = np.sqrt(np.diag(pair.covariance_err_px2)).tolist()
+    return PairWidths(
+        near=near,
+        far=far,
+        zoom=pair.zoom,
+        sigma_x_px=sigma_x,
+        sigma_x_err_px=err_xx / (2 * sigma_x),
+        sigma_y_px=sigma_y,
+        sigma_y_err_px=err_yy / (2 * sigma_y),
+    )
+
+
+def _calibration(
+    covariance_px2: Array,
+    errors: Array,
+    method: CalibrationMethod,
+    *,
+    edges: tuple[EdgeMeasurement, ...] = (),
+    pairs: tuple[PairWidths, ...] = (),
+    softness_px2: float | None = None,
+) -> PsfCalibration:
+    total = _estimates(covariance_px2, errors)
+    optical_covariance = covariance_px2 - _PIXEL_VARIANCE_PX2 * np.eye(2)
+    is_resolved = bool(np.all(np.linalg.eigvalsh(optical_covariance) > 0))
+    optical = _estimates(optical_covariance, errors) if is_resolved else (None, None, None)
+    return PsfCalibration(
+        sigma_x_px=total[0],
+        sigma_y_px=total[1],
+        rho=total[2],
+        covariance_px2=covariance_px2,
+        optical_sigma_x_px=optical[0],
+        optical_sigma_y_px=optical[1],
+        optical_rho=optical[2],
+        optical_covariance_px2=optical_covariance if is_resolved else None,
+        method=method,
+        edges=edges,
+        pairs=pairs,
+        softness_px2=softness_px2,
+    )
+
+
+def _estimates(covariance_px2: Array, errors: Array) -> tuple[Estimate, Estimate, Estimate]:
+    xx, xy, yy = covariance_px2[[0, 0, 1], [0, 1, 1]].tolist()
+    rho = xy / sqrt(xx * yy)
+    slope = np.array([-0.5 * rho / xx, 1 / sqrt(xx * yy), -0.5 * rho / yy])
+    return (
+        _estimate(sqrt(xx), sqrt(float(errors[0, 0])) / (2 * sqrt(xx))),
+        _estimate(sqrt(yy), sqrt(float(errors[2, 2])) / (2 * sqrt(yy))),
+        _estimate(rho, sqrt(float(slope @ errors @ slope))),
+    )
+
+
+def _estimate(value: float, err: float) -> Estimate:
+    return Estimate(
+        value=value, err=err, low=value - _NORMAL_95 * err, high=value + _NORMAL_95 * err
+    )

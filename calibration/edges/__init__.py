@@ -1,0 +1,5 @@
+"""Edges in photographs: found, fitted on raw pixels, and their e-SFR."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

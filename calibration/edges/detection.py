@@ -1,0 +1,190 @@
+"""Find all straight edges of an image, at any angle.
+
+Ridges of the gradient (Canny's non-maximum suppression and hysteresis) are grown into regions
+of one direction; each region gets a line by total least squares weighted with the squared
+gradient; collinear pieces are joined; what stands too near is kept out of the fit's band.
+"""
+
+from dataclasses import replace
+from math import cos, hypot, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.edges.gradient import SMOOTHING_PX, Gradient
+from calibration.edges.ridges import SHORTEST_REGION_PX, find_ridges, nearest_other, refined
+from calibration.edges.segments import EdgeSegment
+
+__all__ = ["find_edges"]
+
+Array = NDArray[np.float64]
+
+_SHORTEST_EDGE_PX = 12.0
+_JOINED_OFFSET_PX = 1.5
+_JOINED_GAP_PX = 12.0
+_CORNER_SIGMAS = 2.5
+_CELL_PX = 128.0
+
+
+def find_edges(image_dn: Array, *, cell_px: float = _CELL_PX) -> list[EdgeSegment]:
+    """Find straight edges and cut long ones into pieces of about ``cell_px``.
+
+    Parameters
+    ----------
+    image_dn
+        Shape ``(rows, cols)``, finite.
+    cell_px
+        Length of the pieces: each measures the PSF at its own place in the field.
+
+    Returns
+    -------
+    list of EdgeSegment
+        From top to bottom; empty where there is none.
+    """
+    rows, cols = image_dn.shape
+    if min(rows, cols) < SHORTEST_REGION_PX or not np.ptp(image_dn) > 0:
+        return []
+    gradient = Gradient.of(image_dn)
+    ridges = find_ridges(gradient, image_dn)
+    lines = [
+        EdgeSegment(
+            x_px=x,
+            y_px=y,
+            normal_rad=normal,
+            length_px=length,
+            found_length_px=length,
+            sigma_px=1.0,
+        )
+        for x, y, normal, length in ridges.lines.tolist()
+    ]
+    pieces = []
+    for line in _joined(lines):
+        if line.found_length_px < _SHORTEST_EDGE_PX:
+            continue
+        for piece in _trimmed(_sized(gradient, line), rows, cols).pieces(cell_px):
+            clear = _with_clearance(piece, ridges.points)
+            if clear is not None:
+                pieces.append(clear)
+    return sorted(pieces, key=lambda e: (e.y_px, e.x_px))
+
+
+def _ends(line: EdgeSegment) -> tuple[Array, Array]:
+    along = np.array([-np.sin(line.normal_rad), np.cos(line.normal_rad)])
+    middle = np.array([line.x_px, line.y_px])
+    return middle - 0.5 * line.length_px * along, middle + 0.5 * line.length_px * along
+
+
+def _joined(lines: list[EdgeSegment]) -> list[EdgeSegment]:
+    """Join pieces that continue each other across a gap."""
+    waiting = sorted(lines, key=lambda e: -e.length_px)
+    x, y, half = (
+        np.array([getattr(e, name) for e in waiting]) for name in ("x_px", "y_px", "length_px")
+    )
+    half = half / 2
+    is_free = np.ones(len(waiting), dtype=np.bool_)
+    joined: list[EdgeSegment] = []
+    for first, longest in enumerate(waiting):
+        if not is_free[first]:
+            continue
+        is_free[first] = False
+        line = longest
+        longer: EdgeSegment | None = longest
+        while longer is not None:
+            line, longer = longer, None
+            c, s = cos(line.normal_rad), sin(line.normal_rad)
+            across = np.abs(c * (x - line.x_px) + s * (y - line.y_px))
+            along = np.abs(-s * (x - line.x_px) + c * (y - line.y_px))
+            reach = half + 0.5 * line.length_px + _widest_gap_px(line)
+            near = np.flatnonzero(is_free & (across <= _JOINED_OFFSET_PX) & (along <= reach))
+            for place in near.tolist():
+                longer = _continuation(line, waiting[place])
+                if longer is not None:
+                    is_free[place] = False
+                    break
+        joined.append(line)
+    return joined
+
+
+def _widest_gap_px(line: EdgeSegment) -> float:
+    return max(_JOINED_GAP_PX, 0.1 * line.length_px)
+
+
+def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
+    """The two as one edge, where ``other`` lies on the prolongation of ``line``."""
+    apart = (other.normal_rad - line.normal_rad + pi) % (2 * pi) - pi
+    shorter = min(line.length_px, other.length_px)
+    if abs(apart) > max(np.deg2rad(2.0), 1.5 / shorter):
+        return None
+    c, s = cos(line.normal_rad), sin(line.normal_rad)
+    places, offsets = [], []
+    for x, y in _ends(other):
+        places.append(-s * (x - line.x_px) + c * (y - line.y_px))
+        offsets.append(abs(c * (x - line.x_px) + s * (y - line.y_px)))
+    if max(offsets) > _JOINED_OFFSET_PX:
+        return None
+    half = 0.5 * line.length_px
+    gap = max(min(places) - half, -half - max(places))
+    if gap > _widest_gap_px(line):
+        return None
+    first, last = min(-half, *places), max(half, *places)
+    middle = 0.5 * (first + last)
+    return replace(
+        line,
+        x_px=line.x_px - s * middle,
+        y_px=line.y_px + c * middle,
+        length_px=last - first,
+        found_length_px=last - first,
+    )
+
+
+def _sized(gradient: Gradient, line: EdgeSegment) -> EdgeSegment:
+    """Refine the line on all gradient pixels near it, and guess the width of the edge."""
+    x_px, y_px, normal_rad, spread_px2 = refined(
+        gradient.x, gradient.y, line.x_px, line.y_px, line.normal_rad, 0.5 * line.length_px
+    )
+    if spread_px2 < 0:
+        return line
+    # The squared gradient of a Gaussian edge is a Gaussian of half its variance.
+    variance_px2 = 2.0 * spread_px2 - SMOOTHING_PX**2
+    return replace(
+        line,
+        x_px=x_px,
+        y_px=y_px,
+        normal_rad=normal_rad,
+        sigma_px=sqrt(max(variance_px2, 0.1)),
+    )
+
+
+def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
+    """Take the ends off where they are corners; an end at the border of the frame stays."""
+    corner = _CORNER_SIGMAS * line.sigma_px + 0.5
+    first, last = _ends(line)
+    cuts = []
+    for x, y in (first, last):
+        border = min(x, y, cols - 1 - x, rows - 1 - y)
+        cuts.append(0.0 if border < 3.0 else corner)
+    middle = 0.5 * (cuts[0] - cuts[1])
+    return replace(
+        line,
+        x_px=line.x_px - middle * sin(line.normal_rad),
+        y_px=line.y_px + middle * cos(line.normal_rad),
+        length_px=max(line.length_px - cuts[0] - cuts[1], 4.0),
+    )
+
+
+def _with_clearance(piece: EdgeSegment, ridge_points: Array) -> EdgeSegment | None:
+    """Limit the fit's band to what no other edge reaches; None where nothing is left."""
+    half = 0.5 * piece.length_px
+    nearest = nearest_other(
+        ridge_points,
+        piece.x_px,
+        piece.y_px,
+        piece.normal_rad,
+        half,
+        max(2.5, 1.5 * piece.sigma_px),
+        hypot(half, 40.0),
+    )
+    clearance = nearest - 2.5 * piece.sigma_px - 0.5
+    if clearance < 2.0 * piece.sigma_px + 1.0:
+        return None
+    return replace(piece, clearance_px=clearance)

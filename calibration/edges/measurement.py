@@ -1,0 +1,240 @@
+"""Every straight edge of one photograph, measured: width, contrast by frequency, roughness."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.edges.detection import find_edges
+from calibration.edges.esfr import (
+    EdgeSfr,
+    esfr_half_width_px,
+    gaussian_mtf50,
+    measure_esfr,
+    pixel_mtf50,
+)
+from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
+from calibration.edges.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
+from calibration.edges.paper_method import lsf_fit
+from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
+from calibration.edges.segments import EdgeSegment
+from calibration.noise import LevelNoise
+from calibration.psf import orientation_of
+
+__all__ = [
+    "REJECTING_FLAGS",
+    "EdgeImage",
+    "EdgeMeasurement",
+    "Method",
+    "Region",
+    "measure_edges",
+]
+
+Method = Literal["all-angles", "paper"]
+
+REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
+"""Flags of edges that do not count; the others are remarks."""
+
+_PAPER_BAND_SIGMAS = 6.0
+_PAPER_BAND_EXTRA_PX = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """Part of an image that is used, in px: left, top, width and height."""
+
+    x_px: int
+    y_px: int
+    width_px: int
+    height_px: int
+
+    @classmethod
+    def centre(cls, rows: int, cols: int) -> "Region":
+        """Return the central half along both axes, which the paper's PSF stands for."""
+        return cls(
+            x_px=cols // 4,
+            y_px=rows // 4,
+            width_px=cols - 2 * (cols // 4),
+            height_px=rows - 2 * (rows // 4),
+        )
+
+    def __str__(self) -> str:
+        return f"{self.x_px},{self.y_px},{self.width_px},{self.height_px}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EdgeImage:
+    """One photograph with edges: a plane linear in light, and what is known about it.
+
+    ``clipped`` marks pixels that were clipped in the file, in any colour. The plane of one
+    colour of a mosaic has ``pitch_px`` 2: its pixels stand that far apart on the sensor, the
+    first one at ``first_x_px``, ``first_y_px``.
+    """
+
+    name: str
+    image_dn: NDArray[np.float64]
+    capture: int | None = None
+    height_mm: float | None = None
+    noise: LevelNoise | None = None
+    saturation_dn: float | None = None
+    is_jpeg: bool = False
+    clipped: NDArray[np.bool_] | None = None
+    pitch_px: int = 1
+    first_x_px: int = 0
+    first_y_px: int = 0
+    sensor_shape: tuple[int, int] | None = None
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Rows and columns of the whole sensor."""
+        rows, cols = self.image_dn.shape
+        return self.sensor_shape or (rows, cols)
+
+    def refuse_beyond_frame(self, region: Region) -> None:
+        """Do nothing, unless a region does not lie inside the frame.
+
+        Raises
+        ------
+        ValueError
+            Then.
+        """
+        rows, cols = self.frame
+        right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
+        if not (0 <= region.x_px < right <= cols and 0 <= region.y_px < bottom <= rows):
+            raise ValueError(f"region {region} does not lie inside {self.name} ({cols}x{rows})")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EdgeMeasurement:
+    """The fit of one edge, and where it comes from.
+
+    ``clipped_fraction`` is of the pixels of the fit, None where the level is not known;
+    ``roughness_px`` and ``esfr`` are None where the edge does not tell them.
+    """
+
+    image: str
+    capture: int | None
+    height_mm: float | None
+    fit: EdgeFit
+    flags: tuple[str, ...]
+    esfr: EdgeSfr | None = None
+    roughness_px: float | None = None
+    clipped_fraction: float | None = None
+
+    @property
+    def orientation(self) -> str:
+        """Name of the edge's direction: vertical, horizontal or diagonal."""
+        return orientation_of(self.fit.angle_deg)
+
+    @property
+    def is_used(self) -> bool:
+        """Whether the edge counts in the PSF."""
+        return not REJECTING_FLAGS & set(self.flags)
+
+    @property
+    def mtf50_cy_per_px(self) -> float:
+        """Frequency of half contrast across the edge, of the fitted Gaussian with its pixel."""
+        if self.fit.optical_sigma_px is None:
+            return gaussian_mtf50(self.fit.sigma_px)
+        return pixel_mtf50(self.fit.optical_sigma_px, self.fit.normal_rad)
+
+    @property
+    def contrast(self) -> float | None:
+        """Michelson contrast of the edge's two levels; None where they do not add up."""
+        total = self.fit.high_dn + self.fit.low_dn
+        return abs(self.fit.high_dn - self.fit.low_dn) / total if total > 0 else None
+
+
+def measure_edges(
+    source: EdgeImage, region: Region | None = None, method: Method = "all-angles"
+) -> list[EdgeMeasurement]:
+    """Find and fit every straight edge of one photograph.
+
+    Parameters
+    ----------
+    source
+        The photograph.
+    region
+        Only pixels inside it are used; places are given in the whole image.
+    method
+        With ``paper``, the widths are those of Gaussians fitted to binned line spread functions.
+
+    Raises
+    ------
+    ValueError
+        If the region does not lie inside the image.
+    """
+    image, clipped = source.image_dn, source.clipped
+    left = top = 0
+    if region is not None:
+        source.refuse_beyond_frame(region)
+        right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
+        left, top = region.x_px // source.pitch_px, region.y_px // source.pitch_px
+        inside = np.s_[top : bottom // source.pitch_px, left : right // source.pitch_px]
+        image = image[inside]
+        clipped = None if clipped is None else clipped[inside]
+    measurements = []
+    for segment in find_edges(image):
+        found = fit_edge(image, segment, noise=source.noise, saturation_dn=source.saturation_dn)
+        fit = None if found is None else _determined(found)
+        if fit is None:
+            continue
+        band = _PAPER_BAND_SIGMAS * fit.sigma_px + _PAPER_BAND_EXTRA_PX
+        samples = edge_samples(image, segment, fit, band)
+        widened = lsf_fit(samples, fit) if method == "paper" else fit
+        if widened is None:
+            continue
+        fraction = fit.clipped_fraction
+        if clipped is not None:
+            fraction = float(np.mean(_picked(clipped, segment, fit, band)))
+        wide = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
+        measured = EdgeMeasurement(
+            image=source.name,
+            capture=source.capture,
+            height_mm=source.height_mm,
+            fit=widened.moved(left, top),
+            flags=_flags(source, fit, fraction),
+            esfr=measure_esfr(wide, fit.sigma_px),
+            roughness_px=roughness_px(samples, fit.sigma_px),
+            clipped_fraction=fraction,
+        )
+        measurements.append(_on_sensor(measured, source))
+    return measurements
+
+
+def _determined(fit: EdgeFit) -> EdgeFit | None:
+    """The fit without an optical width less sure than itself; None where the total one is."""
+    if not fit.sigma_err_px < fit.sigma_px:  # also where the error is not a number
+        return None
+    optical, err = fit.optical_sigma_px, fit.optical_sigma_err_px
+    if optical is None or err is None or err < optical:
+        return fit
+    return replace(fit, optical_sigma_px=None, optical_sigma_err_px=None)
+
+
+def _picked(
+    clipped: NDArray[np.bool_], segment: EdgeSegment, fit: EdgeFit, half_width_px: float
+) -> NDArray[np.float64]:
+    samples: EdgeSamples = edge_samples(clipped.astype(np.float64), segment, fit, half_width_px)
+    return samples.levels_dn
+
+
+def _flags(source: EdgeImage, fit: EdgeFit, fraction: float | None) -> tuple[str, ...]:
+    flags = fit.flags
+    if fraction is not None and fraction > SATURATED_FRACTION and "saturated" not in flags:
+        flags = ("saturated", *flags)
+    return (*flags, "jpeg") if source.is_jpeg else flags
+
+
+def _on_sensor(edge: EdgeMeasurement, source: EdgeImage) -> EdgeMeasurement:
+    """The edge of a colour plane in pixels of the sensor; any other as it is."""
+    if source.pitch_px == 1:
+        return edge
+    rough = edge.roughness_px
+    return replace(
+        edge,
+        fit=in_sensor_pixels(edge.fit, source.pitch_px).moved(source.first_x_px, source.first_y_px),
+        esfr=None if edge.esfr is None else sfr_in_sensor_pixels(edge.esfr, source.pitch_px),
+        roughness_px=None if rough is None else rough * source.pitch_px,
+    )

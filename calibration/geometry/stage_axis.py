@@ -1,0 +1,99 @@
+"""Where the camera goes as the stage rises: sideways over the target, seen in the image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.bundle_adjustment import Adjustment
+
+__all__ = ["StageAxis", "stage_axis"]
+
+FloatArray = NDArray[np.float64]
+
+_STEP = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StageAxis:
+    """The stage's travel as one series sees it.
+
+    Parameters
+    ----------
+    pierce_px
+        Pixel (x, y) that the picture grows out of: where the line of travel through the pupil
+        pierces the image.
+    offset_px
+        The same from the middle of the image.
+    covariance_px2
+        Of either, shape (2, 2).
+    sideways
+        What is left of each capture's place beside the straight line, shape (n, 2), in units of
+        ``Adjustment.poses``.
+    """
+
+    pierce_px: FloatArray
+    offset_px: FloatArray
+    covariance_px2: FloatArray
+    sideways: FloatArray
+
+
+def stage_axis(adjustment: Adjustment, captures: list[int]) -> StageAxis:
+    """Fit a straight line of travel to the places of one series.
+
+    Parameters
+    ----------
+    adjustment
+        Of the series and maybe others.
+    captures
+        Numbers of the series' captures, of two different distances or more.
+    """
+    layout = adjustment.layout
+    series = layout.series[captures[0]]
+    columns = np.concatenate(
+        [layout.shared_columns(series), *(layout.pose_columns(c) for c in captures)]
+    )
+    lens = adjustment.lenses[series]
+    shared = lens.parameters
+    poses = np.array(
+        [(p.log_distance, p.turn_rad, p.x, p.y) for p in (adjustment.poses[c] for c in captures)]
+    )
+
+    def pierce_px(values: FloatArray) -> FloatArray:
+        own = values[len(shared) :].reshape(-1, 4)
+        drift = _drift(own)
+        c, s = np.cos(own[0, 1]), np.sin(own[0, 1])
+        slope = -np.array([[c, s], [-s, c]]) @ drift
+        return lens.with_parameters(values[: len(shared)]).pixels(slope[None]).ravel()
+
+    values = np.concatenate([shared, poses.ravel()])
+    change = np.empty((2, len(values)))
+    for place in range(len(values)):
+        step = np.zeros(len(values))
+        step[place] = _STEP
+        change[:, place] = (pierce_px(values + step) - pierce_px(values - step)) / (2 * _STEP)
+    covariance = change @ adjustment.covariance[np.ix_(columns, columns)] @ change.T
+    distance = np.exp(poses[:, 0])
+    offset = distance - distance.mean()
+    sideways = poses[:, 2:] - poses[:, 2:].mean(axis=0) - np.outer(offset, _drift(poses))
+    if len(captures) > 2:
+        # A stage that does not run straight makes the line uncertain beyond the images' errors.
+        scatter = np.sum(sideways**2) / (2 * (len(captures) - 2)) / np.sum(offset**2)
+        wander = np.eye(2) * scatter * lens.focal_length_px**2
+        if np.trace(wander) > np.trace(covariance):
+            covariance = wander
+    middle = np.array([(lens.width_px - 1) / 2, (lens.height_px - 1) / 2])
+    pierced = pierce_px(values)
+    return StageAxis(
+        pierce_px=pierced,
+        offset_px=pierced - middle,
+        covariance_px2=covariance,
+        sideways=sideways,
+    )
+
+
+def _drift(poses: FloatArray) -> FloatArray:
+    """Sideways travel per travel along the plane's normal, (x, y)."""
+    distance = np.exp(poses[:, 0])
+    offset = distance - distance.mean()
+    return np.asarray(offset @ poses[:, 2:] / (offset @ offset))

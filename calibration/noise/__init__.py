@@ -1,0 +1,5 @@
+"""Camera noise by photon transfer, correction maps, and noise.json."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

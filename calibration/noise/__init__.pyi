@@ -1,0 +1,45 @@
+from .captures import (
+    NoiseCalibration as NoiseCalibration,
+    measure_noise as measure_noise,
+    noise_records as noise_records,
+)
+from .correction_maps import CorrectionMaps as CorrectionMaps
+from .document import (
+    NOISE_SCHEMA as NOISE_SCHEMA,
+    map_paths as map_paths,
+    noise_document as noise_document,
+    read_map_files as read_map_files,
+    write_map_files as write_map_files,
+)
+from .linearity import Linearity as Linearity
+from .noise_by_level import (
+    LevelNoise as LevelNoise,
+    fit_level_noise as fit_level_noise,
+    level_noise as level_noise,
+)
+from .photon_transfer import (
+    LevelSample as LevelSample,
+    PhotonTransfer as PhotonTransfer,
+    Saturation as Saturation,
+    fit_photon_transfer as fit_photon_transfer,
+)
+
+__all__ = [
+    "NOISE_SCHEMA",
+    "CorrectionMaps",
+    "LevelNoise",
+    "LevelSample",
+    "Linearity",
+    "NoiseCalibration",
+    "PhotonTransfer",
+    "Saturation",
+    "fit_level_noise",
+    "fit_photon_transfer",
+    "level_noise",
+    "map_paths",
+    "measure_noise",
+    "noise_document",
+    "noise_records",
+    "read_map_files",
+    "write_map_files",
+]

@@ -1,0 +1,301 @@
+"""The dark and flat captures of a session: photon transfer and correction maps from them."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.session import CaptureImages, CaptureRecord, Session
+from calibration.errors import NoiseError
+from calibration.noise.correction_maps import (
+    CorrectionMaps,
+    Nonuniformity,
+    correction_maps,
+    nonuniformity,
+)
+from calibration.noise.photon_transfer import (
+    LevelSample,
+    PhotonTransfer,
+    Saturation,
+    fit_photon_transfer,
+    is_in_fit_range,
+)
+
+__all__ = ["NoiseCalibration", "VarianceByLevel", "measure_noise", "noise_records"]
+
+_BINS = 512
+_FEWEST_IN_BIN = 30
+_COLLAPSED = 0.3  # of the largest variance: read noise alone, or none
+
+
+class VarianceByLevel:
+    """Temporal variance of pixels by their mean level, summed over flats.
+
+    Working by pixel and not by capture, uneven light does not smear the level at which pixels
+    clip.
+
+    Parameters
+    ----------
+    max_level_dn
+        Largest level the pixel format holds.
+
+    References
+    ----------
+    EMVA Standard 1288, release 4.0 linear, 2021, section 6.6: saturation is where the variance
+    has its maximum. Pixels beyond it, whose variance has collapsed, show the level they clip at.
+    """
+
+    def __init__(self, max_level_dn: float) -> None:
+        self._max_level_dn = max_level_dn
+        self._count = np.zeros(_BINS)
+        self._level = np.zeros(_BINS)
+        self._square = np.zeros(_BINS)
+        self._variance = np.zeros(_BINS)
+
+    def add(
+        self, mean_dn: NDArray[np.floating[Any]], variance_dn2: NDArray[np.floating[Any]]
+    ) -> None:
+        """Take the pixels of one flat in."""
+        mean = np.asarray(mean_dn, dtype=np.float64).ravel()
+        place = np.clip((mean * (_BINS / (self._max_level_dn + 1))).astype(np.intp), 0, _BINS - 1)
+        self._count += np.bincount(place, minlength=_BINS)
+        self._level += np.bincount(place, mean, minlength=_BINS)
+        self._square += np.bincount(place, mean**2, minlength=_BINS)
+        self._variance += np.bincount(
+            place, np.asarray(variance_dn2, dtype=np.float64).ravel(), minlength=_BINS
+        )
+
+    def saturation(self) -> Saturation:
+        """The level at which pixels clip: where most of those lie whose variance collapsed."""
+        unseen = Saturation(level_dn=self._max_level_dn, err_dn=None)
+        used = self._count >= _FEWEST_IN_BIN
+        if not used.any():
+            return unseen
+        variance = np.where(used, self._variance / np.maximum(self._count, 1), 0.0)
+        peak = int(np.argmax(variance))
+        beyond = np.arange(_BINS) > peak
+        collapsed = used & beyond & (variance < _COLLAPSED * variance[peak])
+        if not collapsed.any():
+            return unseen
+        top = int(np.argmax(np.where(collapsed, self._count, 0.0)))
+        count = self._count[top]
+        level = self._level[top] / count
+        spread = max(self._square[top] / count - level**2, 0.0)
+        return Saturation(level_dn=float(level), err_dn=float(np.sqrt(1 / 12 + spread / count)))
+
+
+_KINDS = ("dark", "flat")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseCalibration:
+    """The noise of one camera at one gain, its maps, and what they were made from.
+
+    ``frames_averaged`` is that of an ordinary capture of the bench, not of the captures here.
+    """
+
+    transfer: PhotonTransfer
+    maps: CorrectionMaps
+    nonuniformity: Nonuniformity
+    frames_averaged: int
+    gain_db: float | None
+    pixel_format: str
+    camera_serial: str | None
+    camera_model: str | None
+    captured_utc: str
+    darks: int
+    flats: int
+
+
+def noise_records(session: Session) -> list[CaptureRecord]:
+    """Return the dark and flat captures of a session, which are all of one gain and format.
+
+    Raises
+    ------
+    NoiseError
+        If one kind is missing, or gains or formats are mixed.
+    """
+    records = [
+        record for record in session.records if record.kind in _KINDS and record.frames_used > 1
+    ]
+    kinds = Counter(record.kind for record in records)
+    for kind, remedy in (
+        ("dark", "put the lens cap on and capture kind dark"),
+        ("flat", "capture an even white surface as kind flat at several exposures"),
+    ):
+        if not kinds[kind]:  # type: ignore[index]  # both are kinds
+            raise NoiseError(
+                f"{session.path}: the session has no {kind} capture of 2 frames or more; {remedy}"
+            )
+    settings = {(record.gain_db, record.pixel_format) for record in records}
+    if len(settings) > 1:
+        listed = ", ".join(f"{gain} dB {pixels}" for gain, pixels in sorted(settings, key=str))
+        raise NoiseError(
+            f"{session.path}: dark and flat captures are of several settings ({listed}); "
+            "a noise.json holds for one: exclude the others"
+        )
+    return records
+
+
+def measure_noise(
+    session: Session, progress: Callable[[int], None] = lambda _: None
+) -> NoiseCalibration:
+    """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
+
+    Every capture is read two times, three where the sensor has defects: these are left out.
+
+    Parameters
+    ----------
+    session
+        With dark and flat captures; see ``configs/noise_plan.toml``.
+    progress
+        Called with the number of captures read, two for each.
+
+    Raises
+    ------
+    NoiseError
+        If the captures do not tell the noise; the message says what to capture.
+    SessionError
+        If a capture file is missing or changed.
+    """
+    records = noise_records(session)
+    levels = VarianceByLevel(records[0].max_level_dn)
+    samples = []
+    for done, record in enumerate(records, start=1):
+        images = session.load(record)
+        assert images.variance_dn2 is not None  # of several frames
+        samples.append(_sample(images, None))
+        if record.kind == "flat":
+            levels.add(images.mean_dn, images.variance_dn2)
+        progress(done)
+    transfer = fit_photon_transfer(samples, levels.saturation())
+    sums = _MapSums(transfer, _dark_group(transfer, records, session.bench))
+    for done, record in enumerate(records, start=len(records) + 1):
+        sums.add(session.load(record), samples[done - len(records) - 1])
+        progress(done)
+    maps = sums.maps()
+    if maps.is_defect.any():
+        sound = ~maps.is_defect
+        masked = [_sample(session.load(record), sound) for record in records]
+        transfer = fit_photon_transfer(masked, transfer.saturation)
+    camera: Mapping[str, Any] = session.devices.get("camera", {})
+    return NoiseCalibration(
+        transfer=transfer,
+        maps=maps,
+        nonuniformity=sums.nonuniformity(maps),
+        frames_averaged=_frames_averaged(session.bench, records),
+        gain_db=records[0].gain_db,
+        pixel_format=records[0].pixel_format,
+        camera_serial=_text(camera, "DeviceSerialNumber"),
+        camera_model=_text(camera, "DeviceModelName"),
+        captured_utc=min(record.started_utc for record in records),
+        darks=sum(record.kind == "dark" for record in records),
+        flats=sum(record.kind == "flat" for record in records),
+    )
+
+
+def _sample(images: CaptureImages, sound: NDArray[np.bool_] | None) -> LevelSample:
+    record = images.record
+    assert images.variance_dn2 is not None
+    mean, variance = images.mean_dn, images.variance_dn2
+    if sound is not None:
+        mean, variance = mean[sound], variance[sound]
+    kind: Literal["dark", "flat"] = "dark" if record.kind == "dark" else "flat"
+    return LevelSample(
+        kind=kind,
+        name=record.file,
+        mean_dn=float(mean.mean(dtype=np.float64)),
+        variance_dn2=float(variance.mean(dtype=np.float64)),
+        pixels=mean.size,
+        frames=record.frames_used,
+        exposure_us=record.exposure_us,
+        time_s=datetime.fromisoformat(record.started_utc).timestamp(),
+        clipped_fraction=record.saturated_pixels / images.mean_dn.size,
+    )
+
+
+def _dark_group(
+    transfer: PhotonTransfer, records: Sequence[CaptureRecord], bench: Mapping[str, Any]
+) -> frozenset[str]:
+    """Files of the dark captures of the map: all, or with a dark current those of one exposure."""
+    darks = [record for record in records if record.kind == "dark"]
+    wanted = bench.get("camera", {}).get("exposure_us")
+    exposures = [record.exposure_us for record in darks if record.exposure_us is not None]
+    if transfer.dark.rate_dn_per_us == 0 or wanted is None or len(exposures) < len(darks):
+        return frozenset(record.file for record in darks)
+    nearest = min(exposures, key=lambda exposure: abs(exposure - wanted))
+    return frozenset(record.file for record in darks if record.exposure_us == nearest)
+
+
+class _MapSums:
+    """Sums over captures, from which the maps follow."""
+
+    def __init__(self, transfer: PhotonTransfer, dark_files: frozenset[str]) -> None:
+        self._transfer = transfer
+        self._dark_files = dark_files
+        self._dark: Any = 0.0
+        self._dark_frames = 0
+        self._flat: Any = 0.0
+        self._flat_level_dn = 0.0
+        self._flat_variance_dn2 = 0.0
+        self._flats = 0
+        self._ratio: Any = 0.0
+        self._captures = 0
+
+    def add(self, images: CaptureImages, sample: LevelSample) -> None:
+        """Take a capture in, where it is fit for a map."""
+        black = self._transfer.dark.black_level_dn
+        is_dark = sample.kind == "dark"
+        if not (is_dark or is_in_fit_range(sample, black, self._transfer.saturation.level_dn)):
+            return
+        mean = images.mean_dn.astype(np.float64)
+        assert images.variance_dn2 is not None
+        expected = self._transfer.variance_dn2(np.maximum(mean - black, 0.0))
+        self._ratio = self._ratio + images.variance_dn2 / np.maximum(expected, 1e-6)
+        self._captures += 1
+        if is_dark:
+            if sample.name in self._dark_files:
+                self._dark = self._dark + mean * sample.frames
+                self._dark_frames += sample.frames
+            return
+        self._flat = self._flat + mean
+        self._flat_level_dn += sample.mean_dn
+        self._flat_variance_dn2 += sample.variance_dn2 / sample.frames
+        self._flats += 1
+
+    def maps(self) -> CorrectionMaps:
+        """The maps, after every capture was added."""
+        dark = self._dark / self._dark_frames
+        light = self._flat - self._flats * dark
+        return correction_maps(
+            dark,
+            light / light.mean(),
+            dark_noise_dn=float(np.sqrt(max(self._transfer.offset_dn2, 0.0))),
+            variance_ratio=self._ratio / self._captures,
+            black_level_dn=float(dark.mean()),
+        )
+
+    def nonuniformity(self, maps: CorrectionMaps) -> Nonuniformity:
+        """What the maps tell of the pixels, without the temporal noise left in them."""
+        dark_dn2 = max(self._transfer.offset_dn2, 0.0) / self._dark_frames
+        light_dn = self._flat_level_dn - self._flats * maps.black_level_dn
+        left_dn2 = self._flat_variance_dn2 + self._flats**2 * dark_dn2
+        return nonuniformity(
+            maps, dark_variance_dn2=dark_dn2, response_variance=left_dn2 / light_dn**2
+        )
+
+
+def _frames_averaged(bench: Mapping[str, Any], records: Sequence[CaptureRecord]) -> int:
+    frames = bench.get("capture", {}).get("frames_per_capture")
+    if isinstance(frames, int) and frames >= 1:
+        return frames
+    return Counter(record.frames_used for record in records).most_common(1)[0][0]
+
+
+def _text(snapshot: Mapping[str, object], key: str) -> str | None:
+    value = snapshot.get(key)
+    return None if value in (None, "") else str(value)

@@ -1,0 +1,133 @@
+"""The edge captures of a session as input of the PSF calibration."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.session import CaptureRecord, Session
+from calibration.errors import CalibrationError, NoEdgeError
+from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
+from calibration.psf.calibration import EdgeImage
+
+__all__ = ["capture_images", "edge_images", "edge_records", "scene_records"]
+
+EDGE_KINDS = ("edge", "board")
+SCENE_KINDS = ("texture", "chart")
+
+
+def edge_records(session: Session) -> list[CaptureRecord]:
+    """Return the captures that a PSF can be measured on.
+
+    Raises
+    ------
+    NoEdgeError
+        If the session has none.
+    """
+    records = [record for record in session.records if record.kind in EDGE_KINDS]
+    if not records:
+        raise NoEdgeError(f"{session.path}: the session has no capture of kind edge or board")
+    return records
+
+
+def scene_records(session: Session) -> list[list[CaptureRecord]]:
+    """Return the captures of each textured target as it lies, the nearest first, repeats dropped.
+
+    Raises
+    ------
+    CalibrationError
+        If no target was captured from two heights.
+    """
+    targets: dict[tuple[str, float], dict[float, CaptureRecord]] = {}
+    for record in session.records:
+        if record.kind in SCENE_KINDS:
+            heights = targets.setdefault((record.target, record.orientation_deg), {})
+            heights.setdefault(round(record.height_asked_mm, 3), record)
+    series = [
+        sorted(heights.values(), key=lambda record: record.height_mm)
+        for heights in targets.values()
+        if len(heights) > 1
+    ]
+    if not series:
+        raise CalibrationError(
+            f"{session.path}: no target of kind texture or chart was captured from two heights"
+        )
+    return series
+
+
+def edge_images(
+    session: Session,
+    *,
+    correction: CorrectionMaps | None = None,
+    frame_noise: LevelNoise | None = None,
+) -> Iterator[EdgeImage]:
+    """Load the edge captures one by one; see ``capture_images``.
+
+    Raises
+    ------
+    NoEdgeError
+        If the session has no edge capture.
+    """
+    return capture_images(
+        session, edge_records(session), correction=correction, frame_noise=frame_noise
+    )
+
+
+def capture_images(
+    session: Session,
+    records: Sequence[CaptureRecord],
+    *,
+    correction: CorrectionMaps | None = None,
+    frame_noise: LevelNoise | None = None,
+) -> Iterator[EdgeImage]:
+    """Load captures one by one, each with its own noise.
+
+    The noise is fitted to the temporal variance that the capture stores. A single photograph
+    has none: it takes ``frame_noise``, and without that the edge fit estimates it from its
+    residuals.
+
+    Parameters
+    ----------
+    session
+        It holds the captures.
+    records
+        Which of its captures.
+    correction
+        Maps of the sensor, taken off every capture and its variance.
+    frame_noise
+        Noise of one frame of the camera.
+
+    Raises
+    ------
+    CalibrationError
+        If the maps are of another size than a capture.
+    SessionError
+        If a capture file is missing or changed.
+    """
+    for record in records:
+        images = session.load(record)
+        mean = images.mean_dn.astype(np.float64)
+        variance: NDArray[np.floating[Any]] | None = images.variance_dn2
+        clipped = None
+        if correction is not None:
+            try:
+                # Dividing by the response moves the level at which a pixel clips.
+                clipped = mean >= record.max_level_dn
+                mean = correction.correct(mean)
+                variance = None if variance is None else correction.correct_variance(variance)
+            except ValueError as error:
+                raise CalibrationError(f"{record.file}: {error}") from error
+        noise = frame_noise
+        if variance is not None:
+            single = fit_level_noise(mean, variance, record.max_level_dn)
+            noise = single.averaged(record.frames_used)
+        yield EdgeImage(
+            name=record.file,
+            image_dn=mean,
+            capture=record.index,
+            height_mm=record.height_mm,
+            noise=noise,
+            saturation_dn=record.max_level_dn,
+            clipped=clipped,
+        )

@@ -1,0 +1,157 @@
+"""Has the lens moved? Two calibrations, parameter by parameter."""
+
+from dataclasses import dataclass
+from math import erfc, hypot, sqrt
+
+from calibration.errors import CalibrationError
+from calibration.psf.document import StoredPsf
+
+__all__ = ["CHANGED_P", "PARAMETERS", "ParameterChange", "PsfChange", "compare_psfs"]
+
+PARAMETERS = (
+    "sigma_x_px",
+    "sigma_y_px",
+    "rho",
+    "optical_sigma_x_px",
+    "optical_sigma_y_px",
+    "optical_rho",
+)
+"""What is compared, as psf.json names it."""
+
+CHANGED_P = 0.01
+"""A change is believed where chance alone would make one this seldom, all parameters together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterChange:
+    """One parameter in both calibrations, and a z-test of their difference.
+
+    ``p_value`` is two-sided; ``p_value_holm`` the same after Holm's correction for testing
+    several parameters (Holm, "A simple sequentially rejective multiple test procedure",
+    Scandinavian Journal of Statistics 6, 1979).
+    """
+
+    name: str
+    first: float
+    first_err: float
+    second: float
+    second_err: float
+    p_value_holm: float
+
+    @property
+    def difference(self) -> float:
+        """Second less first."""
+        return self.second - self.first
+
+    @property
+    def z(self) -> float:
+        """Difference over its standard error."""
+        return self.difference / hypot(self.first_err, self.second_err)
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a difference as large where nothing has changed."""
+        return _two_sided(self.z)
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether the change is beyond chance."""
+        return self.p_value_holm < CHANGED_P
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PsfChange:
+    """All parameters that both calibrations know, and why they may not be comparable."""
+
+    parameters: tuple[ParameterChange, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def changed(self) -> tuple[ParameterChange, ...]:
+        """Parameters that have changed beyond chance."""
+        return tuple(one for one in self.parameters if one.is_changed)
+
+    @property
+    def verdict(self) -> str:
+        """Say in one line whether the PSF has changed."""
+        if not self.changed:
+            return (
+                f"no change beyond chance in {len(self.parameters)} parameters "
+                f"(least p = {min(one.p_value_holm for one in self.parameters):.2g})"
+            )
+        parts = [_described(one) for one in self.changed]
+        return f"the PSF has changed: {', '.join(parts)}"
+
+
+def compare_psfs(first: StoredPsf, second: StoredPsf) -> PsfChange:
+    """Compare two calibrations by a z-test of each parameter that both give with an error.
+
+    Raises
+    ------
+    CalibrationError
+        If they share no parameter with standard errors.
+    """
+    known = []
+    for name in PARAMETERS:
+        values = [_with_err(psf, name) for psf in (first, second)]
+        if values[0] is not None and values[1] is not None:
+            known.append((name, *values[0], *values[1]))
+    if not known:
+        raise CalibrationError(
+            "the two share no parameter with standard errors; "
+            "write both with standoff calibrate, from edges of the same directions"
+        )
+    p_values = [_two_sided((b - a) / hypot(ea, eb)) for _, a, ea, b, eb in known]
+    return PsfChange(
+        parameters=tuple(
+            ParameterChange(
+                name=name,
+                first=a,
+                first_err=err_a,
+                second=b,
+                second_err=err_b,
+                p_value_holm=p_holm,
+            )
+            for (name, a, err_a, b, err_b), p_holm in zip(known, _holm(p_values), strict=True)
+        ),
+        remarks=_remarks(first, second),
+    )
+
+
+def _with_err(psf: StoredPsf, name: str) -> tuple[float, float] | None:
+    err_name = name.replace("_px", "_err_px") if name.endswith("_px") else f"{name}_err"
+    value, err = getattr(psf, name), getattr(psf, err_name)
+    return None if value is None or err is None or not err > 0 else (value, err)
+
+
+def _two_sided(z: float) -> float:
+    return erfc(abs(z) / sqrt(2))
+
+
+def _holm(p_values: list[float]) -> list[float]:
+    """Adjusted p-values in the order given; none is smaller than one that ranks before it."""
+    adjusted = [0.0] * len(p_values)
+    least = 0.0
+    for rank, place in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
+        least = max(least, min((len(p_values) - rank) * p_values[place], 1.0))
+        adjusted[place] = least
+    return adjusted
+
+
+def _described(one: ParameterChange) -> str:
+    if "rho" in one.name:
+        return f"{one.name} by {one.difference:+.4f} (p = {one.p_value_holm:.1g})"
+    share = 100 * one.difference / one.first
+    return f"{one.name} by {share:+.2f} % (p = {one.p_value_holm:.1g})"
+
+
+def _remarks(first: StoredPsf, second: StoredPsf) -> tuple[str, ...]:
+    remarks = []
+    for name, what in (("method", "methods"), ("region", "regions"), ("channel", "channels")):
+        a, b = getattr(first, name), getattr(second, name)
+        if a != b:
+            remarks.append(f"they are of different {what}: {a or 'none'} and {b or 'none'}")
+    serials = [psf.camera.serial if psf.camera else None for psf in (first, second)]
+    if None not in serials and serials[0] != serials[1]:
+        remarks.append(f"they are of different cameras: {serials[0]} and {serials[1]}")
+    return tuple(remarks)

@@ -1,0 +1,239 @@
+"""From widths across edges of many angles to the covariance of the PSF.
+
+Across an edge with unit normal n the PSF has the variance ``n' Sigma n``: linear in the three
+elements of Sigma, so weighted least squares of the squared widths gives them all at once
+(the paper's medians of vertical and horizontal edges are the special case of two angles).
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
+
+__all__ = [
+    "CovarianceFit",
+    "Estimate",
+    "fit_covariance",
+    "median_width",
+    "orientation_of",
+    "share_of_correlation",
+]
+
+Array = NDArray[np.float64]
+
+ORIENTATION_TOLERANCE_DEG = 22.5
+_NORMAL_95 = 1.959963984540054
+_MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
+_MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
+_RHO_ERR_MOST = 0.25  # a correlation known worse than this is not determined
+_WIDTH_ERR_MOST = 0.25  # relative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """A value, its standard error and its 95 % interval."""
+
+    value: float
+    err: float
+    low: float
+    high: float
+
+
+def median_width(sigma_px: Array, sigma_err_px: Array) -> Estimate:
+    """Median of widths, its error from their scatter; a single width keeps its own error.
+
+    Raises
+    ------
+    ValueError
+        If there is no width.
+    """
+    widths = np.asarray(sigma_px, dtype=np.float64)
+    if widths.size == 0:
+        raise ValueError("a median needs at least one width")
+    value = float(np.median(widths))
+    err = float(sigma_err_px[0])
+    if widths.size > 1:
+        scatter = float(np.median(np.abs(widths - value))) / _MAD_PER_SIGMA
+        err = _MEDIAN_ERR * scatter / sqrt(widths.size)
+    return Estimate(
+        value=value, err=err, low=value - _NORMAL_95 * err, high=value + _NORMAL_95 * err
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CovarianceFit:
+    """The PSF's widths and correlation; None for what the edges do not determine.
+
+    ``scatter_px`` is what the widths scatter beyond their own errors (field, focus, paper);
+    it is part of the errors. ``weights`` in [0, 1] says how far each edge was trusted.
+    """
+
+    sigma_x_px: Estimate | None
+    sigma_y_px: Estimate | None
+    rho: Estimate | None
+    covariance_px2: Array | None
+    scatter_px: float
+    weights: Array
+
+    @property
+    def edges_used(self) -> int:
+        """Number of edges that count at least half."""
+        return int(np.count_nonzero(self.weights > 0.5))
+
+
+def orientation_of(angle_deg: float) -> str:
+    """Name of an edge's direction: vertical or horizontal within 22.5 degrees, else diagonal."""
+    from_horizontal = abs((angle_deg + 90.0) % 180.0 - 90.0)
+    if from_horizontal <= ORIENTATION_TOLERANCE_DEG:
+        return "horizontal"
+    if from_horizontal >= 90.0 - ORIENTATION_TOLERANCE_DEG:
+        return "vertical"
+    return "diagonal"
+
+
+def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> CovarianceFit:
+    """Fit the PSF covariance to widths across edges.
+
+    Parameters
+    ----------
+    angles_deg
+        Direction of each edge line against +x, y down; shape ``(n,)``.
+    sigma_px, sigma_err_px
+        Width across each edge and its standard error, in px; shape ``(n,)``.
+
+    Returns
+    -------
+    CovarianceFit
+        With edges of one orientation only, that width alone is determined; with vertical and
+        horizontal edges alone, both widths but no correlation.
+
+    Raises
+    ------
+    ValueError
+        If there is no edge, or a width or error is not positive.
+    """
+    angles = np.asarray(angles_deg, dtype=np.float64)
+    sigma = np.asarray(sigma_px, dtype=np.float64)
+    err = np.asarray(sigma_err_px, dtype=np.float64)
+    if angles.size == 0:
+        raise ValueError("a PSF needs at least one edge")
+    if not (np.all(sigma > 0) and np.all(err > 0)):
+        raise ValueError("widths and their errors must be positive")
+    normal = np.deg2rad(angles + 90.0)
+    nx, ny = np.cos(normal), np.sin(normal)
+    full = np.column_stack([nx**2, 2 * nx * ny, ny**2])
+    result = _determined_fully(full, sigma, err)
+    if result is not None:
+        return result
+    names = np.array([orientation_of(a) for a in angles.tolist()])
+    vertical, horizontal = names == "vertical", names == "horizontal"
+    axial = vertical | horizontal
+    if vertical.any() and horizontal.any():
+        return _axis_aligned(full[:, [0, 2]], sigma, err, axial)
+    weights = np.zeros(angles.size)
+    fits: dict[str, Estimate | None] = {"vertical": None, "horizontal": None}
+    scatter = 0.0
+    for name, chosen in (("vertical", vertical), ("horizontal", horizontal)):
+        if chosen.any():
+            ones = np.ones((int(chosen.sum()), 1))
+            fit = fit_variances(ones, sigma[chosen], err[chosen])
+            fits[name] = _width(fit, 0)
+            weights[chosen] = fit.weights
+            scatter = fit.scatter_px
+    return CovarianceFit(
+        sigma_x_px=fits["vertical"],
+        sigma_y_px=fits["horizontal"],
+        rho=None,
+        covariance_px2=None,
+        scatter_px=scatter,
+        weights=weights,
+    )
+
+
+def share_of_correlation(angles_deg: Array) -> float:
+    """Relative error of a width for each unit of a correlation that the edges do not determine.
+
+    Across an edge that leans by a from upright the variance is ``cos^2 a xx + sin 2a xy + ...``,
+    and where xy is not known it is taken as 0. For about equal widths the width is then off by
+    ``rho`` times what is returned, the larger of upright and level edges; edges that lean to both
+    sides balance.
+    """
+    normal = np.deg2rad(np.asarray(angles_deg, dtype=np.float64) + 90.0)
+    nx, ny = np.cos(normal), np.sin(normal)
+    names = np.array([orientation_of(a) for a in np.asarray(angles_deg).tolist()])
+    shares = [0.0]
+    for name, own in (("vertical", nx), ("horizontal", ny)):
+        chosen = names == name
+        if chosen.any():
+            shares.append(abs(float(np.mean((nx * ny)[chosen]) / np.mean(own[chosen] ** 2))))
+    return max(shares)
+
+
+def _estimate(value: float, err: float, replicates: Array | None) -> Estimate:
+    if replicates is not None and replicates.size >= RESAMPLES // 2:
+        low, high = np.quantile(replicates, [0.025, 0.975])
+        return Estimate(value=value, err=err, low=float(low), high=float(high))
+    return Estimate(
+        value=value, err=err, low=value - _NORMAL_95 * err, high=value + _NORMAL_95 * err
+    )
+
+
+def _width(fit: VarianceFit, place: int) -> Estimate | None:
+    """Square root of a variance, with its error; None where the variance is not positive."""
+    variance = float(fit.values[place])
+    if not variance > 0:
+        return None
+    value = sqrt(variance)
+    replicates = None
+    if fit.replicates is not None:
+        replicates = np.sqrt(np.maximum(fit.replicates[:, place], 0.0))
+    err = sqrt(float(fit.covariance[place, place])) / (2 * value)
+    return _estimate(value, err, replicates)
+
+
+def _determined_fully(design: Array, sigma: Array, err: Array) -> CovarianceFit | None:
+    if sigma.size < 3 or np.linalg.matrix_rank(design, tol=1e-3) < 3:
+        return None
+    fit = fit_variances(design, sigma, err)
+    xx, xy, yy = fit.values.tolist()
+    if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
+        return None
+    x, y = _width(fit, 0), _width(fit, 2)
+    rho = xy / sqrt(xx * yy)
+    gradient = np.array([-rho / (2 * xx), 1 / sqrt(xx * yy), -rho / (2 * yy)])
+    rho_err = sqrt(float(gradient @ fit.covariance @ gradient))
+    if x is None or y is None or rho_err > _RHO_ERR_MOST:
+        return None
+    if max(x.err / x.value, y.err / y.value) > _WIDTH_ERR_MOST:
+        return None
+    replicates = None
+    if fit.replicates is not None:
+        r = fit.replicates[(fit.replicates[:, 0] > 0) & (fit.replicates[:, 2] > 0)]
+        replicates = r[:, 1] / np.sqrt(r[:, 0] * r[:, 2])
+    return CovarianceFit(
+        sigma_x_px=x,
+        sigma_y_px=y,
+        rho=_estimate(rho, rho_err, replicates),
+        covariance_px2=np.array([[xx, xy], [xy, yy]]),
+        scatter_px=fit.scatter_px,
+        weights=fit.weights,
+    )
+
+
+def _axis_aligned(
+    design: Array, sigma: Array, err: Array, axial: NDArray[np.bool_]
+) -> CovarianceFit:
+    fit = fit_variances(design[axial], sigma[axial], err[axial])
+    weights = np.zeros(sigma.size)
+    weights[axial] = fit.weights
+    return CovarianceFit(
+        sigma_x_px=_width(fit, 0),
+        sigma_y_px=_width(fit, 1),
+        rho=None,
+        covariance_px2=None,
+        scatter_px=fit.scatter_px,
+        weights=weights,
+    )

@@ -1,0 +1,135 @@
+"""The PSF over the frame: a quadratic polynomial for each element of the covariance.
+
+Each edge measures ``n' Sigma(x, y) n`` at its place: linear in the 18 coefficients, so the
+least squares that give one PSF give the field too. It is kept only where an F-test asks for it
+and the edges determine it everywhere in the frame.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibration.psf.variance import VarianceFit, fit_variances
+from simulation.psf import PsfField, field_monomials
+
+__all__ = ["FIELD_DEGREE", "FieldEdges", "FieldFit", "fit_psf_field"]
+
+Array = NDArray[np.float64]
+
+FIELD_DEGREE = 2
+_TERMS = (FIELD_DEGREE + 1) * (FIELD_DEGREE + 2) // 2
+_UNKNOWNS = 3 * _TERMS
+_FEWEST_EDGES = 2 * _UNKNOWNS
+_ASKED_P = 1e-3
+_WORST_ERR = 0.05  # of the width, anywhere in the frame and in any direction
+_CHECKED_PLACES = 9
+_CHECKED_NORMALS_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FieldEdges:
+    """Widths across edges, with their places and directions; shape ``(n,)`` each."""
+
+    x_px: Array
+    y_px: Array
+    angle_deg: Array
+    sigma_px: Array
+    sigma_err_px: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FieldFit:
+    """A PSF field, the standard errors of its coefficients, and what speaks for it.
+
+    ``p_value`` is that of the F-test against one PSF for the whole frame, ``worst_err`` the
+    largest relative standard error of a width anywhere in the frame.
+    """
+
+    field: PsfField
+    coefficients_err_px2: Array
+    p_value: float
+    worst_err: float
+    edges: int
+
+
+def fit_psf_field(
+    edges: FieldEdges, width_px: int, height_px: int, *, is_asked: bool = True
+) -> FieldFit | None:
+    """Fit the covariance over the frame.
+
+    Parameters
+    ----------
+    edges
+        At least 36 edges, in several directions all over the frame.
+    width_px, height_px
+        The frame.
+    is_asked
+        Whether the F-test against one PSF must ask for the field (p below 0.001).
+
+    Returns
+    -------
+    FieldFit or None
+        None where the edges are too few, leave a width anywhere less sure than 5 %, show no
+        change over the frame, or give what is no covariance.
+    """
+    count = edges.sigma_px.size
+    if count < _FEWEST_EDGES:
+        return None
+    places = field_monomials(width_px, height_px, FIELD_DEGREE, edges.x_px, edges.y_px)
+    elements = _elements(np.deg2rad(edges.angle_deg + 90.0))
+    design = np.einsum("ne,nt->net", elements, places).reshape(count, _UNKNOWNS)
+    if np.linalg.matrix_rank(design, tol=1e-3) < _UNKNOWNS:
+        return None
+    fit = fit_variances(design, edges.sigma_px, edges.sigma_err_px, is_resampled=False)
+    coefficients = fit.values.reshape(3, _TERMS)
+    try:
+        field = PsfField(width_px=width_px, height_px=height_px, coefficients_px2=coefficients)
+    except ValueError:  # not positive definite somewhere in the frame
+        return None
+    worst = _worst_err(field, fit.covariance)
+    p_value = _p_value(elements, design, fit, edges)
+    if worst > _WORST_ERR or (is_asked and p_value > _ASKED_P):
+        return None
+    return FieldFit(
+        field=field,
+        coefficients_err_px2=np.sqrt(np.diag(fit.covariance)).reshape(3, _TERMS),
+        p_value=p_value,
+        worst_err=worst,
+        edges=count,
+    )
+
+
+def _elements(normal_rad: Array) -> Array:
+    """Weights of the elements xx, xy, yy in the variance along normals; shape ``(n, 3)``."""
+    nx, ny = np.cos(normal_rad), np.sin(normal_rad)
+    return np.stack([nx**2, 2 * nx * ny, ny**2], axis=-1)
+
+
+def _worst_err(field: PsfField, covariance: Array) -> float:
+    x = np.linspace(0, field.width_px - 1, _CHECKED_PLACES)[None, :]
+    y = np.linspace(0, field.height_px - 1, _CHECKED_PLACES)[:, None]
+    places = field_monomials(field.width_px, field.height_px, FIELD_DEGREE, x, y)
+    rows = np.einsum("ke,ijt->kijet", _elements(_CHECKED_NORMALS_RAD), places)
+    rows = rows.reshape(-1, _UNKNOWNS)
+    variance = rows @ field.coefficients_px2.ravel()
+    err = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, covariance, rows), 0.0))
+    # A narrow width along some normal between the four is still positive: the field is checked.
+    return float(np.max(err / (2 * np.maximum(variance, 1e-12))))
+
+
+def _p_value(elements: Array, design: Array, fit: VarianceFit, edges: FieldEdges) -> float:
+    """Chance of so much better a fit if one PSF held for the whole frame."""
+    squares = edges.sigma_px**2
+    spread2 = 4 * squares * (edges.sigma_err_px**2 + fit.scatter_px**2)
+    weight = fit.weights / spread2
+    root = np.sqrt(weight)
+    constant = np.linalg.lstsq(root[:, None] * elements, root * squares, rcond=None)[0]
+    without = float(np.sum(weight * (squares - elements @ constant) ** 2))
+    left = float(np.sum(weight * (squares - design @ fit.values) ** 2))
+    freedom = float(fit.weights.sum()) - _UNKNOWNS
+    if freedom < 1 or left <= 0:
+        return 0.0 if without > left else 1.0
+    extra = _UNKNOWNS - elements.shape[1]
+    return float(stats.f.sf((without - left) / extra / (left / freedom), extra, freedom))

@@ -1,0 +1,108 @@
+"""Does the width of the PSF change with the camera's height? A test for focus drift."""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibration.psf.variance import excess_variance
+
+__all__ = ["HeightGroup", "HeightTrend", "fit_height_trend"]
+
+Array = NDArray[np.float64]
+
+_DRIFT_P = 0.01
+_DRIFT_LEAST = 0.01  # relative change over the range of heights
+_FEWEST_FREEDOM = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightGroup:
+    """Width at one height, relative to that of the whole calibration in the same direction."""
+
+    height_mm: float
+    edges: int
+    relative_width: float
+    relative_width_err: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightTrend:
+    """Weighted straight line through the relative widths, and how the heights differ at all.
+
+    ``p_value`` is that of the slope, two-sided; ``p_value_between`` that of any difference
+    between the heights, a bend through best focus included.
+    """
+
+    slope_per_mm: float
+    slope_err_per_mm: float
+    p_value: float
+    p_value_between: float
+    heights: tuple[HeightGroup, ...]
+
+    @property
+    def change(self) -> float:
+        """Largest relative difference between two heights."""
+        widths = [group.relative_width for group in self.heights]
+        return max(widths) - min(widths)
+
+    @property
+    def is_drift(self) -> bool:
+        """Whether the change is beyond chance (p below 0.01) and worth a word (over 1 %)."""
+        return min(self.p_value, self.p_value_between) < _DRIFT_P and self.change > _DRIFT_LEAST
+
+
+def fit_height_trend(
+    height_mm: Array, relative_width: Array, relative_width_err: Array
+) -> HeightTrend | None:
+    """Fit a line to widths over heights.
+
+    Parameters
+    ----------
+    height_mm
+        Height of the camera of each edge, shape ``(n,)``.
+    relative_width, relative_width_err
+        Width across each edge over what the whole calibration says across it; same shape.
+
+    Returns
+    -------
+    HeightTrend or None
+        None with fewer than two heights, or too few edges to tell their scatter.
+    """
+    heights = np.unique(height_mm)
+    freedom = height_mm.size - heights.size
+    if heights.size < 2 or freedom < _FEWEST_FREEDOM:
+        return None
+    group = np.searchsorted(heights, height_mm)
+    # What edges of one height scatter beyond their errors is part of every error here.
+    plain = np.bincount(group, relative_width) / np.bincount(group)
+    scatter2 = excess_variance(
+        relative_width - plain[group], relative_width_err, np.ones(group.size), freedom
+    )
+    weight = 1.0 / (relative_width_err**2 + scatter2)
+    group_weight = np.bincount(group, weight)
+    means = np.bincount(group, weight * relative_width) / group_weight
+    centre = float(np.average(heights, weights=group_weight))
+    middle = float(np.average(means, weights=group_weight))
+    power = float(np.sum(group_weight * (heights - centre) ** 2))
+    slope = float(np.sum(group_weight * (heights - centre) * (means - middle))) / power
+    slope_err = 1.0 / sqrt(power)
+    extra = heights.size - 1
+    between = float(np.sum(group_weight * (means - middle) ** 2)) / extra
+    return HeightTrend(
+        slope_per_mm=slope,
+        slope_err_per_mm=slope_err,
+        p_value=float(2 * stats.t.sf(abs(slope) / slope_err, freedom)),
+        p_value_between=float(stats.f.sf(between, extra, freedom)),
+        heights=tuple(
+            HeightGroup(
+                height_mm=float(height),
+                edges=int(np.count_nonzero(group == k)),
+                relative_width=float(means[k]),
+                relative_width_err=1.0 / sqrt(float(group_weight[k])),
+            )
+            for k, height in enumerate(heights)
+        ),
+    )

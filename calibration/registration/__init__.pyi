@@ -1,0 +1,29 @@
+from .distorted_pose import DistortedPose as DistortedPose
+from .features import homography_pose as homography_pose, match_features as match_features
+from .overlap import OVERLAP_MIN_PX as OVERLAP_MIN_PX
+from .pair import (
+    AxialRegistration as AxialRegistration,
+    DistortedRegistration as DistortedRegistration,
+    Registration as Registration,
+    register as register,
+    register_axial as register_axial,
+    register_distorted as register_distorted,
+)
+from .refinement import zoom_at_centre as zoom_at_centre
+from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
+
+__all__ = [
+    "OVERLAP_MIN_PX",
+    "AxialRegistration",
+    "DistortedPose",
+    "DistortedRegistration",
+    "Registration",
+    "TrackedPose",
+    "TrackingReference",
+    "homography_pose",
+    "match_features",
+    "register",
+    "register_axial",
+    "register_distorted",
+    "zoom_at_centre",
+]

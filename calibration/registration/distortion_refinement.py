@@ -1,0 +1,257 @@
+"""A pose with the lens's distortion, refined on all pixels of a follow-up.
+
+The reference is blurred once to the follow-up's sharpness and read where the pose says; a
+Gauss-Newton descent moves the pose. Light that changes slowly over the frame (vignetting, a
+shadow) is fitted along, so that it does not pull at the pose.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import RegistrationError
+from calibration.registration.distorted_pose import K1_MAX, DistortedPose
+from calibration.registration.motions import HOMOGRAPHY, flows_px, moved_matrix, unit_places
+from calibration.registration.overlap import OVERLAP_MIN_PX, refuse_nearer
+from simulation import GaussianPsf
+from simulation.zoom import BlurredSpline
+
+__all__ = ["DistortedRefinement", "refined_distorted_pose"]
+
+FloatArray = NDArray[np.float64]
+
+_ASSUMED_SIGMA_PX = 0.65
+"""Total PSF where none is given: a width that is off blurs every detail alike and moves nothing."""
+
+_ITERATIONS = 30
+_CONVERGED_PX = 1e-3
+_FREE_STEPS = 4
+_BORDER_PX = 4.0
+_CORRELATION_MIN = 0.5
+_K1_PRIOR = 0.05
+"""Standard deviation of distortions of real lenses; it rules where zooms near 1 tell nothing."""
+
+_K1_STEP = 1e-4
+_BLOCK_PX = 24
+"""Residuals are taken as independent from block to block, not from pixel to pixel."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DistortedRefinement:
+    """A pose and how sure it is.
+
+    Parameters
+    ----------
+    pose
+        The pose.
+    place_err_px
+        Standard error of a follow-up pixel's place in the reference, rms over the pixels used.
+    k1_err
+        Standard error of the distortion.
+    correlation, residual_rms_dn
+        Of the follow-up with its prediction, light fitted.
+    """
+
+    pose: DistortedPose
+    place_err_px: float
+    k1_err: float
+    correlation: float
+    residual_rms_dn: float
+
+
+def refined_distorted_pose(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    psf: GaussianPsf | None,
+    matrix: FloatArray,
+) -> DistortedRefinement:
+    """Pose and distortion that best predict the follow-up from the reference.
+
+    Parameters
+    ----------
+    reference, followup, psf
+        As in ``calibration.registration.pair.register_distorted``.
+    matrix
+        Shape (3, 3): the homography to start from, right to a few pixels.
+
+    Raises
+    ------
+    RegistrationError
+        If the overlap is too small, the descent does not settle or the images do not agree.
+    """
+    shape = _shape(followup)
+    is_one_camera = _shape(reference) == shape
+    pose = DistortedPose(
+        matrix=matrix, k1=0.0, reference_shape=_shape(reference), followup_shape=shape
+    )
+    refuse_nearer(pose.zoom)
+    camera = psf or GaussianPsf(sigma_x_px=_ASSUMED_SIGMA_PX, sigma_y_px=_ASSUMED_SIGMA_PX)
+    spline = BlurredSpline.of(reference, camera, pose.zoom)
+    problem = _Problem(np.asarray(followup, dtype=np.float64), spline, is_one_camera)
+    settled = np.ones(shape, dtype=np.bool_)
+    for number in range(_ITERATIONS):
+        fit = problem.linearised(pose, settled)
+        if number >= _FREE_STEPS:
+            # From here on pixels only drop out: a row that comes and goes would never settle.
+            settled = fit.inside
+        pose = problem.moved(pose, fit.step)
+        if abs(pose.k1) > K1_MAX:
+            raise RegistrationError("the alignment asks for a distortion that no lens has")
+        if np.abs(fit.step[:-1]).max() < _CONVERGED_PX:
+            break
+    else:
+        raise RegistrationError(f"the alignment did not settle in {_ITERATIONS} steps")
+    if not fit.correlation >= _CORRELATION_MIN:
+        raise RegistrationError(
+            f"the aligned images correlate by {fit.correlation:.2f} only, "
+            f"{_CORRELATION_MIN} is needed"
+        )
+    covariance = fit.covariance()
+    return DistortedRefinement(
+        pose=pose,
+        place_err_px=pose.zoom * problem.place_err_px(fit.inside, covariance, pose),
+        k1_err=sqrt(covariance[-1, -1]) if is_one_camera else 0.0,
+        correlation=fit.correlation,
+        residual_rms_dn=float(np.sqrt(np.mean(fit.residual_dn**2))),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Linearised:
+    """One step of the descent: what it used and where it goes.
+
+    ``design`` holds the pose's columns first, ``step`` is what they ask for.
+    """
+
+    inside: NDArray[np.bool_]
+    design: FloatArray
+    normal: FloatArray
+    residual_dn: FloatArray
+    step: FloatArray
+    gain: float
+    correlation: float
+
+    def covariance(self) -> FloatArray:
+        """Covariance of the pose's figures by sums over blocks of pixels, the sandwich formula.
+
+        References
+        ----------
+        H. White, "A heteroskedasticity-consistent covariance matrix estimator and a direct test
+        for heteroskedasticity", 1980; with blocks as clusters.
+        """
+        rows, cols = self.inside.shape
+        block_cols = -(-cols // _BLOCK_PX)
+        y, x = np.nonzero(self.inside)
+        block = (y // _BLOCK_PX) * block_cols + x // _BLOCK_PX
+        scores = self.design * self.residual_dn[:, None]
+        sums = np.zeros((-(-rows // _BLOCK_PX) * block_cols, scores.shape[1]))
+        for column in range(scores.shape[1]):
+            sums[:, column] = np.bincount(block, scores[:, column], minlength=len(sums))
+        used = max(int(np.count_nonzero(np.bincount(block, minlength=len(sums)))), 2)
+        inverse = np.linalg.pinv(self.normal, hermitian=True)
+        covariance = inverse @ (sums.T @ sums) @ inverse * (used / (used - 1))
+        count = len(self.step)
+        return np.asarray(covariance[:count, :count] / self.gain**2)
+
+
+class _Problem:
+    """The follow-up, the blurred reference, and how the pose's figures move pixels."""
+
+    def __init__(self, followup: FloatArray, spline: BlurredSpline, is_one_camera: bool) -> None:
+        self._followup = followup
+        self._spline = spline
+        self._is_one_camera = is_one_camera
+        shape = _shape(followup)
+        self._flows = flows_px(HOMOGRAPHY, shape)
+        u, v = unit_places(shape)
+        self._shades = (np.ones(shape), u, v, u * u, u * v, v * v)
+
+    def linearised(self, pose: DistortedPose, allowed: NDArray[np.bool_]) -> _Linearised:
+        """Compare the follow-up with its prediction, and say how to move the pose."""
+        place_y, place_x = pose.followup_places_px()
+        rows, cols = pose.reference_shape
+        inside = allowed & (
+            (place_y >= _BORDER_PX)
+            & (place_y <= rows - 1 - _BORDER_PX)
+            & (place_x >= _BORDER_PX)
+            & (place_x <= cols - 1 - _BORDER_PX)
+        )
+        inside[[0, -1], :] = inside[:, [0, -1]] = False
+        if np.count_nonzero(inside) < OVERLAP_MIN_PX**2:
+            raise RegistrationError("the images overlap too little")
+        simulated = self._spline.at(place_y, place_x)
+        slope_y, slope_x = (np.gradient(simulated, axis=axis)[inside] for axis in (0, 1))
+        flows = [(fx[inside], fy[inside]) for fx, fy in self._flows]
+        flows.append(self._k1_flow(pose, inside))
+        level = simulated[inside]
+        centred = level - level.mean()
+        columns = [slope_x * fx + slope_y * fy for fx, fy in flows]
+        columns += [centred * shade[inside] for shade in self._shades]
+        columns += [shade[inside] for shade in self._shades]
+        design = np.stack(columns, axis=1)
+        measured = self._followup[inside]
+        normal = design.T @ design
+        # The prior keeps the figures of the distortion at rest where the pixels tell nothing.
+        ridge = np.zeros(len(normal))
+        k1_column = len(flows) - 1
+        variance = float(np.var(measured)) + 1e-300
+        ridge[k1_column] = variance / _K1_PRIOR**2 if self._is_one_camera else normal.trace() * 1e9
+        right = design.T @ measured
+        gain_guess = float(centred @ (measured - measured.mean()) / (centred @ centred + 1e-300))
+        right[k1_column] -= ridge[k1_column] * pose.k1 * gain_guess
+        normal = normal + np.diag(ridge)
+        solution = np.linalg.lstsq(normal, right, rcond=None)[0]
+        gain = float(solution[len(flows)])
+        residual = measured - design @ solution
+        if gain <= 0:
+            raise RegistrationError("the follow-up does not look like the reference")
+        light = design[:, len(flows) + 1 :] @ solution[len(flows) + 1 :]
+        return _Linearised(
+            inside=inside,
+            design=design,
+            normal=normal,
+            residual_dn=residual,
+            step=solution[: len(flows)] / gain,
+            gain=gain,
+            correlation=float(np.corrcoef(level, measured - light)[0, 1]),
+        )
+
+    def moved(self, pose: DistortedPose, step: FloatArray) -> DistortedPose:
+        """The pose after a step."""
+        matrix = moved_matrix(pose.matrix, HOMOGRAPHY, step[:-1], pose.followup_shape)
+        return pose.with_(matrix, pose.k1 + float(step[-1]) if self._is_one_camera else 0.0)
+
+    def place_err_px(
+        self, inside: NDArray[np.bool_], covariance: FloatArray, pose: DistortedPose
+    ) -> float:
+        """Standard error of a pixel's place in follow-up px, rms over the pixels used."""
+        flows = [(fx[inside], fy[inside]) for fx, fy in self._flows]
+        flows.append(self._k1_flow(pose, inside))
+        variance = 0.0
+        for axis in (0, 1):
+            along = np.stack([flow[axis] for flow in flows], axis=1)
+            variance += float(np.mean(np.einsum("ni,ij,nj->n", along, covariance, along)))
+        return sqrt(variance)
+
+    def _k1_flow(
+        self, pose: DistortedPose, inside: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """How far a unit of distortion moves every pixel used, in follow-up px, along x and y."""
+        if not self._is_one_camera:
+            nothing = np.zeros(int(inside.sum()))
+            return nothing, nothing
+        y, x = (axis.astype(np.float64) for axis in np.nonzero(inside))
+        above, below = (
+            pose.with_(pose.matrix, pose.k1 + sign * _K1_STEP).to_reference_px(y, x)
+            for sign in (1, -1)
+        )
+        moved_y, moved_x = ((a - b) / (2 * _K1_STEP) for a, b in zip(above, below, strict=True))
+        (a, b), (c, d) = np.linalg.inv(pose.matrix[:2, :2]).tolist()
+        return a * moved_x + b * moved_y, c * moved_x + d * moved_y
+
+
+def _shape(image: NDArray[Any]) -> tuple[int, int]:
+    return image.shape[0], image.shape[1]

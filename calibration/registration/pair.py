@@ -1,0 +1,315 @@
+"""Where the pixels of a follow-up lie in its reference: matched features, then all pixels.
+
+SIFT features give the pose to some tenths of a pixel. A Gauss-Newton descent then compares the
+follow-up with the reference *simulated at the follow-up's distance*, gain and offset free, and
+brings the error to about a hundredth of a pixel.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import RegistrationError
+from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration.distortion_refinement import refined_distorted_pose
+from calibration.registration.features import axial_pose, homography_pose, match_features
+from calibration.registration.motions import AXIAL, HOMOGRAPHY, half_size_px
+from calibration.registration.overlap import Overlap, axial_overlap, refuse_nearer
+from calibration.registration.refinement import refined_pose, zoom_at_centre
+from simulation import GaussianPsf
+
+__all__ = [
+    "AxialRegistration",
+    "DistortedPose",
+    "DistortedRegistration",
+    "Overlap",
+    "Registration",
+    "register",
+    "register_axial",
+    "register_distorted",
+]
+
+FloatArray = NDArray[np.float64]
+
+_DISAGREEMENT_MAX_PX = 1.5
+"""Median distance of the features from a pose of the pixels; features alone scatter by 0.3 px."""
+
+_PLACE_ERR_MAX_PX = 0.25
+"""Standard error of a pixel's place beyond which an alignment is no ground for a comparison."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Registration:
+    """Pose of a follow-up in its reference.
+
+    Parameters
+    ----------
+    matrix
+        Shape (3, 3), last element 1: follow-up pixel centres ``(x, y, 1)`` to reference pixel
+        centres.
+    zoom
+        Reference pixels per follow-up pixel at the follow-up's centre.
+    inlier_count, match_rms_px
+        Feature matches that agree with the pose, and their rms distance from it in reference px.
+    correlation
+        Of the follow-up with the simulated one.
+    residual_rms_dn
+        What remains between them, in the follow-up's units.
+    """
+
+    matrix: FloatArray
+    zoom: float
+    inlier_count: int
+    match_rms_px: float
+    correlation: float
+    residual_rms_dn: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxialRegistration:
+    """Pose of a follow-up whose camera moved along its axis: one zoom and one shift.
+
+    Follow-up pixel ``(row, col)`` lies at reference coordinates
+    ``(origin_y_px + row * zoom, origin_x_px + col * zoom)``.
+
+    Parameters
+    ----------
+    zoom, zoom_err
+        Reference pixels per follow-up pixel, and its standard error.
+    origin_y_px, origin_x_px
+        Reference coordinates of the follow-up's first pixel.
+    shift_err_px
+        Standard error of the follow-up centre's place, the larger of both axes, reference px.
+    reference_shape, followup_shape
+        ``(rows, cols)`` of both images.
+    inlier_count, match_rms_px, correlation, residual_rms_dn
+        As in ``Registration``.
+    """
+
+    zoom: float
+    zoom_err: float
+    origin_y_px: float
+    origin_x_px: float
+    shift_err_px: float
+    reference_shape: tuple[int, int]
+    followup_shape: tuple[int, int]
+    inlier_count: int
+    match_rms_px: float
+    correlation: float
+    residual_rms_dn: float
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres."""
+        return _axial_matrix(self.zoom, self.origin_y_px, self.origin_x_px)
+
+    @property
+    def shift_y_px(self) -> float:
+        """How far the follow-up's centre lies below the reference's, in reference px."""
+        return (
+            self.origin_y_px
+            + ((self.followup_shape[0] - 1) * self.zoom - (self.reference_shape[0] - 1)) / 2
+        )
+
+    @property
+    def shift_x_px(self) -> float:
+        """How far the follow-up's centre lies right of the reference's, in reference px."""
+        return (
+            self.origin_x_px
+            + ((self.followup_shape[1] - 1) * self.zoom - (self.reference_shape[1] - 1)) / 2
+        )
+
+    @property
+    def overlap(self) -> Overlap:
+        """The follow-up pixels whose squares lie wholly inside the reference.
+
+        Raises
+        ------
+        RegistrationError
+            If there are fewer than 16 along an axis.
+        """
+        return axial_overlap(self.matrix, self.reference_shape, self.followup_shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DistortedRegistration:
+    """Pose of a follow-up in its reference, with the distortion of the lens that took both.
+
+    Parameters
+    ----------
+    pose
+        Where every pixel lies.
+    zoom
+        Reference pixels per follow-up pixel at the follow-up's centre.
+    place_err_px
+        Standard error of a follow-up pixel's place in the reference, rms over the overlap,
+        reference px.
+    k1_err
+        Standard error of ``pose.k1``.
+    feature_matrix
+        Shape (3, 3): the homography of the features alone, without distortion and before the
+        pixels refine it, as it is widely used.
+    inlier_count, match_rms_px, correlation, residual_rms_dn
+        As in ``Registration``; slow changes of light are taken off first.
+    """
+
+    pose: DistortedPose
+    zoom: float
+    place_err_px: float
+    k1_err: float
+    feature_matrix: FloatArray
+    inlier_count: int
+    match_rms_px: float
+    correlation: float
+    residual_rms_dn: float
+
+
+def register(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    psf: GaussianPsf | None = None,
+) -> Registration:
+    """Pose of ``followup`` in ``reference`` as a homography.
+
+    Parameters
+    ----------
+    reference, followup
+        Grey, shape ``(rows, cols)``; uint8, uint16, float32 or float64. The follow-up is the one
+        from further away.
+    psf
+        Total PSF of the camera; without it the reference is simulated by ``bicubic``.
+
+    Raises
+    ------
+    RegistrationError
+        If too few features match, the follow-up is nearer than the reference, the images overlap
+        too little or do not agree.
+    """
+    matches = match_features(reference, followup)
+    matrix, inlier = homography_pose(matches)
+    fit = refined_pose(reference, followup, psf, matrix, HOMOGRAPHY)
+    return Registration(
+        matrix=fit.matrix,
+        zoom=zoom_at_centre(fit.matrix, _shape(followup)),
+        inlier_count=int(inlier.sum()),
+        match_rms_px=matches.rms_px(fit.matrix, inlier),
+        correlation=fit.correlation,
+        residual_rms_dn=fit.residual_rms_dn,
+    )
+
+
+def register_axial(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    psf: GaussianPsf | None = None,
+) -> AxialRegistration:
+    """Zoom and shift of ``followup`` in ``reference``, whose camera moved along its axis.
+
+    Parameters and errors are those of ``register``. The matches must agree with a scale and a
+    shift alone.
+    """
+    matches = match_features(reference, followup)
+    _, agreeing = homography_pose(matches)
+    matrix, inlier = axial_pose(matches, agreeing)
+    fit = refined_pose(reference, followup, psf, matrix, AXIAL)
+    zoom = float(fit.matrix[0, 0])
+    shift_errs, scale_err = fit.errors_px[:2], fit.errors_px[2]
+    return AxialRegistration(
+        zoom=zoom,
+        zoom_err=float(zoom * scale_err / half_size_px(_shape(followup))),
+        origin_y_px=float(fit.matrix[1, 2]),
+        origin_x_px=float(fit.matrix[0, 2]),
+        shift_err_px=float(zoom * shift_errs.max()),
+        reference_shape=_shape(reference),
+        followup_shape=_shape(followup),
+        inlier_count=int(inlier.sum()),
+        match_rms_px=matches.rms_px(fit.matrix, inlier),
+        correlation=fit.correlation,
+        residual_rms_dn=fit.residual_rms_dn,
+    )
+
+
+def register_distorted(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    psf: GaussianPsf | None = None,
+    expected_zoom: float | None = None,
+) -> DistortedRegistration:
+    """Pose of ``followup`` in ``reference``, and the radial distortion of their common lens.
+
+    Parameters
+    ----------
+    reference, followup
+        Grey, whole frames of one camera; where their shapes differ, no distortion is fitted.
+    psf
+        Total PSF of the camera; without it one of 0.65 px is assumed.
+    expected_zoom
+        About how much further away the follow-up is, both images about centred: tells the
+        repeats of a pattern apart. Where nothing is found so, it is looked for everywhere.
+
+    Raises
+    ------
+    RegistrationError
+        If too few features match, the follow-up is nearer than the reference, the images overlap
+        too little or do not agree, features and pixels contradict each other, or the pose is
+        too unsure.
+    """
+    expected = None
+    if expected_zoom is not None:
+        middles = [[(n - 1) / 2 for n in _shape(image)] for image in (reference, followup)]
+        origin_y_px, origin_x_px = (r - expected_zoom * f for r, f in zip(*middles, strict=True))
+        expected = _axial_matrix(expected_zoom, origin_y_px, origin_x_px)
+        try:
+            return _register_distorted(reference, followup, psf, expected)
+        except RegistrationError:
+            # The camera may have been shifted or turned.
+            pass
+    return _register_distorted(reference, followup, psf, None)
+
+
+def _register_distorted(
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
+    psf: GaussianPsf | None,
+    expected: FloatArray | None,
+) -> DistortedRegistration:
+    matches = match_features(reference, followup, expected)
+    matrix, inlier = homography_pose(matches)
+    fit = refined_distorted_pose(reference, followup, psf, matrix)
+    zoom = fit.pose.zoom
+    refuse_nearer(zoom)
+    place_y, place_x = fit.pose.to_reference_px(
+        matches.followup_px[inlier, 1], matches.followup_px[inlier, 0]
+    )
+    apart_px = np.hypot(
+        place_x - matches.reference_px[inlier, 0], place_y - matches.reference_px[inlier, 1]
+    )
+    if np.median(apart_px) > _DISAGREEMENT_MAX_PX:
+        raise RegistrationError(
+            f"the features lie {np.median(apart_px):.1f} px from where the pixels agree best"
+        )
+    if not fit.place_err_px <= _PLACE_ERR_MAX_PX:
+        raise RegistrationError(
+            f"the pose is unsure by {fit.place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed"
+        )
+    return DistortedRegistration(
+        pose=fit.pose,
+        zoom=zoom,
+        place_err_px=fit.place_err_px,
+        k1_err=fit.k1_err,
+        feature_matrix=matrix,
+        inlier_count=int(inlier.sum()),
+        match_rms_px=float(np.sqrt(np.mean(apart_px**2))),
+        correlation=fit.correlation,
+        residual_rms_dn=fit.residual_rms_dn,
+    )
+
+
+def _axial_matrix(zoom: float, origin_y_px: float, origin_x_px: float) -> FloatArray:
+    return np.array([[zoom, 0.0, origin_x_px], [0.0, zoom, origin_y_px], [0.0, 0.0, 1.0]])
+
+
+def _shape(image: NDArray[Any]) -> tuple[int, int]:
+    return image.shape[0], image.shape[1]

@@ -1,0 +1,80 @@
+"""The homing cycle of Grbl: seek, pull off, locate, pull off."""
+
+from hil_mocks.stages.plant import StagePlant
+from hil_mocks.stages.stepper_axis import StepperAxis
+
+__all__ = ["HomingCycle"]
+
+SWITCH_NOT_RELEASED = 8
+SWITCH_NOT_FOUND = 9
+SEARCH_SCALAR = 1.5
+LOCATE_SCALAR = 5.0
+
+
+class HomingCycle:
+    """One cycle at work; `step` is called after every bit of motion.
+
+    Parameters
+    ----------
+    axis, plant
+        What moves, and whose switch is looked for.
+    is_downwards
+        Where that switch is.
+    seek_mm_per_s, locate_mm_per_s
+        Speeds of the first and the second search.
+    pull_off_mm
+        Way back from the switch.
+    travel_mm
+        Of the axis; the search goes half as far again.
+    """
+
+    def __init__(
+        self,
+        axis: StepperAxis,
+        plant: StagePlant,
+        *,
+        is_downwards: bool,
+        seek_mm_per_s: float,
+        locate_mm_per_s: float,
+        pull_off_mm: float,
+        travel_mm: float,
+    ) -> None:
+        self._axis = axis
+        self._plant = plant
+        self._towards = -1.0 if is_downwards else 1.0
+        self._pull_off_mm = pull_off_mm
+        self._seek_mm_per_s = seek_mm_per_s
+        self._locate_mm_per_s = locate_mm_per_s
+        self._phases = ["seek", "pull off", "locate", "pull off"]
+        self._travel_mm = travel_mm
+        self._begin()
+
+    def step(self) -> int | None:
+        """Alarm code, 0 when homed, None while at work."""
+        is_pull_off = self._phases[0] == "pull off"
+        if not is_pull_off and self._is_pressed:
+            self._axis.halt()
+        elif self._axis.is_moving:
+            return None
+        elif not is_pull_off:
+            return SWITCH_NOT_FOUND
+        if is_pull_off and self._is_pressed:
+            return SWITCH_NOT_RELEASED
+        self._phases.pop(0)
+        if not self._phases:
+            return 0
+        self._begin()
+        return None
+
+    @property
+    def _is_pressed(self) -> bool:
+        return self._plant.is_low_pressed if self._towards < 0 else self._plant.is_high_pressed
+
+    def _begin(self) -> None:
+        way_mm, speed = {
+            "seek": (SEARCH_SCALAR * self._travel_mm, self._seek_mm_per_s),
+            "locate": (LOCATE_SCALAR * self._pull_off_mm, self._locate_mm_per_s),
+            "pull off": (-self._pull_off_mm, self._seek_mm_per_s),
+        }[self._phases[0]]
+        self._axis.count_from(0.0)
+        self._axis.go(self._towards * way_mm, speed)

@@ -1,0 +1,38 @@
+from .pose.simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
+from .psf.field import PsfField as PsfField
+from .psf.gaussian import GaussianPsf as GaussianPsf
+from .psf.transfer import (
+    CameraTransfer as CameraTransfer,
+    GaussianTransfer as GaussianTransfer,
+    SampledTransfer as SampledTransfer,
+    Transfer as Transfer,
+)
+from .resampling.grid import SamplingGrid as SamplingGrid
+from .zoom import (
+    MODELS as MODELS,
+    Model as Model,
+    ZoomOperator as ZoomOperator,
+    lmmse_operator as lmmse_operator,
+    zoom_operator as zoom_operator,
+    zoom_out as zoom_out,
+    zoom_out_on_grid as zoom_out_on_grid,
+)
+
+__all__ = [
+    "MODELS",
+    "CameraTransfer",
+    "GaussianPsf",
+    "GaussianTransfer",
+    "Model",
+    "PsfField",
+    "SampledTransfer",
+    "SamplingGrid",
+    "SimulatedPose",
+    "Transfer",
+    "ZoomOperator",
+    "lmmse_operator",
+    "simulate_pose",
+    "zoom_operator",
+    "zoom_out",
+    "zoom_out_on_grid",
+]

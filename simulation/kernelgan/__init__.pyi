@@ -1,0 +1,34 @@
+from .crops import CropPicker as CropPicker
+from .estimate import (
+    KERNEL_MODELS as KERNEL_MODELS,
+    TRAINING_STEPS as TRAINING_STEPS,
+    EstimatedKernel as EstimatedKernel,
+    KernelGanError as KernelGanError,
+    KernelGanSettings as KernelGanSettings,
+    KernelModel as KernelModel,
+    estimate_kernel as estimate_kernel,
+)
+from .generator import (
+    DeepLinearGenerator as DeepLinearGenerator,
+    composed_kernel as composed_kernel,
+    sampled as sampled,
+)
+from .sampling import Sampler as Sampler, kernel_operator as kernel_operator
+from .training import KernelGanTraining as KernelGanTraining
+
+__all__ = [
+    "KERNEL_MODELS",
+    "TRAINING_STEPS",
+    "CropPicker",
+    "DeepLinearGenerator",
+    "EstimatedKernel",
+    "KernelGanError",
+    "KernelGanSettings",
+    "KernelGanTraining",
+    "KernelModel",
+    "Sampler",
+    "composed_kernel",
+    "estimate_kernel",
+    "kernel_operator",
+    "sampled",
+]

@@ -1,0 +1,100 @@
+"""Zoom-out by a given blur kernel: what follows a KernelGAN training.
+
+``exact`` samples the quintic spline through the blurred pixels at the follow-up's grid, seen from
+the kernel's centre of mass: patches look alike wherever they lie, so that KernelGAN knows nothing
+of a shift, and the one its kernel has is taken out. ``nearest`` takes the blurred pixel nearest
+to the grid and the kernel as it is, as the publication does: the image shifts by the centre of
+mass, and every pixel by up to 0.5 px; by just 0.5 px at zoom 2.
+"""
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulation.kernelgan.estimate import EstimatedKernel
+from simulation.resampling import (
+    BandedMatrix,
+    BlurCovariance,
+    SamplingGrid,
+    blur,
+    gaussian_terms,
+    spline_sampling,
+)
+from simulation.zoom import SeparableSum, ZoomOperator
+
+__all__ = ["SAMPLERS", "Sampler", "kernel_operator"]
+
+FloatArray = NDArray[np.float64]
+
+Sampler = Literal["exact", "nearest"]
+SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
+
+_FAINT_TERM = 1e-6
+"""Singular values below this share of the first are left out."""
+
+_PREFILTER_TOLERANCE = 1e-6
+
+
+def kernel_operator(
+    shape: tuple[int, int],
+    grid: SamplingGrid,
+    kernel: EstimatedKernel,
+    sampler: Sampler = "exact",
+) -> ZoomOperator:
+    """Operator that blurs by a kernel and samples at a grid.
+
+    Parameters
+    ----------
+    shape
+        ``(rows, cols)`` of the references.
+    grid
+        Pixels of the follow-up; ``SamplingGrid.centred`` with ``nearest`` and a size that the
+        zoom divides gives the pixels ``floor((i + 0.5) zoom)``.
+    kernel
+        Correlation kernel.
+    sampler
+        One of ``SAMPLERS``.
+
+    Raises
+    ------
+    ValueError
+        If the sampler is unknown.
+    """
+    if sampler not in SAMPLERS:
+        raise ValueError(f"sampler must be one of {', '.join(SAMPLERS)}, got {sampler!r}")
+    centre_y, centre_x = kernel.centre_px if sampler == "exact" else (0.0, 0.0)
+    u, singular, vt = np.linalg.svd(kernel.weights)
+    # Both matrices below convolve: a correlation kernel is turned round.
+    return ZoomOperator(
+        (
+            SeparableSum(
+                tuple(
+                    (
+                        _sampled(value * u[::-1, place], grid.rows_px, centre_y, shape[0], sampler),
+                        _sampled(vt[place, ::-1], grid.cols_px, centre_x, shape[1], sampler),
+                    )
+                    for place, value in enumerate(singular)
+                    if value > _FAINT_TERM * singular[0]
+                )
+            ),
+        )
+    )
+
+
+def _sampled(
+    kernel: FloatArray, positions_px: FloatArray, centre_px: float, size: int, sampler: Sampler
+) -> BandedMatrix:
+    if sampler == "exact":
+        (prefilter,) = gaussian_terms(
+            BlurCovariance(yy_px2=0.0, xx_px2=0.0),
+            tail_tolerance=_PREFILTER_TOLERANCE,
+            spline_prefilter=True,
+        )
+        # The correlation at p looks at p + centre.
+        places = positions_px - centre_px
+        return spline_sampling(places, np.convolve(kernel, prefilter.along_y), size)
+    nearest = np.clip(np.floor(positions_px + 0.5).astype(np.int64), 0, size - 1)
+    rows = len(nearest)
+    taken = BandedMatrix.from_entries(rows, size, np.arange(rows), nearest, np.ones(rows))
+    return taken @ blur(kernel, size)

@@ -1,0 +1,295 @@
+"""The image a camera would take of the same plane from another pose: tilt, turn, perspective.
+
+Model ``matched`` for a homography: at every follow-up pixel the reference is blurred by what its
+PSF lacks there, ``A Sigma A^T - Sigma`` with A the derivative of the homography, and the quintic
+spline through the result is point-sampled. The theory is in ``docs/theory-pose.md``.
+"""
+
+from dataclasses import dataclass
+from math import ceil, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from simulation.pose.view import PoseView
+from simulation.pose.warped_blur import BORDER_PX, render
+from simulation.psf import GaussianPsf, PsfField
+from simulation.resampling import (
+    MATCHED_TAIL_TOLERANCE,
+    BandedMatrix,
+    BlurCovariance,
+    SplineGaussianTable,
+    apply_separable,
+    gaussian_terms,
+    reference_shape,
+    refuse_non_finite,
+    spline_gaussian,
+)
+
+__all__ = ["NEARER_TOLERANCE_PX2", "SharedBlur", "SimulatedPose", "shared_blur", "simulate_pose"]
+
+FloatArray = NDArray[np.float64]
+FloatImage = NDArray[np.floating[Any]]
+
+NEARER_TOLERANCE_PX2 = 1e-3
+"""A variance that is surplus by less changes the contrast at Nyquist by less than 0.5 %."""
+
+_TILE_PX = 512
+"""Side of the tiles of the follow-up: what is kept per tile is a few MB."""
+
+_SURVEY_PLACES = 65
+"""Places per axis at which the missing blur is looked at beforehand."""
+
+_BORDER_STEP_PX = 32
+_BOW_PX = 1.0
+"""Steps along a tile's border, and how far a lens bows it in between, up to zoom 4 at 10 %; the
+margin of the sampling holds more."""
+
+_LEAST_HELD_PX2 = 0.02
+"""A smaller common blur is left to the sampling."""
+
+_LINE_SIGMAS = 4
+"""Reach of the points that make a correlated blur."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedPose:
+    """A simulated follow-up on its own pixel grid.
+
+    Parameters
+    ----------
+    image
+        Shape ``(rows, cols)`` or ``(rows, cols, channels)``, float32 or float64, finite; 0 where
+        ``outside``.
+    nearer
+        Shape ``(rows, cols)``: the real follow-up is sharper than the reference there, in one
+        direction at least, which no simulation can make good; False where ``outside``.
+    outside
+        Shape ``(rows, cols)``: the pixel looks past the reference, by more than half a pixel.
+    """
+
+    image: FloatImage
+    nearer: NDArray[np.bool_]
+    outside: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SharedBlur:
+    """How the missing blur is shared between one for the whole image and one for each place."""
+
+    held_px2: FloatArray
+    """Elements xx, xy, yy."""
+
+    table: SplineGaussianTable
+    margin_px: int
+
+
+def simulate_pose(
+    image: NDArray[np.generic],
+    homography: NDArray[np.floating[Any]],
+    size: tuple[int, int],
+    psf: GaussianPsf | PsfField | None,
+    *,
+    origin_px: tuple[float, float] | None = None,
+    distortion_k1: float = 0.0,
+) -> SimulatedPose:
+    """Image of the same plane from another pose of the same camera.
+
+    Parameters
+    ----------
+    image
+        Reference, shape ``(rows, cols)`` or ``(rows, cols, channels)``; uint8, uint16, float32 or
+        float64; linear in light.
+    homography
+        Shape (3, 3): follow-up pixel ``(x, y, 1)`` to reference pixel, up to a factor; pixel
+        centres at integers.
+    size
+        ``(width, height)`` of the follow-up.
+    psf
+        Total PSF (optics and pixel) of the camera. A field is taken at the place that each image
+        has it: the reference's at the reference's pixel, the follow-up's at the follow-up's.
+    origin_px
+        Where the follow-up's pixel (0, 0) lies in the camera's frame, ``(x, y)``, if the
+        follow-up is a part of that frame; None: it is the whole. It matters for a field and a
+        distortion only.
+    distortion_k1
+        Radial distortion of the lens that took both: an ideal place at the radius r from the
+        reference's middle, 1 at its corner, is seen at ``r (1 + k1 r^2)``. The homography is then
+        that of the ideal places.
+
+    Returns
+    -------
+    SimulatedPose
+        In the input's units; float64 for float64 input, else float32.
+
+    Raises
+    ------
+    ValueError
+        If the homography is not finite, singular or puts its horizon into the follow-up's frame;
+        if the follow-up sees nothing of the reference; if the image is of another kind or not
+        finite; if the PSF is missing or a field belongs to another frame; if the distortion is
+        none of a lens; if the follow-up needs a blur that is too wide.
+    """
+    view = PoseView.of(homography, reference_shape(image), size, psf, origin_px, distortion_k1)
+    height, width = view.follow_up
+    shares = shared_blur(view)
+    operator = _CommonBlur(view.reference, shares)
+    dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
+    planes = image[:, :, None] if image.ndim == 2 else image
+    refuse_non_finite(image)
+    result = np.zeros((planes.shape[2], height, width), dtype=dtype)
+    nearer = np.zeros((height, width), dtype=np.bool_)
+    outside = np.ones((height, width), dtype=np.bool_)
+    for top in range(0, height, _TILE_PX):
+        for left in range(0, width, _TILE_PX):
+            tile = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
+            window = _seen(view, (top, left), nearer[tile].shape)
+            if window is None:
+                continue
+            for channel in range(planes.shape[2]):
+                coefficients, origin = operator.coefficients(planes[:, :, channel], window, dtype)
+                render(
+                    coefficients,
+                    origin,
+                    tuple(shares.held_px2.tolist()),
+                    view.reference,
+                    view.matrix,
+                    view.lens,
+                    view.coefficients_px2,
+                    view.frame,
+                    shares.table.weights,
+                    shares.table.radii,
+                    NEARER_TOLERANCE_PX2,
+                    (top, left),
+                    result[channel][tile],
+                    nearer[tile],
+                    outside[tile],
+                )
+    if outside.all():
+        raise ValueError("the follow-up sees nothing of the reference")
+    pixels = result[0] if image.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, 0, -1))
+    return SimulatedPose(image=pixels, nearer=nearer, outside=outside)
+
+
+def shared_blur(view: PoseView) -> SharedBlur:
+    """Find the largest blur that every place needs, and the widest rest."""
+    places = [np.unique(np.linspace(0, n - 1, min(n, _SURVEY_PLACES))) for n in view.follow_up]
+    seen = view.survey(places[0], places[1])
+    x, y = seen[..., 0], seen[..., 1]
+    inside = (
+        (x >= -BORDER_PX)
+        & (x <= view.reference[1] - 1 + BORDER_PX)
+        & (y >= -BORDER_PX)
+        & (y <= view.reference[0] - 1 + BORDER_PX)
+    )
+    # The reference's border may lie between two places.
+    counted = np.asarray(binary_dilation(inside, np.ones((3, 3), dtype=np.bool_)))
+    blurs: FloatArray = seen.reshape(-1, 5)[counted.ravel(), 2:]
+    if len(blurs) == 0:
+        blurs = np.zeros((1, 3))
+    held = _common_blur(blurs)
+    rest = blurs - held
+    sigma_px = 1.05 * sqrt(max(float(rest[:, [0, 2]].max()), 0.0))
+    table = spline_gaussian(sigma_px)
+    return SharedBlur(held, table, table.weights.shape[2] // 2 + ceil(_LINE_SIGMAS * sigma_px) + 2)
+
+
+def _common_blur(blurs_px2: FloatArray) -> FloatArray:
+    """Largest multiple of the mean blur that leaves no place a negative rest; (xx, xy, yy)."""
+    mean = blurs_px2.mean(axis=0)
+    xx, xy, yy = mean
+    if not (xx > 0 and xx * yy - xy * xy > 0):
+        return np.zeros(3)
+    # Least eigenvalue of inverse(mean) blur: both are 2 x 2.
+    determinant = xx * yy - xy * xy
+    trace = (yy * blurs_px2[:, 0] - 2 * xy * blurs_px2[:, 1] + xx * blurs_px2[:, 2]) / determinant
+    product = (blurs_px2[:, 0] * blurs_px2[:, 2] - blurs_px2[:, 1] ** 2) / determinant
+    least = (trace / 2 - np.sqrt(np.maximum(trace**2 / 4 - product, 0.0))).min()
+    share = 1.0 if least > 1 - 1e-6 else float(least)
+    if share * max(xx, yy) < _LEAST_HELD_PX2:
+        return np.zeros(3)
+    return np.asarray(share * mean)
+
+
+class _CommonBlur:
+    """From pixels to the coefficients of the spline through the commonly blurred pixels."""
+
+    def __init__(self, shape: tuple[int, int], shares: SharedBlur) -> None:
+        xx, xy, yy = shares.held_px2.tolist()
+        kernels = gaussian_terms(
+            BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
+            tail_tolerance=MATCHED_TAIL_TOLERANCE,
+            spline_prefilter=True,
+        )
+        self._shape = shape
+        self._margin_px = shares.margin_px
+        self._kernels = kernels
+
+    def coefficients(
+        self,
+        image: NDArray[np.generic],
+        window: tuple[int, int, int, int],
+        dtype: np.dtype[Any],
+    ) -> tuple[FloatImage, tuple[int, int]]:
+        """Return those around a window of pixels (top, bottom, left, right; ends included).
+
+        Returns
+        -------
+        coefficients, origin
+            With the margin that the sampling reaches into, mirrored at the image's edge, and the
+            (row, col) of the first one.
+        """
+        top, bottom, left, right = window
+        margin = self._margin_px
+        rows = np.arange(top - margin, bottom + margin + 1)
+        cols = np.arange(left - margin, right + margin + 1)
+        total: FloatImage | None = None
+        for kernel in self._kernels:
+            along_y, used_rows = _blur_at(rows, kernel.along_y, self._shape[0])
+            along_x, used_cols = _blur_at(cols, kernel.along_x, self._shape[1])
+            part = apply_separable(along_y, along_x, image[used_rows, used_cols].astype(dtype))
+            total = part if total is None else np.add(total, part, out=total)
+        assert total is not None
+        return total, (top - margin, left - margin)
+
+
+def _blur_at(
+    places_px: NDArray[np.int64], kernel: FloatArray, size: int
+) -> tuple[BandedMatrix, slice]:
+    """Convolution of the mirrored image at places in and around it; on the pixels that it needs."""
+    radius = len(kernel) // 2
+    column = (places_px[:, None] - np.arange(-radius, radius + 1)) % (2 * size)
+    column = np.minimum(column, 2 * size - 1 - column)
+    first, last = int(column.min()), int(column.max()) + 1
+    matrix = BandedMatrix.from_entries(
+        len(places_px),
+        last - first,
+        np.repeat(np.arange(len(places_px)), len(kernel)),
+        column.ravel() - first,
+        np.broadcast_to(kernel, column.shape).ravel(),
+    )
+    return matrix, slice(first, last)
+
+
+def _seen(
+    view: PoseView, first: tuple[int, int], shape: tuple[int, int]
+) -> tuple[int, int, int, int] | None:
+    """Reference pixels around what a tile sees: top, bottom, left, right, or None."""
+    rows, cols = (
+        np.linspace(start, start + count - 1, max(2, ceil((count - 1) / _BORDER_STEP_PX) + 1))
+        for start, count in zip(first, shape, strict=True)
+    )
+    # Without the horizon in the frame, what lies inside the tile lies inside its warped border.
+    border = [view.survey(rows[[0, -1]], cols), view.survey(rows, cols[[0, -1]])]
+    x, y = np.concatenate([places[..., :2].reshape(-1, 2) for places in border]).T
+    # A homography keeps the border's lines straight; a lens bows them.
+    bow_px = 0.0 if view.lens[0] == 0 else _BOW_PX
+    bounds = []
+    for place, size in ((y, view.reference[0]), (x, view.reference[1])):
+        low, high = place.min() - bow_px, place.max() + bow_px
+        if high < -BORDER_PX or low > size - 1 + BORDER_PX:
+            return None
+        bounds += [max(int(np.floor(low)), -1), min(int(np.ceil(high)), size)]
+    return bounds[0], bounds[1], bounds[2], bounds[3]

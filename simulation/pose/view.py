@@ -1,0 +1,160 @@
+"""Where a follow-up looks, and the blur that its reference lacks at every place."""
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulation.pose.lens import ideal_places, lens_of
+from simulation.pose.warped_blur import survey
+from simulation.psf import GaussianPsf, PsfField
+
+__all__ = ["PoseView"]
+
+FloatArray = NDArray[np.float64]
+
+_SINGULAR = 1e-9
+"""Least determinant of a homography between frames scaled to unit squares, relative."""
+
+_BORDER_PLACES = 33
+"""Places along a side of a frame: a lens bends it, so that its corners do not tell all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseView:
+    """A homography between two frames of one camera, checked, with the camera's lens and PSF.
+
+    Parameters
+    ----------
+    matrix
+        Shape (3, 3): follow-up pixel ``(x, y, 1)`` to reference pixel, both without distortion;
+        the third component is positive all over the follow-up.
+    lens
+        Radial distortion, as in `distorted_warp`.
+    reference, follow_up
+        ``(rows, cols)`` of the two frames.
+    coefficients_px2
+        Shape ``(3, n)``: the PSF's covariance as ``PsfField`` writes it.
+    frame
+        Centre x, y and 1 / radius of that field, and where the follow-up's pixel (0, 0) lies in
+        it, x and y.
+    """
+
+    matrix: FloatArray
+    lens: FloatArray
+    reference: tuple[int, int]
+    follow_up: tuple[int, int]
+    coefficients_px2: FloatArray
+    frame: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        homography: NDArray[np.floating[Any]],
+        reference: tuple[int, int],
+        size: tuple[int, int],
+        psf: GaussianPsf | PsfField | None,
+        origin_px: tuple[float, float] | None,
+        distortion_k1: float = 0.0,
+    ) -> Self:
+        """Check what a caller gave; the parameters are those of ``simulate_pose``.
+
+        Raises
+        ------
+        ValueError
+            If the homography is not finite, singular or puts its horizon into the follow-up's
+            frame; if the size is none; if the PSF is missing or a field belongs to other frames;
+            if the distortion is none of a lens.
+        """
+        width, height = _checked_size(size)
+        if psf is None:
+            raise ValueError("model 'matched' needs a PSF")
+        rows, cols = reference
+        coefficients, frame = _polynomials(psf, (cols, rows), (width, height), origin_px)
+        lens = lens_of(distortion_k1, reference, (height, width), origin_px)
+        return cls(
+            matrix=_checked_homography(homography, (cols, rows), (width, height), lens),
+            lens=lens,
+            reference=reference,
+            follow_up=(height, width),
+            coefficients_px2=coefficients,
+            frame=frame,
+        )
+
+    def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
+        """Look at a lattice of the follow-up's places.
+
+        Returns
+        -------
+        ndarray of shape ``(len(rows_px), len(cols_px), 5)``
+            Reference place x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy and
+            yy; it may be indefinite.
+        """
+        seen = np.empty((len(rows_px), len(cols_px), 5))
+        survey(self.matrix, self.lens, self.coefficients_px2, self.frame, rows_px, cols_px, seen)
+        return seen
+
+
+def _polynomials(
+    psf: GaussianPsf | PsfField,
+    reference: tuple[int, int],
+    follow_up: tuple[int, int],
+    origin_px: tuple[float, float] | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Coefficients and frame of a PSF; sizes are (width, height)."""
+    if isinstance(psf, GaussianPsf):
+        (xx, xy), (_, yy) = psf.covariance_px2.tolist()
+        return np.array([[xx], [xy], [yy]]), np.zeros(5)
+    frame = (psf.width_px, psf.height_px)
+    whose = f"the PSF field belongs to frames of {frame[0]} x {frame[1]} px, the"
+    if reference != frame:
+        raise ValueError(f"{whose} reference has {reference[0]} x {reference[1]}")
+    x, y = origin_px or (0.0, 0.0)
+    inside = x >= 0 and y >= 0 and x + follow_up[0] <= frame[0] and y + follow_up[1] <= frame[1]
+    if not inside or (origin_px is None and follow_up != frame):
+        raise ValueError(
+            f"{whose} follow-up has {follow_up[0]} x {follow_up[1]}, its first pixel at "
+            f"({x:g}, {y:g})"
+        )
+    return psf.coefficients_px2.copy(), np.array([*psf.centre_px, 1 / psf.corner_radius_px, x, y])
+
+
+def _checked_homography(
+    homography: NDArray[np.floating[Any]],
+    reference: tuple[int, int],
+    follow_up: tuple[int, int],
+    lens: FloatArray,
+) -> FloatArray:
+    """Homography with a positive denominator all over the follow-up; sizes (width, height)."""
+    matrix = np.array(homography, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise ValueError(f"a homography is a finite 3 x 3 matrix, got {homography!r}")
+    scaled = (
+        np.diag([1 / reference[0], 1 / reference[1], 1.0])
+        @ matrix
+        @ np.diag([follow_up[0], follow_up[1], 1.0])
+    )
+    norm = float(np.linalg.norm(scaled))
+    if not (norm > 0 and abs(np.linalg.det(scaled / norm)) > _SINGULAR):
+        raise ValueError("the homography is singular")
+    width, height = follow_up
+    x, y = (np.linspace(-0.5, size - 0.5, _BORDER_PLACES) for size in (width, height))
+    along_x = np.stack(np.meshgrid(x, [-0.5, height - 0.5]), axis=-1).reshape(-1, 2)
+    along_y = np.stack(np.meshgrid([-0.5, width - 0.5], y), axis=-1).reshape(-1, 2)
+    border = ideal_places(lens, np.concatenate([along_x, along_y]))
+    denominators = border @ matrix[2, :2] + matrix[2, 2]
+    if denominators.min() < 0:
+        matrix, denominators = -matrix, -denominators
+    if not denominators.min() > 1e-6 * denominators.max():
+        raise ValueError("the plane's horizon lies inside the follow-up")
+    return matrix
+
+
+def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = size
+    for value in (width, height):
+        if not (isfinite(value) and int(value) == value and value >= 1):
+            raise ValueError(f"size must be (width, height) in whole pixels, got {size}")
+    return int(width), int(height)

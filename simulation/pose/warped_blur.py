@@ -1,0 +1,307 @@
+"""Sampling a quintic spline along a warp, with another Gaussian blur at every place.
+
+The compiled kernel behind ``simulation.pose.simulate``. The warp is a homography between ideal
+images of a lens with radial distortion. Per output pixel the kernel takes the missing blur
+``B = A Sigma A^T - Sigma`` (A the derivative of the warp), takes off the part that the
+spline's coefficients hold already, and sums the coefficients with the weights of the quintic
+B-spline after a Gaussian blur. A correlated rest is the mean of several such sums along a line.
+Measured by ``benchmarks/bench_pose.py``.
+"""
+
+from collections.abc import Callable
+from math import ceil, exp, floor, log1p, pi, sqrt
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simulation.pose.lens import warp
+from simulation.resampling import LEVELS_PER_LOG, PHASES
+
+__all__ = ["BORDER_PX", "render", "survey"]
+
+FloatArray = NDArray[np.float64]
+FloatImage = NDArray[np.floating[Any]]
+BoolImage = NDArray[np.bool_]
+Function = TypeVar("Function", bound=Callable[..., object])
+
+BORDER_PX = 0.5 + 1e-6
+"""How far outside the outermost pixel centres a place still counts as inside."""
+
+_UNCORRELATED_PX2 = 1e-4
+"""Smaller covariances of the rest are left out: 0.1 % of contrast at Nyquist in both axes."""
+
+_THREE_POINTS_PX, _FIVE_POINTS_PX = 0.22, 0.45
+"""The remainder theta^2n n! / (2n)! of n points is below 1e-3 at theta = pi times these."""
+
+_ALIAS_RAD = 3.7
+"""exp(-3.7^2 / 2) = 1e-3: how far the first alias of the points stays from Nyquist."""
+
+_LINE_SIGMAS = 3.5
+
+_POINTS_MAX = 128
+"""Enough for a line of 46 px standard deviation, sqrt(2) times the widest blur of the table."""
+
+
+def _compiled(function: Function) -> Function:
+    # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
+    decorate = njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+    return cast("Function", decorate(function))
+
+
+@_compiled
+def _covariance(
+    psf: FloatArray, frame: FloatArray, x_px: float, y_px: float
+) -> tuple[float, float, float]:
+    """Elements xx, xy, yy of a field, whose centre x, y and 1 / radius ``frame`` begins with."""
+    count = psf.shape[1]
+    if count == 1:
+        return psf[0, 0], psf[1, 0], psf[2, 0]
+    u, v = (x_px - frame[0]) * frame[2], (y_px - frame[1]) * frame[2]
+    xx = xy = yy = 0.0
+    total = power = 0
+    for k in range(count):
+        monomial = u ** (total - power) * v**power
+        xx += psf[0, k] * monomial
+        xy += psf[1, k] * monomial
+        yy += psf[2, k] * monomial
+        power += 1
+        if power > total:
+            total, power = total + 1, 0
+    return xx, xy, yy
+
+
+@_compiled
+def _place(
+    matrix: FloatArray,
+    lens: FloatArray,
+    psf: FloatArray,
+    frame: FloatArray,
+    col: float,
+    row: float,
+) -> tuple[float, float, float, float, float]:
+    """Reference place (x, y) of a follow-up pixel, and the blur (xx, xy, yy) missing there."""
+    x, y, a, b, c, d = warp(matrix, lens, col, row)
+    xx, xy, yy = _covariance(psf, frame, col + frame[3], row + frame[4])
+    own_xx, own_xy, own_yy = _covariance(psf, frame, x, y)
+    return (
+        x,
+        y,
+        a * a * xx + 2 * a * b * xy + b * b * yy - own_xx,
+        a * c * xx + (a * d + b * c) * xy + b * d * yy - own_xy,
+        c * c * xx + 2 * c * d * xy + d * d * yy - own_yy,
+    )
+
+
+@_compiled
+def _positive_part(xx: float, xy: float, yy: float) -> tuple[float, float, float, float]:
+    """Set negative eigenvalues to 0; the least eigenvalue is returned as well, as it was."""
+    mean, half = (xx + yy) / 2, (xx - yy) / 2
+    radius = sqrt(half * half + xy * xy)
+    least, largest = mean - radius, mean + radius
+    if least >= 0:
+        return xx, xy, yy, least
+    if largest <= 0:
+        return 0.0, 0.0, 0.0, least
+    # largest e e^T, from the matrix less the part of the other eigenvector.
+    share = largest / (2 * radius)
+    return share * (radius + half), share * xy, share * (radius - half), least
+
+
+@_compiled
+def survey(
+    matrix: FloatArray,
+    lens: FloatArray,
+    psf: FloatArray,
+    frame: FloatArray,
+    rows: FloatArray,
+    cols: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Write (x, y, xx, xy, yy) of the missing blur to ``out[i, j]``; it may be indefinite."""
+    for i in range(len(rows)):
+        for j in range(len(cols)):
+            x, y, xx, xy, yy = _place(matrix, lens, psf, frame, cols[j], rows[i])
+            out[i, j, 0], out[i, j, 1] = x, y
+            out[i, j, 2], out[i, j, 3], out[i, j, 4] = xx, xy, yy
+
+
+@_compiled
+def _level(variance_px2: float, table: FloatImage) -> tuple[int, float]:
+    """Level of the table below a variance, and the share of the next one."""
+    level = min(int(log1p(sqrt(variance_px2)) * LEVELS_PER_LOG), table.shape[0] - 2)
+    low, high = exp(level / LEVELS_PER_LOG) - 1, exp((level + 1) / LEVELS_PER_LOG) - 1
+    return level, min((variance_px2 - low * low) / (high * high - low * low), 1.0)
+
+
+@_compiled
+def _weights(
+    place_px: float,
+    level: int,
+    upper: float,
+    table: FloatImage,
+    radius: int,
+    out: FloatImage,
+) -> int:
+    """Fill ``out`` with the weights of ``2 radius`` coefficients; return the first one."""
+    whole = floor(place_px)
+    phase = (place_px - whole) * PHASES
+    step = min(int(phase), PHASES - 1)
+    behind = phase - step
+    w00, w01 = (1 - upper) * (1 - behind), (1 - upper) * behind
+    w10, w11 = upper * (1 - behind), upper * behind
+    first = table.shape[2] // 2 - radius
+    last = first + 2 * radius
+    t00, t01 = table[level, step, first:last], table[level, step + 1, first:last]
+    t10, t11 = table[level + 1, step, first:last], table[level + 1, step + 1, first:last]
+    for m in range(2 * radius):
+        out[m] = w00 * t00[m] + w01 * t01[m] + w10 * t10[m] + w11 * t11[m]
+    return int(whole) - radius + 1
+
+
+@_compiled
+def _sum(
+    coefficients: FloatImage,
+    top: int,
+    left: int,
+    along_y: FloatImage,
+    along_x: FloatImage,
+    high: int,
+    wide: int,
+) -> float:
+    total = 0.0
+    for i in range(high):
+        row = coefficients[top + i, left : left + wide]
+        part = along_y[0] * 0
+        for j in range(0, wide, 4):
+            part += (along_x[j] * row[j] + along_x[j + 1] * row[j + 1]) + (
+                along_x[j + 2] * row[j + 2] + along_x[j + 3] * row[j + 3]
+            )
+        total += along_y[i] * part
+    return total
+
+
+@_compiled
+def render(
+    coefficients: FloatImage,
+    origin: tuple[int, int],
+    held: tuple[float, float, float],
+    size: tuple[int, int],
+    matrix: FloatArray,
+    lens: FloatArray,
+    psf: FloatArray,
+    frame: FloatArray,
+    table: FloatImage,
+    radii: NDArray[np.int64],
+    tolerance_px2: float,
+    first: tuple[int, int],
+    image: FloatImage,
+    nearer: BoolImage,
+    outside: BoolImage,
+) -> None:
+    """Fill one tile of the follow-up.
+
+    Parameters
+    ----------
+    coefficients
+        Spline coefficients of the reference, those beyond its border included; element (0, 0)
+        belongs to the reference pixel ``origin`` (row, col).
+    held
+        Blur (xx, xy, yy) that the coefficients hold already.
+    size
+        Rows and columns of the reference.
+    matrix
+        Homography from ideal follow-up to ideal reference pixels.
+    lens
+        Of `distorted_warp`.
+    psf, frame
+        Polynomial coefficients of the covariance, ``(3, n)``; its centre x, y, 1 / radius, and
+        where the follow-up's pixel (0, 0) lies in it, x, y.
+    table, radii
+        Of `SplineGaussianTable`.
+    tolerance_px2
+        A missing variance below minus this marks ``nearer``.
+    first
+        Row and column of the tile's first pixel.
+    image, nearer, outside
+        The tile, filled here; 0 and not nearer outside the reference.
+    """
+    along_y = np.empty(table.shape[2], image.dtype)
+    along_x = np.empty(table.shape[2], image.dtype)
+    places, shares = np.empty(_POINTS_MAX), np.empty(_POINTS_MAX)
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1]):
+            x, y, xx, xy, yy = _place(matrix, lens, psf, frame, first[1] + j, first[0] + i)
+            is_inside = (
+                -BORDER_PX <= x <= size[1] - 1 + BORDER_PX
+                and -BORDER_PX <= y <= size[0] - 1 + BORDER_PX
+            )
+            outside[i, j] = not is_inside
+            nearer[i, j] = False
+            image[i, j] = 0
+            if not is_inside:
+                continue
+            xx, xy, yy, least = _positive_part(xx, xy, yy)
+            nearer[i, j] = least < -tolerance_px2
+            xx, xy, yy, _ = _positive_part(xx - held[0], xy - held[1], yy - held[2])
+            x -= origin[1]
+            y -= origin[0]
+            if abs(xy) < _UNCORRELATED_PX2:
+                level_y, upper_y = _level(yy, table)
+                level_x, upper_x = _level(xx, table)
+                high, wide = radii[level_y + 1], radii[level_x + 1]
+                top = _weights(y, level_y, upper_y, table, high, along_y)
+                left = _weights(x, level_x, upper_x, table, wide, along_x)
+                image[i, j] = _sum(coefficients, top, left, along_y, along_x, 2 * high, 2 * wide)
+                continue
+            # diag(a, b) + s s^T, with the shortest s that leaves a and b positive.
+            sx2 = min(max(abs(xy), xy * xy / yy), xx)
+            sx = sqrt(sx2)
+            sy = xy / sx
+            a, b = max(xx - sx2, 0.0), max(yy - sy * sy, 0.0)
+            length2 = sx2 + sy * sy
+            count = _points(sqrt(length2), places, shares)
+            value = 0.0
+            level_y, upper_y = _level(b, table)
+            level_x, upper_x = _level(a, table)
+            high, wide = radii[level_y + 1], radii[level_x + 1]
+            for k in range(-count, count + 1):
+                shift = places[k] if k >= 0 else -places[-k]
+                top = _weights(y + shift * sy, level_y, upper_y, table, high, along_y)
+                left = _weights(x + shift * sx, level_x, upper_x, table, wide, along_x)
+                part = _sum(coefficients, top, left, along_y, along_x, 2 * high, 2 * wide)
+                value += shares[abs(k)] * part
+            image[i, j] = value
+
+
+@_compiled
+def _points(length_px: float, places: FloatArray, shares: FloatArray) -> int:
+    """Fill in the points 0 to n of a symmetric rule for a normal variable; return n.
+
+    Gauss-Hermite of 3 or 5 points while that is exact to 1e-3 up to Nyquist for a line of this
+    standard deviation, then the trapezoidal rule, its variance made 1.
+    """
+    places[0] = 0.0
+    if length_px < _THREE_POINTS_PX:
+        places[1] = sqrt(3.0)
+        shares[0], shares[1] = 2 / 3, 1 / 6
+        return 1
+    if length_px < _FIVE_POINTS_PX:
+        root = sqrt(10.0)
+        places[1], places[2] = sqrt(5 - root), sqrt(5 + root)
+        shares[0], shares[1], shares[2] = 8 / 15, (7 + 2 * root) / 60, (7 - 2 * root) / 60
+        return 2
+    step = 2 * pi / (pi * length_px + _ALIAS_RAD)
+    count = min(ceil(_LINE_SIGMAS / step), len(places) - 1)
+    norm, second = 1.0, 0.0
+    shares[0] = 1.0
+    for k in range(1, count + 1):
+        places[k] = k * step
+        shares[k] = exp(-(places[k] ** 2) / 2)
+        norm += 2 * shares[k]
+        second += 2 * shares[k] * places[k] ** 2
+    for k in range(count + 1):
+        places[k] /= sqrt(second / norm)
+        shares[k] /= norm
+    return count

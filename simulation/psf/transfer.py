@@ -1,0 +1,168 @@
+"""Transfer functions of a camera along one image axis."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from simulation.psf.gaussian import PIXEL_VARIANCE_PX2, GaussianPsf
+
+__all__ = ["CameraTransfer", "GaussianTransfer", "SampledTransfer", "Transfer"]
+
+FloatArray = NDArray[np.float64]
+
+_LOWEST_END_CY_PER_PX = 0.5
+"""A measured curve has to reach the Nyquist frequency."""
+
+_ZERO_TOLERANCE = 0.02
+"""How far from 1 a measured curve may start; it is divided by what it starts with."""
+
+
+class Transfer(Protocol):
+    """Amplitude by frequency of a symmetric line spread function; hashable, 1 at frequency 0."""
+
+    def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
+        """Return the transfer at frequencies of at least 0, in cycles per pixel."""
+        ...
+
+    def __hash__(self) -> int:
+        """Equal transfers have equal hashes: operators are cached by them."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaussianTransfer:
+    """A Gaussian line spread function, alone or integrated over square pixels.
+
+    Parameters
+    ----------
+    sigma_px
+        Width of the Gaussian; 0 is none.
+    over_pixel
+        Whether the pixel's own ``sin(pi f) / (pi f)`` comes on top; without it, ``sigma_px``
+        is the total width.
+
+    Raises
+    ------
+    ValueError
+        If the width is negative or not finite, or is 0 without a pixel.
+    """
+
+    sigma_px: float
+    over_pixel: bool = False
+
+    def __post_init__(self) -> None:
+        if not (self.sigma_px >= 0 and np.isfinite(self.sigma_px)):
+            raise ValueError(f"sigma_px must not be negative, got {self.sigma_px}")
+        if self.sigma_px == 0 and not self.over_pixel:
+            raise ValueError("a line spread function needs a width: sigma_px is 0")
+
+    def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
+        """Return the transfer at frequencies in cycles per pixel."""
+        gauss = np.exp(-2 * np.pi**2 * self.sigma_px**2 * freq_cy_per_px**2)
+        return np.asarray(gauss * np.sinc(freq_cy_per_px) if self.over_pixel else gauss)
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class SampledTransfer:
+    """A measured transfer function, as an edge gives it; the pixel is in it.
+
+    Monotone cubic between the samples (PCHIP), 0 beyond the last.
+
+    Parameters
+    ----------
+    freq_cy_per_px
+        Frequencies, rising from 0 to at least 0.5.
+    values
+        Amplitudes there; divided by the first, which has to be near 1.
+
+    Raises
+    ------
+    ValueError
+        If the samples are of different numbers, not finite, not rising, or end too early.
+    """
+
+    freq_cy_per_px: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __init__(
+        self, freq_cy_per_px: Sequence[float] | FloatArray, values: Sequence[float] | FloatArray
+    ) -> None:
+        freq = np.asarray(freq_cy_per_px, dtype=np.float64)
+        value = np.asarray(values, dtype=np.float64)
+        if freq.ndim != 1 or freq.shape != value.shape or len(freq) < 2:
+            raise ValueError(f"a curve needs pairs of numbers, got {freq.shape} and {value.shape}")
+        if not (np.all(np.isfinite(freq)) and np.all(np.isfinite(value))):
+            raise ValueError("a transfer function must be finite")
+        if freq[0] != 0 or np.any(np.diff(freq) <= 0) or freq[-1] < _LOWEST_END_CY_PER_PX:
+            raise ValueError(
+                f"frequencies must rise from 0 to at least {_LOWEST_END_CY_PER_PX} cy/px, "
+                f"got {freq[0]:g} to {freq[-1]:g}"
+            )
+        if abs(value[0] - 1) > _ZERO_TOLERANCE:
+            raise ValueError(f"a transfer function starts with 1, got {value[0]:g}")
+        object.__setattr__(self, "freq_cy_per_px", tuple(freq.tolist()))
+        object.__setattr__(self, "values", tuple((value / value[0]).tolist()))
+
+    def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
+        """Return the transfer at frequencies in cycles per pixel."""
+        curve = PchipInterpolator(self.freq_cy_per_px, self.values, extrapolate=False)
+        return np.asarray(np.nan_to_num(curve(freq_cy_per_px), nan=0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraTransfer:
+    """Transfer of a camera along both axes, and the correlation between them.
+
+    Parameters
+    ----------
+    along_y, along_x
+        Transfer functions of the line spread functions along rows and columns.
+    covariance_px2
+        Covariance of the Gaussian between the axes; both must be Gaussian if it is not 0.
+
+    Raises
+    ------
+    ValueError
+        If there is a correlation without Gaussians, or it is 1 or more.
+    """
+
+    along_y: Transfer
+    along_x: Transfer
+    covariance_px2: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.covariance_px2 == 0:
+            return
+        y, x = self.along_y, self.along_x
+        if not (isinstance(y, GaussianTransfer) and isinstance(x, GaussianTransfer)):
+            raise ValueError(  # noqa: TRY004  # the combination is wrong, not a type
+                "only Gaussian transfer functions can be correlated"
+            )
+        if not abs(self.covariance_px2) < y.sigma_px * x.sigma_px:
+            raise ValueError(
+                f"widths {y.sigma_px} and {x.sigma_px} px allow no covariance of "
+                f"{self.covariance_px2} px^2"
+            )
+
+    @classmethod
+    def of_psf(cls, psf: GaussianPsf) -> Self:
+        """Make the transfer of a PSF whose Gaussian is an optical one over square pixels.
+
+        The optical covariance is the PSF's less a pixel's 1/12 px^2. If nothing positive
+        definite is left, the PSF is taken as a Gaussian without a pixel.
+        """
+        (xx, xy), (_, yy) = psf.covariance_px2.tolist()
+        optical_xx, optical_yy = xx - PIXEL_VARIANCE_PX2, yy - PIXEL_VARIANCE_PX2
+        has_pixel = min(optical_xx, optical_yy) > 0 and optical_xx * optical_yy > xy * xy
+        if has_pixel:
+            xx, yy = optical_xx, optical_yy
+        return cls(
+            along_y=GaussianTransfer(sigma_px=sqrt(yy), over_pixel=has_pixel),
+            along_x=GaussianTransfer(sigma_px=sqrt(xx), over_pixel=has_pixel),
+            covariance_px2=xy,
+        )

@@ -1,0 +1,52 @@
+from .banded import (
+    BandedMatrix as BandedMatrix,
+    apply_separable as apply_separable,
+    put_separable as put_separable,
+)
+from .blurred_spline_weights import (
+    LEVELS_PER_LOG as LEVELS_PER_LOG,
+    PHASES as PHASES,
+    SplineGaussianTable as SplineGaussianTable,
+    spline_gaussian as spline_gaussian,
+)
+from .cubic import (
+    antialiased_cubic as antialiased_cubic,
+    blur as blur,
+    spline_sampling as spline_sampling,
+)
+from .gaussian_kernel import (
+    MATCHED_TAIL_TOLERANCE as MATCHED_TAIL_TOLERANCE,
+    BlurCovariance as BlurCovariance,
+    GaussianForm as GaussianForm,
+    gaussian_terms as gaussian_terms,
+    spline_transfer as spline_transfer,
+)
+from .grid import ZOOM_MIN as ZOOM_MIN, SamplingGrid as SamplingGrid
+from .reference_image import (
+    reference_shape as reference_shape,
+    refuse_non_finite as refuse_non_finite,
+)
+from .scattered import simulate_at as simulate_at
+
+__all__ = [
+    "LEVELS_PER_LOG",
+    "MATCHED_TAIL_TOLERANCE",
+    "PHASES",
+    "ZOOM_MIN",
+    "BandedMatrix",
+    "BlurCovariance",
+    "GaussianForm",
+    "SamplingGrid",
+    "SplineGaussianTable",
+    "antialiased_cubic",
+    "apply_separable",
+    "blur",
+    "gaussian_terms",
+    "put_separable",
+    "reference_shape",
+    "refuse_non_finite",
+    "simulate_at",
+    "spline_gaussian",
+    "spline_sampling",
+    "spline_transfer",
+]

@@ -1,0 +1,348 @@
+"""Owns the camera: streams all the time, lends it to a run, and opens it again when lost."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from threading import Event, Lock, Thread
+
+from acquisition.devices import Camera, CameraSettings, DeviceInfo, Frame, StreamStatistics
+from acquisition.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceTimeoutError,
+    DriverMissingError,
+    StreamInterruptedError,
+)
+from standoff.console.devices.device_status import DeviceStatus
+from standoff.console.devices.frame_broadcaster import FrameBoard
+
+__all__ = ["CameraKeeper"]
+
+RETRY_S = 1.0
+STALL_S = 1.0
+STALL_PERIODS = 5.0
+STATISTICS_S = 1.0
+CLOSE_TIMEOUT_S = 5.0
+TURN_S = 0.005
+
+LOST_REMEDY = (
+    "Check the camera's power and network cable. The console keeps trying; nothing has to be "
+    "restarted."
+)
+ABSENT_REMEDY = (
+    "Check the camera's power, its cable and its address, and that no other program uses it; "
+    "the Doctor page tells more. The console keeps trying."
+)
+DRIVER_REMEDY = "Install it, then start the console again."
+
+
+class CameraKeeper:
+    """The camera's one thread: whoever wants frames looks at the board.
+
+    Parameters
+    ----------
+    open_camera
+        Opens and configures it; tried again until it succeeds.
+    board
+        Where every frame is shown.
+    report
+        Is told of settings that the camera did not take.
+    clock
+        Monotonic time in seconds.
+    """
+
+    def __init__(
+        self,
+        open_camera: Callable[[], Camera],
+        board: FrameBoard,
+        *,
+        report: Callable[[str], None] = lambda _: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._open = open_camera
+        self._board = board
+        self._report = report
+        self._clock = clock
+        self._camera: Camera | None = None
+        self._status = DeviceStatus(state="opening", text="The camera is being opened")
+        self._statistics: StreamStatistics | None = None
+        self._settings: CameraSettings | None = None
+        self._info: DeviceInfo | None = None
+        self._wanted: dict[str, float] = {}
+        self._requests: SimpleQueue[tuple[str, float]] = SimpleQueue()
+        self._turn = Lock()
+        self._is_wished = Event()
+        self._is_closing = Event()
+        self._thread = Thread(target=self._run, name="camera keeper", daemon=True)
+
+    @property
+    def status(self) -> DeviceStatus:
+        """Whether it delivers, and what to do if not."""
+        return self._status
+
+    @property
+    def settings(self) -> CameraSettings | None:
+        """As read back; None until it was opened for the first time."""
+        return self._settings
+
+    @property
+    def info(self) -> DeviceInfo | None:
+        """Who it is; None until it was opened for the first time."""
+        return self._info
+
+    @property
+    def statistics(self) -> StreamStatistics | None:
+        """The stream's own counts, at most a second old; None before the first frames."""
+        return self._statistics
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the operator should know of network and settings."""
+        return tuple(getattr(self._camera, "warnings", ()))
+
+    def start(self) -> None:
+        """Begin to stream, in a thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the stream and give the camera back, within some seconds."""
+        self._is_closing.set()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_TIMEOUT_S)
+
+    def set_exposure_us(self, exposure_us: float) -> None:
+        """Have the exposure set before the next frame; the settings tell what became of it."""
+        self._requests.put(("exposure_us", exposure_us))
+
+    def set_gain_db(self, gain_db: float) -> None:
+        """Have the gain set before the next frame."""
+        self._requests.put(("gain_db", gain_db))
+
+    @contextmanager
+    def lent(self, check: Callable[[], None] = lambda: None) -> Iterator[Camera]:
+        """Lend the camera; between a stop and the next start the live stream goes on.
+
+        Parameters
+        ----------
+        check
+            Is called before each frame and may raise, to end what the borrower does.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If there is none now.
+        """
+        camera = self._camera
+        if camera is None or not self._status.is_ready:
+            raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
+        lent = _LentCamera(self, camera, check)
+        try:
+            yield lent
+        finally:
+            lent.give_back()
+
+    # What follows is for the lent camera and the thread.
+
+    def take_turn(self) -> None:
+        """End the live stream and hold the camera until `give_turn`."""
+        self._is_wished.set()
+        self._turn.acquire()
+
+    def give_turn(self) -> None:
+        """Let the live stream go on."""
+        self._is_wished.clear()
+        self._turn.release()
+
+    def saw(self, frame: Frame, camera: Camera) -> None:
+        """Show a frame, whoever fetched it."""
+        self._board.publish(frame, camera.settings)
+
+    def began(self, camera: Camera) -> None:
+        """The stream runs."""
+        self._settings, self._info = camera.settings, camera.info
+        self._board.stream_began()
+        self._status = DeviceStatus(state="ready")
+
+    def lost(self, error: DeviceError) -> None:
+        """The stream broke off."""
+        remedy = LOST_REMEDY if self._settings is not None else ABSENT_REMEDY
+        if isinstance(error, DriverMissingError):
+            remedy = DRIVER_REMEDY
+        self._status = DeviceStatus(state="lost", text=str(error), remedy=remedy)
+
+    def _run(self) -> None:
+        while not self._is_closing.is_set():
+            if self._is_wished.is_set():
+                time.sleep(TURN_S)
+                continue
+            with self._turn:
+                try:
+                    self._live()
+                except StreamInterruptedError as error:
+                    self.lost(error)  # the next start opens it anew, with the settings it had
+                except DeviceError as error:
+                    self.lost(error)
+                    self._drop()
+            if not self._status.is_ready:
+                self._is_closing.wait(RETRY_S)
+        with self._turn:
+            self._drop()
+
+    def _live(self) -> None:
+        """Stream until somebody wishes for the camera."""
+        camera = self._opened()
+        camera.start()
+        self.began(camera)
+        try:
+            last_s = asked_s = self._clock()
+            while not (self._is_wished.is_set() or self._is_closing.is_set()):
+                self._apply_requests(camera)
+                settings = camera.settings
+                period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)
+                try:
+                    frame = camera.next_frame(max(0.25, 2 * period_s))
+                except StreamInterruptedError:
+                    raise
+                except DeviceTimeoutError:
+                    if self._clock() - last_s > max(STALL_S, STALL_PERIODS * period_s):
+                        raise
+                    continue
+                self.saw(frame, camera)
+                last_s = self._clock()
+                if last_s - asked_s > STATISTICS_S:
+                    asked_s, self._statistics = last_s, camera.statistics()
+        except BaseException as error:
+            try:
+                camera.stop()
+            except DeviceError as stop_error:
+                error.add_note(f"stopping the stream failed too: {stop_error}")
+            raise
+        camera.stop()
+
+    def _opened(self) -> Camera:
+        if self._camera is None:
+            self._camera = self._open()
+            self._settings, self._info = self._camera.settings, self._camera.info
+            for name, value in self._wanted.items():
+                self._set(self._camera, name, value)
+        return self._camera
+
+    def _drop(self) -> None:
+        if self._camera is not None:
+            camera, self._camera = self._camera, None
+            camera.close()
+
+    def _apply_requests(self, camera: Camera) -> None:
+        asked: dict[str, float] = {}
+        while True:
+            try:
+                name, value = self._requests.get_nowait()
+            except Empty:
+                break
+            asked[name] = value  # of several in a row, the last one counts
+        for name, value in asked.items():
+            self._set(camera, name, value)
+
+    def _set(self, camera: Camera, name: str, value: float) -> None:
+        try:
+            if name == "exposure_us":
+                self._wanted[name] = camera.set_exposure_us(value)
+            else:
+                self._wanted[name] = camera.set_gain_db(value)
+        except DeviceDisconnectedError:
+            raise
+        except DeviceError as error:
+            self._report(f"The camera did not take that: {error}")
+        self._settings = camera.settings
+
+
+class _LentCamera:
+    """The `Camera` that a run is handed: the same, seen by everybody, and stoppable."""
+
+    def __init__(self, keeper: CameraKeeper, camera: Camera, check: Callable[[], None]) -> None:
+        self._keeper = keeper
+        self._camera = camera
+        self._check = check
+        self._has_turn = False
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Camera.info`."""
+        return self._camera.info
+
+    @property
+    def settings(self) -> CameraSettings:
+        """See `Camera.settings`."""
+        return self._camera.settings
+
+    def set_exposure_us(self, exposure_us: float) -> float:
+        """See `Camera.set_exposure_us`."""
+        with self._paused():
+            return self._camera.set_exposure_us(exposure_us)
+
+    def set_gain_db(self, gain_db: float) -> float:
+        """See `Camera.set_gain_db`."""
+        with self._paused():
+            return self._camera.set_gain_db(gain_db)
+
+    def start(self) -> None:
+        """See `Camera.start`; waits for the live stream to end."""
+        self._check()
+        self._take()
+        try:
+            self._camera.start()
+        except BaseException as error:
+            if isinstance(error, DeviceDisconnectedError):
+                self._keeper.lost(error)
+            self.give_back()
+            raise
+        self._keeper.began(self._camera)
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """See `Camera.next_frame`."""
+        self._check()
+        try:
+            frame = self._camera.next_frame(timeout_s)
+        except DeviceDisconnectedError as error:
+            self._keeper.lost(error)
+            raise
+        self._keeper.saw(frame, self._camera)
+        return frame
+
+    def stop(self) -> None:
+        """See `Camera.stop`."""
+        try:
+            self._camera.stop()
+        finally:
+            if self._keeper.status.is_ready:
+                self.give_back()
+
+    def statistics(self) -> StreamStatistics:
+        """See `Camera.statistics`."""
+        return self._camera.statistics()
+
+    def close(self) -> None:
+        """Give it back; the keeper goes on with it."""
+        self.give_back()
+
+    def give_back(self) -> None:
+        """Let the live stream go on; harmless twice."""
+        if self._has_turn:
+            self._has_turn = False
+            self._keeper.give_turn()
+
+    def _take(self) -> None:
+        if not self._has_turn:
+            self._keeper.take_turn()
+            self._has_turn = True
+
+    @contextmanager
+    def _paused(self) -> Iterator[None]:
+        had_turn = self._has_turn
+        self._take()
+        try:
+            yield
+        finally:
+            if not had_turn:
+                self.give_back()

@@ -1,0 +1,51 @@
+"""A frame as the page is sent it: a short header and one byte a pixel."""
+
+import struct
+from threading import Lock
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.devices import FrameImage
+from standoff.console.devices.frame_broadcaster import LiveFrame
+
+__all__ = ["HEADER", "SATURATED", "PictureEncoder", "levels_8bit"]
+
+HEADER = struct.Struct("<4sIdHH4x")
+"""Magic, sequence, time of arrival in ms since 1970, columns, rows; then the pixels row by row."""
+
+MAGIC = b"SOF1"
+
+SATURATED = 255
+"""Means at the largest level; every other pixel is at most one less."""
+
+
+def levels_8bit(image_dn: FrameImage, max_level_dn: int) -> NDArray[np.uint8]:
+    """Levels from 0 to 254 in proportion, and 255 for what is saturated; shape kept."""
+    scaled = cv2.convertScaleAbs(image_dn, alpha=(SATURATED - 1) / max_level_dn)
+    shown = np.minimum(scaled, SATURATED - 1, dtype=np.uint8)
+    np.putmask(shown, image_dn >= max_level_dn, SATURATED)
+    return shown
+
+
+class PictureEncoder:
+    """Encodes each frame once, for however many viewers."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._sequence = 0
+        self._data = b""
+
+    def encode(self, frame: LiveFrame) -> bytes:
+        """Header and pixels of a frame."""
+        with self._lock:
+            if frame.sequence != self._sequence:
+                rows, cols = frame.image_dn.shape
+                header = HEADER.pack(
+                    MAGIC, frame.sequence & 0xFFFFFFFF, 1e3 * frame.received_s, cols, rows
+                )
+                pixels = levels_8bit(frame.image_dn, frame.settings.max_level_dn)
+                self._data = header + pixels.tobytes()
+                self._sequence = frame.sequence
+            return self._data

@@ -1,0 +1,163 @@
+"""What the console says about the picture: focus with its trace, levels and saturation."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from threading import Event, Lock, Thread
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.devices import FrameImage
+from acquisition.focus import (
+    FocusMeasure,
+    FocusMeter,
+    FocusOptions,
+    FocusReading,
+    FocusTrace,
+    Region,
+)
+from standoff.console.devices.frame_broadcaster import FrameBoard, LiveFrame
+
+__all__ = ["Levels", "PictureFacts", "PictureWatch", "levels_of"]
+
+BINS = 128
+PERIOD_S = 0.04
+"""At most 25 pictures a second are looked at: more than an eye follows."""
+
+TRACE_STEP_S = 0.1
+TRACE_VALUES = 300
+"""Half a minute of focus values."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Levels:
+    """Counts of the levels, ``BINS`` bins from 0 to ``max_level_dn``, and the share clipped."""
+
+    counts: NDArray[np.int64]
+    max_level_dn: int
+    mean_dn: float
+    saturated_fraction: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PictureFacts:
+    """What is known of the newest picture that was looked at.
+
+    ``trace`` holds focus values, the oldest first, ten a second.
+    """
+
+    region: Region | None = None
+    measure: FocusMeasure = "squared-gradient"
+    focus: FocusReading | None = None
+    trace: tuple[float, ...] = ()
+    levels: Levels | None = None
+
+
+def levels_of(image_dn: FrameImage, max_level_dn: int) -> Levels:
+    """Histogram of a picture of shape ``(rows, cols)``; a level at the maximum is saturated."""
+    top = float(max_level_dn + 1)
+    counts = cv2.calcHist([image_dn], [0], None, [BINS], [0.0, top]).reshape(-1)
+    saturated = int(np.count_nonzero(image_dn >= max_level_dn))
+    return Levels(
+        counts=counts.astype(np.int64),
+        max_level_dn=max_level_dn,
+        mean_dn=float(cv2.mean(image_dn)[0]),
+        saturated_fraction=saturated / image_dn.size,
+    )
+
+
+class PictureWatch:
+    """Looks at the newest frame in a thread of its own, and leaves out what it has no time for.
+
+    Parameters
+    ----------
+    board
+        Where the frames are.
+    """
+
+    def __init__(self, board: FrameBoard) -> None:
+        self._board = board
+        self._lock = Lock()
+        self._facts = PictureFacts()
+        self._meter = FocusMeter(FocusOptions())
+        self._trace = FocusTrace()
+        self._values: deque[float] = deque(maxlen=TRACE_VALUES)
+        self._traced_s = 0.0
+        self._is_closing = Event()
+        self._thread = Thread(target=self._run, name="picture watch", daemon=True)
+
+    @property
+    def facts(self) -> PictureFacts:
+        """What is known now."""
+        return self._facts
+
+    def start(self) -> None:
+        """Begin to look, in a thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._is_closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def look_at(self, region: Region | None) -> None:
+        """Measure the focus there; everywhere if None. The peak is forgotten."""
+        with self._lock:
+            self._begin(replace(self._facts, region=region))
+
+    def measure_by(self, measure: FocusMeasure) -> None:
+        """Measure the focus so. The peak is forgotten."""
+        with self._lock:
+            self._begin(replace(self._facts, measure=measure))
+
+    def forget_peak(self) -> None:
+        """Begin the trace anew."""
+        with self._lock:
+            self._begin(self._facts)
+
+    def look(self, frame: LiveFrame) -> None:
+        """Take one frame in."""
+        with self._lock:
+            facts = self._facts
+            settings, image_dn = frame.settings, frame.image_dn
+            levels = levels_of(image_dn, settings.max_level_dn)
+            region = facts.region
+            if region is not None and not _fits(region, image_dn):
+                self._begin(replace(facts, region=None))
+                facts = self._facts
+            try:
+                value = self._meter.add(image_dn, settings.black_level_dn)
+            except ValueError:  # another frame size
+                self._begin(facts)
+                value = None
+            reading = facts.focus
+            if value is not None and np.isfinite(value):
+                reading = self._trace.add(value)
+                if frame.received_s - self._traced_s >= TRACE_STEP_S:
+                    self._traced_s = frame.received_s
+                    self._values.append(reading.value)
+            self._facts = replace(facts, focus=reading, trace=tuple(self._values), levels=levels)
+
+    def _begin(self, facts: PictureFacts) -> None:
+        self._meter = FocusMeter(FocusOptions(measure=facts.measure, region=facts.region))
+        self._trace.reset()
+        self._values.clear()
+        self._facts = replace(facts, focus=None, trace=())
+
+    def _run(self) -> None:
+        seen = 0
+        while not self._is_closing.is_set():
+            frame = self._board.wait_newer(seen, 0.2)
+            if frame is None:
+                continue
+            seen = frame.sequence
+            self.look(frame)
+            self._is_closing.wait(PERIOD_S)
+
+
+def _fits(region: Region, image_dn: FrameImage) -> bool:
+    rows, cols = image_dn.shape
+    right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
+    return right <= int(cols) and bottom <= int(rows)

@@ -1,0 +1,129 @@
+"""Go or no-go: whether the camera's pose lets a follow-up be compared with a chosen reference."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Event, Lock, Thread
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.pose import PoseTracker, PoseVerdict
+from calibration.errors import CalibrationError
+from standoff.console.devices.frame_broadcaster import FrameBoard
+from standoff.errors import ApplicationError
+
+__all__ = ["PoseView", "PoseWatch", "TrackerMaker"]
+
+TrackerMaker = Callable[[NDArray[np.generic]], PoseTracker]
+"""Makes the tracker of a reference image of shape ``(rows, cols)``."""
+
+PERIOD_S = 0.1
+"""Ten verdicts a second at most; a search of the whole frame takes longer."""
+
+STALE_S = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PoseView:
+    """The pose now: ``reference`` names the reference, empty where none is chosen.
+
+    ``is_possible`` is False where the console was started without curves.
+    """
+
+    is_possible: bool
+    reference: str = ""
+    verdict: PoseVerdict | None = None
+
+
+class PoseWatch:
+    """Follows the pose in a thread of its own, as fast as it can, once a reference is chosen.
+
+    Parameters
+    ----------
+    board
+        Where the frames are.
+    make_tracker
+        None where no detectability curve says what is good enough.
+    report
+        Is told in one line why it ends by itself.
+    """
+
+    def __init__(
+        self,
+        board: FrameBoard,
+        make_tracker: TrackerMaker | None,
+        *,
+        report: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._board = board
+        self._report = report
+        self._make = make_tracker
+        self._lock = Lock()
+        self._tracker: PoseTracker | None = None
+        self._view = PoseView(is_possible=make_tracker is not None)
+        self._is_closing = Event()
+        self._thread = Thread(target=self._run, name="pose watch", daemon=True)
+
+    @property
+    def view(self) -> PoseView:
+        """The pose now."""
+        return self._view
+
+    def choose(self, name: str, image: NDArray[np.generic]) -> None:
+        """Judge the pose against this image from now on.
+
+        Raises
+        ------
+        ApplicationError
+            If there is no curve to judge by, or the image has too little texture.
+        """
+        if self._make is None:
+            raise ApplicationError(
+                "no curve says which pose is good enough: start the console with "
+                "--curves curves.json --min-dprime D"
+            )
+        try:
+            tracker = self._make(image)
+        except CalibrationError as error:
+            raise ApplicationError(f"{name} cannot be followed: {error}") from error
+        with self._lock:
+            self._tracker = tracker
+            self._view = PoseView(is_possible=True, reference=name)
+
+    def clear(self) -> None:
+        """Judge nothing any more."""
+        with self._lock:
+            self._tracker = None
+            self._view = PoseView(is_possible=self._make is not None)
+
+    def start(self) -> None:
+        """Begin to follow, in a thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._is_closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        seen = 0
+        while not self._is_closing.wait(PERIOD_S):
+            tracker, view = self._tracker, self._view
+            if tracker is None:
+                continue
+            frame = self._board.wait_newer(seen, STALE_S)
+            verdict = None
+            if frame is not None:
+                seen = frame.sequence
+                try:
+                    verdict = tracker.update(frame.image_dn)
+                except ValueError as error:  # the frames changed their size
+                    self._report(f"The pose is judged no more: {error}")
+                    self.clear()
+                    continue
+            with self._lock:
+                if tracker is self._tracker:
+                    self._view = PoseView(
+                        is_possible=True, reference=view.reference, verdict=verdict
+                    )

@@ -1,0 +1,22 @@
+"""Makes the tracker that follows the pose against a reference."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.detectability import DetectabilityCurve
+from analysis.pose import PoseTracker
+from standoff.console.devices.pose_monitor import TrackerMaker
+
+__all__ = ["tracker_maker"]
+
+
+def tracker_maker(curve: DetectabilityCurve, min_dprime: float) -> TrackerMaker:
+    """Return what makes a tracker of a reference image, judged by this curve."""
+
+    def make(image: NDArray[np.generic]) -> PoseTracker:
+        reference: Any = image
+        return PoseTracker(reference, curve, min_dprime)
+
+    return make

@@ -1,0 +1,296 @@
+"""Owns the stage: reads it while nobody moves it, lends it to one job, opens it again when lost."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from threading import Event, Lock, Thread
+
+from acquisition.devices import DeviceInfo, Stage, StageState, TravellingStage
+from acquisition.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    OperatorStopError,
+    StageNotHomedError,
+)
+from standoff.console.devices.device_status import DeviceStatus
+
+__all__ = ["StageKeeper", "StageView"]
+
+POLL_S = 0.2
+RETRY_S = 1.0
+CLOSE_TIMEOUT_S = 3.0
+
+LOST_REMEDY = (
+    "Watch the stage: without its cable it runs on to its target; use the emergency stop on it if "
+    "that is dangerous. Check cable and power. It is opened again by itself; home it then."
+)
+ABSENT_REMEDY = (
+    "Switch it on, check its cable and the port in the bench file, and that no other program has "
+    "it open. The console keeps trying."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageView:
+    """What the stage shows: ``height_mm`` is None where it is not known.
+
+    ``target_mm`` is where it was sent, while it is on its way.
+    """
+
+    status: DeviceStatus
+    state: StageState = "unknown"
+    height_mm: float | None = None
+    target_mm: float | None = None
+    is_homed: bool = False
+    limits_mm: tuple[float, float] = (0.0, 0.0)
+    info: DeviceInfo | None = None
+    warnings: tuple[str, ...] = ()
+
+
+class StageKeeper:
+    """The stage, read five times a second; a job borrows it, a stop comes from any thread.
+
+    Parameters
+    ----------
+    open_stage
+        Opens it and moves nothing; its argument says that it was open before and may still
+        move, so that it is to be stopped first.
+    limits_mm
+        Of the bench file.
+    """
+
+    def __init__(
+        self, open_stage: Callable[[bool], Stage], *, limits_mm: tuple[float, float]
+    ) -> None:
+        self._open = open_stage
+        self._limits_mm = limits_mm
+        self._stage: Stage | None = None
+        self._was_open = False
+        self._status = DeviceStatus(state="opening", text="The stage is being opened")
+        self._state: StageState = "unknown"
+        self._height_mm: float | None = None
+        self._target_mm: float | None = None
+        self._is_homed = False
+        self._info: DeviceInfo | None = None
+        self._turn = Lock()
+        self._is_closing = Event()
+        self._thread = Thread(target=self._run, name="stage keeper", daemon=True)
+
+    @property
+    def view(self) -> StageView:
+        """What it shows now."""
+        stage = self._stage
+        return StageView(
+            status=self._status,
+            state=self._state,
+            height_mm=self._height_mm,
+            target_mm=self._target_mm,
+            is_homed=self._is_homed,
+            limits_mm=self._limits_mm,
+            info=self._info,
+            warnings=tuple(getattr(stage, "warnings", ())),
+        )
+
+    @property
+    def status(self) -> DeviceStatus:
+        """Whether it answers, and what to do if not."""
+        return self._status
+
+    def start(self) -> None:
+        """Open it and begin to read, in a thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Give the port back, within some seconds; a stage in mid-move is stopped first."""
+        self._is_closing.set()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_TIMEOUT_S)
+
+    def stop(self) -> None:
+        """Stop under control, at once, from any thread, whoever moves it.
+
+        Raises
+        ------
+        DeviceError
+            If it cannot be told: the message says so.
+        """
+        stage = self._stage
+        if stage is None:
+            raise DeviceDisconnectedError(
+                f"the stage cannot be told to stop: {self._status.text}; use its emergency stop"
+            )
+        stage.stop()
+
+    def lent(self, check: Callable[[], None] = lambda: None) -> Stage:
+        """Lend the stage to one job.
+
+        Parameters
+        ----------
+        check
+            Is called before and after each move and may raise, to end what the borrower does.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If there is none now.
+        """
+        if self._stage is None or not self._status.is_ready:
+            raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
+        return _LentStage(self, self._stage, check)
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        """Speak with the stage; the reading in between waits. A stage that is gone is let go."""
+        with self._turn:
+            try:
+                yield
+            except DeviceDisconnectedError as error:
+                self._lost(error)
+                raise
+
+    @contextmanager
+    def doing(self, state: StageState, target_mm: float | None) -> Iterator[None]:
+        """Show that a job homes or moves it."""
+        with self.turn():
+            self._state, self._target_mm = state, target_mm
+            try:
+                yield
+            finally:
+                self._target_mm = None
+                with suppress(DeviceError):
+                    self._read()
+
+    def _run(self) -> None:
+        while not self._is_closing.is_set():
+            if self._turn.acquire(timeout=POLL_S):
+                try:
+                    self._poll()
+                finally:
+                    self._turn.release()
+            else:
+                self._read_on_the_way()
+            self._is_closing.wait(POLL_S if self._status.is_ready else RETRY_S)
+        self._drop()
+
+    def _poll(self) -> None:
+        try:
+            if self._stage is None:
+                self._stage = self._open(self._was_open)
+                self._was_open = True
+                self._info = self._stage.info
+            self._read()
+        except DeviceDisconnectedError as error:
+            self._lost(error)
+        except DeviceError as error:
+            self._lost(error, is_gone=self._stage is None)
+        else:
+            self._status = DeviceStatus(state="ready")
+
+    def _read(self) -> None:
+        stage = self._stage
+        if stage is None:
+            return
+        self._state = stage.state
+        self._is_homed = stage.is_homed
+        try:
+            self._height_mm = stage.position_mm() if self._is_homed else None
+        except StageNotHomedError:
+            self._height_mm = None
+
+    def _read_on_the_way(self) -> None:
+        stage = self._stage
+        if isinstance(stage, TravellingStage) and self._state in ("moving", "idle"):
+            with suppress(DeviceError):
+                self._height_mm = stage.travel_height_mm()
+
+    def _lost(self, error: DeviceError, *, is_gone: bool = True) -> None:
+        remedy = LOST_REMEDY if self._was_open else ABSENT_REMEDY
+        self._status = DeviceStatus(state="lost", text=str(error), remedy=remedy)
+        self._state, self._height_mm, self._is_homed = "unknown", None, False
+        if is_gone:
+            self._drop()
+
+    def _drop(self) -> None:
+        if self._stage is not None:
+            stage, self._stage = self._stage, None
+            stage.close()
+
+
+class _LentStage:
+    """The `Stage` that a job is handed: the same, shown to everybody, and stoppable."""
+
+    def __init__(self, keeper: StageKeeper, stage: Stage, check: Callable[[], None]) -> None:
+        self._keeper = keeper
+        self._stage = stage
+        self._check = check
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Stage.info`."""
+        return self._stage.info
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """See `Stage.limits_mm`."""
+        return self._stage.limits_mm
+
+    @property
+    def is_homed(self) -> bool:
+        """See `Stage.is_homed`."""
+        return self._stage.is_homed
+
+    @property
+    def state(self) -> StageState:
+        """See `Stage.state`."""
+        with self._keeper.turn():
+            return self._stage.state
+
+    def home(self, timeout_s: float) -> None:
+        """See `Stage.home`."""
+        with self._keeper.doing("homing", None), self._stoppable():
+            self._stage.home(timeout_s)
+
+    def move_to(self, height_mm: float, timeout_s: float) -> float:
+        """See `Stage.move_to`."""
+        with self._keeper.doing("moving", height_mm), self._stoppable():
+            return self._stage.move_to(height_mm, timeout_s)
+
+    def position_mm(self) -> float:
+        """See `Stage.position_mm`."""
+        with self._keeper.turn():
+            return self._stage.position_mm()
+
+    def stop(self) -> None:
+        """See `Stage.stop`."""
+        self._stage.stop()
+
+    def emergency_stop(self) -> None:
+        """See `Stage.emergency_stop`."""
+        self._stage.emergency_stop()
+
+    def clear_alarm(self) -> None:
+        """See `Stage.clear_alarm`."""
+        with self._keeper.turn():
+            self._stage.clear_alarm()
+
+    def close(self) -> None:
+        """The keeper goes on with it."""
+
+    @contextmanager
+    def _stoppable(self) -> Iterator[None]:
+        """Turn what a move raises because it was stopped into the stop itself."""
+        self._check()
+        try:
+            yield
+        except OperatorStopError:
+            raise
+        except DeviceDisconnectedError:
+            raise
+        except DeviceError as error:
+            try:
+                self._check()
+            except OperatorStopError as stop:
+                stop.add_note(str(error))
+                raise stop from error
+            raise
+        self._check()

@@ -1,0 +1,106 @@
+"""Questions to the operator, asked by a job and answered by whoever holds control."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Condition
+
+from acquisition.capture import Placement, QualityFinding, Verdict
+from acquisition.plan import PlanEntry
+from standoff.terminal import what_to_place
+
+__all__ = ["Choice", "Prompt", "PromptBoard"]
+
+STOP_CHECK_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """One button: ``key`` is the answer."""
+
+    key: str
+    label: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prompt:
+    """A question; ``wants_text`` asks for a line besides the choice."""
+
+    number: int
+    text: str
+    choices: tuple[Choice, ...]
+    wants_text: bool = False
+
+
+class PromptBoard:
+    """Shows one question at a time; the asking thread waits.
+
+    Parameters
+    ----------
+    check
+        Is called while waiting and may raise, to end the wait.
+    """
+
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
+        self._changed = Condition()
+        self._prompt: Prompt | None = None
+        self._answer: tuple[str, str] | None = None
+        self._asked = 0
+
+    @property
+    def current(self) -> Prompt | None:
+        """The question that waits for an answer."""
+        return self._prompt
+
+    def answer(self, number: int, choice: str, text: str = "") -> bool:
+        """Answer a question; False where it is not the one that waits, or has no such choice."""
+        with self._changed:
+            prompt = self._prompt
+            if prompt is None or prompt.number != number:
+                return False
+            if choice not in {each.key for each in prompt.choices}:
+                return False
+            self._answer = (choice, text)
+            self._changed.notify_all()
+        return True
+
+    def place(self, entry: PlanEntry) -> Placement:
+        """Have a target placed.
+
+        Raises
+        ------
+        OperatorStopError
+            If the job is stopped meanwhile; so for all questions.
+        """
+        choices = (Choice(key="ready", label="It lies there"), Choice(key="skip", label="Skip it"))
+        choice, _ = self._ask(what_to_place(entry), choices)
+        return "skip" if choice == "skip" else "ready"
+
+    def review(self, entry: PlanEntry, findings: tuple[QualityFinding, ...]) -> Verdict:
+        """Ask whether a bad capture is to be taken again."""
+        found = "; ".join(f"{finding.problem}: {finding.text}" for finding in findings)
+        choices = (Choice(key="retake", label="Take it again"), Choice(key="keep", label="Keep it"))
+        choice, _ = self._ask(f"Capture {entry.index} of {entry.target!r}: {found}.", choices)
+        return "retake" if choice == "retake" else "keep"
+
+    def ask(self, question: str) -> str:
+        """Put a question that is answered by a line; an empty one confirms."""
+        _, text = self._ask(question, (Choice(key="ok", label="Confirm"),), wants_text=True)
+        return text
+
+    def _ask(
+        self, text: str, choices: tuple[Choice, ...], *, wants_text: bool = False
+    ) -> tuple[str, str]:
+        with self._changed:
+            self._asked += 1
+            self._answer = None
+            self._prompt = Prompt(
+                number=self._asked, text=text, choices=choices, wants_text=wants_text
+            )
+            try:
+                while self._answer is None:
+                    self._check()
+                    self._changed.wait(STOP_CHECK_S)
+                return self._answer
+            finally:
+                self._prompt = None

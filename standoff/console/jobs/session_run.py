@@ -1,0 +1,344 @@
+"""A capture session under way: the runner in a job, the plan as a table, pause and retake."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event, Lock
+from typing import Literal
+
+from acquisition.bench import BenchConfig
+from acquisition.capture import CaptureProgress, Placement, run_plan
+from acquisition.devices import Camera
+from acquisition.errors import DeviceError, OperatorStopError, SessionError
+from acquisition.plan import CapturePlan, PlanEntry, plan_entries
+from acquisition.session import MANIFEST_NAME, Session
+from standoff.console.devices import CameraKeeper, StageKeeper
+from standoff.console.jobs.job_runner import Job
+from standoff.console.jobs.prompt_queue import PromptBoard
+from standoff.errors import ApplicationError
+
+__all__ = ["PlanRow", "RunState", "RunView", "SessionRun", "rows_of", "session_bench"]
+
+RunState = Literal["idle", "running", "paused", "finished", "stopped", "failed"]
+RowState = Literal["pending", "next", "done", "failed"]
+
+PAUSE_CHECK_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRow:
+    """One entry of the plan and what became of it; ``note`` is what was found wrong."""
+
+    entry: PlanEntry
+    state: RowState = "pending"
+    height_mm: float | None = None
+    focus_value: float | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunView:
+    """The session at work, or the last one.
+
+    ``revision`` grows whenever a row changed.
+    """
+
+    session: str = ""
+    plan: str = ""
+    state: RunState = "idle"
+    message: str = ""
+    seconds_left: float | None = None
+    rows: tuple[PlanRow, ...] = ()
+    revision: int = 0
+
+    @property
+    def captured(self) -> int:
+        """Entries that are done."""
+        return sum(row.state == "done" for row in self.rows)
+
+
+def rows_of(path: Path, plan: CapturePlan) -> tuple[PlanRow, ...]:
+    """The plan as a table, with what the session at ``path`` has already.
+
+    Raises
+    ------
+    SessionError
+        If there is a session that cannot be read.
+    """
+    done = {}
+    if (path / MANIFEST_NAME).is_file():
+        session = Session.open(path)
+        done = {c.record.index: c.record for c in session.captures if not c.is_superseded}
+    rows = []
+    for entry in plan_entries(plan):
+        record = done.get(entry.index)
+        rows.append(
+            PlanRow(entry=entry)
+            if record is None
+            else PlanRow(
+                entry=entry,
+                state="done",
+                height_mm=record.height_mm,
+                focus_value=record.focus_value,
+            )
+        )
+    return tuple(rows)
+
+
+def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig:
+    """The bench that a session runs with: exposure and gain as it began, or as they are set now.
+
+    Everything else is the bench file's, and the session refuses what differs.
+
+    Raises
+    ------
+    SessionError
+        If there is a session that cannot be read.
+    """
+    exposure_us, gain_db = camera.settings.exposure_us, camera.settings.gain_db
+    if (path / MANIFEST_NAME).is_file():
+        begun = Session.open(path).bench.get("camera", {})
+        exposure_us = begun.get("exposure_us", exposure_us)
+        gain_db = begun.get("gain_db", gain_db)
+    update = {"exposure_us": exposure_us, "gain_db": gain_db}
+    return bench.model_copy(update={"camera": bench.camera.model_copy(update=update)})
+
+
+class SessionRun:
+    """Runs one session at a time; `view` tells how far it is.
+
+    Parameters
+    ----------
+    bench
+        The bench file.
+    camera, stage
+        Lend the devices.
+    prompts
+        Asks the operator.
+    laid
+        Lays a target by itself, on a bench that is simulated in this process; else None.
+    clock, sleep
+        Seconds in which the devices live, and what lets some pass.
+    """
+
+    def __init__(
+        self,
+        bench: BenchConfig,
+        camera: CameraKeeper,
+        stage: StageKeeper,
+        prompts: PromptBoard,
+        *,
+        laid: Callable[[PlanEntry], Placement] | None,
+        clock: Callable[[], float],
+        sleep: Callable[[float], None],
+    ) -> None:
+        self._bench = bench
+        self._camera = camera
+        self._stage = stage
+        self._prompts = prompts
+        self._laid = laid
+        self._clock = clock
+        self._sleep = sleep
+        self._lock = Lock()
+        self._view = RunView()
+        self._may_go_on = Event()
+        self._may_go_on.set()
+        self._retakes: list[int] = []
+
+    @property
+    def view(self) -> RunView:
+        """How far it is."""
+        return self._view
+
+    def prepare(self, path: Path, plan: CapturePlan) -> None:
+        """Show the table of the session that is about to run.
+
+        Raises
+        ------
+        SessionError
+            If there is a session that cannot be read.
+        """
+        rows = rows_of(path, plan)
+        self._may_go_on.set()
+        self._taken_retakes()
+        self._show(
+            session=path.name,
+            plan=plan.name,
+            state="running",
+            message="",
+            seconds_left=None,
+            rows=_with_next(rows),
+        )
+
+    def pause(self) -> None:
+        """Wait before the next capture; the stage is at rest then."""
+        self._may_go_on.clear()
+
+    def go_on(self) -> None:
+        """End the pause."""
+        self._may_go_on.set()
+
+    @property
+    def is_pause_wanted(self) -> bool:
+        """Whether it waits, or will before the next capture."""
+        return not self._may_go_on.is_set()
+
+    def retake(self, index: int) -> None:
+        """Take a capture again; the run under way begins anew with it.
+
+        Raises
+        ------
+        ApplicationError
+            If it was not captured yet.
+        """
+        with self._lock:
+            if index not in {row.entry.index for row in self._view.rows if row.state == "done"}:
+                raise ApplicationError(f"Capture {index} was not taken yet.")
+            self._retakes.append(index)
+
+    def work(
+        self, job: Job, path: Path, plan: CapturePlan, operator: str, retake: Sequence[int] = ()
+    ) -> None:
+        """Capture what is missing, until it is all there or somebody stops it.
+
+        Raises
+        ------
+        OperatorStopError, DeviceError, SessionError
+            As `run_plan` does; the view tells why it ended, too.
+        """
+        wanted = list(retake)
+        try:
+            while True:
+                self._void(wanted)
+                try:
+                    skipped = self._run(job, path, plan, operator, wanted)
+                except OperatorStopError:
+                    wanted = self._taken_retakes()
+                    if job.is_stopping or not wanted:
+                        raise
+                else:
+                    break
+        except OperatorStopError:
+            text = "Stopped. What was captured is kept: resume it."
+            self._show(state="stopped", message=text, seconds_left=None)
+            raise
+        except (DeviceError, SessionError) as error:
+            self._fail(str(error))
+            raise
+        text = f"{skipped} captures were skipped: resume to take them." if skipped else ""
+        self._show(state="finished", message=text, seconds_left=None)
+
+    def _run(
+        self, job: Job, path: Path, plan: CapturePlan, operator: str, retake: Sequence[int]
+    ) -> int:
+        """Run the plan once; gives how many captures were skipped."""
+        with self._camera.lent(job.check) as camera:
+            stage = self._stage.lent(job.check)
+            bench = session_bench(path, self._bench, camera)
+            if camera.settings.exposure_us != bench.camera.exposure_us:
+                camera.set_exposure_us(bench.camera.exposure_us)
+            if camera.settings.gain_db != bench.camera.gain_db:
+                camera.set_gain_db(bench.camera.gain_db)
+            try:
+                summary = run_plan(
+                    path,
+                    plan=plan,
+                    bench=bench,
+                    camera=camera,
+                    stage=stage,
+                    operator=operator,
+                    place=self._place,
+                    progress=self._captured,
+                    review=self._prompts.review,
+                    before_capture=lambda: self._wait(job),
+                    retake=retake,
+                    clock=self._clock,
+                    sleep=self._sleep,
+                )
+            except (DeviceError, SessionError) as error:
+                try:
+                    _set_exposure_back(camera, bench)
+                except DeviceError as left:
+                    error.add_note(f"the exposure could not be set back: {left}")
+                raise
+            _set_exposure_back(camera, bench)
+        return summary.skipped
+
+    def _place(self, entry: PlanEntry) -> Placement:
+        placement = self._prompts.place(entry)
+        if placement == "ready" and self._laid is not None:
+            return self._laid(entry)
+        return placement
+
+    def _wait(self, job: Job) -> None:
+        job.check()
+        while not self._may_go_on.wait(PAUSE_CHECK_S):
+            if self._view.state != "paused":
+                self._show(state="paused")
+            job.check()
+            self._break_off_for_retakes()
+        self._break_off_for_retakes()
+        if self._view.state != "running":
+            self._show(state="running")
+
+    def _break_off_for_retakes(self) -> None:
+        if self._retakes:
+            raise OperatorStopError("broken off to take captures again")
+
+    def _taken_retakes(self) -> list[int]:
+        with self._lock:
+            taken = list(dict.fromkeys(self._retakes))
+            self._retakes.clear()
+        return taken
+
+    def _captured(self, progress: CaptureProgress) -> None:
+        record, index = progress.record, progress.entry.index
+        notes = [f"{finding.problem}: {finding.text}" for finding in progress.findings]
+        done = PlanRow(
+            entry=progress.entry,
+            state="done",
+            height_mm=record.height_mm,
+            focus_value=record.focus_value,
+            note="; ".join((*notes, *progress.remarks)),
+        )
+        rows = tuple(done if row.entry.index == index else row for row in self._view.rows)
+        self._show(rows=_with_next(rows), seconds_left=progress.seconds_left)
+
+    def _void(self, indices: Sequence[int]) -> None:
+        if indices:
+            rows = tuple(
+                PlanRow(entry=row.entry) if row.entry.index in indices else row
+                for row in self._view.rows
+            )
+            self._show(rows=_with_next(rows), state="running")
+
+    def _fail(self, message: str) -> None:
+        rows = tuple(
+            replace(row, state="failed", note=message) if row.state == "next" else row
+            for row in self._view.rows
+        )
+        self._show(state="failed", message=message, rows=rows, seconds_left=None)
+
+    def _show(self, **changes: object) -> None:
+        with self._lock:
+            grown = self._view.revision + 1
+            self._view = replace(self._view, **changes, revision=grown)  # type: ignore[arg-type]  # names and types are RunView's
+
+
+def _set_exposure_back(camera: Camera, bench: BenchConfig) -> None:
+    """Undo the exposure of the last capture: the next session begins with the live picture's."""
+    if camera.settings.exposure_us != bench.camera.exposure_us:
+        camera.set_exposure_us(bench.camera.exposure_us)
+
+
+def _with_next(rows: Sequence[PlanRow]) -> tuple[PlanRow, ...]:
+    """Mark the first entry that is not done as the next."""
+    marked: list[PlanRow] = []
+    is_found = False
+    for row in rows:
+        if row.state == "done":
+            marked.append(row)
+        else:
+            marked.append(replace(row, state="pending" if is_found else "next", note=""))
+            is_found = True
+    return tuple(marked)

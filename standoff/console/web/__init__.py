@@ -1,0 +1,5 @@
+"""The console's pages, their websocket and who may use them."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

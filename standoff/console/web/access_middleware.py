@@ -1,0 +1,97 @@
+"""In front of every page: the access check, and headers that keep a page to itself."""
+
+from collections.abc import MutableMapping
+from typing import Any
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import HTMLResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from standoff.console.web.access import Access
+
+__all__ = ["OPEN_PATHS", "PAGE_POLICY", "REPORT_POLICY", "Gate"]
+
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'; sandbox allow-popups"
+)
+"""Of a report: one file with its styles and figures in it, which runs no script."""
+
+OPEN_PATHS = ("/login", "/static/console.css", "/static/icon.svg")
+"""What the page that asks for the token needs."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+FORBIDDEN, NOT_OURS = 4401, 4403
+
+
+class Gate:
+    """ASGI middleware: lets in whom `Access` lets in.
+
+    Parameters
+    ----------
+    app
+        What is behind it.
+    access
+        Decides.
+    refusal
+        Page for whom it does not let in.
+    """
+
+    def __init__(self, app: ASGIApp, *, access: Access, refusal: str) -> None:
+        self._app = app
+        self._access = access
+        self._refusal = refusal
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection."""
+        if scope["type"] == "http":
+            await self._serve_page(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await self._serve_socket(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+    async def _serve_page(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers[name] = value
+                headers.setdefault("Content-Security-Policy", PAGE_POLICY)
+            await send(message)
+
+        if self._may_enter(scope) or (self._access.needs_token and scope["path"] in OPEN_PATHS):
+            await self._app(scope, receive, send_guarded)
+            return
+        response = HTMLResponse(self._refusal, status_code=401)
+        await response(scope, receive, send_guarded)
+
+    async def _serve_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = Headers(scope=scope)
+        own = self._access.is_own_page(origin=headers.get("origin"), host=headers.get("host", ""))
+        if own and self._may_enter(scope):
+            await self._app(scope, receive, send)
+            return
+        await receive()
+        # Closing before accepting is answered with 403: the handshake fails.
+        await send({"type": "websocket.close", "code": NOT_OURS if not own else FORBIDDEN})
+
+    def _may_enter(self, scope: MutableMapping[str, Any]) -> bool:
+        headers = Headers(scope=scope)
+        client = scope.get("client")
+        return self._access.may_enter(
+            peer=None if client is None else client[0],
+            host=headers.get("host", ""),
+            cookies=headers.get("cookie", ""),
+        )

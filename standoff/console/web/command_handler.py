@@ -1,0 +1,218 @@
+"""Carries out what the holder of control asks for; a stop may come from anybody."""
+
+import getpass
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from acquisition.devices import Stage
+from acquisition.errors import DeviceDisconnectedError
+from acquisition.focus import Region
+from acquisition.plan import CapturePlan, estimate_plan, plan_entries
+from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
+from standoff.console.bench_hub import BenchHub
+from standoff.console.jobs import BusyError, Job, rows_of
+from standoff.console.web import messages
+from standoff.console.web.view_model import preview_document
+from standoff.errors import ApplicationError
+from standoff.terminal import flicker_warnings
+from standoff.workflows import make_folder, write_session_report
+
+__all__ = ["CommandDesk", "NotInControlError"]
+
+LEAST_REGION_PX = 8
+
+
+class NotInControlError(ApplicationError):
+    """Somebody else holds control; nothing was done."""
+
+
+class CommandDesk:
+    """Carries out one message of a page after the other.
+
+    Parameters
+    ----------
+    hub
+        The bench.
+    """
+
+    def __init__(self, hub: BenchHub) -> None:
+        self._hub = hub
+        self._commands: dict[type[Any], Callable[[Any], dict[str, Any] | None]] = {
+            messages.SetExposure: self._set_exposure,
+            messages.SetGain: self._set_gain,
+            messages.LookAt: self._look_at,
+            messages.FocusMetric: lambda m: hub.picture.measure_by(m.metric),
+            messages.ForgetPeak: lambda _: hub.picture.forget_peak(),
+            messages.Home: self._home,
+            messages.Move: self._move,
+            messages.Unlock: self._unlock,
+            messages.Preview: self._preview,
+            messages.Run: self._run,
+            messages.Resume: self._resume,
+            messages.Pause: lambda _: hub.run.pause(),
+            messages.GoOn: lambda _: hub.run.go_on(),
+            messages.Retake: self._retake,
+            messages.Answer: self._answer,
+            messages.WriteReport: self._write_report,
+            messages.PoseReference: self._pose_reference,
+            messages.PoseClear: lambda _: hub.pose.clear(),
+        }
+
+    def carry_out(self, viewer: str, message: messages.Message) -> dict[str, Any] | None:
+        """Do what a page asks for; gives what is to be sent to that page alone.
+
+        Raises
+        ------
+        NotInControlError
+            If somebody else holds control.
+        ApplicationError, DeviceError, SessionError
+            If it cannot be done; the message says why.
+        """
+        match message:
+            case messages.Stop():
+                self._hub.stop()
+                return None
+            case messages.TakeControl():
+                self._hub.control.join(viewer, message.name.strip() or getpass.getuser())
+                self._hub.control.take(viewer)
+                return None
+            case messages.Release():
+                self._hub.control.release(viewer)
+                return None
+        if not isinstance(message, messages.Preview) and not self._hub.control.is_holder(viewer):
+            raise NotInControlError("Somebody else holds control: take it over first.")
+        command = self._commands.get(type(message))
+        return None if command is None else command(message)
+
+    def _set_exposure(self, message: messages.SetExposure) -> None:
+        self._refuse_while_capturing()
+        self._hub.camera.set_exposure_us(message.exposure_us)
+
+    def _set_gain(self, message: messages.SetGain) -> None:
+        self._refuse_while_capturing()
+        self._hub.camera.set_gain_db(message.gain_db)
+
+    def _look_at(self, message: messages.LookAt) -> None:
+        if message.region is None:
+            self._hub.picture.look_at(None)
+            return
+        x_px, y_px, width_px, height_px = message.region
+        if min(width_px, height_px) < LEAST_REGION_PX:
+            raise ApplicationError(f"A region is at least {LEAST_REGION_PX} pixels wide and high.")
+        self._hub.picture.look_at(
+            Region(x_px=x_px, y_px=y_px, width_px=width_px, height_px=height_px)
+        )
+
+    def _home(self, _: messages.Home) -> None:
+        timeout_s = home_timeout_s(self._hub.bench.stage)
+        self._stage_job("homing the stage", lambda stage: stage.home(timeout_s))
+
+    def _move(self, message: messages.Move) -> None:
+        height_mm = message.height_mm
+        if message.is_relative:
+            now_mm = self._hub.stage.view.height_mm
+            if now_mm is None:
+                raise ApplicationError("The stage does not know its height: home it first.")
+            height_mm = round(now_mm + height_mm, 3)
+        refuse_beyond_limits(height_mm, self._hub.bench.stage.limits_mm)
+        timeout_s = move_timeout_s(self._hub.bench.stage)
+        self._stage_job(
+            f"moving the stage to {height_mm:g} mm",
+            lambda stage: stage.move_to(height_mm, timeout_s),
+        )
+
+    def _unlock(self, _: messages.Unlock) -> None:
+        self._stage_job("clearing the alarm", lambda stage: stage.clear_alarm())
+
+    def _stage_job(self, name: str, act: Callable[[Stage], object]) -> None:
+        def work(job: Job) -> None:
+            act(self._hub.stage.lent(job.check))
+
+        self._hub.jobs.begin(name, work)
+
+    def _preview(self, message: messages.Preview) -> dict[str, Any]:
+        plan, bench = self._hub.plans.load(message.plan), self._hub.bench
+        entries = plan_entries(plan)
+        settings = self._hub.camera.settings
+        shape = None if settings is None else (settings.height_px, settings.width_px)
+        return preview_document(
+            message.plan,
+            plan,
+            entries,
+            estimate_plan(plan, entries, bench, shape),
+            tuple(flicker_warnings(plan, entries, bench)),
+            free_bytes=self._hub.free_bytes(),
+        )
+
+    def _run(self, message: messages.Run) -> None:
+        plan = self._hub.plans.load(message.plan)
+        path = self._hub.sessions.path_for(message.session)
+        if path.exists():
+            raise ApplicationError(
+                f"There is a session {message.session!r} already: resume it, or choose another name"
+            )
+        self._begin(path, plan, ())
+
+    def _resume(self, message: messages.Resume) -> None:
+        session = self._hub.sessions.open(message.session)
+        self._begin(session.path, session.plan, ())
+
+    def _retake(self, message: messages.Retake) -> None:
+        running = self._hub.jobs.current is not None
+        if running and self._hub.run.view.session == message.session:
+            self._hub.run.retake(message.index)
+            return
+        session = self._hub.sessions.open(message.session)
+        self._begin(session.path, session.plan, (message.index,))
+
+    def _begin(self, path: Path, plan: CapturePlan, retake: tuple[int, ...]) -> None:
+        hub = self._hub
+        for device in (hub.camera, hub.stage):
+            if not device.status.is_ready:
+                raise DeviceDisconnectedError(f"{device.status.text}. {device.status.remedy}")
+        rows_of(path, plan)
+        if hub.jobs.current is not None:
+            raise BusyError(f"Not now: {hub.jobs.current.name} is going on. Wait, or stop it.")
+        make_folder(hub.sessions.folder)
+        operator = hub.operator
+
+        def work(job: Job) -> None:
+            hub.run.work(job, path, plan, operator, retake)
+
+        hub.run.prepare(path, plan)
+        hub.jobs.begin(f"session {path.name}", work)
+
+    def _answer(self, message: messages.Answer) -> None:
+        if not self._hub.prompts.answer(message.number, message.choice, message.text):
+            raise ApplicationError("That question was answered already.")
+
+    def _write_report(self, message: messages.WriteReport) -> None:
+        session = self._hub.sessions.open(message.session)
+        path = self._hub.sessions.report_path(message.session)
+
+        def work(_: Job) -> None:
+            make_folder(path.parent)
+            write_session_report(session, path)
+            self._hub.tell(f"The report of {message.session} is written.")
+
+        self._hub.jobs.begin(f"writing the report of {message.session}", work)
+
+    def _pose_reference(self, message: messages.PoseReference) -> None:
+        if message.session is None or message.index is None:
+            latest = self._hub.board.latest
+            if latest is None:
+                raise ApplicationError("There is no picture yet.")
+            self._hub.pose.choose("the picture taken just now", latest.image_dn)
+            return
+        session = self._hub.sessions.open(message.session)
+        record = next((r for r in session.records if r.index == message.index), None)
+        if record is None:
+            raise ApplicationError(f"{message.session} has no capture {message.index} to use.")
+        name = f"{message.session}, capture {message.index} at {record.height_mm:.1f} mm"
+        self._hub.pose.choose(name, session.load(record).mean_dn)
+
+    def _refuse_while_capturing(self) -> None:
+        job = self._hub.jobs.current
+        if job is not None and self._hub.run.view.state in ("running", "paused"):
+            raise BusyError("The session sets exposure and gain while it runs.")

@@ -1,0 +1,262 @@
+"""What a page may say to the console: one JSON object a message, checked key by key."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from acquisition.bench import validation_lines
+from acquisition.focus import FocusMeasure
+from standoff.errors import ApplicationError
+
+__all__ = [
+    "MAX_MESSAGE_CHARS",
+    "Acknowledge",
+    "Answer",
+    "FocusMetric",
+    "ForgetPeak",
+    "GoOn",
+    "Hello",
+    "Home",
+    "LookAt",
+    "Message",
+    "MessageError",
+    "Move",
+    "Pause",
+    "PoseClear",
+    "PoseReference",
+    "Preview",
+    "Release",
+    "Resume",
+    "Retake",
+    "Run",
+    "SetExposure",
+    "SetGain",
+    "Stop",
+    "TakeControl",
+    "Unlock",
+    "WriteReport",
+    "parse_message",
+]
+
+MAX_MESSAGE_CHARS = 4096
+
+Name = Annotated[str, Field(min_length=1, max_length=255)]
+Person = Annotated[str, Field(max_length=60)]
+Index = Annotated[int, Field(ge=0, lt=10**7)]
+Pixels = Annotated[int, Field(ge=0, lt=2**16)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
+
+
+class MessageError(ApplicationError, ValueError):
+    """A page sent what is no message; nothing was done."""
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Hello(_Message):
+    """The first message of a page: who it is; ``pictures`` asks for the live picture."""
+
+    do: Literal["hello"]
+    viewer: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+    name: Person = ""
+    pictures: bool = False
+
+
+class Acknowledge(_Message):
+    """A picture was drawn."""
+
+    do: Literal["ack"]
+    sequence: Annotated[int, Field(ge=0, lt=2**32)]
+
+
+class TakeControl(_Message):
+    """Take control over; ``name`` is the operator's, for the journal."""
+
+    do: Literal["take"]
+    name: Person = ""
+
+
+class Release(_Message):
+    """Give control away."""
+
+    do: Literal["release"]
+
+
+class Stop(_Message):
+    """Stop the stage and what is going on."""
+
+    do: Literal["stop"]
+
+
+class SetExposure(_Message):
+    """Expose the live picture so."""
+
+    do: Literal["exposure"]
+    exposure_us: Positive
+
+
+class SetGain(_Message):
+    """Set the gain."""
+
+    do: Literal["gain"]
+    gain_db: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+
+
+class LookAt(_Message):
+    """Measure the focus in a region, or in the whole frame where it is absent."""
+
+    do: Literal["region"]
+    region: tuple[Pixels, Pixels, Pixels, Pixels] | None
+
+
+class FocusMetric(_Message):
+    """Measure the focus by another measure."""
+
+    do: Literal["metric"]
+    metric: FocusMeasure
+
+
+class ForgetPeak(_Message):
+    """Begin the focus trace anew."""
+
+    do: Literal["forget-peak"]
+
+
+class Home(_Message):
+    """Home the stage."""
+
+    do: Literal["home"]
+
+
+class Move(_Message):
+    """Move the stage to a height, or by one."""
+
+    do: Literal["move"]
+    height_mm: Finite
+    is_relative: bool = False
+
+
+class Unlock(_Message):
+    """Clear the stage's alarm."""
+
+    do: Literal["unlock"]
+
+
+class Preview(_Message):
+    """Show what a plan will take."""
+
+    do: Literal["preview"]
+    plan: Name
+
+
+class Run(_Message):
+    """Run a plan as a new session."""
+
+    do: Literal["run"]
+    plan: Name
+    session: Name
+
+
+class Resume(_Message):
+    """Go on with a session, by its own plan."""
+
+    do: Literal["resume"]
+    session: Name
+
+
+class Pause(_Message):
+    """Wait before the next capture."""
+
+    do: Literal["pause"]
+
+
+class GoOn(_Message):
+    """End the pause."""
+
+    do: Literal["go-on"]
+
+
+class Retake(_Message):
+    """Take a capture of the session again."""
+
+    do: Literal["retake"]
+    session: Name
+    index: Index
+
+
+class Answer(_Message):
+    """Answer the question that waits."""
+
+    do: Literal["answer"]
+    number: Index
+    choice: Name
+    text: Annotated[str, Field(max_length=200)] = ""
+
+
+class WriteReport(_Message):
+    """Write the report of a session."""
+
+    do: Literal["report"]
+    session: Name
+
+
+class PoseReference(_Message):
+    """Judge the pose against a capture, or against the present picture where none is named."""
+
+    do: Literal["pose-reference"]
+    session: Name | None = None
+    index: Index | None = None
+
+
+class PoseClear(_Message):
+    """Judge no pose any more."""
+
+    do: Literal["pose-clear"]
+
+
+Message = (
+    Hello
+    | Acknowledge
+    | TakeControl
+    | Release
+    | Stop
+    | SetExposure
+    | SetGain
+    | LookAt
+    | FocusMetric
+    | ForgetPeak
+    | Home
+    | Move
+    | Unlock
+    | Preview
+    | Run
+    | Resume
+    | Pause
+    | GoOn
+    | Retake
+    | Answer
+    | WriteReport
+    | PoseReference
+    | PoseClear
+)
+
+_ADAPTER: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
+
+
+def parse_message(text: str) -> Message:
+    """Read one message.
+
+    Raises
+    ------
+    MessageError
+        If it is none, with the reason in one line.
+    """
+    if len(text) > MAX_MESSAGE_CHARS:
+        raise MessageError(f"a message has at most {MAX_MESSAGE_CHARS} characters")
+    try:
+        return _ADAPTER.validate_json(text)
+    except ValidationError as error:
+        raise MessageError(f"not understood: {validation_lines(error)[:300]}") from error

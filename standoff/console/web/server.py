@@ -1,0 +1,111 @@
+"""Serves the console on one address until Ctrl-C."""
+
+import asyncio
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from standoff.console.web.messages import MAX_MESSAGE_CHARS
+from standoff.errors import ApplicationError
+
+__all__ = ["open_socket", "serve", "server_of"]
+
+GRACE_S = 2
+"""How long pages are waited for at the end."""
+
+KEEP_ALIVE_S = 10.0
+
+
+def open_socket(host: str, port: int) -> socket.socket:
+    """Bind the address; port 0 takes a free one.
+
+    Raises
+    ------
+    ApplicationError
+        If it cannot be had.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM
+        )[0]
+        opened = socket.socket(family, kind, protocol)
+    except UnicodeError as error:  # what no domain name may be, as a label of 64 characters
+        raise ApplicationError(f"cannot listen on {host}: it is no name of a computer") from error
+    except OSError as error:
+        raise _refused(host, port, error) from error
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind(address)
+        opened.listen()
+    except OSError as error:
+        opened.close()
+        raise _refused(host, port, error) from error
+    return opened
+
+
+def _refused(host: str, port: int, error: OSError) -> ApplicationError:
+    return ApplicationError(
+        f"cannot listen on {host}, port {port}: {error.strerror or error}; is a console running "
+        "there already? --port takes another"
+    )
+
+
+def serve(app: ASGIApp, bound: socket.socket, *, ready: Callable[[], None]) -> None:
+    """Serve until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    ready
+        Is called once the first request would be answered.
+    """
+    asyncio.run(_serve(server_of(app), bound, ready))
+
+
+def server_of(app: ASGIApp) -> uvicorn.Server:
+    """Return a server of the application, which leaves the signals alone."""
+    config = uvicorn.Config(
+        app,
+        loop="asyncio",
+        http="h11",
+        ws="websockets-sansio",
+        ws_max_size=4 * MAX_MESSAGE_CHARS,  # UTF-8 has up to four bytes a character
+        ws_ping_interval=KEEP_ALIVE_S,
+        ws_ping_timeout=KEEP_ALIVE_S,
+        ws_per_message_deflate=False,  # pictures of noise do not shrink
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        timeout_graceful_shutdown=GRACE_S,
+        lifespan="off",
+    )
+    return _Server(config)
+
+
+class _Server(uvicorn.Server):
+    """A server whose signals are ours."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave the signals alone: Ctrl-C is how a console ends, and no error."""
+        yield
+
+
+async def _serve(server: uvicorn.Server, bound: socket.socket, ready: Callable[[], None]) -> None:
+    loop = asyncio.get_running_loop()
+
+    def end() -> None:
+        server.should_exit = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, end)
+    serving = asyncio.create_task(server.serve(sockets=[bound]))
+    while not server.started and not serving.done():
+        await asyncio.sleep(0.01)
+    if not serving.done():
+        ready()
+    await serving

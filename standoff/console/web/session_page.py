@@ -1,0 +1,108 @@
+"""What the page of one session shows."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+from acquisition.session import Session, SessionCapture
+from acquisition.untrusted import parse_json
+from standoff.console.session_library import SessionLibrary
+from standoff.workflows import RESULTS_FOLDER
+
+__all__ = ["session_document"]
+
+MAX_RESULT_BYTES = 50 * 10**6
+PSF_FIGURES = (("sigma_x_px", "σx"), ("sigma_y_px", "σy"), ("rho", "ρ"))
+NOTES_SHOWN = 200
+
+
+def session_document(library: SessionLibrary, name: str) -> dict[str, Any]:
+    """Captures, notes and results of a session, rounded for reading.
+
+    Raises
+    ------
+    UnknownSessionError
+        If there is none of that name.
+    SessionError
+        If it cannot be read.
+    """
+    session = library.open(name)
+    captures = sorted(session.captures, key=lambda capture: capture.record.index)
+    kept = {capture.record.index for capture in captures if not capture.is_superseded}
+    return {
+        "name": name,
+        "calibrate": _calibrate_command(session.path),
+        "plan": session.plan.name,
+        "operator": session.manifest.operator,
+        "created": session.manifest.created_utc[:16].replace("T", " "),
+        "captured": len(kept),
+        "planned": len(session.entries),
+        "is_complete": session.is_complete,
+        "has_report": library.report_of(name) is not None,
+        "remarks": list(session.remarks),
+        "captures": [_capture(capture) for capture in captures],
+        "notes": [
+            {"when": event.utc[:16].replace("T", " "), "text": _note(event.facts)}
+            for event in session.events
+            if event.kind in ("note", "error", "stop", "skip")
+        ][-NOTES_SHOWN:],
+        "psf": _psf(session),
+    }
+
+
+def _calibrate_command(path: Path) -> str:
+    """What to type for the PSF."""
+    out = path / RESULTS_FOLDER / "psf.json"
+    return f"standoff calibrate --session {quote(str(path))} --out {quote(str(out))}"
+
+
+def _capture(capture: SessionCapture) -> dict[str, Any]:
+    record = capture.record
+    state = "used"
+    if capture.is_superseded:
+        state = "taken again"
+    elif capture.excluded_because is not None:
+        state = f"excluded: {capture.excluded_because}"
+    return {
+        "index": record.index,
+        "what": f"{record.kind} {record.target}",
+        "orientation": f"{record.orientation_deg:g}",
+        "height": f"{record.height_mm:.3f}",
+        "exposure": "" if record.exposure_us is None else f"{record.exposure_us:g}",
+        "frames": record.frames_used,
+        "incomplete": record.incomplete_frames,
+        "focus": "" if record.focus_value is None else f"{record.focus_value:.3g}",
+        "state": state,
+        "is_current": not capture.is_superseded,
+        "is_used": capture.is_used,
+    }
+
+
+def _note(facts: Mapping[str, Any]) -> str:
+    index = facts.get("index")
+    about = "" if index is None else f"capture {index}: "
+    text = facts.get("text") or facts.get("message") or facts.get("error")
+    return f"{about}{text or 'stopped or skipped by the operator'}"
+
+
+def _psf(session: Session) -> list[dict[str, str]]:
+    """Headline figures of the session's psf.json, as far as it has one that can be read."""
+    path = session.path / RESULTS_FOLDER / "psf.json"
+    try:
+        if path.is_symlink() or path.stat().st_size > MAX_RESULT_BYTES:
+            return []
+        stored = parse_json(path.read_bytes())
+    except (OSError, ValueError):
+        return []
+    if not isinstance(stored, dict):
+        return []
+    figures = []
+    for key, symbol in PSF_FIGURES:
+        value, err = stored.get(key), stored.get(f"{key.removesuffix('_px')}_err_px")
+        err = stored.get("rho_err") if key == "rho" else err
+        if isinstance(value, int | float):
+            unit = "" if key == "rho" else " px"
+            sure = f" ± {err:.4f}" if isinstance(err, int | float) else ""
+            figures.append({"name": symbol, "value": f"{value:.4f}{sure}{unit}"})
+    return figures

@@ -1,0 +1,312 @@
+"""What the pages show, as plain JSON objects: figures rounded, units said, states in words."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from acquisition.devices import CameraSettings, StreamStatistics
+from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate
+from standoff.console.bench_hub import BenchHub, Notice
+from standoff.console.devices import (
+    DeviceStatus,
+    FrameCounts,
+    Levels,
+    PictureFacts,
+    PoseView,
+    StageView,
+)
+from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView
+from standoff.terminal import time_text
+
+__all__ = [
+    "camera_document",
+    "control_document",
+    "disk_document",
+    "focus_document",
+    "levels_document",
+    "plan_document",
+    "pose_document",
+    "preview_document",
+    "prompt_document",
+    "run_document",
+    "stage_document",
+    "state_document",
+]
+
+SCARCE_BYTES, TOO_FEW_BYTES = 2 * 10**9, 10**8
+CLIPPED_FRACTION = 1e-3
+
+STAGE_WORDS = {
+    "idle": "at rest",
+    "moving": "moving",
+    "homing": "homing",
+    "hold": "held",
+    "door": "door open",
+    "alarm": "ALARM",
+    "unknown": "not known",
+}
+
+Document = dict[str, Any]
+
+
+def state_document(hub: BenchHub) -> Document:
+    """All that changes from moment to moment, the same for every page."""
+    job = hub.jobs.current
+    return {
+        "camera": camera_document(
+            hub.camera.status,
+            hub.camera.settings,
+            hub.board.counts,
+            hub.camera.statistics,
+            name="" if hub.camera.info is None else hub.camera.info.model,
+            warnings=hub.camera.warnings,
+        ),
+        "stage": stage_document(hub.stage.view),
+        "focus": focus_document(hub.picture.facts),
+        "run": run_document(hub.run.view, is_pause_wanted=hub.run.is_pause_wanted),
+        "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
+        "prompt": prompt_document(hub.prompts.current),
+        "pose": pose_document(hub.pose.view),
+        "disk": disk_document(hub.free_bytes()),
+        "notices": [_notice(notice) for notice in hub.notices],
+    }
+
+
+def control_document(view: ControlView) -> Document:
+    """Who holds control, as one page sees it."""
+    if view.is_mine:
+        text = "You are in control as"
+    elif not view.holder:
+        text = "Nobody is in control"
+    else:
+        text = f"{view.holder} is in control{', but not connected' if view.is_away else ''}"
+    return {
+        "is_mine": view.is_mine,
+        "text": text,
+        "holder": view.holder,
+        "viewers": view.viewers,
+    }
+
+
+def camera_document(
+    status: DeviceStatus,
+    settings: CameraSettings | None,
+    counts: FrameCounts,
+    statistics: StreamStatistics | None,
+    *,
+    name: str = "",
+    warnings: Sequence[str] = (),
+) -> Document:
+    """The camera's state, settings and frame statistics."""
+    return {
+        **_status(status),
+        "name": name,
+        "exposure_us": None if settings is None else round(settings.exposure_us, 1),
+        "gain_db": None if settings is None else round(settings.gain_db, 2),
+        "format": "" if settings is None else _format(settings),
+        "rate": f"{counts.rate_hz:.1f}",
+        "complete": counts.complete,
+        "incomplete": counts.incomplete,
+        "lost": counts.lost,
+        "resent": None if statistics is None else statistics.resent_packets,
+        "warnings": list(warnings),
+    }
+
+
+def stage_document(view: StageView) -> Document:
+    """The stage's state in words, its height and what may be done."""
+    is_ready = view.status.is_ready
+    height = "–" if view.height_mm is None else f"{view.height_mm:.3f}"
+    low_mm, high_mm = view.limits_mm
+    return {
+        **_status(view.status),
+        "name": "" if view.info is None else view.info.model,
+        "motion": view.state,
+        "motion_text": STAGE_WORDS[view.state] if is_ready else "not connected",
+        "height": height,
+        "height_mm": view.height_mm,
+        "target": "" if view.target_mm is None else f"on the way to {view.target_mm:.3f} mm",
+        "is_homed": view.is_homed,
+        "homed_text": "homed" if view.is_homed else "not homed",
+        "limits_mm": [low_mm, high_mm],
+        "limits": f"{low_mm:g} to {high_mm:g} mm",
+        "warnings": list(view.warnings),
+    }
+
+
+def focus_document(facts: PictureFacts) -> Document:
+    """The focus figures, and a hint in words."""
+    region = facts.region
+    document: Document = {
+        "metric": facts.measure,
+        "region": None
+        if region is None
+        else [region.x_px, region.y_px, region.width_px, region.height_px],
+        "value": "–",
+        "peak": "–",
+        "percent": None,
+        "percent_text": "–",
+        "trend": "steady",
+        "hint": "waiting for pictures",
+        "is_past_peak": False,
+    }
+    reading = facts.focus
+    if reading is None:
+        return document
+    if reading.is_past_peak:
+        hint = "past the peak: go back"
+    elif reading.trend == "steady":
+        hint = "steady"
+    else:
+        hint = "getting sharper" if reading.trend == "rising" else "getting softer"
+    return document | {
+        "value": f"{reading.value:.4g}",
+        "peak": f"{reading.peak:.4g}",
+        "percent": round(reading.percent_of_peak, 2),
+        "percent_text": f"{reading.percent_of_peak:.1f}",
+        "trend": reading.trend,
+        "hint": hint,
+        "is_past_peak": reading.is_past_peak,
+    }
+
+
+def levels_document(facts: PictureFacts) -> Document | None:
+    """Histogram and focus trace; they are sent less often. None before the first picture."""
+    levels = facts.levels
+    if levels is None:
+        return None
+    return {
+        "type": "levels",
+        "counts": [int(count) for count in levels.counts],
+        "max_level_dn": levels.max_level_dn,
+        "mean": f"{levels.mean_dn:.0f}",
+        "saturated": saturation_text(levels),
+        "is_saturated": levels.saturated_fraction > CLIPPED_FRACTION,
+        "trace": [float(f"{value:.5g}") for value in facts.trace],
+    }
+
+
+def saturation_text(levels: Levels) -> str:
+    """Share of the picture that is saturated: ``none``, ``< 0.01 %``, ``1.2 %``."""
+    percent = 100.0 * levels.saturated_fraction
+    if percent == 0:
+        return "none"
+    return "< 0.01 %" if percent < 0.01 else f"{percent:.2f} %"
+
+
+def run_document(view: RunView, *, is_pause_wanted: bool) -> Document:
+    """How far the session is; its table is a document of its own."""
+    left = view.seconds_left
+    return {
+        "session": view.session,
+        "plan": view.plan,
+        "state": view.state,
+        "message": view.message,
+        "captured": view.captured,
+        "planned": len(view.rows),
+        "left": "" if left is None else f"{time_text(left)} left",
+        "is_pause_wanted": is_pause_wanted,
+        "revision": view.revision,
+    }
+
+
+def plan_document(view: RunView) -> Document:
+    """The plan as a table: done, next, failed, pending."""
+    return {
+        "type": "plan",
+        "revision": view.revision,
+        "session": view.session,
+        "rows": [_row(row) for row in view.rows],
+    }
+
+
+def preview_document(
+    name: str,
+    plan: CapturePlan,
+    entries: Sequence[PlanEntry],
+    estimate: PlanEstimate,
+    warnings: Sequence[str],
+    *,
+    free_bytes: int,
+) -> Document:
+    """What a plan will take, before it is run."""
+    disk = "depends on the frame" if estimate.bytes_ is None else f"{estimate.bytes_ / 1e6:.0f} MB"
+    return {
+        "type": "preview",
+        "name": name,
+        "plan": plan.name,
+        "captures": estimate.captures,
+        "placements": estimate.placements,
+        "time": time_text(estimate.seconds),
+        "disk": disk,
+        "is_room": estimate.bytes_ is None or free_bytes > estimate.bytes_ + TOO_FEW_BYTES,
+        "warnings": list(warnings),
+        "rows": [_row(PlanRow(entry=entry)) for entry in entries],
+    }
+
+
+def prompt_document(prompt: Prompt | None) -> Document | None:
+    """The question that waits, with its buttons."""
+    if prompt is None:
+        return None
+    return {
+        "number": prompt.number,
+        "text": prompt.text,
+        "wants_text": prompt.wants_text,
+        "choices": [{"key": each.key, "label": each.label} for each in prompt.choices],
+    }
+
+
+def pose_document(view: PoseView) -> Document:
+    """Go or no-go, with the reason and the margin."""
+    document: Document = {
+        "is_possible": view.is_possible,
+        "reference": view.reference,
+        "verdict": "",
+        "reason": "",
+        "margin": "",
+    }
+    verdict = view.verdict
+    if not view.reference:
+        return document
+    if verdict is None:
+        return document | {"verdict": "…", "reason": "waiting for a picture"}
+    margin = "" if verdict.margin is None else f"{100 * verdict.margin:+.0f} %"
+    return document | {
+        "verdict": "GO" if verdict.accepted else "NO GO",
+        "reason": verdict.reason,
+        "margin": margin,
+    }
+
+
+def disk_document(free_bytes: int) -> Document:
+    """Room on the disk, and whether it is scarce."""
+    level = "ok"
+    if free_bytes < SCARCE_BYTES:
+        level = "fail" if free_bytes < TOO_FEW_BYTES else "warn"
+    return {"text": f"{free_bytes / 1e9:.1f} GB free", "level": level}
+
+
+def _status(status: DeviceStatus) -> Document:
+    return {"state": status.state, "text": status.text, "remedy": status.remedy}
+
+
+def _format(settings: CameraSettings) -> str:
+    return f"{settings.width_px} × {settings.height_px} {settings.pixel_format}"
+
+
+def _notice(notice: Notice) -> Document:
+    return {"number": notice.number, "text": notice.text}
+
+
+def _row(row: PlanRow) -> Document:
+    entry = row.entry
+    return {
+        "index": entry.index,
+        "what": f"{entry.kind} {entry.target}",
+        "orientation": f"{entry.orientation_deg:g}",
+        "height": f"{entry.height_mm:g}" if row.height_mm is None else f"{row.height_mm:.3f}",
+        "exposure": "" if entry.exposure_us is None else f"{entry.exposure_us:g}",
+        "focus": "" if row.focus_value is None else f"{row.focus_value:.3g}",
+        "state": row.state,
+        "note": row.note,
+    }

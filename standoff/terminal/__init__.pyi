@@ -1,0 +1,82 @@
+from .app import application as application, run_application as run_application
+from .compiled_cache import drop_stale_code as drop_stale_code
+from .curve_options import (
+    CurveContrast as CurveContrast,
+    CurveModel as CurveModel,
+    CurveNoise as CurveNoise,
+    CurveObserver as CurveObserver,
+    CurvesPath as CurvesPath,
+    MinDprime as MinDprime,
+    chosen_curve as chosen_curve,
+)
+from .edge_table import edge_csv as edge_csv
+from .live_line import LiveLine as LiveLine
+from .operator_prompts import (
+    Operator as Operator,
+    ScriptedOperator as ScriptedOperator,
+    TerminalOperator as TerminalOperator,
+    what_to_place as what_to_place,
+)
+from .options import (
+    BenchFile as BenchFile,
+    BenchKeys as BenchKeys,
+    Json as Json,
+    checked_zoom as checked_zoom,
+    read_bench as read_bench,
+    refuse_overwriting as refuse_overwriting,
+    refuse_suffix as refuse_suffix,
+)
+from .output import (
+    ERRORS as ERRORS,
+    Bar as Bar,
+    note as note,
+    print_json as print_json,
+    print_table as print_table,
+    progress_bar as progress_bar,
+    say as say,
+)
+from .plan_preview import (
+    flicker_warnings as flicker_warnings,
+    frame_shape_of as frame_shape_of,
+    preview_lines as preview_lines,
+    time_text as time_text,
+)
+from .psf_tables import print_psf as print_psf
+
+__all__ = [
+    "ERRORS",
+    "Bar",
+    "BenchFile",
+    "BenchKeys",
+    "CurveContrast",
+    "CurveModel",
+    "CurveNoise",
+    "CurveObserver",
+    "CurvesPath",
+    "Json",
+    "LiveLine",
+    "MinDprime",
+    "Operator",
+    "ScriptedOperator",
+    "TerminalOperator",
+    "application",
+    "checked_zoom",
+    "chosen_curve",
+    "drop_stale_code",
+    "edge_csv",
+    "flicker_warnings",
+    "frame_shape_of",
+    "note",
+    "preview_lines",
+    "print_json",
+    "print_psf",
+    "print_table",
+    "progress_bar",
+    "read_bench",
+    "refuse_overwriting",
+    "refuse_suffix",
+    "run_application",
+    "say",
+    "time_text",
+    "what_to_place",
+]

@@ -1,0 +1,117 @@
+"""The application: registers the commands and turns errors into exit statuses.
+
+0 done, 1 a device or data error in one line, 2 wrong usage, 130 interrupted, 143 by SIGTERM.
+"""
+
+from importlib import import_module
+from typing import Annotated, Any
+
+import typer
+from typer.exceptions import TyperException
+
+from standoff import __version__
+from standoff.errors import REPORTED_ERRORS
+from standoff.terminal.output import ERRORS
+
+__all__ = ["COMMANDS", "application", "run_application"]
+
+EXIT_REPORTED = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+
+COMMANDS = {
+    "demo": "demo:demo",
+    "capture": "capture:capture",
+    "session": "sessions:session",
+    "verify": "sessions:verify",
+    "import": "photographs:import_photographs",
+    "calibrate": "calibrate:calibrate",
+    "compare": "compare:compare",
+    "focus": "focus:focus",
+    "geometry": "geometry:geometry",
+    "noise": "noise:noise",
+    "simulate": "simulate:simulate",
+    "sr-pairs": "sr_pairs:sr_pairs",
+    "detectability": "detectability:detectability",
+    "limits": "limits:limits",
+    "pose": "pose:pose",
+    "changes": "changes:changes",
+    "validate": "validate:validate",
+    "paper": "paper:paper",
+    "report": "report:report",
+    "console": "console:console",
+    "mock": "mock:mock",
+    "doctor": "doctor:doctor",
+    "cameras": "doctor:cameras",
+    "stage": "stage:stage",
+}
+"""Where each command lives, in standoff.commands, in the order of the help."""
+
+
+def application(arguments: list[str]) -> typer.Typer:
+    """Return the application for a command line, with the command that it names.
+
+    Only that command is imported, as all of them with their libraries take seconds; where the
+    first argument names none, as for the help or a misspelt name, all are there.
+    """
+    app = typer.Typer(
+        name="standoff",
+        help=(
+            "Calibrate a bench camera's PSF, simulate the scene from further away, and say how "
+            "much a change of camera pose costs in change detection."
+        ),
+        invoke_without_command=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_show_help)
+    named = [name for name in arguments[:1] if name in COMMANDS]
+    for name in named or COMMANDS:
+        command = _imported(COMMANDS[name])
+        if isinstance(command, typer.Typer):
+            app.add_typer(command)
+        else:
+            app.command(name)(command)
+    return app
+
+
+def _imported(place: str) -> Any:  # noqa: ANN401 - a function, or a group of them
+    module, name = place.split(":")
+    return getattr(import_module(f"standoff.commands.{module}"), name)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"standoff {__version__}")
+        raise typer.Exit
+
+
+def _show_help(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Show the help where no command is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(EXIT_USAGE)
+
+
+def run_application(app: typer.Typer, arguments: list[str]) -> int:
+    """Run one command line and return its exit status; errors are one line on stderr."""
+    try:
+        status = app(arguments, standalone_mode=False, prog_name="standoff")
+    except TyperException as error:
+        ERRORS.print(f"standoff: {' '.join(error.format_message().split())}", markup=False)
+        return EXIT_USAGE
+    except REPORTED_ERRORS as error:
+        ERRORS.print(f"standoff: {error}", markup=False)
+        return EXIT_REPORTED
+    except (typer.Abort, KeyboardInterrupt):
+        status = EXIT_INTERRUPTED
+    if status == EXIT_INTERRUPTED:
+        ERRORS.print("standoff: interrupted; run the same command again", markup=False)
+    return status or 0

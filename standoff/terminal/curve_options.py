@@ -1,0 +1,60 @@
+"""Which curve of a curves.json a command means."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.detectability import (
+    AmbiguousCurveError,
+    CurveChoice,
+    DetectabilityCurve,
+    Observer,
+    read_curves,
+)
+from simulation import Model
+
+__all__ = [
+    "CurveContrast",
+    "CurveModel",
+    "CurveNoise",
+    "CurveObserver",
+    "CurvesPath",
+    "MinDprime",
+    "chosen_curve",
+]
+
+CurvesPath = Annotated[Path, typer.Option(help="curves.json of standoff detectability.")]
+MinDprime = Annotated[
+    float, typer.Option("--min-dprime", help="Least d' that will do; 2 is an AUC of 0.92.")
+]
+CurveModel = Annotated[Model | None, typer.Option(help="Curve of this capture model.")]
+CurveObserver = Annotated[Observer | None, typer.Option(help="Curve of this observer.")]
+CurveNoise = Annotated[float | None, typer.Option(help="Curve of this noise in DN.")]
+CurveContrast = Annotated[float | None, typer.Option(help="Curve of this contrast in DN.")]
+
+
+def chosen_curve(
+    path: Path,
+    min_dprime: float,
+    model: Model | None,
+    observer: Observer | None,
+    noise_dn: float | None,
+    contrast_dn: float | None,
+) -> DetectabilityCurve:
+    """Read the one curve that is meant; an ambiguous choice or threshold is wrong usage.
+
+    Raises
+    ------
+    ResultsFileError
+        If the file cannot be read.
+    """
+    if not 0 < min_dprime < float("inf"):
+        raise typer.BadParameter(
+            f"a threshold is a number above 0, got {min_dprime:g}", param_hint="--min-dprime"
+        )
+    choice = CurveChoice(model=model, observer=observer, noise_dn=noise_dn, contrast_dn=contrast_dn)
+    try:
+        return read_curves(path).chosen(choice)
+    except AmbiguousCurveError as error:
+        raise typer.BadParameter(f"{path}: {error}") from error

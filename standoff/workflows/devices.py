@@ -1,0 +1,197 @@
+"""Opens the devices that a bench file names."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from typing import Literal
+
+import typer
+
+from acquisition.aravis import AravisCamera
+from acquisition.bench import BenchConfig, CameraConfig, StageConfig
+from acquisition.capture import Placement
+from acquisition.devices import Camera, Stage
+from acquisition.errors import BenchConfigError, PlanError
+from acquisition.plan import PlanEntry
+from acquisition.stages import ManualStage
+from acquisition.stages.grbl import GrblStage, open_grbl_stage
+from acquisition.stages.zaber import ZaberStage, open_zaber_stage
+from hil_mocks import SimulatedBench
+
+__all__ = [
+    "OpenBench",
+    "open_bench",
+    "open_camera",
+    "open_stage",
+    "place_in_simulation",
+    "refuse_half_simulated",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenBench:
+    """Camera and stage, opened; ``simulated`` is the bench behind them where it is simulated.
+
+    ``clock`` gives the seconds in which both live, and ``sleep`` lets some pass: the bench's own
+    where it is simulated.
+    ``warnings`` are what the operator should know, one line each.
+    """
+
+    camera: Camera
+    stage: Stage
+    clock: Callable[[], float]
+    sleep: Callable[[float], None]
+    simulated: SimulatedBench | None
+    warnings: tuple[str, ...] = ()
+
+
+@contextmanager
+def open_bench(
+    config: BenchConfig, *, ask: Callable[[str], str] | None = None
+) -> Iterator[OpenBench]:
+    """Open camera and stage, and close both at the end.
+
+    Parameters
+    ----------
+    config
+        The bench.
+    ask
+        Puts a question to whoever moves a manual stage; at the terminal if None.
+
+    Raises
+    ------
+    BenchConfigError
+        If a driver is named that this version does not have, or the simulated camera and
+        stage are not used together.
+    DeviceError
+        If a device cannot be opened.
+    """
+    refuse_half_simulated(config)
+    is_simulated = config.camera.driver == "simulated"
+    with _simulated_bench(config) if is_simulated else _real_bench(config, ask) as opened:
+        yield opened
+
+
+def refuse_half_simulated(config: BenchConfig) -> None:
+    """Do nothing, unless one device of a bench is simulated in process and the other is not.
+
+    Raises
+    ------
+    BenchConfigError
+        Then.
+    """
+    if [config.camera.driver, config.stage.driver].count("simulated") == 1:
+        raise BenchConfigError(
+            f"camera.driver {config.camera.driver!r} with stage.driver {config.stage.driver!r}: "
+            "the simulated camera sees the simulated stage only; use 'simulated' for both or none"
+        )
+
+
+@contextmanager
+def _simulated_bench(config: BenchConfig) -> Iterator[OpenBench]:
+    bench = SimulatedBench(config)
+    try:
+        yield OpenBench(
+            camera=bench.camera,
+            stage=bench.stage,
+            clock=lambda: bench.clock.now_s,
+            sleep=bench.clock.advance,
+            simulated=bench,
+        )
+    finally:
+        bench.camera.close()
+        bench.stage.close()
+
+
+@contextmanager
+def _real_bench(config: BenchConfig, ask: Callable[[str], str] | None) -> Iterator[OpenBench]:
+    with (
+        closing(open_stage(config.stage, ask=ask)) as stage,
+        closing(open_camera(config.camera)) as camera,
+    ):
+        yield OpenBench(
+            camera=camera,
+            stage=stage,
+            clock=time.monotonic,
+            sleep=time.sleep,
+            simulated=None,
+            warnings=camera.warnings,
+        )
+
+
+def open_camera(config: CameraConfig) -> AravisCamera:
+    """Open the real camera that a bench file names.
+
+    Raises
+    ------
+    BenchConfigError
+        If its driver is not one for a real camera.
+    DeviceError
+        If it cannot be opened or set.
+    """
+    if config.driver != "aravis":
+        raise BenchConfigError(
+            f"camera.driver {config.driver!r} opens no camera; use 'aravis', or 'simulated' for "
+            "camera and stage"
+        )
+    return AravisCamera.open(config)
+
+
+def open_stage(
+    config: StageConfig,
+    *,
+    first: Literal["nothing", "stop", "reset"] = "nothing",
+    ask: Callable[[str], str] | None = None,
+) -> GrblStage | ZaberStage | ManualStage:
+    """Open the real stage that a bench file names; moves nothing.
+
+    Parameters
+    ----------
+    config
+        The stage's section.
+    first
+        What to send before the dialogue begins: ``stop`` ends a move that another program left
+        running, ``reset`` ends a state in which a Grbl controller answers no question.
+    ask
+        Puts a question to whoever moves a manual stage; at the terminal if None.
+
+    Raises
+    ------
+    BenchConfigError
+        If its driver is not one for a real stage.
+    DeviceError
+        If it cannot be opened.
+    """
+    match config.driver:
+        case "grbl":
+            return open_grbl_stage(config, first=first)
+        case "zaber":
+            return open_zaber_stage(config, first="stop" if first == "stop" else "nothing")
+        case "manual":
+            return ManualStage(config, ask=ask or _ask_operator)
+        case "simulated":
+            raise BenchConfigError(
+                "stage.driver 'simulated' opens no stage; use 'grbl', 'zaber' or 'manual'"
+            )
+
+
+def _ask_operator(question: str) -> str:
+    answer: str = typer.prompt(question, default="", show_default=False, err=True)
+    return answer
+
+
+def place_in_simulation(bench: SimulatedBench) -> Callable[[PlanEntry], Placement]:
+    """Return what lays the planned target under the simulated camera.
+
+    It raises ``PlanError`` where the bench has no such target.
+    """
+
+    def place(entry: PlanEntry) -> Placement:
+        try:
+            bench.place(entry.target, entry.orientation_deg)
+        except ValueError as error:
+            raise PlanError(f"capture {entry.index}: {error}") from error
+        return "ready"
+
+    return place

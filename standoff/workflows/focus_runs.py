@@ -1,0 +1,184 @@
+"""The two ways to focus: watch the value live, or sweep the stage through the peak."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from acquisition.bench import BenchConfig
+from acquisition.devices import Camera
+from acquisition.focus import (
+    FocusOptions,
+    FocusPeak,
+    FocusPoint,
+    FocusReading,
+    FocusTrace,
+    NoFocusPeakError,
+    fit_focus_peak,
+    focus_values,
+    sweep_focus,
+)
+from acquisition.stages import move_timeout_s
+from hil_mocks import SimulatedBench
+from standoff.terminal import LiveLine, progress_bar
+from standoff.workflows.devices import OpenBench, open_bench, open_camera
+
+__all__ = ["FocusSweep", "OpenCamera", "opened_camera", "run_sweep", "watch_focus"]
+
+_REFINED_STEPS = 2
+_BAR_CELLS = 30
+_ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusSweep:
+    """The positions of a sweep and the peak; ``why_not`` says why there is none."""
+
+    points: tuple[FocusPoint, ...]
+    peak: FocusPeak | None
+    why_not: str | None
+
+    def columns(self) -> tuple[np.ndarray[Any, np.dtype[np.float64]], ...]:
+        """Heights, values and their standard errors."""
+        rows = [(point.height_mm, point.value, point.err) for point in self.points]
+        return tuple(np.array(rows).T)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenCamera:
+    """A camera without its stage, which the live aid does not need; see ``OpenBench``."""
+
+    camera: Camera
+    clock: Callable[[], float]
+    simulated: SimulatedBench | None
+    warnings: tuple[str, ...] = ()
+
+
+@contextmanager
+def opened_camera(config: BenchConfig) -> Iterator[OpenCamera]:
+    """Open the camera of a bench and close it at the end.
+
+    Raises
+    ------
+    BenchConfigError, DeviceError
+        If it cannot be opened.
+    """
+    if config.camera.driver == "simulated":
+        with open_bench(config) as bench:
+            yield OpenCamera(camera=bench.camera, clock=bench.clock, simulated=bench.simulated)
+        return
+    with closing(open_camera(config.camera)) as camera:
+        yield OpenCamera(
+            camera=camera, clock=time.monotonic, simulated=None, warnings=camera.warnings
+        )
+
+
+def watch_focus(
+    opened: OpenCamera, options: FocusOptions, *, smoothed: int, readings: int | None
+) -> FocusReading:
+    """Show the focus value until Ctrl-C, or for a number of readings; return the last one.
+
+    Ctrl-C is how a person ends this, so it is no error once a value was shown.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it came before the first value.
+    """
+    trace = FocusTrace(smoothed=smoothed, window=max(12, smoothed))
+    last: FocusReading | None = None
+    try:
+        with (
+            LiveLine(opened.clock) as line,
+            closing(focus_values(opened.camera, options)) as values,
+        ):
+            for count, value in enumerate(values, start=1):
+                last = trace.add(value)
+                line.show(_reading_text(last), "yellow" if last.is_past_peak else "")
+                if count == readings:
+                    break
+    except KeyboardInterrupt:
+        if last is None:
+            raise
+    assert last is not None
+    return last
+
+
+def _reading_text(reading: FocusReading) -> str:
+    """Value, bar, trend, share of the peak and the peak, as one line of text."""
+    share = reading.percent_of_peak
+    filled = round(_BAR_CELLS * min(max(share, 0.0), 100.0) / 100.0)
+    bar = "█" * filled + "·" * (_BAR_CELLS - filled)
+    hint = "   past the peak: go back" if reading.is_past_peak else ""
+    return (
+        f"focus {reading.value:10.5g} {bar} {share:5.1f} % of peak {reading.peak:.5g}  "
+        f"{_ARROWS[reading.trend]}{hint}"
+    )
+
+
+def run_sweep(
+    opened: OpenBench,
+    config: BenchConfig,
+    options: FocusOptions,
+    *,
+    heights_mm: tuple[float, float] | None,
+    steps: int,
+    frames: int,
+    go: bool,
+) -> FocusSweep:
+    """Sweep from one height to another; without heights the whole travel first, then the best.
+
+    Raises
+    ------
+    DeviceError
+        If a device fails or a height is outside the travel.
+    """
+    low_mm, high_mm = heights_mm or opened.stage.limits_mm
+    passes = 1 if heights_mm is not None else 2
+    with progress_bar("sweeping", passes * steps) as bar:
+        done = 0
+
+        def show(point: FocusPoint) -> None:
+            nonlocal done
+            done += 1
+            bar.advance_to(done, f"{point.height_mm:.2f} mm: {point.value:.4g}")
+
+        points: tuple[FocusPoint, ...] = ()
+        for _ in range(passes):
+            if points:
+                low_mm, high_mm = _about_the_best(points)
+            points = sweep_focus(
+                opened.camera,
+                opened.stage,
+                _positions(config, low_mm, high_mm, steps),
+                options,
+                frames=frames,
+                stage_config=config.stage,
+                progress=show,
+                clock=opened.clock,
+            )
+    found = FocusSweep(points=points, peak=None, why_not=None)
+    try:
+        peak = fit_focus_peak(*found.columns())
+    except NoFocusPeakError as error:
+        return FocusSweep(points=points, peak=None, why_not=str(error))
+    if go:
+        opened.stage.move_to(round(peak.height_mm, 3), move_timeout_s(config.stage))
+    return FocusSweep(points=points, peak=peak, why_not=None)
+
+
+def _positions(config: BenchConfig, low_mm: float, high_mm: float, steps: int) -> list[float]:
+    heights = [round(float(height), 3) for height in np.linspace(low_mm, high_mm, steps)]
+    return heights if config.stage.approach == "from_below" else heights[::-1]
+
+
+def _about_the_best(points: tuple[FocusPoint, ...]) -> tuple[float, float]:
+    """The range of two steps on either side of the sharpest position."""
+    ordered = sorted(points, key=lambda point: point.height_mm)
+    best = max(range(len(ordered)), key=lambda place: ordered[place].value)
+    low = ordered[max(best - _REFINED_STEPS, 0)].height_mm
+    high = ordered[min(best + _REFINED_STEPS, len(ordered) - 1)].height_mm
+    return low, high

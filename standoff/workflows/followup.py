@@ -1,0 +1,222 @@
+"""A simulated follow-up with what a camera adds to it: light, noise, sharpening, in this order."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.files import StoredHomography
+from simulation import (
+    CameraTransfer,
+    GaussianPsf,
+    Model,
+    PsfField,
+    SamplingGrid,
+    ZoomOperator,
+    lmmse_operator,
+    simulate_pose,
+    zoom_operator,
+    zoom_out,
+)
+from simulation.capture_light import exposed, unsharp_masked, vignetted
+from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
+from simulation.pose import pose_noise_gain
+from simulation.resampling import GaussianForm, reference_shape
+from simulation.zoom import FloatImage
+
+__all__ = [
+    "CaptureOptions",
+    "FollowUp",
+    "captured",
+    "followup_by",
+    "from_pose",
+    "zoomed_out",
+    "zoomed_out_as_measured",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaptureOptions:
+    """What the follow-up's camera does beyond the capture model.
+
+    ``exposure`` is times the light of the reference, ``vignetting`` the relative loss of light
+    at the corner, ``sharpening`` an amount and a width in px, ``noise`` that of a capture.
+    """
+
+    exposure: float = 1.0
+    vignetting: float = 0.0
+    sharpening: tuple[float, float] | None = None
+    noise: CaptureNoise | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.exposure < inf):
+            raise ValueError(f"an exposure factor is a number from 0, got {self.exposure}")
+        if not 0 <= self.vignetting < 1:
+            raise ValueError(f"a corner fall-off lies in [0, 1), got {self.vignetting}")
+        if self.sharpening is not None:
+            amount, sigma_px = self.sharpening
+            if not (0 <= amount < inf and 0 < sigma_px < inf):
+                raise ValueError(
+                    "sharpening is an amount from 0 and a width in px above 0, "
+                    f"got {amount:g},{sigma_px:g}"
+                )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FollowUp:
+    """What the capture model gives, before the camera adds its own.
+
+    ``own_variance_dn2`` is what the reference's noise left in it, of the image's shape; None
+    where no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows, cols), for
+    another pose only. ``is_field`` says that the PSF changed over the frame.
+    """
+
+    image: FloatImage
+    own_variance_dn2: NDArray[np.float64] | None
+    nearer: NDArray[np.bool_] | None = None
+    outside: NDArray[np.bool_] | None = None
+    is_field: bool = False
+
+
+def zoomed_out(
+    reference: NDArray[np.generic],
+    zoom: float,
+    psf: GaussianPsf | PsfField | None,
+    model: Model,
+    noise: CaptureNoise | None = None,
+    *,
+    gaussian: GaussianForm = "transfer",
+) -> FollowUp:
+    """Follow-up from ``zoom`` times further away; the reference is taken to have ``noise``.
+
+    Raises
+    ------
+    ValueError
+        As ``zoom_out``; or if a field is given to another model than ``matched``.
+    """
+    shape = reference.shape[0], reference.shape[1]
+    grid = SamplingGrid.centred(shape, zoom)
+    if isinstance(psf, PsfField):
+        if model != "matched":
+            raise ValueError(f"model {model!r} takes one PSF for the whole frame")
+        # The follow-up is the middle of the camera's frame.
+        origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
+        return _from_pose(reference, grid.matrix, (grid.cols, grid.rows), psf, noise, origin_px)
+    image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
+    own = None
+    if noise is not None:
+        own = _own_variance(reference, zoom_operator(shape, grid, psf, model), noise)
+    return FollowUp(image=image, own_variance_dn2=own)
+
+
+def zoomed_out_as_measured(
+    reference: NDArray[np.generic],
+    zoom: float,
+    transfer: CameraTransfer,
+    noise: CaptureNoise | None = None,
+) -> FollowUp:
+    """Follow-up by model ``lmmse`` with the transfer functions that edges showed.
+
+    Raises
+    ------
+    ValueError
+        As ``zoom_out``.
+    """
+    shape = reference_shape(reference)
+    grid = SamplingGrid.centred(shape, zoom)
+    operator = lmmse_operator(shape, grid, transfer.along_y, transfer.along_x)
+    return followup_by(reference, operator, noise)
+
+
+def followup_by(
+    reference: NDArray[np.generic], operator: ZoomOperator, noise: CaptureNoise | None = None
+) -> FollowUp:
+    """Follow-up by an operator for images of this size, plane by plane."""
+    dtype = np.float64 if reference.dtype == np.float64 else np.float32
+    planes = reference[:, :, None] if reference.ndim == 2 else reference
+    image = np.stack(
+        [operator.apply(planes[:, :, k].astype(dtype)) for k in range(planes.shape[2])], axis=-1
+    )
+    own = None if noise is None else _own_variance(reference, operator, noise)
+    return FollowUp(image=image[:, :, 0] if reference.ndim == 2 else image, own_variance_dn2=own)
+
+
+def from_pose(
+    reference: NDArray[np.generic],
+    pose: StoredHomography,
+    psf: GaussianPsf | PsfField,
+    noise: CaptureNoise | None = None,
+) -> FollowUp:
+    """Follow-up from any pose; the reference is taken to have ``noise``.
+
+    Raises
+    ------
+    ValueError
+        As ``simulate_pose``.
+    """
+    size = pose.width_px, pose.height_px
+    return _from_pose(reference, pose.matrix, size, psf, noise, None, pose.distortion_k1)
+
+
+def _from_pose(
+    reference: NDArray[np.generic],
+    matrix: NDArray[np.float64],
+    size: tuple[int, int],
+    psf: GaussianPsf | PsfField,
+    noise: CaptureNoise | None,
+    origin_px: tuple[float, float] | None,
+    distortion_k1: float = 0.0,
+) -> FollowUp:
+    simulated = simulate_pose(
+        reference, matrix, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
+    )
+    own = None
+    if noise is not None:
+        shape = reference.shape[0], reference.shape[1]
+        gain = pose_noise_gain(
+            matrix, shape, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
+        )
+        # At an edge the reference's variance is taken as that of the blurred level.
+        planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
+        own = planes * noise.variance_dn2(simulated.image)
+    return FollowUp(
+        image=simulated.image,
+        own_variance_dn2=own,
+        nearer=simulated.nearer,
+        outside=simulated.outside,
+        is_field=isinstance(psf, PsfField),
+    )
+
+
+def captured(followup: FollowUp, options: CaptureOptions) -> FloatImage:
+    """Return the follow-up's image as the camera delivers it."""
+    black_dn = options.noise.black_level_dn if options.noise else 0.0
+    image = _lit(followup.image, options, black_dn)
+    own_variance_dn2 = followup.own_variance_dn2
+    if options.noise is not None and own_variance_dn2 is not None:
+        light = _lit(np.ones_like(own_variance_dn2), options, 0.0)
+        rng = np.random.default_rng(options.seed)
+        image = with_capture_noise(image, light**2 * own_variance_dn2, options.noise, rng)
+    if options.sharpening is not None:
+        image = unsharp_masked(image, *options.sharpening)
+    return image
+
+
+def _own_variance(
+    reference: NDArray[np.generic], operator: ZoomOperator, noise: CaptureNoise
+) -> NDArray[np.float64]:
+    variance = noise.variance_dn2(reference.astype(np.float64))
+    if variance.ndim == 2:
+        return propagated_variance(operator, variance)
+    planes = [propagated_variance(operator, variance[:, :, k]) for k in range(variance.shape[2])]
+    return np.stack(planes, axis=-1)
+
+
+def _lit(image: FloatImage, options: CaptureOptions, black_dn: float) -> FloatImage:
+    if options.exposure != 1.0:
+        image = exposed(image, options.exposure, black_dn)
+    if options.vignetting != 0.0:
+        image = vignetted(image, options.vignetting, black_dn)
+    return image

@@ -1,0 +1,153 @@
+"""What a person types at the running practice bench: targets, heights and faults."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from hil_mocks.gige import GigeFaults
+from hil_mocks.practice_bench import HandStage, PracticeBench, StageEmulator
+from standoff.errors import ApplicationError
+
+__all__ = ["PracticeCommandError", "PracticeConsole", "faults_from_words"]
+
+TRUTH_VALUES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+class PracticeCommandError(ApplicationError):
+    """A line that the practice bench does not understand; nothing was done."""
+
+
+class PracticeConsole:
+    """Carries out one line at a time on a practice bench.
+
+    Parameters
+    ----------
+    bench
+        The running bench.
+    stage
+        Its stage.
+    """
+
+    def __init__(self, bench: PracticeBench, stage: StageEmulator) -> None:
+        self._bench = bench
+        self._stage = stage
+        self._commands: dict[str, Callable[[list[str]], str]] = {
+            "place": self._place,
+            "height": self._height,
+            "fault": self._fault,
+            "restart": self._restart,
+            "drop-control": self._drop_control,
+            "status": self._status,
+        }
+
+    def execute(self, line: str) -> str:
+        """Do what a line says, and say what was done.
+
+        Raises
+        ------
+        PracticeCommandError
+            If it is not understood.
+        """
+        name, *words = line.split()
+        command = self._commands.get(name)
+        if command is None:
+            raise PracticeCommandError(
+                f"unknown command {name}; there are {', '.join(self._commands)}"
+            )
+        return command(words)
+
+    def _place(self, words: list[str]) -> str:
+        if not 1 <= len(words) <= 2:
+            raise PracticeCommandError("expected: place TARGET [DEGREES]")
+        orientation_deg = _number(words[1]) if len(words) == 2 else 0.0
+        try:
+            self._bench.place(words[0], orientation_deg)
+        except ValueError as error:
+            raise PracticeCommandError(str(error)) from error
+        return self._status([])
+
+    def _height(self, words: list[str]) -> str:
+        if len(words) != 1:
+            raise PracticeCommandError("expected: height MM")
+        if not isinstance(self._stage, HandStage):
+            raise PracticeCommandError("this bench's stage is moved over its serial port")
+        try:
+            self._stage.move_to(_number(words[0]))
+        except ValueError as error:
+            raise PracticeCommandError(str(error)) from error
+        return self._status([])
+
+    def _fault(self, words: list[str]) -> str:
+        if words == ["none"]:
+            self._bench.camera.faults = GigeFaults()
+        else:
+            self._bench.camera.faults = faults_from_words(self._bench.camera.faults, words)
+        return self._status([])
+
+    def _restart(self, _: list[str]) -> str:
+        self._bench.camera.restart()
+        return "the camera was restarted"
+
+    def _drop_control(self, _: list[str]) -> str:
+        self._bench.camera.drop_control()
+        return "nobody holds control of the camera"
+
+    def _status(self, _: list[str]) -> str:
+        bench = self._bench
+        on = [
+            f"{name}={getattr(bench.camera.faults, name)}"
+            for name in GigeFaults.names()
+            if getattr(bench.camera.faults, name) != getattr(GigeFaults(), name)
+        ]
+        return (
+            f"target {bench.target} at {bench.orientation_deg:g} degrees, "
+            f"height {self._stage.true_height_mm:.3f} mm, faults: {', '.join(on) or 'none'}"
+        )
+
+
+def faults_from_words(faults: GigeFaults, words: list[str]) -> GigeFaults:
+    """Return the faults with some set anew: ``packet_loss_rate=0.01 is_stalled=true``.
+
+    Raises
+    ------
+    PracticeCommandError
+        If there is no such fault or its value is not accepted.
+    """
+    if not words:
+        raise PracticeCommandError(
+            f"expected: fault NAME=VALUE ... or fault none; "
+            f"faults are {', '.join(GigeFaults.names())}"
+        )
+    changes: dict[str, bool | int | float | frozenset[str]] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if name not in GigeFaults.names() or not equals:
+            raise PracticeCommandError(
+                f"{word}: expected NAME=VALUE; faults are {', '.join(GigeFaults.names())}"
+            )
+        changes[name] = _value(name, text, getattr(faults, name))
+    try:
+        return replace(faults, **changes)  # type: ignore[arg-type]  # checked against the defaults
+    except ValueError as error:
+        raise PracticeCommandError(str(error)) from error
+
+
+def _value(name: str, text: str, like: object) -> bool | int | float | frozenset[str]:
+    if isinstance(like, bool):
+        if text.lower() not in TRUTH_VALUES:
+            raise PracticeCommandError(f"{name} is true or false, got {text}")
+        return TRUTH_VALUES[text.lower()]
+    if isinstance(like, frozenset):
+        return frozenset(part for part in text.split(",") if part)
+    value = _number(text)
+    if isinstance(like, int):
+        if not value.is_integer():
+            raise PracticeCommandError(f"{name} is a whole number, got {text}")
+        return int(value)
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise PracticeCommandError(f"not a number: {text}") from error

@@ -1,0 +1,256 @@
+"""Writes the reports, as HTML or PDF, whole or not at all."""
+
+import logging
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, atomic_write, file_sha256
+from analysis.errors import AnalysisError
+from analysis.reports import (
+    ReportSection,
+    calibration_sections,
+    calibration_verdicts,
+    captures_section,
+    device_rows,
+    edge_table_section,
+    geometry_sections,
+    geometry_verdicts,
+    noise_section,
+    render_report,
+    render_session_report,
+    stage_section,
+    versions,
+)
+from analysis.series import compare_series, series_of, write_comparison
+from calibration.errors import PsfFileError
+from calibration.files import StoredEdge, StoredGeometry, StoredPsf, geometry_document, read_psf
+from calibration.geometry import GeometryCalibration
+from standoff.errors import ApplicationError
+from standoff.terminal import note, progress_bar
+
+__all__ = [
+    "RESULTS_FOLDER",
+    "make_folder",
+    "pdf_bytes",
+    "require_pdf",
+    "require_writable",
+    "write_calibration_report",
+    "write_file",
+    "write_geometry_report",
+    "write_page",
+    "write_session_report",
+]
+
+
+def require_pdf() -> None:
+    """Check that PDF files can be made.
+
+    Raises
+    ------
+    ApplicationError
+        If the extra is missing; the message says how to install it.
+    """
+    try:
+        import weasyprint  # noqa: F401  # an optional dependency
+    except (ImportError, OSError) as error:  # OSError: its system libraries are missing
+        raise ApplicationError(
+            f"a PDF report needs WeasyPrint ({error}): pip install standoff[pdf]"
+        ) from error
+
+
+def pdf_bytes(page: str) -> bytes:
+    """Return a report page as the bytes of a PDF file.
+
+    Raises
+    ------
+    ApplicationError
+        If the extra is missing; the message says how to install it.
+    """
+    require_pdf()
+    import weasyprint  # an optional dependency
+
+    for name in ("weasyprint", "fontTools"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return bytes(weasyprint.HTML(string=page).write_pdf())
+
+
+_HASHES_LISTED = 50
+
+RESULTS_FOLDER = "results"
+"""Folder of a session that holds what was worked out from it."""
+
+
+def write_calibration_report(
+    path: Path,
+    document: dict[str, Any],
+    load_image: Callable[[str], NDArray[np.floating[Any]]],
+    session: Session | None = None,
+) -> None:
+    """Write the report of a PSF calibration, as HTML or PDF.
+
+    Parameters
+    ----------
+    path
+        The file; its suffix says which.
+    document
+        What psf.json holds of it.
+    load_image
+        Gives the linear image of a name that stands in the calibration.
+    session
+        The session it was made from; its captures, noise and stage are reported too.
+
+    Raises
+    ------
+    ApplicationError
+        If the file cannot be written.
+    """
+    stored = StoredPsf.model_validate(document)
+
+    def load(edge: StoredEdge) -> NDArray[np.floating[Any]]:
+        return load_image(edge.image)
+
+    names = list(dict.fromkeys(edge.image for edge in stored.edges))
+    subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"
+    before: list[ReportSection] = []
+    after: list[ReportSection] = []
+    if session is None:
+        hashes = [(name, f"sha256 {file_sha256(Path(name))}") for name in names[:_HASHES_LISTED]]
+    else:
+        subtitle = f"Session {session.plan.name}: {subtitle}"
+        before = [captures_section(session)]
+        after = [s for s in (noise_section(session, stored), stage_section(session)) if s]
+        hashes = [
+            ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
+            ("journal", f"sha256 {file_sha256(session.path / JOURNAL_NAME)}"),
+            *device_rows(session),
+        ]
+    page = render_report(
+        title="PSF calibration",
+        subtitle=subtitle,
+        verdicts=calibration_verdicts(stored),
+        sections=(
+            *before,
+            *calibration_sections(stored, load),
+            *after,
+            edge_table_section(stored),
+        ),
+        provenance=(("method", stored.method or ""), *hashes, *versions()),
+    )
+    write_page(path, page)
+
+
+def write_session_report(session: Session, path: Path) -> None:
+    """Write the report of a session, from what its results folder holds.
+
+    Where the PSF is known and a target was captured at several heights, the captures are
+    compared with their simulations, and ``results/comparison.json`` is written too.
+
+    Raises
+    ------
+    ApplicationError
+        If a file cannot be written.
+    CalibrationError, SessionError
+        If the results or captures cannot be read.
+    """
+    results = session.path / RESULTS_FOLDER
+    psf_path = results / "psf.json"
+    psf = read_psf(psf_path) if psf_path.is_file() else None
+    comparison = None
+    pairs = sum(len(records) - 1 for records in series_of(session))
+    remarks: list[str] = []
+    if psf is not None and pairs:
+        try:
+            total = psf.total_psf(str(psf_path))
+            with progress_bar("comparing heights", pairs) as bar:
+                comparison = compare_series(session, total, bar.advance_to)
+        except (AnalysisError, PsfFileError) as error:
+            remarks.append(f"The comparison of captured with simulated follow-ups: {error}.")
+            note(f"the report leaves out the comparison of heights: {error}")
+    if comparison is not None:
+        for reason in comparison.left_out:
+            note(f"the report leaves out a pair: {reason}")
+        write_comparison(results / "comparison.json", comparison)
+    write_page(path, render_session_report(session, psf, comparison, tuple(remarks)))
+
+
+def write_page(path: Path, page: str) -> None:
+    """Write one page: as PDF where the file's suffix says so, else as HTML.
+
+    Raises
+    ------
+    ApplicationError
+        If the file cannot be written, or PDF cannot be made here.
+    """
+    is_pdf = path.suffix.lower() == ".pdf"
+    write_file(path, pdf_bytes(page) if is_pdf else page.encode("utf-8"))
+
+
+def require_writable(paths: Iterable[Path | None]) -> None:
+    """Check, before long work, that results have a folder to go to and that PDF can be made.
+
+    Raises
+    ------
+    ApplicationError
+        If one has not; the message names it.
+    """
+    for path in paths:
+        if path is None:
+            continue
+        if not path.parent.is_dir():
+            raise ApplicationError(f"cannot write {path}: {path.parent} is no folder")
+        if path.is_dir():
+            raise ApplicationError(f"cannot write {path}: it is a folder")
+        if path.suffix.lower() == ".pdf":
+            require_pdf()
+
+
+def make_folder(path: Path) -> Path:
+    """Make a folder for results, unless it is there.
+
+    Raises
+    ------
+    ApplicationError
+        If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ApplicationError(f"cannot make the folder {path}: {error.strerror}") from error
+    return path
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a result, whole or not at all.
+
+    Raises
+    ------
+    ApplicationError
+        If the file cannot be written.
+    """
+    try:
+        atomic_write(path, data)
+    except OSError as error:
+        raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
+
+
+def write_geometry_report(path: Path, geometry: GeometryCalibration, subtitle: str) -> None:
+    """Write the report of a geometry calibration as one HTML page.
+
+    Raises
+    ------
+    ApplicationError
+        If the file cannot be written.
+    """
+    stored = StoredGeometry.model_validate(geometry_document(geometry))
+    page = render_report(
+        title="Geometry",
+        subtitle=subtitle,
+        verdicts=geometry_verdicts(stored),
+        sections=geometry_sections(stored),
+        provenance=versions(),
+    )
+    write_page(path, page)

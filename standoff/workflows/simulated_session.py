@@ -1,0 +1,48 @@
+"""Runs a whole capture plan on the simulated bench, with a bar and nobody asked."""
+
+from pathlib import Path
+
+from acquisition.bench import BenchConfig
+from acquisition.capture import CaptureProgress, run_plan
+from acquisition.plan import CapturePlan, plan_entries
+from standoff.errors import ApplicationError
+from standoff.terminal import progress_bar
+from standoff.workflows.devices import open_bench, place_in_simulation
+
+__all__ = ["capture_simulated"]
+
+
+def capture_simulated(
+    path: Path, config: BenchConfig, plan: CapturePlan, *, operator: str, what: str
+) -> None:
+    """Capture a session at ``path``, or what is missing of it.
+
+    Raises
+    ------
+    ApplicationError
+        If the bench is a real one; ``what`` names who needs it simulated.
+    DeviceError, SessionError
+        If a capture fails; the session resumes.
+    """
+    if config.camera.driver != "simulated":  # before a real one is opened and set
+        raise ApplicationError(f"{what} runs on the simulated bench only")
+    with (
+        open_bench(config) as devices,
+        progress_bar("capturing", len(plan_entries(plan))) as bar,
+    ):
+        assert devices.simulated is not None
+
+        def show(done: CaptureProgress) -> None:
+            bar.advance_to(done.captured)
+
+        run_plan(
+            path,
+            plan=plan,
+            bench=config,
+            camera=devices.camera,
+            stage=devices.stage,
+            operator=operator,
+            place=place_in_simulation(devices.simulated),
+            progress=show,
+            clock=devices.clock,
+        )

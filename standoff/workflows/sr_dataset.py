@@ -1,0 +1,217 @@
+"""A folder of super-resolution pairs with its manifest: written image by image, resumable."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.session import atomic_write
+from acquisition.untrusted import parse_json
+from simulation import GaussianPsf, Model
+from simulation.sr_pairs import SrPair, sr_pairs
+from standoff.errors import ApplicationError, ImageFileError
+from standoff.workflows.image_files import read_image, tiff_bytes
+
+__all__ = ["DATASET_SCHEMA", "SrDatasetSettings", "SrDatasetSummary", "write_sr_dataset"]
+
+DATASET_SCHEMA = "standoff.sr-pairs/1"
+MANIFEST_NAME = "manifest.jsonl"
+
+Split = Literal["train", "test"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SrDatasetSettings:
+    """What all pairs of a dataset have in common.
+
+    ``test_fraction`` of the *images*, chosen by content and ``seed``, is the test split: crops
+    of one image never stand on both sides. With ``is_float`` both images are float32 TIFFs;
+    otherwise low resolution is rounded to the type of the photograph and both are PNGs.
+    """
+
+    zoom: float
+    model: Model
+    psf: GaussianPsf
+    crop_px: int
+    stride_px: int
+    test_fraction: float
+    seed: int
+    is_float: bool
+
+    def document(self) -> dict[str, Any]:
+        """Return the settings as plain numbers."""
+        return {"schema": DATASET_SCHEMA, **asdict(self)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SrDatasetSummary:
+    """How many pairs a dataset holds, and how many images were there from an earlier run.
+
+    ``refused`` says of each image without pairs why it has none.
+    """
+
+    train: int
+    test: int
+    images_found_done: int
+    refused: tuple[str, ...] = ()
+
+
+def write_sr_dataset(
+    out: Path,
+    images: Sequence[Path],
+    settings: SrDatasetSettings,
+    progress: Callable[[int], None] = lambda _: None,
+) -> SrDatasetSummary:
+    """Write the pairs of every image below ``out``; a second run goes on with what is missing.
+
+    An image that cannot be read, or is too small for a crop, is left out and named in the
+    summary.
+
+    Raises
+    ------
+    ApplicationError
+        If ``out`` holds pairs of other settings, or cannot be written.
+    """
+    try:
+        lines = manifest_lines(out)
+        _prepare(out, settings, is_empty=not lines)
+        done = {line["image_sha256"] for line in lines}
+        refused = []
+        found = 0
+        for count, path in enumerate(images, start=1):
+            digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+            if digest in done:
+                found += 1
+            else:
+                try:
+                    new = _write_image(out, path, digest, settings)
+                except (ImageFileError, ValueError) as error:
+                    refused.append(f"{error}" if str(path) in str(error) else f"{path}: {error}")
+                    progress(count)
+                    continue
+                _append(out / MANIFEST_NAME, new)
+                lines += new
+                done.add(digest)
+            progress(count)
+    except OSError as error:
+        raise ApplicationError(f"{error.filename or out}: {error.strerror}") from error
+    return SrDatasetSummary(
+        train=sum(line["split"] == "train" for line in lines),
+        test=sum(line["split"] == "test" for line in lines),
+        images_found_done=found,
+        refused=tuple(refused),
+    )
+
+
+def split_of(digest: str, settings: SrDatasetSettings) -> Split:
+    """Split of an image: by its content, so that adding images moves no other."""
+    draw = hashlib.sha256(f"{settings.seed}:{digest}".encode()).digest()
+    share = int.from_bytes(draw[:8], "big") / 2**64
+    return "test" if share < settings.test_fraction else "train"
+
+
+def _prepare(out: Path, settings: SrDatasetSettings, *, is_empty: bool) -> None:
+    document = json.dumps(settings.document(), indent=1) + "\n"
+    about = out / "dataset.json"
+    if about.is_file() and not is_empty:
+        if about.read_text(encoding="utf-8") != document:
+            raise ApplicationError(
+                f"{out} holds pairs made with other settings (see {about}); name another --out"
+            )
+        return
+    for split in ("train", "test"):
+        for side in ("high", "low"):
+            (out / split / side).mkdir(parents=True, exist_ok=True)
+    atomic_write(about, document.encode("utf-8"))
+
+
+def manifest_lines(out: Path) -> list[dict[str, Any]]:
+    """Read the lines of the manifest whose files are there.
+
+    A line cut short by a power cut is taken off, and all of an image with a file missing.
+    """
+    path = out / MANIFEST_NAME
+    if not path.is_file():
+        return []
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole != text:
+        atomic_write(path, whole)
+    try:
+        lines = [parse_json(line) for line in whole.splitlines()]
+        broken = {
+            line["image_sha256"]
+            for line in lines
+            if not all((out / line[side]).is_file() for side in ("high", "low"))
+        }
+    except (ValueError, KeyError, TypeError) as error:
+        raise ApplicationError(f"{path}: not a manifest: {error}") from error
+    if broken:
+        lines = [line for line in lines if line["image_sha256"] not in broken]
+        atomic_write(path, "".join(json.dumps(line) + "\n" for line in lines).encode("utf-8"))
+    return lines
+
+
+def _append(path: Path, lines: list[dict[str, Any]]) -> None:
+    with path.open("a", encoding="utf-8") as file:
+        file.write("".join(json.dumps(line) + "\n" for line in lines))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _write_image(
+    out: Path, path: Path, digest: str, settings: SrDatasetSettings
+) -> list[dict[str, Any]]:
+    pixels = read_image(path).colour_planes
+    split = split_of(digest, settings)
+    lines = []
+    pairs = sr_pairs(
+        pixels,
+        settings.zoom,
+        settings.psf,
+        crop_px=settings.crop_px,
+        stride_px=settings.stride_px,
+        model=settings.model,
+    )
+    for number, pair in enumerate(pairs):
+        # The digest keeps photographs of one name from different folders apart.
+        stem = f"{path.stem}_{digest[:8]}_{number:05d}"
+        files = _write_pair(out / split, stem, pair, settings.is_float)
+        lines.append(
+            {
+                "split": split,
+                "high": f"{split}/{files[0]}",
+                "low": f"{split}/{files[1]}",
+                "image": path.name,
+                "image_sha256": digest,
+                "top_px": pair.top_px,
+                "left_px": pair.left_px,
+            }
+        )
+    return lines
+
+
+def _write_pair(folder: Path, stem: str, pair: SrPair, is_float: bool) -> tuple[str, str]:
+    names = []
+    for side, image in (("high", pair.high), ("low", pair.low)):
+        if is_float or pair.high.dtype.kind != "u":
+            name, data = f"{side}/{stem}.tif", tiff_bytes(image.astype(np.float32), "")
+        else:
+            name, data = f"{side}/{stem}.png", _png(image, pair.high.dtype)
+        atomic_write(folder / name, data)
+        names.append(name)
+    return names[0], names[1]
+
+
+def _png(image: NDArray[Any], dtype: "np.dtype[Any]") -> bytes:
+    levels = np.clip(np.rint(image), 0, np.iinfo(dtype).max).astype(dtype)
+    if levels.ndim == 3:
+        levels = levels[:, :, ::-1]  # OpenCV writes blue first
+    return bytes(cv2.imencode(".png", levels)[1].tobytes())

@@ -1,0 +1,339 @@
+"""What the driver makes of a network and a camera that misbehave."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.connection import AravisConnection
+from acquisition.aravis.device import OpenedDevice, open_device
+from acquisition.averaging import average_frames
+from acquisition.capture.runner import RunSummary, run_plan
+from acquisition.errors import (
+    CameraFeatureError,
+    CaptureError,
+    DeviceDisconnectedError,
+    DeviceError,
+    StreamInterruptedError,
+)
+from acquisition.session.reader import Session, verify
+from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.practice_bench import PracticeBench
+from tests.acquisition.aravis_bench import (
+    after_frames,
+    camera_config,
+    needs_aravis,
+    opened,
+    sent_image,
+)
+from tests.acquisition.fakes import ScriptedStage
+from tests.acquisition.session_fixtures import bench_of, plan_of
+from tests.busy_machine import BUSY_S
+from tests.hil_mocks.gige_bench import gige_bench
+from tests.hil_mocks.gige_client import wait_for
+
+pytestmark = needs_aravis
+
+QUICK = {"region_px": (0, 0, 96, 16), "frame_rate_hz": 200.0, "packet_size_bytes": 600}
+"""About 200 frames a second, of six packets each."""
+
+OFF = GigeFaults(is_dead=True, seed=9)
+"""Marks a camera whose sockets are closed, too."""
+
+Mishap = Callable[[PracticeBench], None]
+
+
+@pytest.fixture
+def bench() -> Iterator[PracticeBench]:
+    with gige_bench() as opened_bench:
+        yield opened_bench
+
+
+def stall(bench: PracticeBench) -> None:
+    bench.camera.faults = GigeFaults(is_stalled=True)
+
+
+def die(bench: PracticeBench) -> None:
+    bench.camera.faults = GigeFaults(is_dead=True)
+
+
+def restart(bench: PracticeBench) -> None:
+    bench.camera.restart()
+
+
+def drop_control(bench: PracticeBench) -> None:
+    bench.camera.drop_control()
+
+
+def switch_off(bench: PracticeBench) -> None:
+    bench.camera.faults = OFF
+    bench.camera.close()
+
+
+def recover(bench: PracticeBench) -> None:
+    if bench.camera.faults == OFF:
+        bench.camera.open()
+    bench.camera.faults = GigeFaults()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss_rate", [0.001, 0.01, 0.05])
+def test_lost_packets_are_sent_again_and_every_average_succeeds(
+    bench: PracticeBench, loss_rate: float
+) -> None:
+    with opened(bench, **QUICK) as camera:
+        bench.camera.faults = GigeFaults(packet_loss_rate=loss_rate, seed=5)
+        resent = [average_frames(camera, 4).resent_packets for _ in range(100)]
+        # 100 averages of five frames of six packets; a third of the expected is 4 sigma off.
+        assert sum(resent) > loss_rate * 100 * 5 * 6 / 3
+
+
+def test_lost_packets_that_are_not_sent_again_end_in_an_error_with_the_count() -> None:
+    with (
+        gige_bench(simulated__width_px=780, simulated__height_px=580) as bench,
+        opened(bench, packet_size_bytes=1500) as camera,
+    ):
+        bench.camera.faults = GigeFaults(packet_loss_rate=0.01, resend_disabled=True, seed=1)
+        begin_s = time.monotonic()
+        with pytest.raises(CaptureError, match=r"of 10 frames: .*incomplete"):
+            average_frames(camera, 10)
+        assert time.monotonic() - begin_s < 1 + 4 * 11 / 60 + BUSY_S
+        recover(bench)
+        assert average_frames(camera, 2).frames_used == 2
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [GigeFaults(duplicate_rate=0.2, seed=2), GigeFaults(reorder_rate=0.2, seed=2)],
+    ids=["duplicated", "reordered"],
+)
+def test_packets_in_any_order_and_number_make_the_same_picture(
+    bench: PracticeBench, faults: GigeFaults
+) -> None:
+    with opened(bench, packet_size_bytes=600) as camera:
+        bench.camera.faults = faults
+        camera.start()
+        for _ in range(10):
+            frame = camera.next_frame(1.0)
+            assert frame.is_complete
+            np.testing.assert_array_equal(frame.image_dn, sent_image(bench, camera, frame))
+
+
+@pytest.mark.parametrize(
+    ("faults", "why"),
+    [
+        (GigeFaults(corrupt_leader=True, resend_disabled=True), "incomplete"),
+        (GigeFaults(missing_rows=2), "30 of the wrong shape"),
+    ],
+    ids=["corrupt leader", "missing rows"],
+)
+def test_frames_that_are_not_what_was_asked_for_never_enter_an_average(
+    bench: PracticeBench, faults: GigeFaults, why: str
+) -> None:
+    with opened(bench, region_px=(0, 0, 96, 16), frame_rate_hz=200.0) as camera:
+        bench.camera.faults = faults
+        with pytest.raises(CaptureError, match=why):
+            average_frames(camera, 10)
+        recover(bench)
+        assert average_frames(camera, 2).frames_used == 2
+
+
+@pytest.mark.parametrize("is_resent", [True, False])
+def test_an_unreadable_leader_never_brings_back_an_old_picture(
+    bench: PracticeBench, is_resent: bool
+) -> None:
+    with opened(bench) as camera:
+        average_frames(camera, 12)  # fills every buffer
+        bench.camera.faults = GigeFaults(corrupt_leader=True, resend_disabled=not is_resent)
+        camera.start()
+        frames = [camera.next_frame(1.0) for _ in range(40)]
+        complete = [frame for frame in frames if frame.is_complete]
+        for frame in complete:
+            np.testing.assert_array_equal(frame.image_dn, sent_image(bench, camera, frame))
+        # Sent again, a leader is whole.
+        assert bool(complete) == is_resent
+
+
+@pytest.mark.parametrize("is_present", [True, False])
+def test_a_camera_with_or_without_a_thermometer_is_the_same_to_us(is_present: bool) -> None:
+    with gige_bench() as bench:
+        bench.camera.faults = GigeFaults(temperature_present=is_present)
+        with opened(bench) as camera:
+            assert average_frames(camera, 2).frames_used == 2
+
+
+@pytest.mark.parametrize(
+    "mishap",
+    [
+        pytest.param(stall, marks=pytest.mark.slow),
+        pytest.param(die, marks=pytest.mark.slow),
+        pytest.param(switch_off, marks=pytest.mark.slow),
+        restart,
+        drop_control,
+    ],
+)
+def test_an_average_that_is_interrupted_fails_at_once_and_the_next_one_succeeds(
+    bench: PracticeBench, mishap: Mishap
+) -> None:
+    with opened(bench) as camera:
+        after_frames(camera, 4, lambda: mishap(bench))
+        begin_s = time.monotonic()
+        with pytest.raises(StreamInterruptedError):
+            average_frames(camera, 10)
+        assert time.monotonic() - begin_s < 1.0 + BUSY_S  # a second without frames
+        recover(bench)
+        settings = camera.settings
+        averaged = average_frames(camera, 10)
+        assert (averaged.frames_used, averaged.incomplete_frames) == (10, 0)
+        assert camera.settings == settings
+        assert camera.statistics().complete_frames >= 4 + 11
+
+
+@pytest.mark.slow
+def test_a_heartbeat_that_expires_is_noticed_and_the_camera_opened_again(
+    bench: PracticeBench,
+) -> None:
+    with opened(bench) as camera:
+        camera.start()
+        bench.camera.faults = GigeFaults(heartbeat_lost=True)
+        with pytest.raises(StreamInterruptedError, match="control channel"):
+            drain(camera, 10.0)
+        recover(bench)
+        assert average_frames(camera, 2).frames_used == 2
+
+
+def test_no_handler_runs_in_the_thread_that_notices_the_loss(bench: PracticeBench) -> None:
+    # One that still runs while the camera is closed makes that thread join itself: an abort.
+    from gi.repository import GObject
+
+    device = open_device(bench.camera.address)
+    connection = AravisConnection(device, camera_config(bench.camera.address))
+    signal_id = GObject.signal_lookup("control-lost", device.device)
+    assert signal_id > 0
+    assert not GObject.signal_has_handler_pending(device.device, signal_id, 0, True)
+    bench.camera.drop_control()
+    wait_for(lambda: connection.is_lost)
+    connection.close()
+
+
+def test_settings_made_since_the_opening_come_back_with_the_camera(bench: PracticeBench) -> None:
+    with opened(bench, region_px=(20, 6, 40, 32)) as camera:
+        camera.set_exposure_us(2500.0)
+        camera.set_gain_db(6.0)
+        settings = camera.settings
+        restart(bench)  # power-up: other exposure, gain, format, region and packet size
+        assert bench.camera.value("ExposureTimeAbs") != 2500.0
+        assert average_frames(camera, 2).frames_used == 2
+        assert camera.settings == settings
+        assert bench.camera.value("ExposureTimeAbs") == 2500.0
+        assert bench.camera.value("OffsetX") == 20
+
+
+def test_a_camera_that_comes_back_otherwise_is_an_error_that_names_the_feature(
+    bench: PracticeBench,
+) -> None:
+    with opened(bench, exposure_us=20_000.0, frame_rate_hz=67.5) as camera:
+        assert camera.settings.frame_rate_hz == pytest.approx(50)
+        # As if the camera had been replaced by one of another black level.
+        camera._settings = replace(camera.settings, black_level_dn=32.0)
+        restart(bench)
+        with pytest.raises(CameraFeatureError, match=r"another BlackLevel: 32\.0 before"):
+            camera.start()
+        assert bench.camera.controller is None
+
+
+def test_a_refused_setting_at_the_reconnection_is_named(bench: PracticeBench) -> None:
+    with opened(bench) as camera:
+        restart(bench)
+        bench.camera.faults = GigeFaults(refused_registers=frozenset({"ExposureTimeAbs"}))
+        with pytest.raises(CameraFeatureError, match="ExposureTimeAbs"):
+            camera.start()
+        recover(bench)
+        assert average_frames(camera, 2).frames_used == 2
+
+
+@pytest.mark.slow
+def test_a_camera_that_stays_away_is_one_clear_error_within_the_stated_time(
+    bench: PracticeBench,
+) -> None:
+    with opened(bench, reconnect_timeout_s=0.5) as camera:
+        after_frames(camera, 4, lambda: die(bench))
+        with pytest.raises(StreamInterruptedError, match=r"no frame for 1\.0 s"):
+            average_frames(camera, 10)
+        begin_s = time.monotonic()
+        with pytest.raises(DeviceDisconnectedError, match=r"within 0\.5 s .*check power"):
+            camera.start()
+        assert time.monotonic() - begin_s < 15 + BUSY_S
+        with pytest.raises(DeviceError, match="start it again"):
+            camera.set_gain_db(1.0)
+        recover(bench)
+        assert average_frames(camera, 2).frames_used == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mishap", [stall, switch_off, restart])
+def test_a_plan_goes_on_by_itself_when_the_camera_comes_back(
+    bench: PracticeBench, tmp_path: Path, mishap: Mishap
+) -> None:
+    with opened(bench) as camera:
+        # In mid-average: the second capture, after the skipped frame and one good one.
+        after_frames(camera, 6, lambda: mishap(bench))
+        started = camera.start
+
+        def recovered_start() -> None:
+            if camera.statistics().complete_frames > 5:
+                recover(bench)
+            started()
+
+        camera.start = recovered_start  # type: ignore[method-assign]  # the cable is put back
+        summary = run_plan_with(camera, tmp_path / "session")
+    assert summary == RunSummary(captured=6, already_captured=0, skipped=0)
+    session = Session.open(tmp_path / "session")
+    assert verify(session.path).is_ok
+    assert [record.frames_used for record in session.records] == [3] * 6
+    errors = [event for event in session.events if event.kind == "error"]
+    assert [event.facts["error"] for event in errors] == ["StreamInterruptedError"]
+    assert errors[0].facts["index"] == 1
+
+
+def test_a_plan_whose_camera_another_program_takes_ends_in_one_error_and_resumes(
+    bench: PracticeBench, tmp_path: Path
+) -> None:
+    path = tmp_path / "session"
+    others: list[OpenedDevice] = []
+
+    def take_over() -> None:
+        bench.camera.drop_control()
+        others.append(open_device(bench.camera.address))
+
+    with opened(bench, reconnect_timeout_s=0.0) as camera:
+        after_frames(camera, 6, take_over)
+        with pytest.raises(DeviceDisconnectedError, match=r"did not come back .*in use by another"):
+            run_plan_with(camera, path)
+    others.pop().close()
+    assert len(Session.open(path).records) == 1
+    with opened(bench) as camera:
+        assert run_plan_with(camera, path).captured == 5
+    assert Session.open(path).is_complete
+
+
+def drain(camera: AravisCamera, limit_s: float) -> None:
+    begin_s = time.monotonic()
+    while time.monotonic() - begin_s < limit_s:
+        camera.next_frame(1.0)
+
+
+def run_plan_with(camera: AravisCamera, path: Path) -> RunSummary:
+    return run_plan(
+        path,
+        plan=plan_of(),
+        bench=bench_of(),
+        camera=camera,
+        stage=ScriptedStage(),
+        operator="test",
+        place=lambda _: "ready",
+    )

@@ -1,0 +1,70 @@
+import math
+
+import pytest
+from hypothesis import given, strategies as st
+
+from acquisition.capture.auto_exposure import flicker_fraction, next_exposure, without_flicker
+
+BLACK_DN, MAX_DN = 64.0, 4095.0
+LIMITS_US = (50.0, 16000.0)
+
+
+def bright(exposure_us: float, dn_per_us: float) -> float:
+    return min(BLACK_DN + dn_per_us * exposure_us, MAX_DN)
+
+
+@given(
+    dn_per_us=st.floats(0.05, 50.0),
+    start_us=st.floats(50.0, 16000.0),
+    mains_hz=st.sampled_from([0.0, 50.0, 60.0]),
+)
+def test_a_linear_camera_is_well_exposed_within_eight_pictures(
+    dn_per_us: float, start_us: float, mains_hz: float
+) -> None:
+    exposure_us = start_us
+    for _ in range(8):
+        step = next_exposure(
+            exposure_us,
+            bright(exposure_us, dn_per_us),
+            black_level_dn=BLACK_DN,
+            max_level_dn=MAX_DN,
+            limits_us=LIMITS_US,
+            mains_hz=mains_hz,
+        )
+        assert LIMITS_US[0] <= step.exposure_us <= LIMITS_US[1]
+        if step.is_settled:
+            break
+        exposure_us = step.exposure_us
+    assert step.is_settled
+    light = (bright(exposure_us, dn_per_us) - BLACK_DN) / (MAX_DN - BLACK_DN)
+    at_a_limit = exposure_us <= LIMITS_US[0] * 1.12 or exposure_us >= LIMITS_US[1] / 1.12
+    if mains_hz == 0 and not at_a_limit:
+        assert 0.6 <= light <= 0.8
+    assert light < 0.8 or exposure_us <= LIMITS_US[0] * 1.12
+
+
+def test_a_saturated_picture_says_only_shorter() -> None:
+    step = next_exposure(
+        8000.0, MAX_DN, black_level_dn=BLACK_DN, max_level_dn=MAX_DN, limits_us=LIMITS_US
+    )
+    assert (step.exposure_us, step.is_settled) == (2000.0, False)
+
+
+@pytest.mark.parametrize("limits_us", [(0.0, 1.0), (2.0, 1.0), (math.nan, 1.0)])
+def test_limits_out_of_order_are_refused(limits_us: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="limits"):
+        next_exposure(1.0, 1.0, black_level_dn=0, max_level_dn=9, limits_us=limits_us)
+
+
+@given(exposure_us=st.floats(1.0, 1e6), mains_hz=st.sampled_from([50.0, 60.0]))
+def test_whole_periods_keep_no_flicker(exposure_us: float, mains_hz: float) -> None:
+    cut_us = without_flicker(exposure_us, mains_hz)
+    assert cut_us <= exposure_us * (1 + 1e-9)
+    if cut_us >= 0.5e6 / mains_hz:
+        assert flicker_fraction(cut_us, mains_hz) < 1e-9
+
+
+def test_the_flicker_that_is_left_is_a_sinc() -> None:
+    assert flicker_fraction(5000.0, 50) == pytest.approx(2 / math.pi)  # half a period
+    assert flicker_fraction(1e-3, 50) == pytest.approx(1.0)
+    assert flicker_fraction(9000.0, 0) == 0.0

@@ -1,0 +1,144 @@
+import io
+import json
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+
+from acquisition.errors import SessionError
+from acquisition.session.capture_file import (
+    CaptureImages,
+    parse_capture,
+    read_capture,
+    write_capture,
+    write_frames,
+)
+from acquisition.session.record import CaptureRecord
+from tests.acquisition.records import PHOTOGRAPH, RECORD, images
+
+
+def capture_bytes(stored: CaptureImages) -> bytes:
+    buffer = io.BytesIO()
+    write_capture(buffer, stored)
+    return buffer.getvalue()
+
+
+def frames_bytes(frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]) -> bytes:
+    buffer = io.BytesIO()
+    write_frames(buffer, frames_dn)
+    return buffer.getvalue()
+
+
+X_RESOLUTION, RESOLUTION_UNIT, COMPRESSION = 282, 296, 259
+
+
+@pytest.mark.parametrize("record", [RECORD, PHOTOGRAPH])
+def test_a_capture_reads_back_bit_for_bit_with_its_record(record: CaptureRecord) -> None:
+    stored = images(record)
+    read = parse_capture(capture_bytes(stored), source="file")
+    assert read.record == replace(record, sha256=None)
+    np.testing.assert_array_equal(read.mean_dn, stored.mean_dn)
+    assert read.mean_dn.dtype == np.dtype("=f4")
+    if stored.variance_dn2 is None:
+        assert read.variance_dn2 is None
+    else:
+        np.testing.assert_array_equal(read.variance_dn2, stored.variance_dn2)
+
+
+def test_the_same_capture_gives_the_same_bytes() -> None:
+    assert capture_bytes(images()) == capture_bytes(images())
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=50))
+def test_any_text_survives_in_the_info(target: str) -> None:
+    stored = images(replace(RECORD, target=target))
+    assert parse_capture(capture_bytes(stored), source="file").record.target == target
+
+
+def test_imagej_finds_two_labelled_slices_the_scale_in_mm_and_the_info() -> None:
+    with tifffile.TiffFile(io.BytesIO(capture_bytes(images()))) as tiff:
+        metadata = tiff.imagej_metadata
+        tags = tiff.pages.first.tags
+        assert len(tiff.pages) == 2
+    assert metadata is not None
+    assert metadata["Labels"] == ["mean", "variance"]
+    assert (metadata["slices"], metadata["unit"]) == (2, "mm")
+    assert json.loads(metadata["Info"])["target"] == RECORD.target
+    numerator, denominator = tags[X_RESOLUTION].value
+    assert numerator / denominator == pytest.approx(RECORD.scale_px_per_mm)
+    assert tags[RESOLUTION_UNIT].value == 1  # ImageJ takes the unit from its own metadata
+    assert tags[COMPRESSION].value == 1
+
+
+def test_a_capture_without_a_scale_claims_none() -> None:
+    data = capture_bytes(images(replace(RECORD, scale_px_per_mm=None)))
+    with tifffile.TiffFile(io.BytesIO(data)) as tiff:
+        assert "unit" not in (tiff.imagej_metadata or {})
+
+
+def test_another_reader_sees_the_same_pages() -> None:
+    stored = images()
+    assert stored.variance_dn2 is not None
+    with Image.open(io.BytesIO(capture_bytes(stored))) as picture:
+        np.testing.assert_array_equal(np.asarray(picture), stored.mean_dn)
+        picture.seek(1)
+        np.testing.assert_array_equal(np.asarray(picture), stored.variance_dn2)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_raw_frames_are_a_page_each_in_order(dtype: type) -> None:
+    frames: list[NDArray[Any]] = [np.full((3, 5), level, dtype) for level in (7, 200, 9)]
+    data = frames_bytes(frames)
+    with tifffile.TiffFile(io.BytesIO(data)) as tiff:
+        assert len(tiff.pages) == 3
+        pages = tiff.asarray()
+    assert pages.dtype == np.uint16
+    np.testing.assert_array_equal(pages, frames)
+
+
+def test_a_file_that_is_no_capture_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "other.tif"
+    tifffile.imwrite(path, np.zeros((4, 4), np.uint8))
+    with pytest.raises(SessionError, match=r"other\.tif: a TIFF file, but not a capture"):
+        read_capture(path)
+    path.write_bytes(b"II")
+    with pytest.raises(SessionError, match=r"other\.tif: not a readable TIFF"):
+        read_capture(path)
+    with pytest.raises(SessionError, match=r"absent\.tif: No such file"):
+        read_capture(tmp_path / "absent.tif")
+
+
+CAPTURE = capture_bytes(images())
+
+
+@given(st.integers(0, len(CAPTURE) - 1))
+def test_a_file_cut_short_anywhere_is_refused_or_whole(length: int) -> None:
+    try:
+        read = parse_capture(CAPTURE[:length], source="file")
+    except SessionError:
+        return
+    np.testing.assert_array_equal(read.mean_dn, images().mean_dn)
+
+
+def test_a_variance_belongs_to_more_than_one_frame() -> None:
+    image = np.zeros((2, 3), np.float32)
+    with pytest.raises(ValueError, match="without a variance"):
+        CaptureImages(mean_dn=image, variance_dn2=None, record=RECORD)
+    with pytest.raises(ValueError, match="with a variance"):
+        CaptureImages(mean_dn=image, variance_dn2=image, record=PHOTOGRAPH)
+    with pytest.raises(ValueError, match="shape"):
+        CaptureImages(mean_dn=image, variance_dn2=image.T, record=RECORD)
+    with pytest.raises(ValueError, match="two axes"):
+        CaptureImages(mean_dn=image[0], variance_dn2=None, record=PHOTOGRAPH)
+
+
+def test_the_file_is_little_endian_as_the_machines_that_read_it() -> None:
+    assert struct.unpack("<2sH", CAPTURE[:4]) == (b"II", 42)

@@ -1,0 +1,80 @@
+import errno
+import hashlib
+import os
+from pathlib import Path
+from typing import BinaryIO
+
+import pytest
+
+from acquisition.session.durable_write import atomic_write, atomic_write_hashed
+
+
+def test_a_file_is_written_whole_and_leaves_no_part(tmp_path: Path) -> None:
+    atomic_write(tmp_path / "a.bin", b"new")
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"a.bin": b"new"}
+
+
+def test_the_part_of_a_killed_run_is_written_over(tmp_path: Path) -> None:
+    (tmp_path / "a.bin.part").write_bytes(b"half of something longer")
+    atomic_write(tmp_path / "a.bin", b"new")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.bin"]
+    assert (tmp_path / "a.bin").read_bytes() == b"new"
+
+
+def test_a_full_disk_leaves_the_file_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        atomic_write(path, b"new")
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"a.bin": b"old"}
+
+
+def test_data_are_durable_before_the_name_and_the_name_before_the_return(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps: list[str] = []
+    fsync, replace = os.fsync, Path.replace
+
+    def logged_fsync(descriptor: int) -> None:
+        is_directory = Path(f"/proc/self/fd/{descriptor}").resolve() == tmp_path.resolve()
+        steps.append("fsync directory" if is_directory else "fsync file")
+        fsync(descriptor)
+
+    def logged_replace(self: Path, target: Path) -> Path:
+        steps.append("rename")
+        return replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", logged_fsync)
+    monkeypatch.setattr(Path, "replace", logged_replace)
+    atomic_write(tmp_path / "a.bin", b"new")
+    assert steps == ["fsync file", "rename", "fsync directory"]
+
+
+def test_the_hash_is_that_of_the_file_even_where_its_beginning_was_written_last(
+    tmp_path: Path,
+) -> None:
+    def write(file: BinaryIO) -> None:
+        file.write(b"....def")
+        file.seek(0)
+        file.write(b"abc-")
+
+    digest = atomic_write_hashed(tmp_path / "a.bin", write)
+    assert (tmp_path / "a.bin").read_bytes() == b"abc-def"
+    assert digest == hashlib.sha256(b"abc-def").hexdigest()
+
+
+def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    def write(file: BinaryIO) -> None:
+        file.write(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OSError, match="No space"):
+        atomic_write_hashed(tmp_path / "a.bin", write)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,164 @@
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given, strategies as st
+
+from acquisition.errors import SessionError
+from acquisition.session.journal import JournalEvent, JournalWriter, read_journal
+from tests.acquisition.fakes import FakeUids, FakeUtc
+
+EVENTS = (
+    JournalEvent(kind="start", utc="2025-03-04T05:06:07Z", uid="a", facts={"operator": "Zoë"}),
+    JournalEvent(kind="capture", utc="2025-03-04T05:06:08Z", uid="b", facts={"record": {"x": 1}}),
+    JournalEvent(kind="note", utc="2025-03-04T05:06:09Z", uid="c", facts={"text": 'a "b"\n\\ 日'}),
+)
+JOURNAL = b"".join(event.to_line() for event in EVENTS)
+
+
+def writer(path: Path) -> JournalWriter:
+    return JournalWriter(path, utc_now=FakeUtc(), new_uid=FakeUids())
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "journal.jsonl"
+
+
+def test_events_read_back_as_they_were_written() -> None:
+    reading = read_journal(JOURNAL)
+    assert reading.events == EVENTS
+    assert (reading.sound_bytes, reading.torn_tail, reading.remark) == (len(JOURNAL), b"", None)
+
+
+@pytest.mark.parametrize("length", range(len(JOURNAL) + 1))
+def test_a_journal_cut_at_any_byte_gives_every_event_before(length: int) -> None:
+    reading = read_journal(JOURNAL[:length])
+    # A line is whole once its last brace is there, with or without the newline after it.
+    ends = [len(b"".join(e.to_line() for e in EVENTS[: n + 1])) - 1 for n in range(len(EVENTS))]
+    whole = sum(end <= length for end in ends)
+    assert reading.events == EVENTS[:whole]
+    cut = whole < len(EVENTS) and length > (ends[whole - 1] + 1 if whole else 0)
+    assert (reading.remark is not None) == cut
+
+
+@pytest.mark.parametrize("length", range(len(JOURNAL) + 1))
+def test_a_journal_cut_at_any_byte_goes_on_after_being_mended(tmp_path: Path, length: int) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(JOURNAL[:length])
+    cut = read_journal(JOURNAL[:length])
+    with writer(path) as journal:
+        journal.append("resume", {})
+    again = read_journal(path.read_bytes())
+    notes = ("note",) if cut.torn_tail else ()
+    assert [e.kind for e in again.events] == [*(e.kind for e in cut.events), *notes, "resume"]
+    assert again.remark is None
+    if cut.torn_tail:
+        quoted = again.events[-2].facts["cut_short"]
+        assert quoted.startswith('{"event"'[: len(cut.torn_tail)])
+
+
+@given(st.binary(max_size=40))
+def test_whatever_a_power_cut_leaves_at_the_end_is_ignored_and_reported(tail: bytes) -> None:
+    tail = tail.replace(b"\n", b"\0")
+    reading = read_journal(JOURNAL + tail)
+    assert reading.events == EVENTS
+    assert reading.torn_tail == tail
+    assert (reading.remark is not None) == bool(tail)
+
+
+def test_a_remark_names_the_line() -> None:
+    remark = read_journal(JOURNAL[:-5]).remark
+    assert remark is not None
+    assert "line 3" in remark
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        b"{",
+        b"",
+        b"[]",
+        b"\xff",
+        b'{"event": "start", "utc": "t"}',
+        b'{"event": "dance", "utc": "t", "uid": "u"}',
+    ],
+)
+def test_damage_before_the_last_line_is_an_error_that_names_the_line(bad: bytes) -> None:
+    lines = JOURNAL.splitlines()
+    lines[1] = bad
+    with pytest.raises(SessionError, match="line 2: damaged"):
+        read_journal(b"\n".join(lines) + b"\n")
+
+
+def test_every_line_is_durable_before_append_returns(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[bytes] = []
+    monkeypatch.setattr(os, "fsync", lambda _: synced.append(path.read_bytes()))
+    with writer(path) as journal:
+        event = journal.append("note", {"text": "x"})
+    assert synced[-1] == event.to_line()
+
+
+def test_a_full_disk_takes_the_half_written_line_back(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.write
+
+    def half_then_full(descriptor: int, data: bytes) -> int:
+        if len(data) < 40:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data[:40])
+
+    with writer(path) as journal:
+        before = journal.append("note", {"text": "first"})
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "write", half_then_full)
+            with pytest.raises(SessionError, match="No space left on device; free the disk"):
+                journal.append("note", {"text": "second"})
+        after = journal.append("note", {"text": "third"})
+        assert journal.events == (before, after)
+    assert read_journal(path.read_bytes()).events == (before, after)
+
+
+def test_facts_cannot_take_the_place_of_the_kind() -> None:
+    with pytest.raises(ValueError, match="facts"):
+        JournalEvent(kind="note", utc="t", uid="u", facts={"event": "capture"})
+
+
+def test_a_second_writer_is_refused_until_the_first_has_closed(path: Path) -> None:
+    with writer(path), pytest.raises(SessionError, match="in use by another process"):
+        writer(path)
+    writer(path).close()
+
+
+def test_the_lock_holds_between_processes_and_ends_with_them(path: Path) -> None:
+    script = (
+        "import sys, pathlib\n"
+        "from acquisition.session.journal import JournalWriter, new_uid, utc_now\n"
+        "journal = JournalWriter(pathlib.Path(sys.argv[1]), utc_now=utc_now, new_uid=new_uid)\n"
+        "print('locked', flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "locked\n"
+        with pytest.raises(SessionError, match="in use"):
+            writer(path)
+        other.kill()
+        other.wait()
+    writer(path).close()
+
+
+def test_a_journal_that_cannot_be_opened_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SessionError, match=r"journal\.jsonl: No such file"):
+        writer(tmp_path / "absent" / "journal.jsonl")

@@ -1,0 +1,244 @@
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition.errors import SessionError
+from acquisition.session.notes import SessionNotes
+from acquisition.session.reader import FileCheck, Session, verify
+from tests.acquisition.fakes import FakeUids, FakeUtc
+from tests.acquisition.session_fixtures import (
+    DEVICES,
+    add,
+    bench_of,
+    plan_of,
+    whole_session,
+    writer,
+)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+def notes(path: Path) -> SessionNotes:
+    return SessionNotes(path, operator="Ada", utc_now=FakeUtc(), new_uid=FakeUids("note"))
+
+
+def bad(path: Path) -> list[FileCheck]:
+    return [check for check in verify(path).files if check.state != "ok"]
+
+
+def flip_byte(path: Path, at: int = -1) -> None:
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    path.write_bytes(data)
+
+
+def test_a_session_reads_back_what_was_written(path: Path) -> None:
+    records = whole_session(path)
+    session = Session.open(path)
+    assert session.plan == plan_of()
+    assert session.bench == bench_of().model_dump(mode="json")
+    assert session.devices == DEVICES
+    assert session.manifest.operator == "Zoë"
+    assert session.manifest.software["numpy"] == np.__version__
+    assert session.records == records
+    assert session.is_complete
+    assert session.remarks == ()
+    images = session.load(records[4])
+    assert images.mean_dn == pytest.approx(1004, abs=0)
+    assert images.variance_dn2 == pytest.approx(2, abs=0)
+    assert images.record == records[4]
+
+
+def test_the_hash_in_the_journal_is_that_of_sha256sum(path: Path) -> None:
+    record = whole_session(path)[0]
+    assert record.file == "captures/0000_edge-005_h0100.000mm.tif"
+    assert record.sha256 == hashlib.sha256((path / record.file).read_bytes()).hexdigest()
+
+
+def test_a_directory_that_is_no_session_says_so_in_one_line(path: Path) -> None:
+    for open_it in (Session.open, verify):
+        with pytest.raises(SessionError, match=r"is not a capture session .*; name the directory"):
+            open_it(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "damaged"),
+        ("[]", "not of schema"),
+        ('{"schema": "standoff.session/2"}', "not of schema"),
+        ('{"schema": "standoff.session/1"}', "missing or unknown key: bench, "),
+    ],
+)
+def test_a_damaged_session_json_says_so(path: Path, text: str, message: str) -> None:
+    whole_session(path)
+    (path / "session.json").write_text(text)
+    with pytest.raises(SessionError, match=rf"session\.json: {message}"):
+        Session.open(path)
+
+
+def test_a_session_json_with_another_plan_inside_names_the_key(path: Path) -> None:
+    whole_session(path)
+    document = json.loads((path / "session.json").read_text())
+    document["plan"]["name"] = ""
+    (path / "session.json").write_text(json.dumps(document))
+    with pytest.raises(SessionError, match=r"session\.json, plan: name: "):
+        Session.open(path)
+    document["plan"] = None
+    (path / "session.json").write_text(json.dumps(document))
+    with pytest.raises(SessionError, match=r"session\.json: plan is not a table"):
+        Session.open(path)
+
+
+def test_a_session_without_its_journal_says_so(path: Path) -> None:
+    whole_session(path)
+    (path / "journal.jsonl").unlink()
+    with pytest.raises(SessionError, match=r"journal\.jsonl: No such file"):
+        Session.open(path)
+
+
+def test_verify_finds_a_whole_session_whole(path: Path) -> None:
+    whole_session(path)
+    report = verify(path)
+    assert report.is_ok
+    assert len(report.files) == 7  # session.json and six captures
+    assert report.remarks == ()
+
+
+def test_one_flipped_bit_anywhere_in_a_file_is_found(path: Path) -> None:
+    record = whole_session(path)[2]
+    file = path / record.file
+    for at in range(0, file.stat().st_size, 97):
+        flip_byte(file, at)
+        (check,) = bad(path)
+        assert (check.file, check.state, check.uid) == (record.file, "changed", record.uid)
+        with pytest.raises(SessionError, match="sha256 differs"):
+            Session.open(path).load(record)
+        flip_byte(file, at)
+    assert verify(path).is_ok
+
+
+def test_a_missing_file_is_found(path: Path) -> None:
+    record = whole_session(path)[1]
+    (path / record.file).unlink()
+    assert [(c.file, c.state) for c in bad(path)] == [(record.file, "missing")]
+    with pytest.raises(SessionError, match="No such file"):
+        Session.open(path).load(record)
+
+
+def test_a_changed_session_json_is_found(path: Path) -> None:
+    whole_session(path)
+    text = (path / "session.json").read_text()
+    (path / "session.json").write_text(text.replace("Zoë", "Zoe"))
+    assert [(c.file, c.state) for c in bad(path)] == [("session.json", "changed")]
+
+
+def test_a_file_without_a_journal_line_does_not_exist_but_is_told(path: Path) -> None:
+    whole_session(path)
+    (path / "captures" / "stray.tif").write_bytes(b"x")
+    (path / "captures" / "0001.tif.part").write_bytes(b"x")
+    report = verify(path)
+    assert report.is_ok
+    assert [c.file for c in report.files if c.state == "unjournaled"] == [
+        "captures/0001.tif.part",
+        "captures/stray.tif",
+    ]
+    assert report.remarks == (
+        "captures/0001.tif.part was being written when a run was killed; delete it",
+    )
+
+
+def test_a_journal_line_cut_short_is_a_remark_and_its_capture_does_not_exist(path: Path) -> None:
+    records = whole_session(path)
+    journal = path / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-20])
+    session = Session.open(path)
+    assert session.records == records[:-1]
+    assert not session.is_complete
+    report = verify(path)
+    assert report.remarks == session.remarks
+    assert "cut short" in report.remarks[0]
+    assert [(c.file, c.state) for c in bad(path)] == [(records[-1].file, "unjournaled")]
+
+
+def test_raw_frames_are_verified_too(path: Path) -> None:
+    frames = (np.full((4, 6), 7, np.uint16), np.full((4, 6), 9, np.uint16))
+    with writer(path) as session:
+        record = add(session, session.entries[0], raw_frames=frames)
+    assert record.frames_file == "frames/0000_edge-005_h0100.000mm.tif"
+    assert verify(path).is_ok
+    flip_byte(path / record.frames_file)
+    assert [(c.file, c.state) for c in bad(path)] == [(record.frames_file, "changed")]
+
+
+def test_an_excluded_capture_is_marked_and_can_be_taken_back_in(path: Path) -> None:
+    records = whole_session(path)
+    notes(path).exclude(3, "someone walked by")
+    session = Session.open(path)
+    assert [r.index for r in session.records] == [0, 1, 2, 4, 5]
+    assert session.captures[3].excluded_because == "someone walked by"
+    assert session.is_complete
+    event = session.events[-1]
+    assert (event.kind, event.facts["operator"]) == ("exclude", "Ada")
+    notes(path).include(3, "it was nobody")
+    assert Session.open(path).records == records
+    with pytest.raises(SessionError, match=r"capture 3 .* is not excluded"):
+        notes(path).include(3, "again")
+
+
+def test_a_retake_voids_the_capture_until_it_is_captured_again(path: Path) -> None:
+    records = whole_session(path)
+    notes(path).retake(2, "lamp off")
+    assert not Session.open(path).is_complete
+    with pytest.raises(SessionError, match="no capture of index 2"):
+        notes(path).exclude(2, "also this")
+    with writer(path, prefix="later") as session:
+        (entry,) = session.pending_entries()
+        assert entry.index == 2
+        retaken = add(session, entry, 2000.0)
+    assert retaken.file == "captures/0002_edge-095_h0100.000mm_take2.tif"
+    reread = Session.open(path)
+    assert reread.records == (*records[:2], retaken, *records[3:])
+    assert [c.record.uid for c in reread.captures if c.is_superseded] == [records[2].uid]
+    assert reread.load(records[2]).mean_dn == pytest.approx(1002, abs=0)  # kept, not overwritten
+    assert verify(path).is_ok
+    flip_byte(path / records[2].file)
+    assert verify(path).is_ok  # a superseded file no longer counts
+
+
+def test_a_note_is_kept_with_who_wrote_it(path: Path) -> None:
+    whole_session(path)
+    notes(path).note("lens cleaned")
+    assert Session.open(path).events[-1].facts == {"text": "lens cleaned", "operator": "Ada"}
+
+
+def test_notes_make_no_session_where_there_is_none(path: Path) -> None:
+    path.mkdir()
+    with pytest.raises(SessionError, match="not a capture session"):
+        notes(path).note("x")
+    assert list(path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ({"event": "exclude", "capture": "nobody"}, "exclude of 'nobody', which was never"),
+        ({"event": "retake", "supersedes": ["a"]}, "retake of .*, which was never captured"),
+        ({"event": "capture"}, "capture without record"),
+        ({"event": "capture", "record": {}}, "index: Field required"),
+    ],
+)
+def test_an_event_that_makes_no_sense_names_its_line(
+    path: Path, line: dict[str, object], message: str
+) -> None:
+    whole_session(path)
+    with (path / "journal.jsonl").open("a") as journal:
+        journal.write(json.dumps({"utc": "t", "uid": "u", **line}) + "\n")
+    with pytest.raises(SessionError, match=f"line 9: .*{message}"):
+        Session.open(path)

@@ -1,0 +1,56 @@
+import json
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta, timezone
+
+import pytest
+
+from acquisition.errors import SessionError
+from acquisition.session.record import CaptureRecord, utc_text
+from tests.acquisition.records import PHOTOGRAPH, RECORD
+
+
+@pytest.mark.parametrize("record", [RECORD, PHOTOGRAPH])
+def test_a_record_survives_json_text_and_back_exactly(record: CaptureRecord) -> None:
+    assert CaptureRecord.from_json(json.loads(json.dumps(record.to_json()))) == record
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"index": "7"}, "index: .*integer"),
+        ({"index": True}, "index: .*integer"),
+        ({"index": -1}, "index must not be negative"),
+        ({"frames_used": 0}, "frames_used must be at least 1"),
+        ({"height_mm": None}, "height_mm: .*number"),
+        ({"height_mm": float("nan")}, "height_mm must be finite"),
+        ({"kind": "edges"}, "kind: .*edge"),
+        ({"started_utc": "yesterday"}, "started_utc must be a time in UTC"),
+        ({"started_utc": "2025-03-04T05:06:07"}, "started_utc must be a time in UTC"),
+        ({"started_utc": "2025-03-04T05:06:07+01:00"}, "started_utc must be a time in UTC"),
+        ({"file": "/etc/passwd"}, "file must lie inside"),
+        ({"frames_file": "frames/../../x.tif"}, "frames_file must lie inside"),
+        ({"colour": "red"}, "colour: Unexpected"),
+    ],
+)
+def test_a_record_that_is_not_one_names_the_key(changed: dict[str, object], message: str) -> None:
+    with pytest.raises(SessionError, match=f"line 3: .*({message})"):
+        CaptureRecord.from_json({**RECORD.to_json(), **changed}, source="line 3")
+
+
+@pytest.mark.parametrize("key", list(RECORD.to_json()))
+def test_no_key_may_be_missing(key: str) -> None:
+    document = RECORD.to_json()
+    del document[key]
+    with pytest.raises(SessionError, match=f"{key}: .*required"):
+        CaptureRecord.from_json(document)
+
+
+def test_a_height_that_is_not_a_number_cannot_be_recorded() -> None:
+    with pytest.raises(ValueError, match="height_mm"):
+        replace(RECORD, height_mm=float("inf"))
+
+
+def test_a_moment_is_written_in_utc_to_the_microsecond() -> None:
+    assert utc_text(datetime(2025, 3, 4, 5, 6, 7, 8, tzinfo=UTC)) == "2025-03-04T05:06:07.000008Z"
+    east = timezone(timedelta(hours=2))
+    assert utc_text(datetime(2025, 3, 4, 7, 6, 7, tzinfo=east)) == "2025-03-04T05:06:07.000000Z"

@@ -1,0 +1,268 @@
+import errno
+import hashlib
+import json
+import os
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from acquisition.errors import SessionError
+from acquisition.session.reader import Session, verify
+from acquisition.session.writer import SessionWriter
+from tests.acquisition.session_fixtures import (
+    DEVICES,
+    add,
+    bench_of,
+    plan_of,
+    whole_session,
+    writer,
+)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "new" / "session"
+
+
+def kinds(path: Path) -> list[str]:
+    return [event.kind for event in Session.open(path).events]
+
+
+def test_a_new_session_begins_with_start_and_plan(path: Path) -> None:
+    with writer(path) as session:
+        assert session.pending_entries() == session.entries
+    start, plan = Session.open(path).events
+    assert (start.kind, plan.kind) == ("start", "plan")
+    digest = hashlib.sha256((path / "session.json").read_bytes()).hexdigest()
+    assert start.facts["session_sha256"] == digest
+    assert start.facts["devices"] == DEVICES
+    assert plan.facts == {"name": "small", "captures": 6}
+
+
+def test_an_empty_directory_becomes_a_session(path: Path) -> None:
+    path.mkdir(parents=True)
+    writer(path).close()
+    assert kinds(path) == ["start", "plan"]
+
+
+def test_a_session_that_was_killed_while_being_made_can_be_made(path: Path) -> None:
+    path.mkdir(parents=True)
+    (path / "journal.jsonl").touch()
+    (path / "session.json.part").write_bytes(b'{"sch')
+    writer(path).close()
+    assert kinds(path) == ["start", "plan"]
+
+
+def test_a_session_that_was_killed_before_its_start_was_journaled_starts(path: Path) -> None:
+    writer(path).close()
+    manifest = (path / "session.json").read_bytes()
+    (path / "journal.jsonl").write_bytes(b"")
+    writer(path).close()
+    assert kinds(path) == ["start", "plan"]
+    assert (path / "session.json").read_bytes() == manifest
+    assert verify(path).is_ok
+
+
+def test_a_directory_with_other_files_is_left_alone(path: Path) -> None:
+    path.mkdir(parents=True)
+    (path / "holiday.jpg").touch()
+    with pytest.raises(SessionError, match="holds files but is not a capture session"):
+        writer(path)
+    assert [file.name for file in path.iterdir()] == ["holiday.jpg"]
+
+
+def test_a_session_whose_session_json_is_gone_is_not_begun_anew(path: Path) -> None:
+    whole_session(path)
+    (path / "session.json").unlink()
+    with pytest.raises(SessionError, match="not a capture session"):
+        writer(path)
+    for folder in ("captures", "frames", "logs"):
+        shutil.rmtree(path / folder)
+    with pytest.raises(SessionError, match="gone but the journal is not empty"):
+        writer(path)
+
+
+def test_resuming_asks_only_for_what_is_missing_or_damaged(path: Path) -> None:
+    with writer(path) as session:
+        records = [add(session, entry) for entry in session.entries[:4]]
+    damaged = path / records[1].file
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    (path / records[2].file).unlink()
+    with writer(path, prefix="later") as session:
+        assert [entry.index for entry in session.pending_entries()] == [1, 2, 4, 5]
+    assert Session.open(path).events[-1].facts["pending"] == 4
+    assert kinds(path)[-1] == "resume"
+
+
+def test_a_capture_whose_journal_line_was_cut_short_is_taken_again_under_its_name(
+    path: Path,
+) -> None:
+    records = whole_session(path)
+    journal = path / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-2])
+    with writer(path, prefix="later") as session:
+        (entry,) = session.pending_entries()
+        again = add(session, entry, 1500.0)
+    assert again.file == records[-1].file
+    report = verify(path)
+    assert report.is_ok
+    assert {check.state for check in report.files} == {"ok"}
+    assert kinds(path)[-3:] == ["note", "resume", "capture"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"bench": bench_of(gain_db=3.0)}, r"bench\.camera\.gain_db was 0\.0, now 3\.0;"),
+        ({"plan": plan_of(heights_mm=[100.0, 111.0])}, r"plan\.heights_mm\.1 was 110\.0, now 111"),
+        ({"plan": plan_of(repeats=2)}, r"plan\.repeats was 1, now 2"),
+        (
+            {"devices": {**DEVICES, "camera": {"DeviceSerialNumber": "C2"}}},
+            r'camera\.DeviceSerialNumber was "C1", now "C2"',
+        ),
+        ({"devices": {}}, r"devices\.camera was .*, now not set"),
+    ],
+)
+def test_another_plan_bench_or_device_is_refused_with_the_difference_in_one_line(
+    path: Path, changed: dict[str, object], message: str
+) -> None:
+    whole_session(path)
+    before = (path / "journal.jsonl").read_bytes()
+    with pytest.raises(SessionError, match=message) as caught:
+        writer(path, **changed)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+    assert (path / "journal.jsonl").read_bytes() == before
+    writer(path).close()  # the lock was given back
+
+
+def test_a_warmer_camera_is_still_the_same_camera(path: Path) -> None:
+    whole_session(path)
+    warmer = {**DEVICES, "camera": {**DEVICES["camera"], "DeviceTemperature": 41.0}}
+    writer(path, devices=warmer).close()
+    assert kinds(path)[-1] == "resume"
+
+
+def test_a_second_process_is_refused(path: Path) -> None:
+    with writer(path), pytest.raises(SessionError, match="in use by another process"):
+        writer(path)
+
+
+def test_a_full_disk_is_refused_before_the_start(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with writer(path) as session:
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=70 * 2**20))
+        session.require_space(5 * 2**20)
+        with pytest.raises(SessionError, match="73 MB free, the captures take 74 MB"):
+            session.require_space(7 * 2**20)
+
+
+@pytest.mark.parametrize("failing_write", [0, 1])
+def test_a_disk_that_fills_up_in_mid_capture_leaves_a_session_that_resumes(
+    path: Path, monkeypatch: pytest.MonkeyPatch, failing_write: int
+) -> None:
+    frames = (np.full((4, 6), 7, np.uint16),)
+    opened: list[Path] = []
+    open_ = Path.open
+
+    def full(self: Path, *args: object, **kwargs: object) -> object:
+        if self.suffix == ".part":
+            opened.append(self)
+            if len(opened) == failing_write + 1:
+                raise OSError(errno.ENOSPC, "No space left on device")
+        return open_(self, *args, **kwargs)  # type: ignore[call-overload]
+
+    with writer(path) as session:
+        first = add(session, session.entries[0])
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "open", full)
+            with pytest.raises(SessionError, match="No space left on device; see to the disk"):
+                add(session, session.entries[1], raw_frames=frames)
+    assert Session.open(path).records == (first,)
+    with writer(path, prefix="later") as session:
+        assert session.pending_entries()[0].index == 1
+        add(session, session.entries[1], raw_frames=frames)
+    assert verify(path).is_ok
+    assert not list(path.rglob("*.part"))
+
+
+def test_a_disk_that_fills_up_at_the_journal_line_leaves_a_session_that_resumes(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with writer(path) as session:
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "write", full)
+            with pytest.raises(SessionError, match="No space left"):
+                add(session, session.entries[0])
+        assert session.captures == ()
+        add(session, session.entries[0])
+    report = verify(path)
+    assert {check.state for check in report.files} == {"ok"}
+
+
+def test_a_part_left_by_a_kill_is_written_over(path: Path) -> None:
+    with writer(path) as session:
+        part = path / "captures" / f"{session.entries[0].stem}.tif.part"
+        part.write_bytes(b"half")
+        add(session, session.entries[0])
+    assert not part.exists()
+
+
+def test_a_foreign_photograph_is_a_capture_of_one_frame(path: Path) -> None:
+    image = np.array([[0.5, 255.0], [7.0, 255.0]], np.float32)
+    with writer(path, devices={}) as session:
+        record = session.add_photograph(
+            session.entries[0], image, pixel_format="Mono8", max_level_dn=255, scale_px_per_mm=9.5
+        )
+    session_read = Session.open(path)
+    assert session_read.records == (record,)
+    assert (record.frames_used, record.saturated_pixels, record.min_dn) == (1, 2, 0.5)
+    loaded = session_read.load(record)
+    assert loaded.variance_dn2 is None
+    np.testing.assert_array_equal(loaded.mean_dn, image)
+
+
+def test_a_session_is_plain_json_that_people_can_read(path: Path) -> None:
+    whole_session(path)
+    document = json.loads((path / "session.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "standoff.session/1"
+    assert document["plan"]["targets"][0]["target"] == "Kante"
+    assert document["devices"]["camera"]["ExposureTime"] == 2000.0
+    assert "Zoë" in (path / "session.json").read_text(encoding="utf-8")
+
+
+def test_a_path_that_is_a_file_is_refused(path: Path) -> None:
+    path.parent.mkdir(parents=True)
+    path.touch()
+    with pytest.raises(SessionError, match="File exists"):
+        writer(path)
+
+
+def test_closing_twice_is_harmless(path: Path) -> None:
+    session: SessionWriter = writer(path)
+    session.close()
+    session.close()
+
+
+def test_a_session_from_before_a_bench_key_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    with writer(path):
+        pass
+    manifest = path / "session.json"
+    document = json.loads(manifest.read_text())
+    del document["bench"]["capture"]["mains_hz"]
+    for key in ("order", "settle_s", "auto_exposure", "drift_check"):
+        del document["plan"][key]
+    manifest.write_text(json.dumps(document))
+    with writer(path) as session:
+        assert len(session.pending_entries()) == 6
+    other = bench_of()
+    changed = {"capture": other.capture.model_copy(update={"mains_hz": 60})}
+    with pytest.raises(SessionError, match=r"bench\.capture\.mains_hz was 50, now 60"):
+        writer(path, bench=other.model_copy(update=changed))

@@ -1,0 +1,68 @@
+from typing import Any
+
+import pytest
+
+from acquisition.bench import StageConfig
+from acquisition.errors import DeviceError, DeviceProtocolError
+from acquisition.stages.grbl.setup import check_settings, height_axis
+
+SETTINGS = {13: "0", 20: "1", 22: "1", 23: "4", 24: "25.000", 27: "1.500"}
+"""Homing towards minus on Z, whose bit of $23 is the third."""
+
+
+def config(**keys: Any) -> StageConfig:
+    return StageConfig.model_validate(
+        {"driver": "grbl", "port": "virtual", "limits_mm": [0.0, 300.0], **keys}
+    )
+
+
+def test_the_settings_that_homing_depends_on_are_read() -> None:
+    found = check_settings(SETTINGS, config(), name="grbl")
+    assert found.is_homing_enabled
+    assert not found.keeps_homed_on_reset
+    assert found.towards_switch == -1.0
+    assert (found.pull_off_mm, found.locate_feed_mm_per_min) == (1.5, 25.0)
+    other_axis = check_settings(SETTINGS, config(axis="X"), name="grbl")
+    assert other_axis.towards_switch == 1.0
+
+
+def test_grblhals_settings_by_bits_are_read_and_what_it_does_not_list_is_grbls_default() -> None:
+    # $22 = 128 + 1: homing, and homed still after a reset.
+    found = check_settings({22: "129"}, config(), name="grblhal")
+    assert found.is_homing_enabled
+    assert found.keeps_homed_on_reset
+    assert (found.pull_off_mm, found.locate_feed_mm_per_min) == (1.0, 25.0)
+    assert not check_settings({22: "128"}, config(), name="grblhal").is_homing_enabled
+
+
+def test_a_controller_that_reports_inches_is_refused_with_the_setting() -> None:
+    with pytest.raises(DeviceError, match=r"grbl reports inches; set \$13=0"):
+        check_settings(SETTINGS | {13: "1"}, config(), name="grbl")
+
+
+def test_every_setting_that_is_not_as_expected_is_named_in_one_line() -> None:
+    expected = {"$20": 0.0, "$27": 1.5, "$102": 250.0}
+    with pytest.raises(DeviceError) as refused:
+        check_settings(SETTINGS, config(expected_settings=expected), name="grbl")
+    assert "$20 is 1, expected 0; $102 is missing, expected 250." in str(refused.value)
+    assert "$27" not in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_an_expected_setting_that_grbl_has_not_is_the_bench_files_fault() -> None:
+    with pytest.raises(DeviceError, match=r"expected_settings: 'resolution' is not a Grbl setting"):
+        check_settings(SETTINGS, config(expected_settings={"resolution": 64.0}), name="grbl")
+
+
+@pytest.mark.parametrize("text", ["", "on", "1 (homing)", "nan", "inf", "1e999"])
+def test_a_setting_that_is_no_number_is_named(text: str) -> None:
+    with pytest.raises(DeviceProtocolError, match=r"grbl has no readable setting \$22"):
+        check_settings(SETTINGS | {22: text}, config(), name="grbl")
+
+
+def test_heights_and_machine_positions_belong_together_either_way() -> None:
+    up = height_axis(config(home_offset_mm=20.0))
+    assert (up.height_mm(30.0), up.machine_mm(50.0)) == (50.0, 30.0)
+    down = height_axis(config(home_offset_mm=320.0, direction="down", axis="Y"))
+    assert (down.height_mm(30.0), down.machine_mm(290.0)) == (290.0, 30.0)
+    assert (down.letter, down.index) == ("Y", 1)

@@ -1,0 +1,126 @@
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from acquisition.errors import DeviceDisconnectedError, DeviceProtocolError, DeviceTimeoutError
+from acquisition.stages.serial_link import SerialLink
+from acquisition.stages.wire_log import WireLog
+
+
+class ScriptedPort:
+    """Delivers one piece for each read; a read takes 10 ms."""
+
+    def __init__(self, *pieces: bytes, endless: bytes = b"") -> None:
+        self.pieces = list(pieces)
+        self.endless = endless
+        self.sent: list[bytes] = []
+        self.now_s = 0.0
+        self.closed = 0
+
+    def clock(self) -> float:
+        return self.now_s
+
+    def read(self) -> bytes:
+        self.now_s += 0.01
+        return self.read_waiting()
+
+    def read_waiting(self) -> bytes:
+        return self.pieces.pop(0) if self.pieces else self.endless
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def link(port: ScriptedPort, log: WireLog | None = None) -> SerialLink:
+    return SerialLink(port, name="the stage", clock=port.clock, log=log)
+
+
+def test_lines_are_put_together_from_pieces() -> None:
+    port = ScriptedPort(b"o", b"k\r", b"\n<Id", b"le>\r\n\r\nerr", b"or:1\n")
+    opened = link(port)
+    assert [opened.read_line(1) for _ in range(3)] == [b"ok", b"<Idle>", b"error:1"]
+
+
+def test_silence_is_a_timeout_after_its_time() -> None:
+    port = ScriptedPort(b"half a li")
+    with pytest.raises(DeviceTimeoutError, match=r"the stage did not answer within 0\.5 s"):
+        link(port).read_line(0.5)
+    assert port.now_s == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_line_without_an_end_is_a_protocol_error() -> None:
+    opened = link(ScriptedPort(endless=b"x" * 100))
+    with pytest.raises(DeviceProtocolError, match="a line without an end"):
+        opened.read_line(10)
+
+
+def test_nuls_around_a_line_are_dropped() -> None:
+    assert link(ScriptedPort(b"\0\0ok\0\r\n")).read_line(1) == b"ok"
+
+
+def test_draining_waits_for_silence_and_tells_what_it_heard() -> None:
+    port = ScriptedPort(b"ok\r\n", b"", b"", b"ok\r\npart")
+    opened = link(port)
+    assert opened.drain(quiet_s=0.1, timeout_s=1) == [b"ok", b"ok", b"part"]
+    assert opened.waiting_lines() == []
+
+
+def test_a_line_that_never_falls_silent_is_an_error() -> None:
+    with pytest.raises(DeviceProtocolError, match="does not stop"):
+        link(ScriptedPort(endless=b"$GPGGA\r\n")).drain(quiet_s=0.1, timeout_s=1)
+
+
+def test_waiting_lines_takes_no_time() -> None:
+    port = ScriptedPort(b"ALARM:1\r\nok\r\nre")
+    assert link(port).waiting_lines() == [b"ALARM:1", b"ok"]
+    assert port.now_s == 0.0
+
+
+def test_a_closed_link_says_so() -> None:
+    port = ScriptedPort()
+    opened = link(port)
+    opened.close()
+    opened.close()
+    for call in (lambda: opened.write(b"?"), lambda: opened.read_line(1)):
+        with pytest.raises(DeviceDisconnectedError, match="is closed"):
+            call()
+
+
+def at_noon() -> datetime:
+    return datetime(2025, 3, 4, 12, 0, 0, 250, tzinfo=UTC)
+
+
+def test_the_log_has_every_line_with_time_and_direction(tmp_path: Path) -> None:
+    path = tmp_path / "wire.log"
+    port = ScriptedPort(b"ok\r\n\xffx\r\n")
+    opened = link(port, WireLog(path, utc_now=at_noon))
+    opened.write(b"$H\n")
+    opened.write(b"\x85")
+    opened.read_line(1)
+    opened.remark("a remark")
+    opened.close()
+    stamp = "2025-03-04T12:00:00.000250+00:00"
+    assert path.read_text() == (
+        f"{stamp} > $H\\n\n{stamp} > \\x85\n{stamp} < ok\n{stamp} < \\xffx\n{stamp} # a remark\n"
+    )
+
+
+def test_the_log_keeps_two_files_of_bounded_size(tmp_path: Path) -> None:
+    path = tmp_path / "wire.log"
+    with WireLog(path, max_bytes=1000, utc_now=at_noon) as log:
+        for number in range(200):
+            log.sent(b"%d\n" % number)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["wire.log", "wire.log.1"]
+    assert all(file.stat().st_size <= 1100 for file in tmp_path.iterdir())
+    assert "> 199\\n" in path.read_text() + (tmp_path / "wire.log.1").read_text()
+
+
+def test_the_log_goes_on_where_the_last_session_ended(tmp_path: Path) -> None:
+    for _ in range(2):
+        with WireLog(tmp_path / "wire.log", utc_now=at_noon) as log:
+            log.received(b"ok")
+    assert (tmp_path / "wire.log").read_text().count("< ok") == 2

@@ -1,0 +1,221 @@
+"""Changes on photographs of a scene known in closed form; the analysis resamples, these do not."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from acquisition.bench import load_bench
+from analysis.change_roc import roc_of
+from analysis.changes.filter import ChangeResult, find_changes, significance_threshold
+from analysis.changes.uncertainty import fit_variance
+from analysis.errors import AnalysisError
+from analysis.reports.changes import plot_changes
+from calibration.registration.pair import register_distorted
+from simulation import GaussianPsf
+from simulation.capture_noise import CaptureNoise
+from standoff.shipped_configs import shipped_config
+from tests.analysis.blob_scene import blobs, photograph, pose_matrix
+from tests.analysis.changed_scenes import bench_noise, bench_pair, bench_psf, far_pose
+from tests.analysis.random_poses import bench_truth
+
+Array = NDArray[np.float64]
+
+NEAR, FAR, ZOOM, PSF_PX, SHIFT_PX = (270, 330), (170, 210), 1.5, 0.9, 2.3
+PSF = GaussianPsf(sigma_x_px=PSF_PX, sigma_y_px=PSF_PX)
+NOISE = CaptureNoise(gain_e_per_dn=60.0, read_noise_e=10.0, black_level_dn=0.0)
+MATRIX = pose_matrix(NEAR, FAR, ZOOM, SHIFT_PX)
+LIGHT = 1.05 + 0.1 * np.linspace(-1, 1, FAR[1])[None, :]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pair:
+    reference: Array
+    followup: Array
+    truth: Array
+
+
+@lru_cache
+def pair(seed: int, contrast_dn: float) -> Pair:
+    """Reference, and a follow-up from 1.5 times as far in other light, with sixteen changes."""
+    rng = np.random.default_rng(seed)
+    scene = blobs(seed, 5000, 240.0)
+    places = np.arange(-60.0, 61.0, 40.0)
+    change = np.array([[y, x, 2.0, contrast_dn] for y in places for x in places])
+    noiseless = (
+        photograph(scene, NEAR, 1.0, PSF_PX),
+        photograph(np.vstack([scene, change]), FAR, ZOOM, PSF_PX, SHIFT_PX) * LIGHT,
+    )
+    noisy = [
+        image + np.sqrt(NOISE.variance_dn2(image)) * rng.standard_normal(image.shape)
+        for image in noiseless
+    ]
+    truth = photograph(change, FAR, ZOOM, PSF_PX, SHIFT_PX) - 120.0
+    return Pair(reference=noisy[0], followup=noisy[1], truth=truth)
+
+
+@lru_cache
+def found(one: Pair, noise: CaptureNoise | None = NOISE) -> ChangeResult:
+    return find_changes(one.reference, one.followup, MATRIX, PSF, noise)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [NOISE, None])
+def test_nothing_is_flagged_where_only_pose_and_light_changed(noise: CaptureNoise | None) -> None:
+    result = found(pair(1, 0.0), noise)
+    # 0.05 pixels a frame are allowed.
+    assert not result.is_change.any()
+    assert result.significance[result.valid].std() == pytest.approx(1.0, abs=0.05)
+    assert result.gain == pytest.approx(1.05, abs=0.01)
+    assert abs(result.extra_blur_px2) < 0.05
+    # The plain difference of the same pair is far beyond its noise.
+    noise_dn = np.sqrt(np.median(result.uncertainty.variance_dn2[result.valid]))
+    assert result.plain_difference_dn[result.valid].std() > 1.5 * noise_dn
+
+
+@pytest.mark.slow
+def test_the_parts_of_the_plain_difference_add_up() -> None:
+    result = found(pair(2, 25.0))
+    np.testing.assert_allclose(
+        result.plain_difference_dn, result.difference_dn + result.pose_difference_dn, atol=1e-9
+    )
+
+
+@pytest.mark.slow
+def test_a_change_is_found_where_it_is_and_nowhere_else() -> None:
+    one = pair(2, 25.0)
+    result = found(one)
+    core = result.valid & (one.truth > 0.5 * one.truth.max())
+    assert result.is_change[core].mean() > 0.98
+    clear = result.valid & (gaussian_filter(one.truth, 1.0) < 0.005 * one.truth.max())
+    assert not result.is_change[clear].any()
+    assert "px changed" in plot_changes(one.followup, result).axes[0].get_title()
+
+
+@pytest.mark.slow
+def test_false_positives_fall_five_fold_at_equal_true_positives() -> None:
+    """Faint changes, and a plain difference that gets the same light fit and smoothing."""
+    plain_false, false = 0, 0
+    for seed in range(3, 5):
+        one = pair(seed, 7.0)
+        result = found(one)
+        core = result.valid & (one.truth > 0.5 * one.truth.max())
+        clear = result.valid & (gaussian_filter(one.truth, 1.0) < 0.005 * one.truth.max())
+        plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+        significance = np.abs(result.significance)
+        plain_false += int((plain[clear] >= np.quantile(plain[core], 0.2)).sum())
+        false += int((significance[clear] >= np.quantile(significance[core], 0.2)).sum())
+    assert plain_false >= 5 * max(false, 1), (plain_false, false)
+
+
+@pytest.mark.slow
+def test_a_softer_follow_up_is_refused() -> None:
+    rng = np.random.default_rng(8)
+    soft = photograph(blobs(1, 5000, 240.0), FAR, ZOOM, float(np.hypot(PSF_PX, 0.7)), SHIFT_PX)
+    soft += np.sqrt(NOISE.variance_dn2(soft)) * rng.standard_normal(soft.shape)
+    # A blur's slope on the Laplacian is less than its variance for so wide a one.
+    with pytest.raises(AnalysisError, match=r"softer than simulated by 0\.[4-6]"):
+        find_changes(pair(1, 0.0).reference, soft, MATRIX, PSF, NOISE)
+
+
+def test_images_that_share_nothing_are_refused() -> None:
+    one = pair(1, 0.0)
+    away = MATRIX.copy()
+    away[0, 2] += 320.0
+    with pytest.raises(AnalysisError, match="share too little"):
+        find_changes(one.reference, one.followup, away, PSF, NOISE)
+
+
+def test_the_variance_is_taken_apart_into_what_it_was_made_of() -> None:
+    rng = np.random.default_rng(4)
+    scene = gaussian_filter(rng.standard_normal((300, 300)), 2.0) * 300
+    along_y, along_x = np.gradient(scene)
+    slope = np.sqrt((along_y**2 + along_x**2) / 2)
+    difference = 1.5 * rng.standard_normal(scene.shape)
+    difference += 0.2 * slope * rng.standard_normal(scene.shape)
+    fit = fit_variance(difference, scene, np.ones(scene.shape, dtype=bool), np.ones(scene.shape))
+    # Clipping at 3.5 standard deviations takes 0.7 % of the variance.
+    assert fit.noise_factor == pytest.approx(1.5**2, rel=0.04)
+    assert fit.registration_err_px == pytest.approx(0.2, rel=0.04)
+    expected = 1.5**2 + (0.2 * slope) ** 2
+    assert np.median(fit.variance_dn2 / expected) == pytest.approx(1.0, abs=0.04)
+
+
+@pytest.mark.slow
+def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() -> None:
+    """Spots that are in the scene, zoom 1.5; benchmarks/bench_changes.py has more of them."""
+    truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 260, 194)
+    psf = bench_psf(truth)
+    plain_false, false, changed = 0, 0, 0
+    for contrast in (0.0, 0.01):
+        one = bench_pair(
+            truth,
+            "gravel",
+            far_pose(truth, 1.5, tilt_x_deg=3.0, roll_deg=2.0),
+            contrast=contrast,
+            sigma_mm=1.2,
+            pitch_mm=16.0,
+            seed=1,
+        )
+        pose = register_distorted(one.reference, one.followup, psf).pose
+        result = find_changes(
+            one.reference, one.followup, pose.matrix, psf, bench_noise(truth), distortion_k1=pose.k1
+        )
+        if not contrast:
+            # 0.05 pixels a frame are allowed.
+            assert not result.is_change.any()
+            continue
+        core = result.valid & (one.change > 0.5 * one.change.max())
+        clear = result.valid & (gaussian_filter(one.change, 1.0) < 0.005 * one.change.max())
+        plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+        significance = np.abs(result.significance)
+        plain_false = roc_of(plain[core], plain[clear]).false_at(0.8)
+        false = roc_of(significance[core], significance[clear]).false_at(0.8)
+        changed = int(core.sum())
+    assert changed > 200
+    assert plain_false >= 5 * max(false, 1), (plain_false, false)
+
+
+@pytest.mark.slow
+def test_a_lens_that_distorts_flags_nothing_either() -> None:
+    """1 % of barrel; aligned by a homography alone, more than a hundred pixels are flagged."""
+    config = load_bench(shipped_config("demo_bench.toml"))
+    assert config.simulated is not None
+    simulated = config.simulated.model_copy(update={"k1": -0.01})
+    truth = bench_truth(config.model_copy(update={"simulated": simulated}), 390, 290)
+    psf, noise = bench_psf(truth), bench_noise(truth)
+    one = bench_pair(
+        truth,
+        "coins",
+        far_pose(truth, 1.3, tilt_x_deg=4.0, roll_deg=2.0),
+        contrast=0.0,
+        sigma_mm=1.0,
+        pitch_mm=30.0,
+        seed=1,
+    )
+    pose = register_distorted(one.reference, one.followup, psf).pose
+    assert pose.k1 == pytest.approx(-0.01, abs=3e-4)
+    result = find_changes(
+        one.reference, one.followup, pose.matrix, psf, noise, distortion_k1=pose.k1
+    )
+    # 0.05 pixels a frame are allowed, and come in clusters.
+    assert result.is_change.sum() <= 4
+    bent = find_changes(one.reference, one.followup, one.matrix, psf, noise)
+    assert bent.is_change.sum() > 100
+
+
+def test_a_pose_whose_horizon_is_in_the_frame_is_refused() -> None:
+    one = pair(1, 0.0)
+    tilted = MATRIX.copy()
+    tilted[2, 0] = -0.01
+    with pytest.raises(AnalysisError, match="horizon"):
+        find_changes(one.reference, one.followup, tilted, PSF, NOISE)
+
+
+def test_a_rate_that_every_pixel_reaches_has_no_threshold() -> None:
+    assert significance_threshold(1.0) == 0.0
+    # Above the 1.96 of a spread that is known, as its own error widens the tails.
+    assert 1.96 < significance_threshold(0.05) < 2.1

@@ -1,0 +1,156 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from acquisition.session.reader import Session
+from analysis.reports.psf import (
+    calibration_sections,
+    calibration_verdicts,
+    edge_table_section,
+)
+from analysis.reports.psf_plots import field_section, widths_section
+from calibration.files import StoredEdge, StoredField, StoredPsf
+
+
+def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(psf: StoredPsf) -> None:
+    x, y, rho, edges = calibration_verdicts(psf)
+    assert x.value == f"{psf.sigma_x_px:.4f} px"
+    low, high = psf.intervals_95["sigma_x_px"]
+    assert x.remark == f"95 %: {low:.4f} to {high:.4f}"
+    assert y.name == "total sigma y"
+    assert rho.value == f"{psf.rho:.4f}"
+    assert (edges.value, edges.remark) == (str(len(psf.edges)), f"of {len(psf.edges)} found")
+
+
+def test_what_is_null_is_not_determined_and_rejected_edges_do_not_count(psf: StoredPsf) -> None:
+    flagged = [psf.edges[0].model_copy(update={"flags": ["saturated"]}), *psf.edges[1:]]
+    partial = psf.model_copy(update={"sigma_y_px": None, "rho": None, "edges": flagged})
+    _, y, rho, edges = calibration_verdicts(partial)
+    assert (y.value, y.remark) == ("not determined", "")
+    assert rho.value == "not determined"
+    assert edges.value == str(len(psf.edges) - 1)
+
+
+def test_a_psf_of_total_values_alone_has_a_report_too() -> None:
+    def no_image(edge: StoredEdge) -> NDArray[np.float64]:
+        raise AssertionError(edge)
+
+    [section] = calibration_sections(StoredPsf(sigma_x_px=0.8, sigma_y_px=0.7), no_image)
+    assert section.tables[0].rows[0] == ("sigma x / px", "0.8000", "", "not determined", "")
+    assert len(section.figures) == 1
+    assert calibration_verdicts(StoredPsf(sigma_x_px=0.8))[0].remark == ""
+
+
+@pytest.mark.slow
+def test_photographs_of_different_directions_are_shown_and_each_orientation_has_a_profile(
+    psf: StoredPsf, session: Session
+) -> None:
+    records = {record.file: record for record in session.records}
+    read: list[str] = []
+
+    def load(edge: StoredEdge) -> NDArray[np.float32]:
+        read.append(edge.image)
+        return session.load(records[edge.image]).mean_dn
+
+    sections = {section.title: section for section in calibration_sections(psf, load)}
+    assert list(sections) == [
+        "Point spread function",
+        "Edges",
+        "Edge profiles",
+        "Width by angle and height",
+        "From centre to corner",
+    ]
+    edges = sections["Edges"]
+    assert len(edges.figures) == 4
+    assert f"4 of {len({e.image for e in psf.edges})} photographs are shown." in edges.text
+    shown = [figure.caption for figure in edges.figures]
+    angles = {name: next(e.angle_deg for e in psf.edges if e.image == name) for name in shown}
+    assert len({round(angle) for angle in angles.values()}) == 4
+    captions = [figure.caption for figure in sections["Edge profiles"].figures]
+    assert [caption.split()[2] for caption in captions] == ["vertical", "horizontal", "diagonal"]
+    assert len(sections["Width by angle and height"].figures) == 2
+    assert set(read) <= set(records)
+
+
+def test_the_table_of_edges_gives_widths_with_errors_and_remarks(psf: StoredPsf) -> None:
+    first = psf.edges[0].model_copy(
+        update={
+            "image": "captures/0001.tif",
+            "flags": ["too_short", "jpeg"],
+            "snr": None,
+            "chi2_reduced": None,
+            "optical_sigma_px": None,
+        }
+    )
+    section = edge_table_section(psf.model_copy(update={"edges": [first]}))
+    [row] = section.tables[0].rows
+    assert section.is_folded
+    assert len(row) == len(section.tables[0].columns)
+    assert row[0] == "0001.tif"
+    assert row[3] == "over 9999"
+    assert row[4] == f"{first.sigma_px:.4f} ± {first.sigma_err_px:.4f}"
+    assert row[5] == row[11] == ""
+    assert row[7] == f"{first.esfr_mtf50_cy_per_px:.3f}"
+    assert row[8] == f"{first.contrast:.2f}"
+    assert row[12] == "too short, jpeg"
+
+
+def test_a_long_list_of_edges_is_cut_and_says_so(psf: StoredPsf) -> None:
+    many = psf.model_copy(update={"edges": psf.edges[:1] * 230})
+    section = edge_table_section(many)
+    assert len(section.tables[0].rows) == 200
+    assert section.text == ("30 more edges are in psf.json.",)
+
+
+def test_edges_of_foreign_photographs_are_counted_and_said_to_be_left_out(psf: StoredPsf) -> None:
+    def no_image(edge: StoredEdge) -> NDArray[np.float64]:
+        raise AssertionError(edge)
+
+    sections = {s.title: s for s in calibration_sections(psf, no_image, frozenset())}
+    assert sections["Edges"].figures == ()
+    assert (
+        f"{len(psf.edges)} edges of this psf.json are on photographs" in sections["Edges"].text[0]
+    )
+    assert "Edge profiles" not in sections
+    assert sections["Width by angle and height"].figures
+
+
+def test_a_field_that_is_none_is_left_out_with_its_fault(psf: StoredPsf) -> None:
+    bad = StoredField(width_px=100, height_px=80, coefficients_px2=[[-1.0], [0.0], [1.0]])
+    section = field_section(psf.model_copy(update={"field": bad}))
+    assert section is not None
+    assert section.text[0].startswith("Left out: psf.json: field: the covariance is not positive")
+    good = StoredField(
+        width_px=100,
+        height_px=80,
+        coefficients_px2=[[0.25], [0.0], [0.16]],
+        p_value=1e-5,
+        worst_err=0.01,
+    )
+    section = field_section(psf.model_copy(update={"field": good}))
+    assert section is not None
+    assert section.tables[0].rows[0] == ("centre", "0.5000", "0.4000", "+0.000")
+    assert "p = 1e-05" in section.text[0]
+
+
+def test_a_drift_of_the_focus_is_said_in_words(psf: StoredPsf) -> None:
+    trend = psf.height_trend
+    assert trend is not None
+    assert "No change of the width" in widths_section(psf).text[0]
+    drifting = trend.model_copy(update={"is_drift": True, "p_value": 1e-6})
+    text = widths_section(psf.model_copy(update={"height_trend": drifting})).text[0]
+    assert "the focus drifts" in text
+    assert "1e-06" in text
+
+
+def test_how_it_was_measured_is_said(psf: StoredPsf) -> None:
+    other = StoredPsf(sigma_x_px=0.8, method="paper", region="centre", channel="green")
+    text = " ".join(calibration_sections(other, lambda _: np.zeros((2, 2)))[0].text)
+    assert "biased by +5 % at 0.5 px" in text
+    assert "Only the part centre of the frame was used." in text
+    assert "Colour: green." in text
+    colours = psf.model_copy(update={"channels": {"red": psf, "green": psf}})
+    table = calibration_sections(colours.model_copy(update={"edges": []}), lambda _: np.zeros(1))[
+        0
+    ].tables[1]
+    assert [row[0] for row in table.rows] == ["red", "green"]

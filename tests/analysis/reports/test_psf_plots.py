@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from analysis.reports.psf_plots import plot_field, plot_heights, plot_mtf
+from calibration.edges.esfr import gaussian_mtf50, pixel_mtf50
+from calibration.files import StoredPsf
+from calibration.psf.document import StoredCurve, StoredTransfer
+from tests.analysis.reports.test_edge_plots import edge_of, legend_of
+from tests.calibration.edge_field import FIELD
+
+NONE: frozenset[str] = frozenset()
+
+
+def test_the_mtf_names_its_frequency_of_half_contrast() -> None:
+    figure = plot_mtf(
+        StoredPsf(sigma_x_px=0.8, sigma_y_px=0.7, optical_sigma_x_px=None, optical_sigma_y_px=0.6)
+    )
+    assert figure is not None
+    assert legend_of(figure) == [
+        f"along x, Gaussian: MTF50 {gaussian_mtf50(0.8):.3f} cy/px",
+        f"along y, Gaussian: MTF50 {pixel_mtf50(0.6, 0.0):.3f} cy/px",
+    ]
+
+
+def test_the_measured_curve_stands_beside_the_gaussian() -> None:
+    freq = np.linspace(0, 1, 51)
+    curve = StoredCurve(freq_cy_per_px=freq.tolist(), mtf=(1 - 0.8 * freq).tolist())
+    figure = plot_mtf(StoredPsf(sigma_x_px=0.8, transfer=StoredTransfer(x=curve)))
+    assert figure is not None
+    # By hand: 1 - 0.8 f = 0.5 at 0.625.
+    assert legend_of(figure)[0] == "along x, e-SFR: MTF50 0.625 cy/px"
+    high = StoredCurve(freq_cy_per_px=freq.tolist(), mtf=(1 - 0.1 * freq).tolist())
+    sharp = plot_mtf(StoredPsf(transfer=StoredTransfer(y=high)))
+    assert sharp is not None
+    assert legend_of(sharp) == ["along y, e-SFR: MTF50 beyond 1 cy/px"]
+
+
+def test_without_a_width_or_a_curve_there_is_no_mtf() -> None:
+    assert plot_mtf(StoredPsf()) is None
+
+
+def test_the_field_is_mapped_over_its_frame() -> None:
+    figure = plot_field(StoredPsf(edges=[edge_of()]), FIELD)
+    axes = figure.axes[0]
+    assert axes.get_xlim() == (-0.5, 519.5)
+    assert axes.get_ylim() == (389.5, -0.5)
+    shown = axes.get_images()[0].get_array()
+    assert shown is not None
+    # The map's middle is the fourth root of the determinant there.
+    xx, xy, yy = FIELD.coefficients_px2[:, 0]
+    assert np.asarray(shown)[30, 30] == pytest.approx((xx * yy - xy**2) ** 0.25, rel=1e-6)
+    assert figure.axes[1].get_ylabel() == "total sigma, geometric mean / px"
+
+
+def test_widths_by_height_need_two_heights(psf: StoredPsf) -> None:
+    figure = plot_heights(psf, NONE)
+    assert figure is not None
+    assert psf.height_trend is not None
+    assert len(figure.axes) == 2
+    assert any("% per 100 mm" in text for text in legend_of(figure))
+    one = [edge for edge in psf.edges if edge.height_mm == psf.edges[0].height_mm]
+    assert plot_heights(psf.model_copy(update={"edges": one}), NONE) is None
+    unknown = [edge.model_copy(update={"height_mm": None}) for edge in psf.edges]
+    assert plot_heights(psf.model_copy(update={"edges": unknown}), NONE) is None
+
+
+def test_without_a_trend_the_edges_are_shown_alone(psf: StoredPsf) -> None:
+    figure = plot_heights(psf.model_copy(update={"height_trend": None}), NONE)
+    assert figure is not None
+    assert len(figure.axes) == 1

@@ -1,0 +1,93 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from acquisition.session.reader import Session
+from analysis.reports.session import render_session_report, versions
+from analysis.series import SeriesComparison
+from calibration.files import StoredPsf
+from tests.acquisition.session_fixtures import whole_session
+from tests.analysis.html_page import Page
+
+
+@pytest.fixture(scope="module")
+def page(session: Session, psf: StoredPsf, comparison: SeriesComparison) -> Page:
+    return Page(render_session_report(session, psf, comparison))
+
+
+def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
+    assert page.headings == [
+        "Session small",
+        "Captures",
+        "Point spread function",
+        "Edges",
+        "Edge profiles",
+        "Width by angle and height",
+        "From centre to corner",
+        "Simulated against captured follow-ups",
+        "Noise",
+        "Stage",
+        "All edges",
+        "Where this comes from",
+    ]
+
+
+def test_the_report_is_one_file_with_its_figures_in_it(page: Page) -> None:
+    assert page.fetched == []
+    # MTF, three profiles, widths by angle and height, error by zoom, noise, stage; photographs
+    # as PNG.
+    assert page.tags.count("svg") == 9
+    assert page.tags.count("img") == 5
+
+
+def test_the_report_names_operator_session_devices_and_versions(
+    page: Page, session: Session
+) -> None:
+    assert "series, captured by Zoë" in page.texts
+    assert "27 of 27 planned; complete." in page.texts
+    for name, version in versions():
+        assert name in page.texts
+        assert version in page.texts
+    assert "C1" in page.texts
+
+
+def test_the_figures_of_the_report_are_those_of_the_results(
+    page: Page, psf: StoredPsf, comparison: SeriesComparison
+) -> None:
+    assert f"{psf.sigma_x_px:.4f} px" in page.texts
+    means = comparison.means
+    for mean in means.values():
+        assert f"{mean.mse_dn2:.2f}" in page.texts
+    assert f"MSE {means['matched'].mse_dn2:.2f}" in page.texts
+    assert "leaves" in page.text
+    assert "150.002" in page.texts
+
+
+def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
+    whole_session(tmp_path / "s")
+    page = Page(render_session_report(Session.open(tmp_path / "s"), None, None))
+    assert page.headings == ["Session small", "Captures", "Stage", "Where this comes from"]
+    assert "6 of 6 planned; complete." in page.texts
+
+
+def test_edges_of_other_photographs_are_left_out_of_the_drawings(
+    session: Session, psf: StoredPsf
+) -> None:
+    foreign = psf.edges[0].model_copy(update={"image": "elsewhere/photo.tif"})
+    mixed = psf.model_copy(update={"edges": [foreign, *psf.edges[:1]]})
+    page = Page(render_session_report(session, mixed, None))
+    # The list of all edges names it, no figure is drawn of it.
+    assert "photo.tif" in page.texts
+    assert page.tags.count("img") == 1
+    assert "1 edges of this psf.json are on photographs that are not at hand here" in page.text
+
+
+def test_what_is_left_out_stands_first_with_its_reason(
+    session: Session, comparison: SeriesComparison
+) -> None:
+    lame = replace(comparison, left_out=("a.tif and b.tif: no common detail",))
+    page = Page(render_session_report(session, None, lame, ("The PSF: sigma_y_px is null.",)))
+    assert page.headings[:3] == ["Session small", "Left out", "Captures"]
+    assert "The PSF: sigma_y_px is null." in page.texts
+    assert "Left out: a.tif and b.tif: no common detail." in page.texts

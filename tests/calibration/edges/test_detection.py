@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numpy.typing import NDArray
+
+from calibration.edges.detection import find_edges
+from tests.calibration.closed_form import edge_image, point_edge
+
+Array = NDArray[np.float64]
+
+
+def square_image(turn_deg: float, side_px: float, shape: tuple[int, int] = (120, 140)) -> Array:
+    """A dark square of ``side_px`` on white, turned about the middle of the image."""
+    rows, cols = shape
+    y, x = np.mgrid[:rows, :cols].astype(np.float64)
+    x -= (cols - 1) / 2
+    y -= (rows - 1) / 2
+    t = np.deg2rad(turn_deg)
+    u, v = np.cos(t) * x + np.sin(t) * y, -np.sin(t) * x + np.cos(t) * y
+    inside = np.ones(shape)
+    for w in (u, -u, v, -v):
+        inside *= point_edge(side_px / 2 - w, 0.8)
+    return 200.0 - 150.0 * inside
+
+
+@settings(max_examples=40, deadline=None)
+@given(normal=st.floats(0.0, 360.0), sigma=st.floats(0.4, 2.5))
+def test_an_edge_across_the_frame_is_found_at_any_angle(normal: float, sigma: float) -> None:
+    segments = find_edges(edge_image(sigma, normal), cell_px=1000.0)
+    assert len(segments) == 1
+    turned = np.deg2rad(normal) - segments[0].normal_rad
+    assert abs((turned + np.pi) % (2 * np.pi) - np.pi) < np.deg2rad(0.5)
+
+
+@pytest.mark.parametrize("quarter_deg", [0.0, 180.0])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("off_axis_deg", [22.6, 23.5, 25.0])
+def test_the_strongest_gradient_does_not_overflow_just_off_22_5_degrees(
+    off_axis_deg: float, side: float, quarter_deg: float
+) -> None:
+    # cv2.Canny compares 79109 times the x gradient in 32 bits, for these directions only.
+    assert len(find_edges(edge_image(1.0, quarter_deg + side * off_axis_deg))) == 1
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 5.0, 33.0, 45.0, 80.0])
+@pytest.mark.parametrize("side_px", [26.0, 60.0])
+def test_the_four_sides_of_a_square_are_four_edges(turn_deg: float, side_px: float) -> None:
+    segments = find_edges(square_image(turn_deg, side_px))
+    assert len(segments) == 4
+    distances = [np.hypot(s.x_px - 69.5, s.y_px - 59.5) for s in segments]
+    np.testing.assert_allclose(distances, side_px / 2, atol=0.4)
+
+
+def test_the_normal_points_to_the_bright_side() -> None:
+    for segment in find_edges(square_image(10.0, 60.0)):
+        outward = np.array([segment.x_px - 69.5, segment.y_px - 59.5])
+        normal = np.array([np.cos(segment.normal_rad), np.sin(segment.normal_rad)])
+        assert outward @ normal > 0
+
+
+def test_a_long_edge_is_cut_into_pieces_that_cover_it_once() -> None:
+    segments = find_edges(edge_image(0.8, 4.0, shape=(400, 80)), cell_px=100.0)
+    assert len(segments) == 4
+    assert sum(s.length_px for s in segments) == pytest.approx(400.0, abs=3.0)
+
+
+def test_nothing_is_found_in_noise_on_a_flat_field_or_on_a_ramp() -> None:
+    noise = np.random.default_rng(1).normal(1000.0, 30.0, (200, 300))
+    assert find_edges(noise) == []
+    assert find_edges(np.full((50, 60), 7.0)) == []
+    # A ramp is as steep everywhere: it has no ridge.
+    assert find_edges(np.tile(np.arange(60.0), (50, 1))) == []
+
+
+def test_an_edge_at_snr_6_is_found() -> None:
+    rng = np.random.default_rng(9)
+    found = 0
+    for _ in range(20):
+        image = edge_image(0.8, 7.0) + rng.normal(0.0, 44_000.0 / 6, (90, 110))
+        # Noise may break it into pieces; most of its 90 px must be there.
+        found += sum(s.length_px for s in find_edges(image, cell_px=1000.0)) > 60.0
+    assert found == 20
+
+
+def test_a_band_between_two_edges_limits_the_window() -> None:
+    bar = np.minimum(
+        edge_image(0.8, 0.0, offset_px=-9.0), 60_000.0 - edge_image(0.8, 0.0, offset_px=9.0)
+    )
+    segments = find_edges(bar, cell_px=1000.0)
+    assert len(segments) == 2
+    for segment in segments:
+        assert 8.0 < segment.clearance_px < 18.0
+
+
+@pytest.mark.parametrize("normal_deg", [3.0, 40.0, 200.0])
+def test_shot_noise_on_the_bright_side_is_no_second_edge(normal_deg: float) -> None:
+    # 15 times the variance of the dark side, whose pixels set the scale of the noise.
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        clean = edge_image(0.8, normal_deg, shape=(100, 100))
+        variance = np.interp(clean, [8_000.0, 52_000.0], [520.0**2, 15 * 520.0**2])
+        segments = find_edges(clean + rng.normal(0, np.sqrt(variance)), cell_px=1000.0)
+        assert len(segments) == 1
+        assert segments[0].clearance_px == np.inf
+
+
+def faded(gap_px: float, turn_deg: float = 0.0, aside_px: float = 0.0) -> Array:
+    """A faint vertical edge through (80.3, y) that fades at row 180, beside one 17 times as strong.
+
+    Below the gap it is turned about (80.3, 211) and moved aside.
+    """
+    y, x = np.mgrid[:240, :240].astype(np.float64)
+    moved = np.where(y > 180.0, aside_px + np.tan(np.deg2rad(turn_deg)) * (y - 211.0), 0.0)
+    contrast = point_edge(np.abs(y - 180.0) - gap_px / 2, 5.0)
+    faint = 240.0 * contrast * (point_edge(x - 80.3 - moved, 0.8) - 0.5)
+    return faint + 4000.0 * point_edge(x - 200.0, 0.8)
+
+
+def test_an_edge_that_fades_for_a_stretch_is_one_edge() -> None:
+    [faint] = [s for s in find_edges(faded(10.0), cell_px=1000.0) if s.x_px < 140.0]
+    assert faint.length_px == pytest.approx(240.0, abs=1.0)
+    assert faint.x_px == pytest.approx(80.3, abs=0.02)
+    assert faint.y_px == pytest.approx(119.5, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("gap_px", "turn_deg", "aside_px"),
+    [
+        pytest.param(35.0, 0.0, 0.0, id="a gap of more than a tenth of the edge"),
+        pytest.param(10.0, 8.0, 0.0, id="another direction"),
+        pytest.param(10.0, 1.0, 1.2, id="an end 1.7 px beside the line"),
+        pytest.param(10.0, 0.0, 3.0, id="all of it beside the line"),
+    ],
+)
+def test_pieces_that_do_not_continue_each_other_stay_apart(
+    gap_px: float, turn_deg: float, aside_px: float
+) -> None:
+    found = find_edges(faded(gap_px, turn_deg, aside_px), cell_px=1000.0)
+    upper, lower = (s for s in found if s.x_px < 140.0)
+    assert upper.y_px < 180.0 < lower.y_px
+    assert np.rad2deg(upper.normal_rad - lower.normal_rad) == pytest.approx(turn_deg, abs=0.3)
+
+
+def test_a_line_too_thin_for_the_fits_band_has_no_edges() -> None:
+    # Its sides are 4 px apart: none has a level of its own beside it.
+    x = np.tile(np.arange(110.0), (90, 1))
+    line = 200.0 - 150.0 * point_edge(x - 52.0, 1.0) * point_edge(56.0 - x, 1.0)
+    assert find_edges(line, cell_px=1000.0) == []

@@ -1,0 +1,220 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from calibration.edges.detection import find_edges
+from calibration.edges.fit import EdgeFit, fit_edge
+from calibration.noise.noise_by_level import LevelNoise
+from tests.calibration.closed_form import edge_image
+
+Array = NDArray[np.float64]
+ANGLES_DEG = [0.0, 2.0, 7.0, 22.0, 45.0, 68.0, 88.0, 90.0]
+
+
+def only_fit(
+    image: Array, *, noise: LevelNoise | None = None, saturation_dn: float | None = None
+) -> EdgeFit:
+    segments = find_edges(image, cell_px=1000.0)
+    assert len(segments) == 1
+    fit = fit_edge(image, segments[0], noise=noise, saturation_dn=saturation_dn)
+    assert fit is not None
+    return fit
+
+
+@pytest.mark.parametrize("sigma_px", [0.4, 0.5, 0.8, 1.5, 2.5])
+@pytest.mark.parametrize("normal_deg", ANGLES_DEG)
+def test_a_point_sampled_edge_gives_its_total_sigma_to_0_02_percent(
+    sigma_px: float, normal_deg: float
+) -> None:
+    fit = only_fit(edge_image(sigma_px, normal_deg))
+    assert fit.sigma_px == pytest.approx(sigma_px, rel=2e-4)
+    assert fit.flags == ()
+
+
+@pytest.mark.parametrize("sigma_px", [0.3, 0.5, 0.8, 1.5, 2.5])
+@pytest.mark.parametrize("normal_deg", ANGLES_DEG)
+def test_an_edge_behind_square_pixels_gives_its_optical_sigma_to_0_02_percent(
+    sigma_px: float, normal_deg: float
+) -> None:
+    fit = only_fit(edge_image(sigma_px, normal_deg, has_pixel=True))
+    assert fit.optical_sigma_px == pytest.approx(sigma_px, rel=2e-4)
+    # Total is about sqrt(optical^2 + 1/12); the square is no Gaussian, hence the 3 %.
+    assert fit.sigma_px == pytest.approx(np.sqrt(sigma_px**2 + 1 / 12), rel=0.03)
+
+
+@pytest.mark.parametrize("normal_deg", ANGLES_DEG)
+def test_sixteen_bit_quantisation_costs_at_most_0_05_percent(normal_deg: float) -> None:
+    fit = only_fit(np.rint(edge_image(0.5, normal_deg, has_pixel=True)))
+    assert fit.optical_sigma_px == pytest.approx(0.5, rel=5e-4)
+
+
+@pytest.mark.parametrize("normal_deg", [10.0, 100.0, 190.0, 280.0])
+def test_the_angle_is_that_of_the_edge_line_with_y_down(normal_deg: float) -> None:
+    # On a normal of 10 degrees the line runs at 100 degrees, whichever side is bright.
+    fit = only_fit(edge_image(0.8, normal_deg, shape=(80, 130), offset_px=4.0))
+    assert fit.angle_deg == pytest.approx((normal_deg + 90.0) % 180.0, abs=1e-3)
+    # The fitted place lies on the edge: its distance along the normal is the offset.
+    normal = np.deg2rad(normal_deg)
+    across = (fit.x_px - 64.5) * np.cos(normal) + (fit.y_px - 39.5) * np.sin(normal)
+    assert across == pytest.approx(4.0, abs=1e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    sigma=st.floats(0.35, 2.0),
+    normal=st.floats(0.0, 360.0),
+    offset=st.floats(-5.0, 5.0),
+    low=st.floats(10.0, 20_000.0),
+    step=st.floats(500.0, 40_000.0),
+)
+def test_sigma_depends_on_neither_place_nor_angle_nor_levels(
+    sigma: float, normal: float, offset: float, low: float, step: float
+) -> None:
+    image = edge_image(sigma, normal, offset_px=offset, low_dn=low, high_dn=low + step)
+    assert only_fit(image).sigma_px == pytest.approx(sigma, rel=2e-4)
+
+
+@pytest.mark.parametrize("snr", [100.0, 30.0])
+def test_the_standard_error_is_what_repeated_fits_scatter_by(snr: float) -> None:
+    clean = edge_image(0.6, 6.0, has_pixel=True)
+    segment = find_edges(clean)[0]
+    rng = np.random.default_rng(5)
+    sigmas, errors = [], []
+    for _ in range(150):
+        fit = fit_edge(clean + rng.normal(0.0, 44_000.0 / snr, clean.shape), segment)
+        assert fit is not None
+        assert fit.optical_sigma_px is not None
+        assert fit.optical_sigma_err_px is not None
+        sigmas.append(fit.optical_sigma_px)
+        errors.append(fit.optical_sigma_err_px)
+    # 150 draws know their own scatter to 6 %: three of those.
+    assert np.std(sigmas) == pytest.approx(np.mean(errors), rel=0.18)
+    assert np.mean(sigmas) == pytest.approx(0.6, abs=3 * np.mean(errors) / np.sqrt(150))
+
+
+def test_a_known_noise_gives_a_reduced_chi_square_of_one() -> None:
+    clean = edge_image(0.7, 12.0, has_pixel=True)
+    rng = np.random.default_rng(8)
+    noise = LevelNoise(offset_dn2=4e4, slope_dn=8.0, floor_dn2=1.0)
+    image = clean + rng.normal(size=clean.shape) * np.sqrt(noise.variance_dn2(clean))
+    fit = only_fit(image, noise=noise)
+    # About 900 pixels: the reduced chi-square scatters by sqrt(2 / 900) = 0.05.
+    assert fit.chi2_reduced == pytest.approx(1.0, abs=0.15)
+    assert only_fit(image).chi2_reduced is None
+
+
+def test_shot_noise_is_weighted_also_where_it_is_not_known() -> None:
+    clean = edge_image(0.6, 4.0, low_dn=500.0, high_dn=40_000.0)
+    segment = find_edges(clean)[0]
+    rng = np.random.default_rng(11)
+    noise = LevelNoise(offset_dn2=4e4, slope_dn=60.0, floor_dn2=1.0)
+    spread = np.sqrt(noise.variance_dn2(clean))
+    known: list[float] = []
+    estimated: list[float] = []
+    flat: list[float] = []
+    for _ in range(120):
+        image = clean + rng.normal(size=clean.shape) * spread
+        for sigmas, model in (
+            (known, noise),
+            (estimated, None),
+            (flat, LevelNoise(offset_dn2=1.0, slope_dn=0.0, floor_dn2=1.0)),
+        ):
+            fit = fit_edge(image, segment, noise=model)
+            assert fit is not None
+            sigmas.append(fit.sigma_px)
+    assert np.std(estimated) < 1.1 * np.std(known)
+    assert np.std(known) < 0.9 * np.std(flat)
+
+
+def test_hot_pixels_do_not_move_sigma() -> None:
+    rng = np.random.default_rng(3)
+    image = edge_image(0.8, 9.0) + rng.normal(0.0, 300.0, (90, 110))
+    hot = rng.random(image.shape) < 0.005
+    image[hot] += 20_000.0
+    fit = only_fit(image)
+    assert fit.sigma_px == pytest.approx(0.8, rel=0.015)
+    assert "outliers" in fit.flags
+
+
+def test_a_curved_edge_is_fitted_with_its_curvature() -> None:
+    fit = only_fit(edge_image(0.8, 3.0, sagitta_px=0.6))
+    assert fit.sigma_px == pytest.approx(0.8, rel=5e-3)
+    # A sagitta s over half a length of 45 px bends the line by 2 s / 45^2.
+    assert fit.curvature_per_px == pytest.approx(2 * 0.6 / 45**2, rel=0.05)
+
+
+@pytest.mark.parametrize("sigma_px", [0.4, 0.8, 2.5])
+@pytest.mark.parametrize("normal_deg", [3.0, 45.0])
+@pytest.mark.parametrize("shading_deg", [0.0, 45.0, 90.0])
+def test_fifteen_percent_of_shading_moves_sigma_by_less_than_half_a_percent(
+    sigma_px: float, normal_deg: float, shading_deg: float
+) -> None:
+    y, x = np.mgrid[:110, :110] / 110 - 0.5
+    towards = np.deg2rad(shading_deg)
+    light = 1.0 + 0.15 * (np.cos(towards) * x + np.sin(towards) * y)
+    image = light * edge_image(sigma_px, normal_deg, shape=(110, 110), has_pixel=True)
+    fit = only_fit(image)
+    assert fit.optical_sigma_px == pytest.approx(sigma_px, rel=5e-3)
+    assert "shaded" in fit.flags
+
+
+def test_a_halo_is_not_taken_for_shading() -> None:
+    # Both sides of a wide tail slope alike, and less with the distance; sigma must not see that.
+    core, halo = edge_image(0.8, 5.0, shape=(110, 130)), edge_image(9.0, 5.0, shape=(110, 130))
+    assert "shaded" not in only_fit(0.97 * core + 0.03 * halo).flags
+
+
+class TestFlags:
+    def test_a_clipped_bright_side_is_saturated(self) -> None:
+        image = np.minimum(edge_image(0.8, 5.0), 50_000.0)
+        assert "saturated" in only_fit(image, saturation_dn=50_000.0).flags
+
+    def test_a_clipped_dark_side_is_saturated_too(self) -> None:
+        image = np.maximum(edge_image(0.8, 5.0, low_dn=0.0) - 800.0, 0.0)
+        assert "saturated" in only_fit(image, saturation_dn=65_535.0).flags
+
+    def test_levels_inside_the_scale_are_not_saturated(self) -> None:
+        assert only_fit(edge_image(0.8, 5.0), saturation_dn=65_535.0).flags == ()
+
+    def test_unsharp_masking_is_seen_as_sharpened(self) -> None:
+        image = edge_image(0.9, 5.0)
+        sharpened = image + 0.8 * (image - gaussian_filter(image, 1.2))
+        assert "sharpened" in only_fit(sharpened).flags
+        assert "sharpened" not in only_fit(image).flags
+
+    def test_a_psf_with_a_halo_is_not_gaussian(self) -> None:
+        rng = np.random.default_rng(2)
+        halo = 0.8 * edge_image(0.5, 5.0) + 0.2 * edge_image(2.5, 5.0)
+        noise = rng.normal(0.0, 200.0, halo.shape)
+        assert "non_gaussian" in only_fit(halo + noise).flags
+        assert "non_gaussian" not in only_fit(edge_image(0.8, 5.0) + noise).flags
+
+    def test_an_edge_lost_in_noise_is_too_noisy(self) -> None:
+        rng = np.random.default_rng(4)
+        clean = edge_image(0.8, 5.0)
+        segment = find_edges(clean)[0]
+        for snr, expected in ((2.0, True), (12.0, False)):
+            fit = fit_edge(clean + rng.normal(0.0, 44_000.0 / snr, clean.shape), segment)
+            assert fit is not None
+            assert ("too_noisy" in fit.flags) is expected
+
+    def test_an_edge_below_20_px_is_too_short(self) -> None:
+        for rows, expected in ((16, True), (30, False)):
+            fit = only_fit(edge_image(0.8, 2.0, shape=(rows, 60)))
+            assert ("too_short" in fit.flags) is expected
+
+
+def test_an_edge_with_no_contrast_in_its_window_gives_no_fit() -> None:
+    segment = find_edges(edge_image(0.8, 5.0))[0]
+    assert fit_edge(np.full((90, 110), 500.0), segment) is None
+
+
+@pytest.mark.parametrize("normal_deg", [0.0, 4.0, 30.0])
+def test_an_edge_as_sharp_as_the_pixel_alone_has_no_optical_width(normal_deg: float) -> None:
+    fit = only_fit(edge_image(0.02, normal_deg, has_pixel=True))
+    assert fit.optical_sigma_px is None
+    assert fit.optical_sigma_err_px is None
+    # The square alone has sqrt(1/12) = 0.29 along an axis; the best Gaussian is some of that.
+    assert 0.1 < fit.sigma_px < 0.35

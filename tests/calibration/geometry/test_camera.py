@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from calibration.geometry.camera import CapturePose, PlaneLens
+from hil_mocks.scene.pinhole import CameraPose
+from tests.calibration.geometry_bench import FOCAL_PX, HEIGHT_PX, PUPIL_MM, WIDTH_PX, pinhole
+
+GRID_PX = np.array([(x, y) for x in (0.0, 97.0, 389.0) for y in (0.0, 151.0, 289.0)])
+
+
+def lens(**values: float) -> PlaneLens:
+    return PlaneLens(width_px=WIDTH_PX, height_px=HEIGHT_PX, focal_length_px=FOCAL_PX, **values)
+
+
+@given(
+    k1=st.floats(-0.1, 0.1),
+    k2=st.floats(-0.01, 0.01),
+    principal=st.tuples(st.floats(-20, 20), st.floats(-20, 20)),
+    tilt=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+)
+def test_slopes_and_pixels_are_inverse(
+    k1: float, k2: float, principal: tuple[float, float], tilt: tuple[float, float]
+) -> None:
+    camera = lens(
+        k1=k1,
+        k2=k2,
+        principal_x_px=principal[0],
+        principal_y_px=principal[1],
+        tilt_x_rad=tilt[0],
+        tilt_y_rad=tilt[1],
+    )
+    np.testing.assert_allclose(camera.pixels(camera.slopes(GRID_PX)), GRID_PX, atol=1e-7)
+
+
+@pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (2.0, 0.0), (0.0, -3.0), (1.5, 1.0)])
+def test_it_sees_what_the_bench_sees(tilt_deg: tuple[float, float]) -> None:
+    # Closed form that shares no code: the bench's own pinhole.
+    bench = pinhole(k1=-0.02)
+    pose = CameraPose(
+        height_mm=200.0,
+        offset_x_mm=3.0,
+        offset_y_mm=-2.0,
+        tilt_x_deg=tilt_deg[0],
+        tilt_y_deg=tilt_deg[1],
+    )
+    expected = np.column_stack(bench.to_plane_mm(GRID_PX[:, 0], GRID_PX[:, 1], pose))
+    camera = lens(
+        k1=-0.02,
+        tilt_x_rad=float(np.deg2rad(tilt_deg[0])),
+        tilt_y_rad=float(np.deg2rad(tilt_deg[1])),
+    )
+    own = CapturePose(log_distance=float(np.log(200.0 + PUPIL_MM)), x=3.0, y=-2.0)
+    np.testing.assert_allclose(own.plane(camera.slopes(GRID_PX)), expected, atol=1e-9)
+    np.testing.assert_allclose(camera.pixels(own.slopes(expected)), GRID_PX, atol=1e-7)
+
+
+def test_a_turn_goes_from_x_towards_y() -> None:
+    pose = CapturePose(turn_rad=np.pi / 2, log_distance=float(np.log(10.0)))
+    np.testing.assert_allclose(pose.plane(np.array([[1.0, 0.0]])), [[0.0, 10.0]], atol=1e-12)
+
+
+def test_a_barrel_draws_the_corner_inwards() -> None:
+    corner = np.array([[WIDTH_PX - 1.0, HEIGHT_PX - 1.0]])
+    ideal = lens().slopes(corner)
+    seen = lens(k1=-0.01).pixels(ideal)
+    middle = np.array([(WIDTH_PX - 1) / 2, (HEIGHT_PX - 1) / 2])
+    # By definition: 1 % of the corner's radius.
+    np.testing.assert_allclose(seen - middle, 0.99 * (corner - middle), atol=1e-9)

@@ -1,0 +1,226 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.errors import NoiseError
+from calibration.noise.captures import VarianceByLevel
+from calibration.noise.linearity import measure_linearity
+from calibration.noise.photon_transfer import LevelSample, Saturation, fit_photon_transfer
+from tests.calibration.poisson_frames import (
+    BLACK_DN,
+    GAIN_E_PER_DN,
+    READ_NOISE_E,
+    SATURATION,
+    TOP_DN,
+    frames_dn,
+    ladder,
+    sample,
+)
+
+
+def exact(kind: str, light_dn: float, exposure_us: float) -> LevelSample:
+    """A capture without any scatter, by the linear camera model."""
+    read_dn2 = (READ_NOISE_E / GAIN_E_PER_DN) ** 2 + 1 / 12
+    return LevelSample(
+        kind="dark" if kind == "dark" else "flat",
+        name=kind,
+        mean_dn=BLACK_DN + light_dn,
+        variance_dn2=read_dn2 + light_dn / GAIN_E_PER_DN,
+        pixels=10_000,
+        frames=16,
+        exposure_us=exposure_us,
+        time_s=0.0,
+    )
+
+
+EXACT = [exact("dark", 0.0, 21.0), *(exact("flat", 400.0 * k, 1000.0 * k) for k in (1, 2, 4, 6))]
+
+
+def test_the_linear_camera_model_is_inverted_exactly() -> None:
+    found = fit_photon_transfer(EXACT, SATURATION)
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
+    assert found.read_noise_e == pytest.approx(READ_NOISE_E, rel=1e-7)
+    assert found.dark.black_level_dn == pytest.approx(BLACK_DN, rel=1e-12)
+    assert found.saturation_e == pytest.approx(GAIN_E_PER_DN * (TOP_DN - BLACK_DN))
+    assert found.linearity is not None
+    assert found.linearity.worst_deviation < 1e-12
+    assert found.light_flicker == 0.0
+
+
+def test_poisson_frames_give_their_gain_and_read_noise_with_honest_errors() -> None:
+    pulls = []
+    for seed in range(40):
+        found = fit_photon_transfer(ladder(np.random.default_rng([7, seed])), SATURATION)
+        pulls.append(
+            (
+                (found.gain_e_per_dn - GAIN_E_PER_DN) / found.gain_e_per_dn_err,
+                (found.read_noise_e - READ_NOISE_E) / found.read_noise_e_err,
+            )
+        )
+        assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=0.02)
+        assert found.read_noise_e == pytest.approx(READ_NOISE_E, rel=0.02)
+    inside = np.mean(np.abs(pulls) < 2, axis=0)
+    assert np.all(inside >= 0.85)  # 95 % of 40 seeds, less three binomial deviations
+    assert np.all(np.std(pulls, axis=0) < 1.4)
+
+
+def test_light_that_flickers_does_not_change_the_gain() -> None:
+    found = fit_photon_transfer(
+        ladder(
+            np.random.default_rng(3),
+            exposures=(500.0, 1000.0, 2000.0, 3000.0, 4000.0, 5000.0, 6000.0, 7000.0, 8000.0),
+            flicker=0.01,
+        ),
+        SATURATION,
+    )
+    plain_gain = GAIN_E_PER_DN
+    assert found.light_flicker == pytest.approx(0.01, rel=0.5)  # 8 frames: 25 %
+    assert abs(found.gain_e_per_dn - plain_gain) < 3 * found.gain_e_per_dn_err
+    assert any("flickers" in text for text in found.notes)
+
+
+def test_a_drift_of_the_light_is_taken_out_where_exposures_come_twice() -> None:
+    drifting = [
+        replace(one, time_s=10.0 * k, mean_dn=BLACK_DN + 400.0 * e * (1 + 0.001 * k))
+        for k, (one, e) in enumerate(
+            (exact("flat", 400.0 * e, 1000.0 * e), e) for e in (1, 2, 3, 4, 6, 1, 6)
+        )
+    ]
+    found = fit_photon_transfer([EXACT[0], *drifting], SATURATION)
+    assert found.linearity is not None
+    assert found.linearity.worst_deviation < 1e-5  # second order of 0.6 %
+    assert found.linearity.light_drift_per_s == pytest.approx(1e-4, rel=0.02)
+
+
+def test_dark_current_is_told_from_the_black_level() -> None:
+    darks = [
+        replace(exact("dark", 0.0, t), mean_dn=BLACK_DN + 1e-4 * t)
+        for t in (100.0, 3000.0, 9000.0, 20000.0)
+    ]
+    found = fit_photon_transfer([*darks, *EXACT[1:]], SATURATION)
+    assert found.dark.black_level_dn == pytest.approx(BLACK_DN, abs=1e-3)
+    assert found.dark.current_e_per_s == pytest.approx(1e-4 * 1e6 * GAIN_E_PER_DN, rel=1e-3)
+
+
+def test_flats_above_the_fit_range_are_left_out() -> None:
+    odd = replace(exact("flat", 3500.0, 9000.0), variance_dn2=5.0)
+    found = fit_photon_transfer([*EXACT, odd], SATURATION)
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
+    assert found.fitted[-1] is False
+
+
+@pytest.mark.parametrize(
+    ("samples", "what"),
+    [
+        (EXACT[1:], "no dark capture: put the lens cap on"),
+        (EXACT[:1], "no flat capture"),
+        (EXACT[:3], "2 usable levels of 2 flats"),
+        ([*EXACT[:3], replace(EXACT[3], clipped_fraction=0.5)], "1 saturated.*expose shorter"),
+        ([*EXACT[:3], EXACT[1], EXACT[2]], "capture flats at more exposures"),
+        ([EXACT[0], *(replace(s, variance_dn2=5.84) for s in EXACT[1:])], "does not rise"),
+    ],
+)
+def test_captures_that_tell_no_gain_are_refused_in_one_line(
+    samples: list[LevelSample], what: str
+) -> None:
+    with pytest.raises(NoiseError, match=what) as error:
+        fit_photon_transfer(samples, SATURATION)
+    assert "\n" not in str(error.value)
+
+
+def test_a_dark_level_cut_off_at_zero_is_noted() -> None:
+    low = replace(EXACT[0], mean_dn=1.0)
+    flats = [replace(s, mean_dn=s.mean_dn - 63.0) for s in EXACT[1:]]
+    found = fit_photon_transfer([low, *flats], SATURATION)
+    assert any("BlackLevel" in text for text in found.notes)
+
+
+@pytest.mark.parametrize("top_e", [15_000.0, 1e9])
+def test_saturation_is_where_the_variance_collapses(top_e: float) -> None:
+    rng = np.random.default_rng(4)
+    levels = VarianceByLevel(TOP_DN)
+    for electrons in (5000.0, 10_000.0, 14_000.0, 19_000.0, 30_000.0):
+        collected = np.minimum(rng.poisson(electrons, (6, 60, 80)), top_e)
+        noisy = collected + READ_NOISE_E * rng.standard_normal(collected.shape)
+        stack = np.clip(np.rint(BLACK_DN + noisy / GAIN_E_PER_DN), 0, TOP_DN)
+        levels.add(stack.mean(axis=0), stack.var(axis=0, ddof=1))
+    found = levels.saturation()
+    expected = min(BLACK_DN + top_e / GAIN_E_PER_DN, TOP_DN)
+    assert found.is_reached
+    assert found.level_dn == pytest.approx(expected, abs=1.5)
+
+
+def test_saturation_that_no_flat_reached_is_the_formats() -> None:
+    levels = VarianceByLevel(TOP_DN)
+    stack = frames_dn(np.random.default_rng(1), 5000.0)
+    levels.add(stack.mean(axis=0), stack.var(axis=0, ddof=1))
+    assert levels.saturation() == Saturation(level_dn=TOP_DN, err_dn=None)
+    found = fit_photon_transfer(EXACT, levels.saturation())
+    assert any("expose longer" in text for text in found.notes)
+
+
+def test_a_sample_of_one_frame_is_refused() -> None:
+    with pytest.raises(ValueError, match="2 frames"):
+        sample(frames_dn(np.random.default_rng(1), 10.0, frames=1), 1.0)
+
+
+def test_three_flats_and_a_dark_give_a_line_and_no_bend() -> None:
+    # A bend of three figures would leave one of four captures to check it.
+    bent = [replace(s, variance_dn2=s.variance_dn2 * (1 + 0.002 * k)) for k, s in enumerate(EXACT)]
+    found = fit_photon_transfer(bent[:4], SATURATION)
+    assert found.curvature == 0.0
+    assert found.light_flicker == 0.0
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=0.02)
+
+
+def test_read_noise_below_the_rounding_is_zero_and_noted() -> None:
+    # 0.05 DN^2 in the dark, where rounding alone makes 1/12.
+    quiet = [replace(s, variance_dn2=s.variance_dn2 - EXACT[0].variance_dn2 + 0.05) for s in EXACT]
+    found = fit_photon_transfer(quiet, SATURATION)
+    assert found.read_noise_e == 0.0
+    assert found.read_noise_e_err > 0.0
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
+    assert "the read noise is below what the rounding to whole DN lets through" in found.notes
+
+
+def test_a_variance_that_bends_down_is_noted_and_its_slope_in_the_dark_is_the_gain() -> None:
+    bent = [
+        replace(s, variance_dn2=s.variance_dn2 - 1e-5 * (s.mean_dn - BLACK_DN) ** 2) for s in EXACT
+    ]
+    found = fit_photon_transfer(bent, SATURATION)
+    assert found.curvature == pytest.approx(-1e-5, rel=1e-6)
+    assert found.light_flicker == 0.0
+    assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
+    assert any("a camera that is not linear" in text for text in found.notes)
+
+
+def test_two_exposures_tell_no_linearity() -> None:
+    # Of four flats two lie between 5 and 95 % of the range.
+    levels = [(e, 0.0, light) for e, light in ((10.0, 10.0), (500.0, 500.0), (900.0, 900.0))]
+    assert measure_linearity([*levels, (990.0, 0.0, 990.0)], range_dn=1000.0) is None
+    assert measure_linearity([*levels, (700.0, 0.0, 700.0)], range_dn=1000.0) is not None
+
+
+def test_a_few_pixels_tell_no_saturation() -> None:
+    levels = VarianceByLevel(TOP_DN)
+    # 20 pixels at each of two levels, the upper without variance as if clipped.
+    levels.add(np.repeat([1000.0, 3000.0], 20), np.repeat([200.0, 0.0], 20))
+    assert levels.saturation() == Saturation(level_dn=TOP_DN, err_dn=None)
+    levels.add(np.repeat([1000.0, 3000.0], 20), np.repeat([200.0, 0.0], 20))
+    assert levels.saturation().level_dn == pytest.approx(3000.0)
+
+
+def test_a_dark_current_within_its_error_is_none_but_its_bound_is_told() -> None:
+    # By hand: levels without a trend over the exposure, 0.01 DN to and fro.
+    wander = ((100.0, 0.01), (5000.0, -0.01), (10_000.0, -0.01), (14_900.0, 0.01))
+    darks = [replace(exact("dark", 0.0, t), mean_dn=BLACK_DN + dn) for t, dn in wander]
+    found = fit_photon_transfer([*darks, *EXACT[1:]], SATURATION)
+    assert found.dark.rate_dn_per_us == 0.0
+    assert found.dark.black_level_dn == pytest.approx(BLACK_DN, abs=1e-9)
+    assert found.dark.current_e_per_s is not None
+    assert found.dark.current_e_per_s_err is not None
+    # 0.01 sqrt(4 / 2) over sqrt(sum of squares about the mean exposure), in e/s.
+    expected = 0.01 * np.sqrt(2) / np.sqrt(2 * (7400.0**2 + 2500.0**2)) * 1e6 * GAIN_E_PER_DN
+    assert found.dark.current_e_per_s_err == pytest.approx(expected, rel=0.01)
+    assert abs(found.dark.current_e_per_s) < found.dark.current_e_per_s_err

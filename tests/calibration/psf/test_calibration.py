@@ -1,0 +1,174 @@
+from dataclasses import replace
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.edges.fit import EdgeFit, fit_edge
+from calibration.errors import NoEdgeError
+from calibration.psf.calibration import EdgeImage, Region, calibrate_psf, measure_edges
+from calibration.psf.covariance import Estimate
+from tests.calibration.closed_form import edge_image
+from tests.calibration.edge_photographs import (
+    EIGHT_NORMALS_DEG,
+    RHO,
+    SIGMA_X_PX,
+    SIGMA_Y_PX,
+    photographs,
+)
+
+
+def known(estimate: Estimate | None) -> Estimate:
+    assert estimate is not None
+    return estimate
+
+
+def test_a_tilted_lens_behind_square_pixels_is_recovered_from_eight_angles() -> None:
+    psf = calibrate_psf(photographs(EIGHT_NORMALS_DEG))
+    for estimate, truth in (
+        (psf.optical_sigma_x_px, SIGMA_X_PX),
+        (psf.optical_sigma_y_px, SIGMA_Y_PX),
+        (psf.optical_rho, RHO),
+    ):
+        fitted = known(estimate)
+        assert fitted.low <= truth <= fitted.high
+    assert known(psf.optical_sigma_x_px).err < 0.003
+    assert known(psf.optical_rho).err < 0.01
+    assert len(psf.edges_used) == 8
+    # Optics and pixel: the square adds 1/12 along either axis, and is no Gaussian (3 %).
+    assert known(psf.sigma_x_px).value == pytest.approx(sqrt(SIGMA_X_PX**2 + 1 / 12), rel=0.03)
+    assert known(psf.sigma_y_px).value == pytest.approx(sqrt(SIGMA_Y_PX**2 + 1 / 12), rel=0.03)
+
+
+@pytest.mark.slow
+def test_the_intervals_hold_the_truth_in_19_of_20_calibrations() -> None:
+    inside = 0
+    for seed in range(40):
+        psf = calibrate_psf(photographs(EIGHT_NORMALS_DEG, seed))
+        for estimate, truth in (
+            (psf.optical_sigma_x_px, SIGMA_X_PX),
+            (psf.optical_sigma_y_px, SIGMA_Y_PX),
+            (psf.optical_rho, RHO),
+        ):
+            inside += known(estimate).low <= truth <= known(estimate).high
+    # 120 draws of probability 0.95 scatter by 2.4 (a little more, being correlated).
+    assert inside >= 120 * 0.95 - 3 * 2.4 - 1
+
+
+def test_a_vertical_edge_alone_leaves_sigma_y_and_rho_open() -> None:
+    psf = calibrate_psf(photographs([4.0]))
+    # The normal lies 4 degrees off the x axis: the width is that of the axis within 4 %.
+    assert known(psf.optical_sigma_x_px).value == pytest.approx(SIGMA_X_PX, rel=0.04)
+    assert psf.sigma_y_px is None
+    assert psf.optical_sigma_y_px is None
+    assert psf.rho is None
+    assert psf.covariance_px2 is None
+
+
+def test_progress_counts_the_photographs() -> None:
+    seen: list[int] = []
+    calibrate_psf(photographs([4.0, 94.0]), progress=seen.append)
+    assert seen == [1, 2]
+
+
+def test_a_region_restricts_which_edges_count() -> None:
+    image = edge_image(0.5, 3.0, shape=(90, 160), offset_px=-30.0)
+    source = EdgeImage(name="edge.tif", image_dn=image)
+    on_it = Region(x_px=20, y_px=10, width_px=60, height_px=70)
+    beside_it = Region(x_px=90, y_px=10, width_px=60, height_px=70)
+    assert len(measure_edges(source, on_it)) == 1
+    assert measure_edges(source, beside_it) == []
+    psf = calibrate_psf([source], region=lambda _: on_it)
+    assert psf.edges[0].fit.length_px < 80
+
+
+def test_places_in_a_region_are_those_of_the_whole_image() -> None:
+    image = edge_image(0.5, 3.0, shape=(90, 160), offset_px=-30.0)
+    source = EdgeImage(name="edge.tif", image_dn=image)
+    [edge] = measure_edges(source, Region(x_px=20, y_px=15, width_px=60, height_px=50))
+    # The line is cos(3) (x - 79.5) + sin(3) (y - 44.5) = -30, the middle of the region y = 39.5.
+    assert edge.fit.y_px == pytest.approx(39.5, abs=1.0)
+    turn = np.deg2rad(3.0)
+    across = np.cos(turn) * (edge.fit.x_px - 79.5) + np.sin(turn) * (edge.fit.y_px - 44.5)
+    assert across == pytest.approx(-30.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "region",
+    [
+        Region(x_px=-1, y_px=0, width_px=20, height_px=20),
+        Region(x_px=0, y_px=80, width_px=20, height_px=20),
+        Region(x_px=0, y_px=0, width_px=0, height_px=20),
+    ],
+)
+def test_a_region_outside_the_image_is_refused(region: Region) -> None:
+    with pytest.raises(ValueError, match=r"does not lie inside edge-4\.tif \(110x90\)"):
+        measure_edges(photographs([4.0])[0], region)
+
+
+def test_the_central_half_of_an_odd_sized_image_by_hand() -> None:
+    centre = Region.centre(90, 111)
+    assert (centre.x_px, centre.y_px, centre.width_px, centre.height_px) == (27, 22, 57, 46)
+
+
+def test_no_edge_at_all_says_what_to_photograph() -> None:
+    flat = EdgeImage(name="flat.tif", image_dn=np.full((60, 80), 100.0))
+    with pytest.raises(NoEdgeError, match=r"flat\.tif: no straight edge found; photograph"):
+        calibrate_psf([flat])
+    with pytest.raises(NoEdgeError, match="2 images: no straight edge found"):
+        calibrate_psf([flat, flat])
+
+
+def test_saturated_edges_alone_say_to_shorten_the_exposure() -> None:
+    image = np.minimum(edge_image(0.6, 4.0), 45_000.0)
+    source = EdgeImage(name="bright.tif", image_dn=image, saturation_dn=45_000.0)
+    with pytest.raises(NoEdgeError, match=r"none of the 1 edges can be used .saturated: shorten"):
+        calibrate_psf([source])
+
+
+def test_a_saturated_edge_does_not_count_beside_a_good_one() -> None:
+    good = photographs([4.0])[0]
+    clipped = replace(
+        good, name="clipped.tif", image_dn=np.minimum(good.image_dn, 30_000), saturation_dn=30_000.0
+    )
+    both, alone = calibrate_psf([good, clipped]), calibrate_psf([good])
+    assert both.sigma_x_px == alone.sigma_x_px
+    assert [edge.is_used for edge in both.edges] == [True, False]
+
+
+def test_a_jpeg_is_a_remark_and_no_reason_to_reject() -> None:
+    source = replace(photographs([4.0])[0], is_jpeg=True)
+    [edge] = calibrate_psf([source]).edges
+    assert "jpeg" in edge.flags
+    assert edge.is_used
+
+
+def test_an_edge_knows_its_photograph_capture_and_height() -> None:
+    source = replace(photographs([94.0])[0], capture=7, height_mm=123.5)
+    [edge] = measure_edges(source)
+    assert (edge.image, edge.capture, edge.height_mm) == ("edge-94.tif", 7, 123.5)
+    assert edge.orientation == "horizontal"
+    # The MTF of the edge's own optical width and pixel: between lens alone and pixel alone.
+    assert 0.2 < edge.mtf50_cy_per_px < 0.4
+
+
+def test_without_photographs_there_is_no_edge() -> None:
+    with pytest.raises(NoEdgeError, match="0 images"):
+        calibrate_psf([])
+
+
+@pytest.mark.parametrize(("optical_only", "edges"), [(False, 0), (True, 1)])
+def test_a_width_less_sure_than_itself_is_no_width(
+    monkeypatch: pytest.MonkeyPatch, optical_only: bool, edges: int
+) -> None:
+    def unsure(*args: Any, **options: Any) -> EdgeFit | None:
+        fit = fit_edge(*args, **options)
+        assert fit is not None
+        infinite = replace(fit, optical_sigma_err_px=np.inf)
+        return infinite if optical_only else replace(infinite, sigma_err_px=np.inf)
+
+    monkeypatch.setattr("calibration.edges.measurement.fit_edge", unsure)
+    found = measure_edges(photographs([4.0])[0])
+    assert len(found) == edges
+    assert all(edge.fit.optical_sigma_px is None for edge in found)

@@ -1,0 +1,86 @@
+from math import erfc, sqrt
+
+import pytest
+from hypothesis import given, strategies as st
+
+from calibration.errors import CalibrationError
+from calibration.psf.comparison import compare_psfs
+from calibration.psf.document import StoredPsf
+
+
+def psf(**values: object) -> StoredPsf:
+    return StoredPsf.model_validate(
+        {
+            "sigma_x_px": 0.8,
+            "sigma_x_err_px": 0.003,
+            "sigma_y_px": 0.7,
+            "sigma_y_err_px": 0.004,
+            "rho": 0.1,
+            "rho_err": 0.01,
+            **values,
+        }
+    )
+
+
+def test_z_and_p_by_hand() -> None:
+    change = compare_psfs(psf(), psf(sigma_x_px=0.815, sigma_x_err_px=0.004))
+    x, y, rho = change.parameters
+    assert x.z == pytest.approx(0.015 / 0.005)  # errors 3 and 4 make 5
+    assert x.p_value == pytest.approx(0.0027, rel=0.01)  # 3 sigma, two-sided, from tables
+    assert x.p_value_holm == pytest.approx(3 * x.p_value)  # the least of three
+    assert (y.z, y.p_value_holm, rho.z) == (0, 1, 0)
+    assert x.is_changed
+    assert change.verdict == "the PSF has changed: sigma_x_px by +1.87 % (p = 0.008)"
+
+
+def test_holm_by_the_steps_of_the_definition() -> None:
+    shift = {name: psf().model_dump()[name] for name in ("sigma_x_px", "sigma_y_px", "rho")}
+    change = compare_psfs(
+        psf(),
+        psf(
+            sigma_x_px=shift["sigma_x_px"] + 2.5 * 0.003 * sqrt(2),
+            sigma_y_px=shift["sigma_y_px"] + 2.2 * 0.004 * sqrt(2),
+            rho=shift["rho"] + 0.1 * 0.01 * sqrt(2),
+        ),
+    )
+    plain = [erfc(z / sqrt(2)) for z in (2.5, 2.2, 0.1)]
+    expected = [3 * plain[0], max(3 * plain[0], 2 * plain[1]), plain[2]]
+    assert [one.p_value_holm for one in change.parameters] == pytest.approx(expected)
+    assert change.verdict.startswith("no change beyond chance in 3 parameters (least p = 0.037")
+
+
+def test_only_what_both_know_with_errors_is_compared() -> None:
+    first = psf(optical_sigma_x_px=0.7, optical_sigma_x_err_px=0.01)
+    change = compare_psfs(first, psf(rho=None, rho_err=None))
+    assert [one.name for one in change.parameters] == ["sigma_x_px", "sigma_y_px"]
+    with pytest.raises(CalibrationError, match="share no parameter with standard errors"):
+        compare_psfs(first, StoredPsf(sigma_x_px=0.8, sigma_y_px=0.7))
+
+
+def test_what_makes_two_calibrations_hard_to_compare_is_said() -> None:
+    change = compare_psfs(
+        psf(method="paper", camera={"serial": "A"}),
+        psf(method="all-angles", region="centre", camera={"serial": "B"}),
+    )
+    assert change.remarks == (
+        "they are of different methods: paper and all-angles",
+        "they are of different regions: none and centre",
+        "they are of different cameras: A and B",
+    )
+    assert compare_psfs(psf(), psf()).remarks == ()
+
+
+@given(x=st.floats(0.75, 0.85), y=st.floats(0.65, 0.75), rho=st.floats(0.0, 0.2))
+def test_the_order_of_the_two_only_turns_the_sign(x: float, y: float, rho: float) -> None:
+    other = psf(sigma_x_px=x, sigma_y_px=y, rho=rho)
+    there, back = compare_psfs(psf(), other), compare_psfs(other, psf())
+    for one, two in zip(there.parameters, back.parameters, strict=True):
+        assert one.z == -two.z
+        assert one.p_value_holm == two.p_value_holm
+        assert one.p_value <= one.p_value_holm <= 1
+
+
+def test_a_change_of_the_correlation_is_told_as_a_difference() -> None:
+    # A share of a correlation near 0 would say nothing.
+    change = compare_psfs(psf(), psf(rho=-0.02))
+    assert change.verdict.startswith("the PSF has changed: rho by -0.1200 (p = ")

@@ -1,0 +1,51 @@
+"""A pose from matched features is one that a camera in front of the scene can have."""
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.errors import RegistrationError
+from calibration.registration.features import FeatureMatches, homography_pose
+
+FloatArray = NDArray[np.float64]
+
+POINTS = np.random.default_rng(1).uniform(0.0, 300.0, (60, 2))
+
+
+def mapped(matrix: FloatArray) -> FloatArray:
+    places = np.column_stack([POINTS, np.ones(len(POINTS))]) @ matrix.T
+    return np.asarray(places[:, :2] / places[:, 2:])
+
+
+def test_points_that_a_homography_moved_give_it_back() -> None:
+    matrix = np.array([[1.4, 0.1, -20.0], [-0.1, 1.3, 5.0], [2e-4, -1e-4, 1.0]])
+    found, inlier = homography_pose(FeatureMatches(followup_px=POINTS, reference_px=mapped(matrix)))
+    np.testing.assert_allclose(found, matrix, rtol=1e-3, atol=1e-3)
+    assert inlier.all()
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        # A mirror image; and a horizon between the points, one side of it behind the camera.
+        [[-1.4, 0.0, 400.0], [0.0, 1.4, 0.0], [0.0, 0.0, 1.0]],
+        [[1.4, 0.0, 0.0], [0.0, 1.4, 0.0], [-1 / 150, 0.0, 1.0]],
+    ],
+)
+def test_what_turns_the_scene_inside_out_is_refused(
+    matrix: list[list[float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # OpenCV refuses most of these itself; what slips through is made to, here.
+    known = np.array(matrix)
+    everyone = np.ones((len(POINTS), 1), dtype=np.uint8)
+    monkeypatch.setattr(cv2, "findHomography", lambda *_arguments: (known, everyone))
+    matches = FeatureMatches(followup_px=POINTS, reference_px=mapped(known))
+    with pytest.raises(RegistrationError, match="turned inside out"):
+        homography_pose(matches)
+
+
+def test_points_without_an_order_agree_on_nothing() -> None:
+    away = np.random.default_rng(2).uniform(0.0, 300.0, POINTS.shape)
+    with pytest.raises(RegistrationError, match="feature matches agree on a pose"):
+        homography_pose(FeatureMatches(followup_px=POINTS, reference_px=away))

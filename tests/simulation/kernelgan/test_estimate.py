@@ -1,0 +1,157 @@
+import importlib.machinery
+import importlib.util
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from simulation.kernelgan.crops import OUTPUT_SIDE_PX, CropPicker, nearest_positions
+from simulation.kernelgan.estimate import (
+    KERNEL_SIZE,
+    EstimatedKernel,
+    KernelGanError,
+    KernelGanSettings,
+    TorchMissingError,
+    centre_half,
+    estimate_kernel,
+)
+from tests.simulation.dead_leaves import dead_leaves
+
+NOISE = np.random.default_rng(0).uniform(0, 4000, (90, 100))
+
+
+def _variance_px2(image: NDArray[np.float64], **settings: Any) -> float:
+    kernel = estimate_kernel(image, KernelGanSettings(zoom=2.0, **settings))
+    return float(np.trace(kernel.covariance_px2)) / 2
+
+
+def test_moments_of_a_kernel_by_hand() -> None:
+    weights = np.zeros((13, 13))
+    weights[6, 6:9] = 0.5, 0.25, 0.25  # x: 0, 1, 2
+    kernel = EstimatedKernel(weights=weights)
+    assert kernel.centre_px == pytest.approx((0.0, 0.75))
+    # Mean square 1.25, less the square of the mean.
+    expected = np.array([[0.6875, 0.0], [0.0, 0.0]])
+    np.testing.assert_allclose(kernel.covariance_px2, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("weights", [np.full((13, 13), 1.0), np.full((13, 13), np.nan)])
+def test_a_kernel_that_does_not_add_up_to_1_is_refused(weights: NDArray[np.float64]) -> None:
+    with pytest.raises(ValueError, match="add up to 1"):
+        EstimatedKernel(weights=weights)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [
+        ({"zoom": 0.5}, "zoom"),
+        ({"zoom": float("nan")}, "zoom"),
+        ({"zoom": 2.0, "steps": 0}, "steps"),
+        ({"zoom": 2.0, "seed": -1}, "seed"),
+        ({"zoom": 2.0, "model": "matched"}, "model"),
+    ],
+)
+def test_settings_out_of_range_are_named(settings: dict[str, Any], name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        KernelGanSettings(**settings)
+
+
+def test_nearest_positions_by_hand() -> None:
+    # 0.75, 2.25, 3.75, 5.25 and 1, 3, 5
+    np.testing.assert_array_equal(nearest_positions(4, 1.5), [0, 2, 3, 5])
+    np.testing.assert_array_equal(nearest_positions(3, 2.0), [1, 3, 5])
+
+
+def test_crops_are_drawn_where_the_gradient_is() -> None:
+    image = np.zeros((100, 200))
+    image[:, 150:] = np.random.default_rng(1).uniform(0, 1, (100, 50))
+    picker = CropPicker.of_image(image, 2.0, KERNEL_SIZE)
+    rng = np.random.default_rng(2)
+    crops = [picker.generator_crop(rng) for _ in range(50)]
+    assert all(crop.shape == (63, 63) for crop in crops)  # 25 * 2 + 13
+    assert all(crop.any() for crop in crops)
+    assert picker.real_crop(rng).shape == (OUTPUT_SIDE_PX, OUTPUT_SIDE_PX)
+
+
+def test_zoom_1_needs_no_training() -> None:
+    kernel = estimate_kernel(NOISE, KernelGanSettings(zoom=1.0))
+    np.testing.assert_array_equal(kernel.covariance_px2, 0.0)
+
+
+def test_an_image_without_content_or_too_small_is_refused_with_a_remedy() -> None:
+    settings = KernelGanSettings(zoom=2.0, steps=1)
+    with pytest.raises(KernelGanError, match="flat"):
+        estimate_kernel(np.full((90, 90), 7.0), settings)
+    with pytest.raises(KernelGanError, match="larger image"):
+        estimate_kernel(NOISE[:62], settings)
+    with pytest.raises(KernelGanError, match="larger image"):
+        estimate_kernel(NOISE, KernelGanSettings(zoom=2.0, steps=1, is_centre_crop=True))
+    with pytest.raises(ValueError, match="grey"):
+        estimate_kernel(np.ones((90, 90, 3)), settings)
+    with pytest.raises(ValueError, match="NaN"):
+        estimate_kernel(np.full((90, 90), np.nan), settings)
+
+
+def test_the_centre_half_is_centred() -> None:
+    assert centre_half(np.zeros((5, 8))).shape == (3, 4)
+    np.testing.assert_array_equal(centre_half(np.arange(64.0).reshape(8, 8))[0], [18, 19, 20, 21])
+
+
+def test_without_torch_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = importlib.util.find_spec
+
+    def blocked(name: str, package: str | None = None) -> importlib.machinery.ModuleSpec | None:
+        return None if name == "torch" else real(name, package)
+
+    monkeypatch.setattr("simulation.kernelgan.estimate.find_spec", blocked)
+    with pytest.raises(TorchMissingError, match=r"pip install standoff\[kernelgan\]"):
+        estimate_kernel(NOISE, KernelGanSettings(zoom=2.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["kernelgan", "gaussian-kernelgan"])
+def test_a_seed_gives_one_kernel_which_adds_up_to_1(model: Any) -> None:
+    def trained(seed: int) -> NDArray[np.float64]:
+        settings = KernelGanSettings(zoom=1.5, model=model, steps=4, seed=seed)
+        return estimate_kernel(NOISE, settings).weights
+
+    first = trained(3)
+    assert first.sum() == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_array_equal(trained(3), first)
+    assert np.any(trained(4) != first)
+
+
+def test_training_leaves_the_global_random_state_and_the_threads_alone() -> None:
+    torch = pytest.importorskip("torch")
+    before, threads = torch.random.get_rng_state(), torch.get_num_threads()
+    estimate_kernel(NOISE, KernelGanSettings(zoom=2.0, steps=2))
+    assert torch.equal(torch.random.get_rng_state(), before)
+    assert torch.get_num_threads() == threads
+
+
+def test_progress_ends_at_the_number_of_steps() -> None:
+    told: list[int] = []
+    estimate_kernel(
+        NOISE, KernelGanSettings(zoom=2.0, model="gaussian-kernelgan", steps=5), told.append
+    )
+    assert told == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.slow
+def test_a_short_training_tells_a_soft_image_from_a_sharp_one() -> None:
+    # True variances added at zoom 2: 3 sigma^2; the training starts at 1 px^2, its width zoom / 2.
+    # Asserted is the order, and that both come nearer to the truth, not how near: 400 of 3000
+    # steps still wander.
+    estimates = {}
+    for sigma_px in (0.4, 1.0):
+        image = dead_leaves((200, 240), sigma_px, seed=1)
+        estimates[sigma_px] = _variance_px2(image, model="gaussian-kernelgan", steps=400)
+        true_px2 = 3 * sigma_px**2
+        assert abs(estimates[sigma_px] - true_px2) < abs(1.0 - true_px2)
+    assert estimates[1.0] > 2 * estimates[0.4]
+
+
+def test_a_kernel_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"13 x 13 weights, got \(11, 11\)"):
+        EstimatedKernel(weights=np.full((11, 11), 1 / 121))

@@ -1,0 +1,177 @@
+"""Poses seen through a lens with radial distortion."""
+
+from math import hypot
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from calibration.registration.distorted_pose import DistortedPose
+from simulation import GaussianPsf, simulate_pose
+from simulation.pose.noise import pose_noise_gain
+from simulation.pose.view import PoseView
+from tests.simulation.poses import PHOTOGRAPH, PSF, TILTED_PSF, tilted
+
+FloatArray = NDArray[np.float64]
+
+ROWS, COLS = 90, 120
+MIDDLE_X, MIDDLE_Y = (COLS - 1) / 2, (ROWS - 1) / 2
+CORNER_PX = hypot(MIDDLE_X, MIDDLE_Y)
+MATRIX = tilted(150.0, (COLS, ROWS), 7.0, 1.4)
+
+
+def seen_place(matrix: FloatArray, k1: float, x: float, y: float) -> tuple[float, float]:
+    """Where a follow-up place lies in the reference: the definition, its inverse by bisection."""
+    dx, dy = x - MIDDLE_X, y - MIDDLE_Y
+    seen = hypot(dx, dy) / CORNER_PX
+    ideal = brentq(lambda r: r * (1 + k1 * r * r) - seen, 0.0, 1.5, xtol=1e-14)
+    scale = ideal / seen if seen else 1.0
+    u, v, w = matrix @ [MIDDLE_X + scale * dx, MIDDLE_Y + scale * dy, 1.0]
+    dx, dy = u / w - MIDDLE_X, v / w - MIDDLE_Y
+    factor = 1 + k1 * (hypot(dx, dy) / CORNER_PX) ** 2
+    return MIDDLE_X + factor * dx, MIDDLE_Y + factor * dy
+
+
+def view(k1: float, psf: GaussianPsf = PSF) -> PoseView:
+    return PoseView.of(MATRIX, (ROWS, COLS), (COLS, ROWS), psf, None, k1)
+
+
+@given(
+    k1=st.floats(-0.12, 0.12),
+    x=st.floats(0.0, COLS - 1.0),
+    y=st.floats(0.0, ROWS - 1.0),
+)
+def test_a_place_is_where_the_definition_puts_it(k1: float, x: float, y: float) -> None:
+    found = view(k1).survey(np.array([y]), np.array([x]))[0, 0, :2]
+    np.testing.assert_allclose(found, seen_place(MATRIX, k1, x, y), rtol=0, atol=1e-9)
+
+
+@given(
+    k1=st.floats(-0.12, 0.12),
+    x=st.floats(1.0, COLS - 2.0),
+    y=st.floats(1.0, ROWS - 2.0),
+)
+def test_the_missing_blur_is_that_of_the_derivative(k1: float, x: float, y: float) -> None:
+    # A by central differences of the definition; what is missing is A Sigma A^T - Sigma.
+    step = 1e-4
+    ahead_x, back_x = (seen_place(MATRIX, k1, x + s, y) for s in (step, -step))
+    ahead_y, back_y = (seen_place(MATRIX, k1, x, y + s) for s in (step, -step))
+    a = np.column_stack([np.subtract(ahead_x, back_x), np.subtract(ahead_y, back_y)]) / (2 * step)
+    sigma = np.asarray(TILTED_PSF.covariance_px2)
+    missing = a @ sigma @ a.T - sigma
+    found = view(k1, TILTED_PSF).survey(np.array([y]), np.array([x]))[0, 0, 2:]
+    np.testing.assert_allclose(
+        found, [missing[0, 0], missing[0, 1], missing[1, 1]], rtol=0, atol=1e-7
+    )
+
+
+def test_a_ramp_keeps_its_level_at_every_place() -> None:
+    # A blur leaves a ramp as it is, so that the level is the place.
+    x = np.broadcast_to(np.arange(COLS, dtype=np.float64), (ROWS, COLS)).copy()
+    followup = simulate_pose(x, MATRIX, (COLS, ROWS), PSF, distortion_k1=-0.05)
+    for row, col in ((20, 30), (45, 60), (70, 85)):
+        place = seen_place(MATRIX, -0.05, col, row)[0]
+        assert 10 < place < COLS - 10  # the border's mirror image is out of reach
+        assert followup.image[row, col] == pytest.approx(place, abs=1e-3)
+
+
+def test_without_distortion_every_bit_is_as_before() -> None:
+    size = PHOTOGRAPH.shape[::-1]
+    matrix = tilted(300.0, size, 5.0, 1.3)
+    plain = simulate_pose(PHOTOGRAPH, matrix, size, PSF)
+    told = simulate_pose(PHOTOGRAPH, matrix, size, PSF, distortion_k1=0.0)
+    np.testing.assert_array_equal(told.image, plain.image)
+
+
+@given(k1=st.floats(-0.12, 0.12))
+@settings(max_examples=15, deadline=None)
+def test_the_same_pose_of_a_distorting_lens_is_the_same_image(k1: float) -> None:
+    # What one lens bends it bends alike: nothing moves where the camera did not.
+    same = simulate_pose(PHOTOGRAPH, np.eye(3), PHOTOGRAPH.shape[::-1], PSF, distortion_k1=k1)
+    assert not same.outside.any()
+    np.testing.assert_allclose(same.image, PHOTOGRAPH, rtol=0, atol=0.02)
+
+
+def test_a_part_of_the_frame_is_that_part_of_the_whole() -> None:
+    size = PHOTOGRAPH.shape[::-1]
+    matrix = tilted(300.0, size, 5.0, 1.3)
+    whole = simulate_pose(PHOTOGRAPH, matrix, size, PSF, distortion_k1=0.04)
+    x, y = 70, 40
+    shift = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+    # The homography of ideal places counts from the part's own first pixel.
+    part = simulate_pose(
+        PHOTOGRAPH, matrix @ shift, (100, 60), PSF, origin_px=(x, y), distortion_k1=0.04
+    )
+    # The blur that all places share is another one for the part.
+    np.testing.assert_allclose(part.image, whole.image[y : y + 60, x : x + 100], rtol=0, atol=0.1)
+
+
+def test_tiles_join_without_a_seam() -> None:
+    # More than one tile, bent by a lot: each looks at all of the reference that it needs.
+    rows, cols = 620, 700
+    x = np.broadcast_to(np.arange(cols, dtype=np.float64), (rows, cols)).copy()
+    size = (cols, rows)
+    matrix = tilted(900.0, size, 4.0, 1.1)
+    for k1 in (-0.1, 0.1):
+        bent = simulate_pose(x, matrix, size, PSF, distortion_k1=k1)
+        seen = ~bent.outside & (bent.image > 12) & (bent.image < cols - 13)
+        second = np.abs(np.diff(bent.image, 2, axis=1))
+        assert second[seen[:, 2:] & seen[:, :-2]].max() < 0.02
+
+
+def test_noise_is_passed_on_where_the_lens_puts_it() -> None:
+    # The mean of squared weights, over noise that is drawn.
+    rng = np.random.default_rng(5)
+    gain = pose_noise_gain(MATRIX, (ROWS, COLS), (COLS, ROWS), PSF, distortion_k1=0.1)
+    found = np.mean(
+        [
+            simulate_pose(
+                rng.standard_normal((ROWS, COLS)), MATRIX, (COLS, ROWS), PSF, distortion_k1=0.1
+            ).image
+            ** 2
+            for _ in range(200)
+        ],
+        axis=0,
+    )
+    inside = np.s_[25:65, 30:90]
+    # 200 draws: each pixel's mean square is known to 10 %, that of 2400 pixels to 1 %.
+    assert float(np.mean(found[inside] / gain[inside])) == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_lies_beyond_the_fold_of_a_barrel_is_not_seen() -> None:
+    # Ideally 1 / sqrt(3 k) = 1.83 corners out: from zoom 3 the follow-up's corners look further,
+    # and r (1 - k r^2) would bring them back into the frame from 2.89 on.
+    k1, zoom = -0.1, 3.0
+    matrix = np.array(
+        [[zoom, 0, MIDDLE_X * (1 - zoom)], [0, zoom, MIDDLE_Y * (1 - zoom)], [0, 0, 1]]
+    )
+    image = np.full((ROWS, COLS), 100.0)
+    seen = simulate_pose(image, matrix, (COLS, ROWS), PSF, distortion_k1=k1)
+    y, x = np.mgrid[:ROWS, :COLS]
+    radius = np.hypot(x - MIDDLE_X, y - MIDDLE_Y) / CORNER_PX
+    # Follow-up places at 0.9 corners are ideally beyond 0.9, and 2.7 in the reference.
+    assert seen.outside[radius > 0.9].all()
+    assert not seen.outside[radius < 0.2].any()
+    np.testing.assert_allclose(seen.image[~seen.outside], 100.0, rtol=1e-6)
+    # Calibration says the same of where they lie.
+    pose = DistortedPose(
+        matrix=matrix, k1=k1, reference_shape=(ROWS, COLS), followup_shape=(ROWS, COLS)
+    )
+    place_y, place_x = pose.followup_places_px()
+    inside = (np.abs(place_y - MIDDLE_Y) <= ROWS / 2) & (np.abs(place_x - MIDDLE_X) <= COLS / 2)
+    np.testing.assert_array_equal(inside, ~seen.outside)
+
+
+def test_a_follow_up_larger_than_the_lens_shows_is_refused() -> None:
+    with pytest.raises(
+        ValueError, match="shows nothing in the corners of a follow-up of 300 x 200"
+    ):
+        simulate_pose(PHOTOGRAPH[:90, :120], np.eye(3), (300, 200), PSF, distortion_k1=-0.1)
+
+
+@pytest.mark.parametrize("k1", [0.13, -0.15, -0.19, -0.3, float("nan"), float("inf")])
+def test_a_distortion_of_no_lens_is_refused(k1: float) -> None:
+    with pytest.raises(ValueError, match="distortion k1 must lie between"):
+        simulate_pose(PHOTOGRAPH, np.eye(3), (100, 100), PSF, distortion_k1=k1)

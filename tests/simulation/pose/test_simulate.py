@@ -1,0 +1,309 @@
+from math import cos, radians
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from simulation import GaussianPsf, SamplingGrid, simulate_pose, zoom_out_on_grid
+from tests.simulation.poses import (
+    PHOTOGRAPH,
+    PSF,
+    TILTED_PSF,
+    FloatArray,
+    about_centre,
+    blob,
+    constant_field,
+    tilted,
+    turn,
+)
+
+IDENTITY = np.eye(3)
+
+
+@pytest.mark.parametrize("psf", [PSF, TILTED_PSF])
+@pytest.mark.parametrize(
+    "linear",
+    [
+        1.7 * turn(0.0),
+        1.5 * turn(30.0),
+        2.0 * turn(90.0),
+        turn(20.0) @ np.diag([2.5, 1.3]) @ turn(-45.0),
+        np.array([[1.6, 0.5], [0.0, 1.4]]),
+    ],
+)
+def test_a_blob_becomes_the_blob_of_the_affine_closed_form(
+    linear: FloatArray, psf: GaussianPsf
+) -> None:
+    size, reference = (90, 70), (160, 130)
+    matrix = about_centre(linear, reference, size)
+    sigma = psf.covariance_px2
+    own = np.array([[6.0, 1.5], [1.5, 4.0]])
+    place = np.array([70.3, 66.8])
+    image = blob(reference[::-1], place, own + sigma)
+    inverse = np.linalg.inv(linear)
+    expected = blob(
+        size[::-1],
+        inverse @ (place - matrix[:2, 2]),
+        inverse @ own @ inverse.T + sigma,
+    ) / np.linalg.det(linear)
+    simulated = simulate_pose(image, matrix, size, psf)
+    # The kernel of the common blur is cut as zoom_out's is: up to 6.4e-4 of the peak where it is
+    # correlated. Without a common blur it is 1e-4.
+    assert simulated.image == pytest.approx(
+        np.where(simulated.outside, 0, expected), abs=8e-4 * expected.max()
+    )
+    assert not simulated.nearer.any()
+
+
+def test_the_exact_mapping_of_a_wide_blob_under_perspective() -> None:
+    # A blob so wide that neither PSF matters to 1e-3: what is left is where its pixels go.
+    size = (120, 80)
+    matrix = tilted(130.0, size, 15.0, 1.2)
+    image = blob((80, 120), np.array([52.0, 44.0]), np.diag([150.0, 150.0]))
+    simulated = simulate_pose(image, matrix, size, PSF)
+    x, y = np.meshgrid(np.arange(120), np.arange(80))
+    places = matrix @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
+    x, y = (places[:2] / places[2]).reshape(2, *x.shape)
+    expected = np.exp(-((x - 52) ** 2 + (y - 44) ** 2) / 300) / (300 * np.pi)
+    inner = (np.abs(x - 59.5) < 50) & (np.abs(y - 39.5) < 30)
+    assert simulated.image[inner] == pytest.approx(expected[inner], abs=0.015 * expected.max())
+
+
+@pytest.mark.parametrize("psf", [PSF, TILTED_PSF, GaussianPsf(sigma_x_px=0.4, sigma_y_px=0.4)])
+@pytest.mark.parametrize("zoom", [1.02, 1.1, 1.5, 2.0, 3.0])
+def test_a_pure_zoom_is_the_zoom_out_on_the_same_grid(zoom: float, psf: GaussianPsf) -> None:
+    grid = SamplingGrid.centred((200, 280), zoom)
+    simulated = simulate_pose(PHOTOGRAPH, grid.matrix, (grid.cols, grid.rows), psf)
+    expected = zoom_out_on_grid(PHOTOGRAPH, grid, psf)
+    # Snapshot: 5e-4 of full scale where the blur is below 0.02 px^2, else 1.2e-5.
+    assert simulated.image == pytest.approx(expected, abs=6e-4 * 255)
+    assert not simulated.outside.any()
+    assert not simulated.nearer.any()
+
+
+def test_a_zoom_with_another_factor_per_axis_is_the_zoom_out_on_that_grid() -> None:
+    grid = SamplingGrid(
+        zoom_y=1.4, zoom_x=1.8, origin_y_px=3.2, origin_x_px=0.4, rows=130, cols=150
+    )
+    simulated = simulate_pose(PHOTOGRAPH, grid.matrix, (150, 130), TILTED_PSF)
+    expected = zoom_out_on_grid(PHOTOGRAPH, grid, TILTED_PSF)
+    assert simulated.image == pytest.approx(expected, abs=2e-5 * 255)
+
+
+def test_the_identity_gives_the_image_back() -> None:
+    simulated = simulate_pose(PHOTOGRAPH, IDENTITY, (280, 200), PSF)
+    # The spline's prefilter is cut at 13 px, where it is 2e-5.
+    assert simulated.image == pytest.approx(PHOTOGRAPH, abs=1e-4 * 255)
+    assert not simulated.nearer.any()
+    assert not simulated.outside.any()
+
+
+def test_a_whole_pixel_shift_and_a_quarter_turn_keep_the_pixels() -> None:
+    # Follow-up (x, y) is reference (y + 10, 150 - x): x counts against the rows.
+    matrix = np.array([[0.0, 1.0, 10.0], [-1.0, 0.0, 150.0], [0.0, 0.0, 1.0]])
+    simulated = simulate_pose(
+        PHOTOGRAPH, matrix, (120, 90), GaussianPsf(sigma_x_px=1, sigma_y_px=1)
+    )
+    y, x = np.mgrid[:90, :120]
+    assert simulated.image == pytest.approx(PHOTOGRAPH[150 - x, y + 10], abs=1e-4 * 255)
+
+
+def test_a_pixel_off_centre_goes_where_the_homography_says() -> None:
+    image = np.zeros((60, 100))
+    image[20, 70] = 1.0
+    matrix = np.diag([2.0, 1.5, 1.0])
+    simulated = simulate_pose(image, matrix, (50, 40), PSF)
+    assert simulated.image.argmax() == 13 * 50 + 35
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 20.0])
+def test_a_constant_stays_a_constant(tilt_deg: float) -> None:
+    simulated = simulate_pose(
+        np.full((80, 120), 200.0), tilted(130.0, (120, 80), tilt_deg, 1.3), (120, 80), TILTED_PSF
+    )
+    inside = ~simulated.outside
+    # The table holds float32 weights.
+    assert simulated.image[inside] == pytest.approx(200.0, rel=1e-6)
+    assert (simulated.image[simulated.outside] == 0).all()
+
+
+@pytest.mark.parametrize("psf", [PSF, TILTED_PSF])
+def test_a_ramp_stays_a_ramp_away_from_the_border(psf: GaussianPsf) -> None:
+    linear = turn(25.0) @ np.diag([1.6, 1.2])
+    matrix = about_centre(linear, (150, 120), (40, 30))
+    y, x = np.mgrid[:120, :150].astype(np.float64)
+    simulated = simulate_pose(2 * x - 3 * y, matrix, (40, 30), psf)
+    row, col = np.mgrid[:30, :40]
+    place = np.tensordot(matrix[:2], np.stack([col, row, np.ones((30, 40))]), 1)
+    # A kernel with its centre off by 1e-4 px would be seen.
+    assert simulated.image == pytest.approx(2 * place[0] - 3 * place[1], abs=5e-4)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 1000), st.floats(-5, 5), st.floats(-5, 5), st.floats(-25, 25))
+def test_it_is_linear_in_the_image(seed: int, a: float, b: float, tilt_deg: float) -> None:
+    first, second = np.random.default_rng(seed).uniform(0, 255, (2, 41, 58))
+    matrix = tilted(80.0, (58, 41), tilt_deg, 1.2)
+
+    def follow_up(image: FloatArray) -> FloatArray:
+        return np.asarray(simulate_pose(image, matrix, (58, 41), PSF).image, dtype=np.float64)
+
+    combined = a * follow_up(first) + b * follow_up(second)
+    assert follow_up(a * first + b * second) == pytest.approx(combined, abs=1e-8)
+
+
+def test_two_zooms_with_a_turn_are_one() -> None:
+    psf = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
+    image = blob((200, 240), np.array([110.0, 105.0]), 20 * np.eye(2))
+    first = about_centre(1.5 * turn(20.0), (240, 200), (140, 120))
+    second = about_centre(1.4 * turn(15.0), (140, 120), (80, 70))
+    in_two = simulate_pose(
+        simulate_pose(image, first, (140, 120), psf).image, second, (80, 70), psf
+    ).image
+    at_once = simulate_pose(image, first @ second, (80, 70), psf).image
+    assert in_two == pytest.approx(at_once, abs=1e-3 * at_once.max())
+
+
+def test_a_camera_tilted_by_20_degrees_is_nearer_where_its_closed_form_says() -> None:
+    size, focal_px, sigma2 = (780, 580), 8.0 / 0.0083, 0.935**2
+    zoom = 1.0
+    psf = GaussianPsf(sigma_x_px=0.935, sigma_y_px=0.935)
+    simulated = simulate_pose(
+        np.zeros((580, 780), np.float32), tilted(focal_px, size, 20.0, zoom), size, psf
+    )
+    # On the row through the axis, at the angle a from it, the derivative is height diag(k^2, k)
+    # with k = cos(a) / cos(a + tilt): a ray cos(a + tilt) steep reaches height / cos(a + tilt)
+    # far, and the plane is inclined to it once more along the row.
+    middle = simulated.nearer[290]  # half a pixel off the axis
+    angle = np.arctan((np.arange(780) - 389.5) / focal_px)
+    k = np.cos(angle) / np.cos(angle + radians(20.0))
+    height = zoom * cos(radians(20.0))
+    along, across = ((height * s) ** 2 * sigma2 - sigma2 for s in (k**2, k))
+    least = np.minimum(along, across)
+    seen = ~simulated.outside[290]
+    sure = seen & (np.abs(least + 1e-3) > 1e-3)
+    assert (middle[sure] == (least[sure] < -1e-3)).all()
+    # Worked by hand: 22.0 degrees from the axis at either end of the row.
+    assert along[0] == pytest.approx(-0.30, abs=0.01)
+    assert along[-1] == pytest.approx(1.00, abs=0.01)
+    assert not (simulated.nearer & simulated.outside).any()
+
+
+def test_an_indefinite_blur_keeps_its_positive_part() -> None:
+    # Nearer along y, further along x: the rows are left as they are.
+    image = blob((90, 160), np.array([80.0, 45.0]), np.diag([9.0, 9.0]))
+    psf = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
+    matrix = about_centre(np.diag([2.0, 0.8]), (160, 90), (70, 80))
+    simulated = simulate_pose(image, matrix, (70, 80), psf)
+    assert simulated.nearer.all()
+    missing = 3 * 0.64
+    wider = blob((90, 160), np.array([80.0, 45.0]), np.diag([9.0 + missing, 9.0]))
+    expected = simulate_pose(wider, matrix, (70, 80), GaussianPsf(sigma_x_px=1e-4, sigma_y_px=1e-4))
+    assert simulated.image == pytest.approx(expected.image, abs=2e-4 * expected.image.max())
+
+
+def test_an_oblique_indefinite_blur_keeps_its_positive_part() -> None:
+    turned = turn(30.0)
+    place = np.array([80.0, 45.0])
+    image = blob((90, 160), place, 9 * np.eye(2))
+    psf = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
+    matrix = about_centre(turned @ np.diag([2.0, 0.8]), (160, 90), (60, 60))
+    simulated = simulate_pose(image, matrix, (60, 60), psf)
+    inside = ~simulated.outside
+    assert simulated.nearer[inside].all()
+    missing = turned @ np.diag([3 * 0.64, 0.0]) @ turned.T
+    wider = blob((90, 160), place, 9 * np.eye(2) + missing)
+    expected = simulate_pose(wider, matrix, (60, 60), GaussianPsf(sigma_x_px=1e-4, sigma_y_px=1e-4))
+    assert simulated.image == pytest.approx(expected.image, abs=2e-4 * expected.image.max())
+
+
+def test_every_pixel_past_the_reference_is_outside_and_zero() -> None:
+    matrix = np.array([[1.0, 0, -20.0], [0, 1.0, 10.25], [0, 0, 1]])
+    simulated = simulate_pose(np.full((40, 60), 7.0), matrix, (60, 40), PSF)
+    expected = np.zeros((40, 60), dtype=bool)
+    expected[:, :20] = True
+    # Row 29 lies at 39.25, within half a pixel of the last one.
+    expected[30:, :] = True
+    assert (simulated.outside == expected).all()
+    assert (simulated.image[simulated.outside] == 0).all()
+    assert simulated.image[~simulated.outside] == pytest.approx(7.0, rel=1e-6)
+
+
+def test_tiles_leave_no_seam() -> None:
+    # 1100 x 30 follow-up pixels are three tiles; each must see its neighbours' reference.
+    image = np.random.default_rng(3).uniform(0, 255, (60, 1400))
+    matrix = about_centre(1.2 * turn(0.4), (1400, 60), (1100, 30))
+    whole = simulate_pose(image, matrix, (1100, 30), TILTED_PSF).image
+    shift = np.eye(3)
+    shift[0, 2] = 300
+    part = simulate_pose(image, matrix @ shift, (500, 30), TILTED_PSF).image
+    assert whole[:, 300:800] == pytest.approx(part, abs=1e-9)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_other_pixel_types_give_float32_of_the_same_values(dtype: type[np.generic]) -> None:
+    image = PHOTOGRAPH.astype(dtype)
+    before = image.copy()
+    matrix = tilted(300.0, (280, 200), 10.0, 1.2)
+    simulated = simulate_pose(image, matrix, (280, 200), PSF)
+    assert simulated.image.dtype == np.float32
+    exact = simulate_pose(PHOTOGRAPH, matrix, (280, 200), PSF)
+    assert exact.image.dtype == np.float64
+    assert simulated.image == pytest.approx(exact.image, abs=1e-5 * 255)
+    assert (image == before).all()
+
+
+def test_colours_are_simulated_one_by_one() -> None:
+    image = np.stack([PHOTOGRAPH, PHOTOGRAPH[::-1], PHOTOGRAPH[:, ::-1]], axis=-1)
+    matrix = tilted(300.0, (280, 200), 10.0, 1.2)
+    simulated = simulate_pose(image, matrix, (270, 190), PSF)
+    assert simulated.image.shape == (190, 270, 3)
+    for channel in range(3):
+        grey = simulate_pose(image[:, :, channel], matrix, (270, 190), PSF)
+        assert simulated.image[:, :, channel] == pytest.approx(grey.image, abs=1e-9)
+
+
+def test_a_homography_counts_up_to_its_factor() -> None:
+    matrix = tilted(300.0, (280, 200), 10.0, 1.2)
+    first, second = (simulate_pose(PHOTOGRAPH, m, (280, 200), PSF) for m in (matrix, -7e3 * matrix))
+    assert first.image == pytest.approx(second.image, abs=1e-9)
+    assert (first.nearer == second.nearer).all()
+
+
+@pytest.mark.parametrize(
+    ("homography", "message"),
+    [
+        (np.eye(2), "3 x 3"),
+        (np.full((3, 3), np.nan), "finite"),
+        (np.diag([1.0, 0.0, 1.0]), "singular"),
+        (np.zeros((3, 3)), "singular"),
+        (np.array([[1.0, 0, 0], [0, 1, 0], [-0.05, 0, 1]]), "horizon"),
+        (np.array([[1.0, 0, 500], [0, 1, 0], [0, 0, 1]]), "sees nothing"),
+        (np.diag([1.0, 100.0, 1.0]), "wider than 32 px"),
+    ],
+)
+def test_a_homography_that_no_pose_has_is_refused(homography: FloatArray, message: str) -> None:
+    image = np.zeros((40, 60))
+    with pytest.raises(ValueError, match=message):
+        simulate_pose(image, homography, (60, 40), PSF)
+
+
+def test_wrong_images_sizes_and_psfs_are_refused() -> None:
+    image = np.zeros((40, 60))
+    with pytest.raises(ValueError, match="needs a PSF"):
+        simulate_pose(image, IDENTITY, (60, 40), None)
+    for size in [(0, 40), (60, -1), (60.5, 40)]:
+        with pytest.raises(ValueError, match="whole pixels"):
+            simulate_pose(image, IDENTITY, size, PSF)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="channels"):
+        simulate_pose(np.zeros(5), IDENTITY, (60, 40), PSF)
+    with pytest.raises(ValueError, match="int32"):
+        simulate_pose(image.astype(np.int32), IDENTITY, (60, 40), PSF)
+    with pytest.raises(ValueError, match="NaN"):
+        simulate_pose(np.full((40, 60), np.nan), IDENTITY, (60, 40), PSF)
+    with pytest.raises(ValueError, match="reference has 60 x 40"):
+        simulate_pose(image, IDENTITY, (60, 40), constant_field(61, 40, PSF))
+    with pytest.raises(ValueError, match="follow-up has 30 x 20"):
+        simulate_pose(image, IDENTITY, (30, 20), constant_field(60, 40, PSF))
+    with pytest.raises(ValueError, match=r"30 x 20, its first pixel at \(31, 0\)"):
+        simulate_pose(image, IDENTITY, (30, 20), constant_field(60, 40, PSF), origin_px=(31, 0))

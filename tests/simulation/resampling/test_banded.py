@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from simulation.resampling.banded import BandedMatrix, apply_separable
+
+
+def random_banded(rng: np.random.Generator, rows: int, columns: int, band: int) -> BandedMatrix:
+    starts = np.sort(rng.integers(0, columns - band + 1, rows))
+    return BandedMatrix(starts, rng.normal(size=(rows, band)), columns)
+
+
+# Sizes below, at and above the strip of 64 rows and the groups of 8, bands of any length.
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(
+    ("shape", "out_shape", "bands"),
+    [((3, 5), (1, 2), (2, 3)), ((64, 65), (64, 8), (8, 16)), ((131, 90), (70, 131), (11, 24))],
+)
+def test_the_compiled_kernel_equals_the_dense_product(
+    dtype: type[np.floating], shape: tuple[int, int], out_shape: tuple[int, int],
+    bands: tuple[int, int],
+) -> None:  # fmt: skip
+    rng = np.random.default_rng(1)
+    along_y = random_banded(rng, out_shape[0], shape[0], bands[0])
+    along_x = random_banded(rng, out_shape[1], shape[1], bands[1])
+    image = rng.normal(size=shape).astype(dtype)
+    out = apply_separable(along_y, along_x, image)
+    expected = along_y.dense() @ image.astype(np.float64) @ along_x.dense().T
+    assert out.dtype == dtype
+    np.testing.assert_allclose(out, expected, atol=20 * np.finfo(dtype).eps * abs(expected).max())
+
+
+def test_a_view_with_gaps_is_read_like_its_copy() -> None:
+    rng = np.random.default_rng(2)
+    matrix = random_banded(rng, 9, 20, 8)
+    image = rng.normal(size=(40, 60))[::2, ::3]
+    np.testing.assert_array_equal(
+        apply_separable(matrix, matrix, image), apply_separable(matrix, matrix, image.copy())
+    )
+
+
+def test_entries_at_one_place_add_up() -> None:
+    places: NDArray[np.int64] = np.array([0, 0, 1], dtype=np.int64)
+    columns: NDArray[np.int64] = np.array([2, 2, 0], dtype=np.int64)
+    matrix = BandedMatrix.from_entries(2, 3, places, columns, np.array([1.0, 2.0, 4.0]))
+    np.testing.assert_array_equal(matrix.dense(), [[0, 0, 3], [4, 0, 0]])
+
+
+def test_an_image_of_another_size_is_refused() -> None:
+    matrix = random_banded(np.random.default_rng(5), 3, 6, 2)
+    with pytest.raises(ValueError, match=r"takes images of \(6, 6\), got \(6, 7\)"):
+        apply_separable(matrix, matrix, np.zeros((6, 7)))
+
+
+def test_a_matrix_of_one_weight_a_row_has_no_faint_ends() -> None:
+    shifted = BandedMatrix(np.array([0, 2, 3]), np.array([[2.0], [-1.0], [0.5]]), 5)
+    assert shifted.trimmed(0.4) is shifted

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from scipy.ndimage import correlate1d, map_coordinates
+
+from simulation.resampling.cubic import blur, spline_sampling
+from simulation.resampling.gaussian_kernel import BlurCovariance, gaussian_terms
+
+
+def test_the_blur_mirrors_the_image_at_its_edge() -> None:
+    rng = np.random.default_rng(1)
+    signal, kernel = rng.normal(size=30), np.array([0.1, 0.2, 0.4, 0.2, 0.1])
+    expected = correlate1d(signal, kernel, mode="reflect")
+    np.testing.assert_allclose(blur(kernel, 30).dense() @ signal, expected, atol=1e-14)
+
+
+def test_a_kernel_is_convolved_not_correlated() -> None:
+    impulse = np.zeros(9)
+    impulse[4] = 1
+    blurred = blur(np.array([1.0, 2.0, 4.0]), 9).dense() @ impulse
+    np.testing.assert_array_equal(blurred[3:6], [1, 2, 4])
+
+
+def test_a_kernel_longer_than_the_image_is_folded_until_it_fits() -> None:
+    matrix = blur(np.full(41, 1 / 41), 6).dense()
+    np.testing.assert_allclose(matrix.sum(axis=1), 1, atol=1e-14)
+
+
+def test_without_blur_it_is_quintic_spline_interpolation() -> None:
+    rng = np.random.default_rng(2)
+    signal, positions = rng.normal(size=80), np.array([30.0, 33.3, 40.71, 41.5])
+    (term,) = gaussian_terms(
+        BlurCovariance(yy_px2=0, xx_px2=0), tail_tolerance=1e-10, spline_prefilter=True
+    )
+    expected = map_coordinates(signal, [positions], order=5)
+    sampled = spline_sampling(positions, term.along_x, 80).dense() @ signal
+    np.testing.assert_allclose(sampled, expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("power", [0, 1, 2, 3, 4, 5])
+def test_the_spline_reproduces_polynomials_up_to_its_degree(power: int) -> None:
+    (term,) = gaussian_terms(
+        BlurCovariance(yy_px2=0, xx_px2=0), tail_tolerance=1e-10, spline_prefilter=True
+    )
+    positions = np.linspace(65, 75, 23)
+    grid = (np.arange(140) - 70) / 10
+    sampled = spline_sampling(positions, term.along_x, 140).dense() @ grid**power
+    np.testing.assert_allclose(sampled, ((positions - 70) / 10) ** power, atol=1e-6)

@@ -1,0 +1,185 @@
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from calibration.edges.esfr import gaussian_mtf50
+from tests.calibration.closed_form import edge_image
+from tests.calibration.edges.test_mosaic import SIGMAS, mosaic
+from tests.standoff.conftest import Command
+
+
+def test_the_papers_way_is_a_method(command: Command, edge_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "psf.json"
+    done = command("calibrate", edge_file, "--method", "paper", "--out", out, "--json")
+    document = json.loads(done.out)
+    assert document["method"] == "paper"
+    # sqrt(0.8^2 + 5/12 (1/4)^2), as docs/calibration.md says.
+    assert document["sigma_x_px"] == pytest.approx(0.8161, rel=0.005)
+    assert document["optical_sigma_x_px"] is None
+    assert document["rho"] is None
+
+
+def test_the_table_has_a_row_for_each_edge_with_its_contrast_by_frequency(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    table = tmp_path / "edges.csv"
+    done = command("calibrate", edge_file, "--out", tmp_path / "p.json", "--csv", table, "--json")
+    [edge] = json.loads(done.out)["edges"]
+    with table.open(newline="", encoding="utf-8") as file:
+        [row] = csv.DictReader(file)
+    assert row.keys() >= edge.keys()
+    assert float(row["sigma_px"]) == edge["sigma_px"]
+    assert row["is_used"] == "yes"
+    assert float(row["esfr_mtf50_cy_per_px"]) == pytest.approx(gaussian_mtf50(0.8), rel=1e-3)
+    for freq in (0.05, 0.25, 0.5):
+        expected = np.exp(-2 * (np.pi * 0.8 * freq) ** 2)
+        assert float(row[f"sfr_{freq:.2f}"]) == pytest.approx(expected, abs=2e-4)
+    assert [name for name in row if name.startswith("sfr_")] == [
+        f"sfr_{0.05 * k:.2f}" for k in range(1, 11)
+    ]
+
+
+def test_a_mosaic_gives_every_colour_and_green_by_default(command: Command, tmp_path: Path) -> None:
+    paths = []
+    for normal in (5.0, 95.0):
+        paths.append(tmp_path / f"raw{normal:g}.tif")
+        tifffile.imwrite(paths[-1], np.rint(mosaic(normal).image_dn).astype(np.uint16))
+    out, page = tmp_path / "psf.json", tmp_path / "r.html"
+    arguments = ("--bayer", "GRBG", "--out", out, "--report", page)
+    document = json.loads(command("calibrate", *paths, *arguments, "--json").out)
+    assert document["channel"] == "green"
+    for colour, sigma in SIGMAS.items():
+        assert document["channels"][colour]["optical_sigma_x_px"] == pytest.approx(sigma, rel=0.006)
+    assert document["sigma_x_px"] == document["channels"]["green"]["sigma_x_px"]
+    assert "Colours of the mosaic" in page.read_text()
+    blue = command("calibrate", *paths, "--bayer", "GRBG", "--channel", "blue", "--out", out)
+    assert "Colours" in blue.out
+    assert json.loads(out.read_text())["optical_sigma_y_px"] == pytest.approx(0.9, rel=0.006)
+
+
+def test_a_colour_photograph_is_no_mosaic(command: Command, tmp_path: Path) -> None:
+    image = np.rint(edge_image(0.8, 5.0) / 256).astype(np.uint8)
+    Image.fromarray(np.dstack([image] * 3)).save(tmp_path / "c.png")
+    done = command("calibrate", tmp_path / "c.png", "--bayer", "RGGB", "--out", tmp_path / "p.json")
+    assert done.status == 1
+    assert "c.png: a colour photograph is no raw mosaic; leave --bayer out" in done.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--bayer", "RGGB", "--channel", "luma"), "a mosaic has red, green and blue"),
+        (("--bayer", "RGGB", "--srgb"), "raw mosaics are linear"),
+        (("--bayer", "RGBG"), "RGBG"),
+        (("--method", "guess"), "guess"),
+        (("--report", "page.txt"), "must end in"),
+        (("--region", "left"), "expected centre or X,Y,W,H in px, got left"),
+    ],
+)
+def test_wrong_options_are_usage_in_one_line(
+    command: Command, edge_file: Path, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    done = command("calibrate", edge_file, *arguments, "--out", tmp_path / "p.json")
+    assert done.status == 2
+    assert message in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "p.json").exists()
+
+
+@pytest.mark.parametrize("option", ["--out", "--report", "--csv"])
+def test_a_folder_that_is_not_there_is_said_before_any_work(
+    command: Command, edge_file: Path, tmp_path: Path, option: str
+) -> None:
+    psf = tmp_path / "p.json"
+    nowhere = tmp_path / "nowhere" / "r.html"
+    outputs = ("--out", nowhere) if option == "--out" else ("--out", psf, option, nowhere)
+    done = command("calibrate", edge_file, *outputs)
+    assert done.status == 1
+    assert f"cannot write {nowhere}: {nowhere.parent} is no folder" in done.err
+    assert not psf.exists()
+
+
+@pytest.mark.slow
+def test_a_pdf_is_made_where_the_extra_is_installed(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("weasyprint")
+    page = tmp_path / "report.pdf"
+    done = command("calibrate", edge_file, "--out", tmp_path / "p.json", "--report", page)
+    assert done.status == 0
+    assert page.read_bytes().startswith(b"%PDF-")
+
+
+def test_without_the_extra_a_pdf_is_refused_in_one_line(
+    command: Command, edge_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "weasyprint", None)
+    psf = tmp_path / "p.json"
+    done = command("calibrate", edge_file, "--out", psf, "--report", tmp_path / "report.pdf")
+    assert done.status == 1
+    assert "pip install standoff[pdf]" in done.err
+    assert done.err.count("\n") == 1
+    assert not psf.exists()
+
+
+def test_a_region_outside_is_named_as_it_was_typed(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    done = command("calibrate", edge_file, "--region", "0,0,400,90", "--out", tmp_path / "psf.json")
+    assert done.status == 1
+    assert "region 0,0,400,90 does not lie inside" in done.err
+
+
+def test_one_clipped_colour_rejects_the_edge_though_its_luma_is_below_the_top(
+    command: Command, tmp_path: Path
+) -> None:
+    grey = edge_image(0.8, 5.0) / 256.0
+    red = np.minimum(grey * 1.4, 255)
+    image = np.rint(np.dstack([red, grey, grey])).astype(np.uint8)
+    Image.fromarray(image).save(tmp_path / "c.png")
+    assert image[..., 1].max() < 250
+    luma = command("calibrate", tmp_path / "c.png", "--out", tmp_path / "p.json")
+    assert luma.status == 1
+    assert "saturated: shorten the exposure" in luma.err
+    green = ("--channel", "green", "--out", tmp_path / "p.json")
+    assert command("calibrate", tmp_path / "c.png", *green).status == 0
+
+
+def test_the_plateau_of_a_narrower_adc_is_seen_through_the_srgb_curve(
+    command: Command, tmp_path: Path
+) -> None:
+    clipped = np.minimum(edge_image(0.8, 5.0) / 11.0, 4095.0)  # 12 bits in a 16-bit file
+    tifffile.imwrite(tmp_path / "e.tif", np.rint(clipped).astype(np.uint16))
+    done = command("calibrate", tmp_path / "e.tif", "--srgb", "--out", tmp_path / "p.json")
+    assert done.status == 1
+    assert "saturated" in done.err
+
+
+@pytest.mark.slow
+def test_a_session_says_which_camera_and_when(
+    command: Command, session_dir: Path, tmp_path: Path
+) -> None:
+    page, out = tmp_path / "r.html", tmp_path / "psf.json"
+    done = command("calibrate", "--session", session_dir, "--out", out, "--report", page, "--json")
+    document = json.loads(done.out)
+    assert document["camera"]["serial"]
+    assert document["captured_utc"].endswith("Z")
+    assert document["height_trend"] is None or len(document["height_trend"]["heights"]) == 2
+    text = page.read_text()
+    for heading in ("Captures", "Noise", "Stage", "From centre to corner"):
+        assert f"<h2>{heading}</h2>" in text
+    assert "sha256" in text
+
+
+def test_options_for_photographs_do_not_go_with_a_session(
+    command: Command, session_dir: Path, tmp_path: Path
+) -> None:
+    done = command("calibrate", "--session", session_dir, "--srgb", "--out", tmp_path / "p.json")
+    assert done.status == 2
+    assert "captures are linear and grey" in done.err

@@ -1,0 +1,217 @@
+"""Every fault of a run: one line, exit status 1, and a session that the same command resumes."""
+
+import errno
+import json
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import BinaryIO
+
+import pytest
+
+import standoff.cli
+import standoff.commands.capture
+from acquisition.bench import BenchConfig
+from acquisition.session.durable_write import atomic_write_hashed
+from acquisition.session.reader import Session, verify
+from hil_mocks import SimulatedBench
+from hil_mocks.camera import CameraFaults
+from hil_mocks.stage import StageFaults
+from standoff.workflows.devices import OpenBench, open_bench
+from tests.standoff.conftest import Command
+
+
+def lose_the_camera(bench: SimulatedBench) -> None:
+    bench.camera.faults = CameraFaults(disconnect_at=12)
+
+
+def raise_an_alarm(bench: SimulatedBench) -> None:
+    bench.stage.faults = StageFaults(alarm="hard limit")
+
+
+def unplug_the_stage(bench: SimulatedBench) -> None:
+    bench.stage.faults = StageFaults(unplugged=True)
+
+
+def never_settle(bench: SimulatedBench) -> None:
+    bench.stage.faults = StageFaults(never_settles=True)
+
+
+def stop_short(bench: SimulatedBench) -> None:
+    bench.stage.faults = StageFaults(stops_short_mm=0.5)
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        (lose_the_camera, "camera"),
+        (raise_an_alarm, "hard limit"),
+        (unplug_the_stage, "stage"),
+        (never_settle, "stage"),
+        (stop_short, "it stands at 299.500 mm"),
+    ],
+)
+def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
+    command: Command,
+    bench_file: Path,
+    plan_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    fault: Callable[[SimulatedBench], None],
+    named: str,
+) -> None:
+    @contextmanager
+    def opened(config: BenchConfig, *, ask: Callable[[str], str]) -> Iterator[OpenBench]:
+        with open_bench(config, ask=ask) as devices:
+            assert devices.simulated is not None
+            # The second capture is hit: the first one moves and exposes unharmed.
+            moved = devices.simulated.stage.move_to
+            moves: list[float] = []
+
+            def move_to(height_mm: float, timeout_s: float) -> float:
+                moves.append(height_mm)
+                if len(moves) == 2 and devices.simulated is not None:
+                    fault(devices.simulated)
+                return moved(height_mm, timeout_s)
+
+            monkeypatch.setattr(devices.simulated.stage, "move_to", move_to)
+            yield devices
+
+    words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
+    with monkeypatch.context() as patch:
+        patch.setattr(standoff.commands.capture, "open_bench", opened)
+        done = command(*words, "--yes")
+    assert (done.status, done.out) == (1, "")
+    [line] = [line for line in done.err.splitlines() if line.startswith("standoff:")]
+    assert named in line
+    session = Session.open(tmp_path / "s")
+    assert 1 <= len(session.records) < 6
+    assert session.events[-1].kind == "error"
+    resumed = json.loads(command(*words, "--yes", "--json").out)
+    assert resumed["captured"] == 6 - len(session.records)
+    assert Session.open(tmp_path / "s").is_complete
+    assert verify(tmp_path / "s").is_ok
+
+
+def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
+    command: Command,
+    bench_file: Path,
+    plan_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
+    writes: list[Path] = []
+
+    def fill_up(path: Path, write: Callable[[BinaryIO], None]) -> str:
+        writes.append(path)
+        if len(writes) > 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return atomic_write_hashed(path, write)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("acquisition.session.writer.atomic_write_hashed", fill_up)
+        done = command(*words, "--yes")
+    assert done.status == 1
+    assert "No space left on device; see to the disk and run the same command again" in done.err
+    assert len(Session.open(tmp_path / "s").records) == 2
+    assert json.loads(command(*words, "--yes", "--json").out)["captured"] == 4
+
+
+def test_a_disk_without_room_for_the_plan_is_named_before_anything_moves(
+    command: Command,
+    bench_file: Path,
+    plan_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    done = command(
+        "capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s", "--yes"
+    )
+    assert done.status == 1
+    assert "has 1 MB free" in done.err
+
+
+@pytest.mark.slow
+def test_ctrl_c_in_the_first_moments_is_one_line_and_status_130() -> None:
+    # The entry is light; all that takes time is imported by main.
+    code = "import standoff.cli as c; print('x', end='', flush=True); c.main()"
+    for delay_s in (0.15, 0.4):
+        with subprocess.Popen(
+            [sys.executable, "-c", code, "mock", "--address", "127.0.0.253"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            try:
+                assert process.stdout is not None
+                assert process.stdout.read(1) == "x"
+                time.sleep(delay_s)
+                process.send_signal(signal.SIGINT)
+                _, err = process.communicate(timeout=60)
+            finally:
+                process.kill()
+        assert process.returncode == 130
+        assert err == "standoff: interrupted; run the same command again\n"
+
+
+def test_ctrl_c_that_an_import_swallows_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def swallow() -> None:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(standoff.cli, "drop_stale_code", swallow)
+    with pytest.raises(SystemExit) as ended:
+        standoff.cli.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "standoff: interrupted; run the same command again\n"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.slow
+def test_at_a_terminal_the_operator_answers_pauses_and_goes_on(
+    bench_file: Path, plan_file: Path, tmp_path: Path
+) -> None:
+    controller, terminal = pty.openpty()
+    with subprocess.Popen(
+        [
+            sys.executable, "-c", "from standoff.cli import main; main()",
+            "capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s",
+        ],
+        stdin=terminal,
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+    ) as process:  # fmt: skip
+        os.close(terminal)
+        seen = b""
+        answered = paused = 0
+        while True:
+            try:
+                seen += os.read(controller, 4096)
+            except OSError:  # the end of a pseudo-terminal
+                break
+            if seen.count(b"s to skip") > answered:
+                answered += 1
+                time.sleep(0.05)
+                os.write(controller, b"\n" if answered != 2 else b"\nstop\n")
+            if seen.count(b"Enter to go on") > paused:
+                paused += 1
+                time.sleep(0.05)
+                os.write(controller, b"\n")
+        assert process.wait(60) == 0
+    os.close(controller)
+    assert answered == 3
+    assert paused == 1
+    assert Session.open(tmp_path / "s").is_complete

@@ -1,0 +1,126 @@
+"""``standoff console`` as a command: usage, address, port, end."""
+
+import json
+import re
+import signal
+import socket
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("starlette", reason="the console's extra is not installed")
+
+from analysis.detectability.curves import curves_document, write_curves
+from standoff.shipped_configs import shipped_config
+from tests.analysis.detectability.test_curves import curve
+from tests.standoff.conftest import Command
+from tests.standoff.console.processes import first_line, standoff_process
+
+BENCH = ("--bench", shipped_config("simulated.toml"))
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1"])
+def test_it_listens_beyond_this_computer_with_a_token_only(command: Command, host: str) -> None:
+    done = command("console", *BENCH, "--host", host)
+    assert done.status == 2
+    assert "--token" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+def test_a_short_token_is_refused(command: Command) -> None:
+    done = command("console", *BENCH, "--token", "short")
+    assert done.status == 2
+    assert "at least 12 characters" in done.err
+
+
+def test_a_port_that_is_taken_is_an_error_in_one_line(command: Command) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        done = command("console", *BENCH, "--port", taken.getsockname()[1])
+    assert done.status == 1
+    assert "--port takes another" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("host", ["bench..lab", "b" * 64])
+def test_a_host_that_no_computer_can_be_called_is_an_error_in_one_line(
+    command: Command, host: str
+) -> None:
+    done = command("console", *BENCH, "--host", host, "--token", "long enough to be one")
+    assert done.status == 1
+    assert f"cannot listen on {host}: it is no name of a computer" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+def test_a_bench_file_that_is_missing_is_an_error(command: Command, tmp_path: Path) -> None:
+    done = command("console", "--bench", tmp_path / "none.toml")
+    assert done.status == 1
+
+
+@pytest.fixture
+def served(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """Applications that were served, each ended as soon as it was ready."""
+    apps: list[object] = []
+
+    def serve(app: object, bound: socket.socket, *, ready: Callable[[], None]) -> None:
+        apps.append(app)
+        ready()
+
+    monkeypatch.setattr("standoff.console.web.server.serve", serve)
+    return apps
+
+
+@pytest.mark.slow
+def test_its_address_is_shown_and_with_a_token_the_way_in(
+    command: Command, served: list[object]
+) -> None:
+    plain = command("console", *BENCH, "--port", 0)
+    assert plain.status == 0, plain.err
+    assert re.fullmatch(r"console at http://127\.0\.0\.1:\d+/; Ctrl-C ends\n", plain.out)
+    assert plain.err == ""
+    guarded = command("console", *BENCH, "--port", 0, "--token", "long enough & safe")
+    assert "/login?token=long%20enough%20%26%20safe; Ctrl-C ends" in guarded.out
+    assert "the connection is not encrypted" in guarded.err
+    assert len(served) == 2
+
+
+@pytest.mark.slow
+def test_with_curves_the_pose_can_be_judged_and_curves_that_do_not_tell_are_refused(
+    command: Command, served: list[object], tmp_path: Path
+) -> None:
+    curves = tmp_path / "curves.json"
+    write_curves(curves, curves_document([curve()]))
+    done = command("console", *BENCH, "--port", 0, "--curves", curves, "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["url"].startswith("http://127.0.0.1:")
+    curves.write_text("{}")
+    refused = command("console", *BENCH, "--port", 0, "--curves", curves)
+    assert refused.status == 1
+    assert "curves.json" in refused.err
+    assert len(served) == 1
+
+
+def test_without_its_extra_the_console_says_how_to_get_it(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("standoff.commands.console.find_spec", lambda _: None)
+    done = command("console", *BENCH)
+    assert done.status == 1
+    assert "pip install 'standoff[console]'" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_serves_until_it_is_told_to_end(tmp_path: Path, number: signal.Signals) -> None:
+    with standoff_process("console", *BENCH, "--port", 0, "--json", cwd=tmp_path) as process:
+        url = first_line(process)["url"]
+        with urllib.request.urlopen(url) as answer:
+            assert b"STOP" in answer.read()
+        process.send_signal(number)
+        assert process.wait(60) == 0
+    assert (tmp_path / "console.err").read_text() == ""
+    assert json.dumps(sorted(tmp_path.iterdir(), key=str), default=str).count("sessions") == 0

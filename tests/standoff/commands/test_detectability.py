@@ -1,0 +1,246 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from scipy.ndimage import gaussian_filter
+
+from analysis.detectability.curves import curves_document, read_curves, write_curves
+from simulation import GaussianPsf, zoom_out
+from tests.analysis.detectability.test_curves import curve
+from tests.standoff.conftest import Command
+
+PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.9)
+
+
+@pytest.fixture
+def psf_file(tmp_path: Path) -> Path:
+    path = tmp_path / "psf.json"
+    path.write_text(
+        json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.9, "rho": 0.0})
+    )
+    return path
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.tif"
+    rough = gaussian_filter(np.random.default_rng(1).standard_normal((200, 240)), 1.2)
+    tifffile.imwrite(path, (120 + 150 * rough).astype(np.float32))
+    return path
+
+
+@pytest.fixture
+def curves_file(tmp_path: Path) -> Path:
+    path = tmp_path / "known.json"
+    write_curves(path, curves_document([curve(), curve(observer="hotelling")]))
+    return path
+
+
+FAST = ("--window", 15, "--zooms", "1.5,1", "--observer", "npw,cho")
+
+
+@pytest.mark.slow
+def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
+    command: Command, scene_file: Path, psf_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "curves.json"
+    asked = ("detectability", scene_file, "--psf", psf_file, "--model", "paper,matched", *FAST)
+    done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out)
+    assert done.status == 0, done.err
+    assert "upper bound" in done.out
+    first = out.read_bytes()
+    curves = read_curves(out).curves
+    assert len(curves) == 2 * 2 * 2 * 2
+    assert curves[0].zoom == [1.0, 1.5]
+    for name in ("noise.png", "noise.svg", "contrast.png", "contrast.svg"):
+        assert (tmp_path / f"curves-{name}").stat().st_size > 5000
+    cells = (tmp_path / "curves.cells.jsonl").read_bytes()
+    done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out, "--json")
+    assert json.loads(done.out)["schema"] == "standoff.detectability/1"
+    assert out.read_bytes() == first
+    assert (tmp_path / "curves.cells.jsonl").read_bytes() == cells
+
+
+@pytest.mark.slow
+def test_noise_of_a_camera_and_a_patch_as_signal(
+    command: Command, scene_file: Path, psf_file: Path, tmp_path: Path
+) -> None:
+    noise = tmp_path / "noise.json"
+    noise.write_text(
+        '{"schema": "standoff.noise/1", "gain_e_per_dn": 10.0, "read_noise_e": 5.0,'
+        ' "black_level_dn": 20.0, "frames_averaged": 1}'
+    )
+    tifffile.imwrite(tmp_path / "patch.tif", np.pad(np.ones((4, 4), np.uint8), 2))
+    out = tmp_path / "curves.json"
+    done = command(
+        *("detectability", scene_file, "--psf", psf_file, "--model", "matched", *FAST),
+        *("--noise", noise, "--signal", tmp_path / "patch.tif", "--out", out),
+    )
+    assert done.status == 0, done.err
+    found = read_curves(out).curves[0]
+    mean_dn = float(tifffile.imread(scene_file).astype(np.float64).mean())
+    assert found.noise_dn == pytest.approx(np.sqrt((mean_dn - 20) / 10 + 0.25))
+    assert found.signal_sigma_px is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--zooms", "0.5"), "numbers from 1, got 0.5"),
+        (("--noise", "0"), "numbers above 0, got 0"),
+        (("--noise", "x"), "expected numbers, got x"),
+        (("--observer", "ideal"), "'ideal' is none of npw, hotelling, cho"),
+        (("--model", "best"), "'best' is none of"),
+        (("--window", "16"), "odd"),
+        (("--signal-sigma", "9"), "wider than the window"),
+    ],
+)
+def test_wrong_usage_is_one_line(
+    command: Command,
+    scene_file: Path,
+    psf_file: Path,
+    tmp_path: Path,
+    options: tuple[str, ...],
+    message: str,
+) -> None:
+    done = command(
+        "detectability", scene_file, "--psf", psf_file, "--out", tmp_path / "c.json", *options
+    )
+    assert done.status == 2
+    assert message in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_a_psf_is_asked_for_where_the_model_needs_it(
+    command: Command, scene_file: Path, tmp_path: Path
+) -> None:
+    done = command("detectability", scene_file, "--out", tmp_path / "c.json")
+    assert done.status == 2
+    assert "needs --psf" in done.err
+
+
+LIMITS = ("--focal-length-px", 800, "--image-size", "640x480", "--observer", "npw")
+
+
+def test_limits_as_table_json_and_plot(command: Command, curves_file: Path, tmp_path: Path) -> None:
+    asked = ("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS)
+    plot = tmp_path / "limits.svg"
+    done = command(*asked, "--plot", plot, "--at-zoom", 1.5)
+    assert done.status == 0, done.err
+    assert "straight back: up to 1.167 times the distance" in done.out
+    assert "contrasts from 18 DN are found" in done.out
+    assert plot.read_bytes().startswith(b"<?xml")
+    document = json.loads(command(*asked, "--json").out)
+    assert document["zoom"] == pytest.approx(7 / 6)  # where 4 / (2 z - 1) is 3
+    assert document["is_upper_bound"] is True
+
+
+def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_path: Path) -> None:
+    stored = {
+        **{"schema": "standoff.geometry/1", "heights_mm": [200.0], "scale_px_per_mm": [4.0]},
+        **{"pupil_offset_mm": 3.0, "k1": None, "k2": None, "tilt_deg": None},
+        **{"axis_drift_px_per_mm": None, "focal_length_px": 800.0},
+        **{"width_px": 640, "height_px": 480},
+    }
+    path = tmp_path / "geometry.json"
+    path.write_text(json.dumps(stored))
+    asked = ("limits", "--curves", curves_file, "--min-dprime", 3, "--observer", "npw", "--json")
+    by_file = json.loads(command(*asked, "--geometry", path).out)
+    assert by_file == json.loads(command(*asked, *LIMITS[:4]).out)
+    path.write_text(json.dumps(stored | {"focal_length_px": None}))
+    done = command(*asked, "--geometry", path)
+    assert done.status == 1
+    assert "the focal length or the frame is not determined" in done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ((), "2 curves fit; choose by --observer (hotelling, npw)"),
+        (("--observer", "cho"), "no curve fits"),
+        (("--observer", "npw", "--at-tilt", "5"), "--at-tilt goes with --at-zoom"),
+    ],
+)
+def test_an_ambiguous_curve_is_wrong_usage(
+    command: Command, curves_file: Path, options: tuple[str, ...], message: str
+) -> None:
+    done = command(*("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS[:4]), *options)
+    assert done.status == 2
+    assert message in done.err
+
+
+def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
+    command: Command, curves_file: Path, tmp_path: Path
+) -> None:
+    asked = ("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS)
+    done = command(*asked, "--tilt-direction", 90)
+    assert done.status == 0, done.err
+    assert "tilt towards 90 degrees at the same distance" in done.out
+    assert "contrasts from" not in done.out  # no pose was asked about
+    twice = command(*asked, "--geometry", tmp_path / "geometry.json")
+    assert twice.status == 2
+    assert "give --geometry or --focal-length-px with --image-size" in twice.err
+
+
+@pytest.mark.parametrize(
+    ("focal_length_px", "size", "message"),
+    [
+        ("800", "640xabc", "--image-size is WxH in px, such as 780x580, not 640xabc"),
+        ("800", "640", "--image-size is WxH in px"),
+        ("-1", "640x480", "--focal-length-px -1"),
+        ("800", "8x8", "a frame of at least 16 x 16 px"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_wrong_usage(
+    command: Command, curves_file: Path, focal_length_px: str, size: str, message: str
+) -> None:
+    camera = ("--focal-length-px", focal_length_px, "--image-size", size)
+    done = command("limits", "--curves", curves_file, "--min-dprime", 3, *camera, "--noise", 1)
+    assert done.status == 2
+    assert message in done.err
+
+
+def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:
+    done = command("limits", "--curves", curves_file, "--min-dprime", 3)
+    assert done.status == 2
+    assert "give --geometry, or --focal-length-px and --image-size" in done.err
+    done = command("limits", "--curves", curves_file, "--min-dprime", 0, *LIMITS)
+    assert done.status == 2
+    assert "a threshold is a number above 0" in done.err
+
+
+@pytest.mark.slow
+def test_a_pose_is_registered_and_judged(
+    command: Command, scene_file: Path, curves_file: Path, psf_file: Path, tmp_path: Path
+) -> None:
+    far = tmp_path / "far.tif"
+    tifffile.imwrite(far, zoom_out(tifffile.imread(scene_file), 1.3, PSF))
+    picture = tmp_path / "pose.png"
+    asked = ("pose", scene_file, far, "--curves", curves_file, "--observer", "npw")
+    accepted = command(*asked, "--min-dprime", 2.4, "--psf", psf_file, "--picture", picture)
+    assert accepted.status == 0, accepted.err
+    assert accepted.out.startswith("accepted: min d' 2.5")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    document = json.loads(command(*asked, "--min-dprime", 2.6, "--json").out)
+    assert document["is_accepted"] is False
+    # Straight back by 1.3: d' of the curve there is 4 / (2 z - 1).
+    assert document["dprime_decisive"] == pytest.approx(2.5, abs=0.03)
+    assert document["overlap"] == 1.0
+    assert command(*asked[:5], "--min-dprime", 2).status == 2
+
+
+def test_images_that_do_not_match_are_told_in_one_line(
+    command: Command, scene_file: Path, curves_file: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.tif"
+    rng = np.random.default_rng(9)
+    tifffile.imwrite(other, rng.normal(100, 5, (150, 180)).astype(np.float32))
+    done = command(
+        *("pose", scene_file, other, "--curves", curves_file),
+        *("--min-dprime", 2, "--observer", "npw"),
+    )
+    assert done.status == 1
+    assert f"{other}: " in done.err
+    assert done.err.count("\n") == 1

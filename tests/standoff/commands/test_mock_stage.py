@@ -1,0 +1,76 @@
+"""The stage of ``standoff mock``: its port, and the height that the camera sees."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from acquisition.bench import load_bench
+from acquisition.stages.grbl.stage import open_grbl_stage
+from acquisition.stages.zaber.stage import open_zaber_stage
+from hil_mocks.practice_bench import PracticeBench
+from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
+from standoff.shipped_configs import shipped_config
+from tests.standoff.conftest import Command
+
+FASTER = 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["grbl", "zaber"])
+def test_the_camera_sees_the_true_height_not_the_one_read_back(protocol: StageProtocol) -> None:
+    config = load_bench(
+        shipped_config("simulated.toml"), {"simulated.width_px": 64, "simulated.height_px": 48}
+    )
+    with SerialStage(protocol, clock=lambda: time.monotonic() * FASTER) as served:
+        practice = PracticeBench(config, height_mm=lambda: served.true_height_mm)
+        stage_config = load_bench(
+            shipped_config(f"{protocol}_stage.toml"),
+            {"stage.port": served.port, "stage.settle_s": 0.05},
+        ).stage
+        opened = (open_grbl_stage if protocol == "grbl" else open_zaber_stage)(stage_config)
+        try:
+            opened.home(60)
+            read_back_mm = opened.move_to(150.0, 60)
+            assert practice.pose.height_mm == pytest.approx(read_back_mm, abs=0.05)
+            near = practice.truth.irradiance("coins", 0.0, practice.pose)
+            served.plant.place(140.0)
+            assert opened.position_mm() == read_back_mm
+            assert practice.pose.height_mm == 140.0
+            nearer = practice.truth.irradiance("coins", 0.0, practice.pose)
+            assert np.abs(near - nearer).max() > 0.01
+        finally:
+            opened.close()
+
+
+@pytest.mark.slow
+def test_mock_serves_a_stage_on_a_port(command: Command) -> None:
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "from standoff.cli import main; main()",
+            *("mock", "--stage-protocol", "zaber", "--address", "127.0.0.78", "--json"),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        port = json.loads(process.stdout.readline())["stage_port"]
+        bench = ["--bench", shipped_config("zaber_stage.toml"), "--set", f"stage.port={port}"]
+        shown = json.loads(command("stage", "status", *bench, "--json").out)
+        assert shown["info"]["vendor"] == "Zaber"
+        assert not shown["is_homed"]
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0, err

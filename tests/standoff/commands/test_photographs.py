@@ -1,0 +1,97 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from acquisition.session.reader import Session
+from tests.standoff.conftest import Command
+
+
+def test_photographs_become_a_session_that_calibrates(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "s"
+    clean = tifffile.imread(edge_file)
+    noise = np.random.default_rng(5).normal(0.0, 100.0, clean.shape)
+    tifffile.imwrite(edge_file, np.rint(clean + noise).astype(np.uint16))
+    words = ("import", edge_file, "--kind", "edge", "--height-mm", 250, "--scale", 12.5)
+    done = json.loads(command(*words, "--out", out, "--json").out)
+    assert (done["imported"], done["photographs"]) == (1, 1)
+    [record] = Session.open(out).records
+    assert (record.height_mm, record.scale_px_per_mm, record.frames_used) == (250.0, 12.5, 1)
+    np.testing.assert_array_equal(
+        Session.open(out).load(record).mean_dn, tifffile.imread(edge_file).astype(np.float32)
+    )
+    assert command("verify", out).status == 0
+    psf = tmp_path / "psf.json"
+    assert command("calibrate", "--session", out, "--out", psf).status == 0
+    # As the photograph itself: total sigma 0.8 px across the vertical edge.
+    assert json.loads(psf.read_text())["sigma_x_px"] == pytest.approx(0.8, rel=0.01)
+    assert json.loads(command(*words, "--out", out, "--json").out)["imported"] == 0
+
+
+def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "photo.png"
+    Image.fromarray(np.full((20, 30, 3), 188, np.uint8)).save(path)
+    done = command("import", path, "--kind", "texture", "--srgb", "--out", tmp_path / "s")
+    assert done.status == 0
+    assert "recorded as 0 mm" in done.err
+    session = Session.open(tmp_path / "s")
+    mean_dn = session.load(session.records[0]).mean_dn
+    # IEC 61966-2-1: ((188 / 255 + 0.055) / 1.055)^2.4 = 0.50289 of 255.
+    np.testing.assert_allclose(mean_dn, 128.236, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "fault"),
+    [
+        (["absent.tif", "--kind", "edge"], 1, "absent.tif"),
+        (["edge.tif", "edge.tif", "--kind", "edge"], 1, "two photographs are called edge.tif"),
+        (["edge.tif", "--kind", "lens"], 2, "kind"),
+        (["edge.tif", "--kind", "edge", "--scale", "0"], 2, "px/mm"),
+        (["edge.tif", "--kind", "edge", "--height-mm", "nan"], 2, "finite"),
+        (["edge.tif"], 2, "--kind"),
+    ],
+)
+def test_what_cannot_be_imported_is_one_line_and_writes_nothing(
+    command: Command,
+    edge_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    status: int,
+    fault: str,
+) -> None:
+    monkeypatch.chdir(edge_file.parent)
+    done = command("import", *words, "--out", tmp_path / "s")
+    assert (done.status, done.out) == (status, "")
+    assert done.err.count("\n") == 1
+    assert fault in done.err
+    assert not (tmp_path / "s").exists()
+
+
+def test_another_import_does_not_go_into_the_same_session(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    words = ("import", edge_file, "--kind", "edge", "--out", tmp_path / "s", "--height-mm")
+    assert command(*words, 100).status == 0
+    done = command(*words, 200)
+    assert done.status == 1
+    assert "made otherwise" in done.err
+
+
+def test_a_float_photograph_tells_no_level_at_which_it_clips(
+    command: Command, tmp_path: Path
+) -> None:
+    levels = np.linspace(0.0, 0.75, 600, dtype=np.float32).reshape(20, 30)
+    tifffile.imwrite(tmp_path / "float.tif", levels)
+    words = ("import", tmp_path / "float.tif", "--kind", "texture", "--out", tmp_path / "s")
+    done = command(*words)
+    assert done.status == 0, done.err
+    assert done.out == f"{tmp_path / 's'}: 1 of 1 photographs imported\n"
+    [record] = Session.open(tmp_path / "s").records
+    assert record.saturated_pixels == 0
+    assert record.max_level_dn > 0.75

@@ -1,0 +1,101 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from simulation import PsfField
+from standoff.workflows.followup import zoomed_out
+from tests.standoff.conftest import Command
+
+
+def test_a_psf_without_a_correlation_is_taken_as_axis_aligned_with_a_note(
+    command: Command, image_file: Path, tmp_path: Path
+) -> None:
+    psf = tmp_path / "p.json"
+    psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8}')
+    done = command("simulate", image_file, "--zoom", 2, "--psf", psf, "--out", tmp_path / "f.tif")
+    assert done.status == 0
+    assert "rho is null" in done.err
+
+
+def test_the_field_of_a_psf_file_is_used_where_it_fits(
+    command: Command, psf_file: Path, tmp_path: Path
+) -> None:
+    document = json.loads(psf_file.read_text(encoding="utf-8"))
+    document["field"] = {
+        "width_px": 120,
+        "height_px": 90,
+        "coefficients_px2": [[0.5, 0, 0, 2, 0, 2], [0, 0, 0, 0, 0, 0], [0.5, 0, 0, 2, 0, 2]],
+    }
+    field_file = tmp_path / "field.json"
+    field_file.write_text(json.dumps(document))
+    image, other = tmp_path / "image.tif", tmp_path / "other.tif"
+    pixels = np.random.default_rng(0).uniform(0, 255, (90, 120)).astype(np.float32)
+    tifffile.imwrite(image, pixels)
+    tifffile.imwrite(other, pixels[1:])
+
+    def simulate(source: Path, psf: Path, *options: object) -> tuple[bool, str, NDArray[Any]]:
+        out = tmp_path / "far.tif"
+        done = command(
+            "simulate", source, "--zoom", 1.5, "--psf", psf, "--out", out, "--json", *options
+        )
+        assert done.status == 0, done.err
+        return json.loads(done.out)["psf_field"], done.err, tifffile.imread(out)
+
+    is_field, _, with_field = simulate(image, field_file)
+    assert is_field
+    field = PsfField(
+        width_px=120,
+        height_px=90,
+        coefficients_px2=np.array(document["field"]["coefficients_px2"], dtype=np.float64),
+    )
+    np.testing.assert_array_equal(with_field, zoomed_out(pixels, 1.5, field, "matched").image)
+    for source, options, message in (
+        (other, (), "belongs to frames of 120 x 90 px"),
+        (image, ("--model", "paper"), "model paper takes the PSF of the whole frame"),
+    ):
+        is_field, notes, plain = simulate(source, field_file, *options)
+        assert not is_field
+        assert message in notes
+        np.testing.assert_array_equal(plain, simulate(source, psf_file, *options)[2])
+
+
+def test_the_measured_transfer_takes_the_place_of_the_gaussian(
+    command: Command, tmp_path: Path
+) -> None:
+    freq = np.linspace(0, 1, 51)
+    # What model lmmse takes a total width of 0.7 px for: a Gaussian of 0.49 - 1/12, and a pixel.
+    curve = np.exp(-2 * np.pi**2 * (0.49 - 1 / 12) * freq**2) * np.sinc(freq)
+    one_axis = {"freq_cy_per_px": freq.tolist(), "mtf": curve.tolist()}
+    psf = tmp_path / "psf.json"
+    content = {"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7, "rho": 0.0}
+    psf.write_text(json.dumps({**content, "transfer": {"x": one_axis, "y": one_axis}}))
+    image = tmp_path / "scene.tif"
+    rng = np.random.default_rng(1)
+    tifffile.imwrite(image, rng.integers(500, 3000, (60, 80)).astype(np.uint16))
+    outputs = {}
+    for transfer in ("gaussian", "measured"):
+        out = tmp_path / f"{transfer}.tif"
+        arguments = ("--zoom", "1.5", "--psf", psf, "--model", "lmmse", "--transfer", transfer)
+        done = command("simulate", image, *arguments, "--out", out, "--json")
+        assert json.loads(done.out)["transfer"] == transfer
+        outputs[transfer] = tifffile.imread(out)
+    # The samples are joined by cubics, and end at 1 cy/px where 1e-4 is left.
+    spread = float(outputs["gaussian"].std())
+    assert np.abs(outputs["measured"] - outputs["gaussian"]).max() < 0.01 * spread
+
+
+def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
+    command: Command, tmp_path: Path
+) -> None:
+    psf, image, out = tmp_path / "psf.json", tmp_path / "scene.tif", tmp_path / "o.tif"
+    psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7}')
+    tifffile.imwrite(image, np.full((60, 80), 7, dtype=np.uint16))
+    arguments = ("--zoom", "1.5", "--psf", psf, "--transfer", "measured", "--out", out)
+    done = command("simulate", image, *arguments, "--model", "lmmse")
+    assert done.status == 1
+    assert "it holds no transfer function along y; calibrate with horizontal edges" in done.err
+    assert command("simulate", image, *arguments).status == 2

@@ -1,0 +1,231 @@
+"""``standoff stage`` over a pseudo-terminal, with a stage that lives faster than time."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from acquisition.stages.serial_link import open_serial_port
+from hil_mocks.stage import SimulatedStage, StageFaults
+from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
+from hil_mocks.stages.serial_line import LineFaults
+from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
+from standoff.shipped_configs import shipped_config
+from tests.standoff.conftest import Command, Outcome
+
+FASTER = 20.0
+START_TIMEOUT_S = 30.0
+
+StageCommand = Callable[..., Outcome]
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[StageProtocol, float], SerialStage]]:
+    with ExitStack() as served:
+        yield lambda protocol, factor: served.enter_context(
+            SerialStage(protocol, clock=lambda: time.monotonic() * factor)
+        )
+
+
+Serve = Callable[[StageProtocol, float], SerialStage]
+
+
+def options(protocol: StageProtocol, stage: SerialStage) -> list[str]:
+    return [
+        "--bench",
+        str(shipped_config(f"{protocol}_stage.toml")),
+        "--set",
+        f"stage.port={stage.port}",
+        "--set",
+        "stage.settle_s=0.05",
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["grbl", "zaber"])
+def test_home_and_move_are_two_processes_where_the_controller_knows_its_position(
+    command: Command, serve: Serve, protocol: StageProtocol, tmp_path: Path
+) -> None:
+    served = serve(protocol, FASTER)
+    bench = options(protocol, served)
+    refused = command("stage", "move", "200", *bench)
+    assert refused.status == 1
+    assert "standoff stage home" in refused.err
+    assert len(refused.err.strip().splitlines()) == 1
+
+    status = json.loads(command("stage", *bench, "status", "--json").out)
+    assert (status["is_homed"], status["position_mm"]) == (False, None)
+
+    assert command("stage", "home", *bench).status == 0
+    log = tmp_path / "wire.log"
+    moved = command("stage", *bench, "--set", f"stage.wire_log={log}", "move", "140.25", "--json")
+    assert moved.status == 0, moved.err
+    shown = json.loads(moved.out)
+    assert shown["is_homed"]
+    assert shown["state"] == "idle"
+    assert shown["limits_mm"] == [120.0, 500.0]
+    assert shown["info"]["driver"] == protocol
+    assert shown["position_mm"] == pytest.approx(140.25, abs=0.004)
+    assert served.true_height_mm == pytest.approx(shown["position_mm"], abs=0.05)
+    assert " > " in log.read_text()
+    assert command("stage", "stop", *bench).status == 0
+
+
+@pytest.mark.slow
+def test_move_homes_first_where_it_is_told_to(command: Command, serve: Serve) -> None:
+    served = serve("grbl", FASTER)
+    assert command("stage", "move", "125", "--home", *options("grbl", served)).status == 0
+    assert served.true_height_mm == pytest.approx(125.0, abs=0.05)
+
+
+@pytest.mark.slow
+def test_unlock_is_the_way_out_of_a_state_that_answers_nothing(
+    command: Command, serve: Serve
+) -> None:
+    served = serve("grbl", FASTER)
+    assert isinstance(served.firmware, GrblFirmware)
+    bench = options("grbl", served)
+    served.firmware.raise_alarm(1)
+    stuck = command("stage", "status", *bench)
+    assert stuck.status == 1
+    unlocked = command("stage", "unlock", *bench, "--json")
+    assert unlocked.status == 0, unlocked.err
+    assert json.loads(unlocked.out)["state"] == "idle"
+    assert not json.loads(unlocked.out)["is_homed"]
+
+
+def test_a_port_in_use_says_how_to_stop_the_stage(command: Command, serve: Serve) -> None:
+    served = serve("zaber", FASTER)
+    port = open_serial_port(served.port, 115200)
+    done = command("stage", "stop", *options("zaber", served))
+    port.close()
+    assert done.status == 1
+    assert "another program uses it" in done.err
+    assert "press Ctrl-C there" in done.err
+
+
+@pytest.mark.slow
+def test_a_dead_line_is_one_line_with_the_remedy(command: Command, serve: Serve) -> None:
+    served = serve("zaber", FASTER)
+    served.line.faults = LineFaults(garbled=True)
+    done = command("stage", "status", *options("zaber", served))
+    assert done.status == 1
+    assert len(done.err.strip().splitlines()) == 1
+    assert "baud" in done.err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("protocol", "action", "number"),
+    [
+        ("grbl", "move", signal.SIGINT),
+        ("grbl", "home", signal.SIGINT),
+        ("zaber", "move", signal.SIGINT),
+        ("grbl", "move", signal.SIGTERM),
+    ],
+)
+def test_ctrl_c_and_sigterm_stop_the_stage_under_control(
+    command: Command, serve: Serve, protocol: StageProtocol, action: str, number: signal.Signals
+) -> None:
+    # In real time: homing from 300 mm takes 9 s, the move 14 s.
+    served = serve(protocol, 1.0)
+    bench = options(protocol, served)
+    served.plant.place(121.0 if action == "move" else 300.0)
+    if action == "move":
+        assert command("stage", "home", *bench).status == 0
+    start_mm = served.true_height_mm
+    words = ["stage", action, *(["400"] if action == "move" else []), *bench]
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from standoff.cli import main; main()", *words],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while abs(served.true_height_mm - start_mm) < 5.0 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=START_TIMEOUT_S)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 128 + number, err
+    assert out == ""
+    stopped_mm = served.true_height_mm
+    time.sleep(0.2)
+    assert served.true_height_mm == stopped_mm
+    assert 121.0 < stopped_mm < 399.0
+    shown = json.loads(command("stage", "status", *bench, "--json").out)
+    # A homing that was broken off is none; a move that was, keeps its height.
+    assert shown["is_homed"] == (action == "move")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["move"],
+        ["home", "5"],
+        ["fly"],
+        ["home", "--home"],
+        ["move", "high"],
+        ["status", "--set", "stage.speed=3"],
+    ],
+)
+def test_wrong_usage_is_status_2(command: Command, words: list[str]) -> None:
+    done = command("stage", *words, "--bench", shipped_config("simulated.toml"))
+    assert done.status == 2
+    assert len(done.err.strip().splitlines()) == 1
+
+
+def test_the_simulated_stage_obeys_too(command: Command) -> None:
+    bench = shipped_config("simulated.toml")
+    done = command("stage", "--bench", bench, "move", "200.25", "--home", "--json")
+    assert json.loads(done.out)["position_mm"] == pytest.approx(200.248)
+
+
+def test_a_stop_that_fails_on_ctrl_c_is_told(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(stage: SimulatedStage, _: float) -> None:
+        stage.faults = StageFaults(unplugged=True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SimulatedStage, "home", interrupted)
+    done = command("stage", "home", "--bench", shipped_config("simulated.toml"))
+    assert done.status == 130
+    assert "note: stopping the stage failed: the simulated stage does not answer" in done.err
+
+
+def test_the_manual_stage_asks_the_operator(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter(["150", "200.4"])
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
+    bench = shipped_config("manual_stage.toml")
+    done = command("stage", "move", "200", "--home", "--bench", bench, "--json")
+    assert json.loads(done.out)["position_mm"] == 200.4
+
+
+@pytest.mark.slow
+def test_a_hang_of_the_controller_is_one_line(command: Command, serve: Serve) -> None:
+    served = serve("zaber", FASTER)
+    served.line.faults = LineFaults(mute=True)
+    done = command("stage", "home", *options("zaber", served))
+    assert done.status == 1
+    assert "check its power" in done.err
+
+
+def test_a_state_that_does_not_move_is_named(command: Command, serve: Serve) -> None:
+    served = serve("grbl", FASTER)
+    assert isinstance(served.firmware, GrblFirmware)
+    served.firmware.faults = GrblFaults(shows_state="Door:1")
+    done = command("stage", "home", *options("grbl", served))
+    assert done.status == 1
+    assert "Door" in done.err

@@ -1,0 +1,155 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.validation import kernels
+from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
+from standoff.workflows import validation_run
+from tests.analysis.height_series import height_series
+from tests.standoff.conftest import Command
+
+FILES = {
+    "report.html", "validation.json", "curves.csv",
+    *(f"table_{n}.{suffix}" for n in (1, 2) for suffix in ("txt", "csv", "tex")),
+    *(f"figure_{n}.{suffix}" for n in (2, 3) for suffix in ("png", "svg")),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def series(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return height_series(tmp_path_factory.mktemp("series") / "session", other_target_at=150.0).path
+
+
+@pytest.fixture(scope="module")
+def psf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("psf") / "psf.json"
+    width_px = (0.6**2 + 1 / 12) ** 0.5
+    path.write_text(
+        json.dumps(
+            {
+                "schema": "standoff.psf/1",
+                "sigma_x_px": width_px,
+                "sigma_y_px": width_px,
+                "rho": 0.0,
+            }
+        )
+    )
+    return path
+
+
+@pytest.mark.slow
+def test_a_session_becomes_tables_figures_and_a_report(
+    command: Command, series: Path, psf: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "validation"
+    arguments = ("validate", "--session", series, "--psf", psf, "--out", out)
+    done = command(*arguments, "--models", "paper, bicubic", "--json")
+    assert done.status == 0, done.err
+    assert {path.name for path in out.iterdir()} == FILES
+    document = json.loads(done.out)
+    assert document == json.loads((out / "validation.json").read_text())
+    # In the order of the tables, whatever the order they were asked for in.
+    assert document["models"] == ["bicubic", "paper"]
+    assert [one["capture"] for one in document["excluded"]] == [2]
+    assert "excluded: capture 2 (leaves at 150 mm): it does not match capture 0" in done.err
+
+
+def test_the_tables_are_printed_for_people(
+    command: Command, series: Path, psf: Path, tmp_path: Path
+) -> None:
+    done = command(
+        "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v",
+        "--models", "matched", "--references", 1,
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    for words in ("Table I:", "Table II:", "followup-grid", "the paper's own", "report.html"):
+        assert words in done.out
+
+
+def identity_kernel() -> EstimatedKernel:
+    weights = np.zeros((13, 13))
+    weights[6, 6] = 1.0
+    return EstimatedKernel(weights=weights)
+
+
+@pytest.mark.slow
+def test_interrupted_it_goes_on_with_the_kernels_that_were_trained(
+    command: Command, series: Path, psf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trained: list[float] = []
+    last = 1
+
+    def train(image: object, settings: KernelGanSettings) -> EstimatedKernel:
+        if len(trained) == last:
+            raise KeyboardInterrupt
+        trained.append(settings.zoom)
+        return identity_kernel()
+
+    arguments = (
+        "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v",
+        "--models", "kernelgan", "--kernel-cache", tmp_path / "kernels", "--json",
+    )  # fmt: skip
+    monkeypatch.setattr(kernels, "estimate_kernel", train)
+    monkeypatch.setattr(validation_run, "find_spec", lambda _: True)
+    done = command(*arguments)
+    assert done.status == 130
+    assert "interrupted" in done.err
+    assert len(list((tmp_path / "kernels").glob("*.npy"))) == 1
+    last = 4
+    done = command(*arguments)
+    assert done.status == 0, done.err
+    # Three pairs without the excluded capture: each zoom was trained for once.
+    assert sorted(trained) == pytest.approx([1.2, 19 / 12, 1.9], abs=2e-3)
+    assert command(*arguments).status == 0
+    assert len(trained) == 3
+
+
+def test_without_pytorch_the_learned_model_is_left_out_or_refused_by_name(
+    command: Command, series: Path, psf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(validation_run, "find_spec", lambda _: None)
+    assert "kernelgan" not in validation_run.default_models()
+    done = command(
+        "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v",
+        "--models", "kernelgan",
+    )  # fmt: skip
+    assert done.status == 1
+    assert "pip install standoff[kernelgan], or leave them out with --models" in done.err
+    assert not (tmp_path / "v").exists()
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (("--models", "sharper"), "no model 'sharper'; there are bicubic, kernelgan"),
+        (("--models", "paper", "--steps", "9"), "go with a learned model"),
+        (("--references", "0"), "--references"),
+        (("--workers", "0"), "--workers"),
+    ],
+)
+def test_wrong_arguments_are_usage(
+    command: Command, series: Path, psf: Path, tmp_path: Path, extra: tuple[str, ...], message: str
+) -> None:
+    done = command("validate", "--session", series, "--psf", psf, "--out", tmp_path / "v", *extra)
+    assert done.status == 2
+    assert message in done.err
+
+
+def test_what_cannot_be_read_or_written_is_one_line(
+    command: Command, series: Path, psf: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    for session, calibration, out, message in (
+        (tmp_path, psf, tmp_path / "v", "is not a capture session"),
+        (series, tmp_path / "none.json", tmp_path / "v", "none.json"),
+        (series, psf, tmp_path / "file" / "v", "cannot make the folder"),
+    ):
+        done = command(
+            "validate", "--session", session, "--psf", calibration, "--out", out,
+            "--models", "paper",
+        )  # fmt: skip
+        assert done.status == 1
+        assert message in done.err
+        assert done.err.count("\n") == 1

@@ -1,0 +1,257 @@
+"""Who is let in: rules first, then the whole application."""
+
+import asyncio
+from contextlib import closing
+from http.client import HTTPConnection
+from pathlib import Path
+from threading import Thread
+
+import pytest
+from hypothesis import given, strategies as st
+
+pytest.importorskip("starlette", reason="the console's extra is not installed")
+pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
+
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from standoff.console.bench_hub import BenchHub
+from standoff.console.session_library import (
+    SessionLibrary,
+    UnknownSessionError,
+    is_session_name,
+)
+from standoff.console.web.access import Access, is_loopback_host
+from standoff.console.web.application import console_app
+from standoff.console.web.server import open_socket, server_of
+from tests.standoff.console.hub_fixtures import idle_hub, wait_for
+
+TOKEN = "a long enough secret"
+OWN = "http://127.0.0.1:8470"
+HELLO = {"do": "hello", "viewer": "0" * 32}
+
+
+@pytest.fixture
+def hub(tmp_path: Path) -> BenchHub:
+    return idle_hub(tmp_path)
+
+
+def client_of(hub: BenchHub, peer: str = "127.0.0.1", token: str | None = None) -> TestClient:
+    return TestClient(
+        console_app(hub, token=token), client=(peer, 50000), follow_redirects=False, base_url=OWN
+    )
+
+
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1", "127.3.4.5", "::1", "[::1]", "localhost", "LOCALHOST"]
+)
+def test_loopback_is_this_computer(host: str) -> None:
+    assert is_loopback_host(host)
+
+
+@pytest.mark.parametrize(
+    "host", ["0.0.0.0", "::", "192.168.1.2", "bench.lab", "", "127.0.0.1.x.org"]
+)
+def test_everything_else_is_not(host: str) -> None:
+    assert not is_loopback_host(host)
+
+
+def test_this_computer_is_served_without_a_token(hub: BenchHub) -> None:
+    with client_of(hub) as client:
+        for path in ("/", "/sessions", "/doctor", "/static/console.css"):
+            assert client.get(path).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/", "/sessions", "/doctor", "/static/bench.js", "/login"])
+def test_another_computer_gets_401_without_a_token(hub: BenchHub, path: str) -> None:
+    with client_of(hub, peer="192.0.2.7") as client:
+        assert client.get(path).status_code == 401
+
+
+def test_a_foreign_name_for_this_computer_gets_401(hub: BenchHub) -> None:
+    # What a page of elsewhere can do: have its own name resolve to 127.0.0.1.
+    with client_of(hub) as client:
+        assert client.get("/", headers={"host": "evil.example:8470"}).status_code == 401
+
+
+def test_with_a_token_everybody_needs_it_once(hub: BenchHub) -> None:
+    for peer in ("127.0.0.1", "192.0.2.7"):
+        with client_of(hub, peer=peer, token=TOKEN) as client:
+            refused = client.get("/")
+            assert refused.status_code == 401
+            assert 'name="token"' in refused.text
+            assert client.get("/login", params={"token": "a wrong secret"}).status_code == 401
+            entered = client.get("/login", params={"token": TOKEN})
+            assert (entered.status_code, entered.headers["location"]) == (303, "/")
+            assert "HttpOnly" in entered.headers["set-cookie"]
+            assert "SameSite=strict" in entered.headers["set-cookie"]
+            assert TOKEN not in entered.headers["set-cookie"]
+            assert client.get("/").status_code == 200
+
+
+def test_the_token_may_be_sent_from_the_form(hub: BenchHub) -> None:
+    with client_of(hub, peer="192.0.2.7", token=TOKEN) as client:
+        assert client.post("/login", data={"token": "x"}).status_code == 401
+        assert client.post("/login", content=b"x" * 10_000).status_code == 413
+        assert client.post("/login", data={"token": TOKEN}).status_code == 303
+
+
+@pytest.mark.parametrize(
+    "cookie", ["", "standoff_console=", "standoff_console=ü", "a=b; ;=", "\xff"]
+)
+def test_no_other_cookie_lets_in(hub: BenchHub, cookie: str) -> None:
+    with client_of(hub, peer="192.0.2.7", token=TOKEN) as client:
+        sent = {"cookie": cookie.encode("latin-1")}
+        assert client.get("/", headers=sent).status_code == 401  # type: ignore[arg-type]  # httpx takes bytes
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["http://evil.example", "http://127.0.0.1:9", "https://127.0.0.1:84700", "null", "", None],
+)
+def test_a_websocket_of_another_site_is_refused(hub: BenchHub, origin: str | None) -> None:
+    headers = {} if origin is None else {"origin": origin}
+    with (
+        client_of(hub) as client,
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect("ws://127.0.0.1:8470/live", headers=headers),
+    ):
+        pass
+
+
+def test_a_websocket_without_the_token_is_refused(hub: BenchHub) -> None:
+    with (
+        client_of(hub, peer="192.0.2.7", token=TOKEN) as client,
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect("/live", headers={"origin": OWN}),
+    ):
+        pass
+
+
+def test_a_websocket_of_our_own_page_is_served(hub: BenchHub) -> None:
+    with (
+        client_of(hub) as client,
+        client.websocket_connect("ws://127.0.0.1:8470/live", headers={"origin": OWN}) as socket,
+    ):
+        socket.send_json(HELLO)
+        assert socket.receive_json()["type"] == "state"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/sessions/..",
+        "/sessions/../../etc/passwd",
+        "/sessions/%2e%2e",
+        "/sessions/%2e%2e%2fsecret/report",
+        "/sessions/..%5c..%5csecret",
+        "/sessions/secret%00",
+        "/sessions/.hidden",
+        "/sessions/nothing",
+        "/sessions/nothing/report",
+        "/sessions/link",
+        "/sessions/link/report",
+        "/static/../web.py",
+        "/static/%2e%2e/web.py",
+        "/static//etc/passwd",
+        "/etc/passwd",
+        "/nothing",
+    ],
+)
+def test_paths_that_lead_elsewhere_get_404(hub: BenchHub, tmp_path: Path, path: str) -> None:
+    secret = tmp_path / "secret"
+    (secret / "results").mkdir(parents=True)
+    for name in ("session.json", "results/report.html"):
+        (secret / name).write_text("secret")
+    hub.sessions.folder.mkdir()
+    (hub.sessions.folder / "link").symlink_to(secret)
+    status, body = raw_get(hub, path)
+    assert status == 404
+    assert b"secret</" not in body
+
+
+def test_the_raw_requests_above_reach_what_is_there(hub: BenchHub) -> None:
+    assert raw_get(hub, "/sessions")[0] == 200
+    assert raw_get(hub, "/static/bench.js")[0] == 200
+
+
+def raw_get(hub: BenchHub, path: str) -> tuple[int, bytes]:
+    """Ask a real server for a path just as it is written: clients clean paths before they ask."""
+    server = server_of(console_app(hub))
+    with open_socket("127.0.0.1", 0) as bound:
+        thread = Thread(target=lambda: asyncio.run(server.serve(sockets=[bound])))
+        thread.start()
+        try:
+            wait_for(lambda: server.started, "the server")
+            connection = HTTPConnection("127.0.0.1", bound.getsockname()[1], timeout=30)
+            with closing(connection):
+                connection.putrequest("GET", path)
+                connection.endheaders()
+                answer = connection.getresponse()
+                return answer.status, answer.read()
+        finally:
+            server.should_exit = True
+            thread.join()
+
+
+@pytest.mark.slow
+@given(name=st.text(max_size=120) | st.sampled_from(["..", ".", "a/b", "a\\b", "\0", "\udcff"]))
+def test_no_name_leads_out_of_the_folder(name: str) -> None:
+    library = SessionLibrary(Path("/nowhere/sessions"))
+    with pytest.raises(UnknownSessionError):
+        library.path_of(name)
+    if is_session_name(name):
+        path = library.path_for(name)
+        assert (path.parent, path.name) == (library.folder, name)
+        assert name not in (".", "..")
+    else:
+        with pytest.raises(UnknownSessionError):
+            library.path_for(name)
+
+
+def test_pages_keep_to_themselves(hub: BenchHub) -> None:
+    with client_of(hub) as client:
+        for path in ("/", "/sessions", "/doctor", "/nothing", "/static/bench.js"):
+            answer = client.get(path)
+            policy = answer.headers["content-security-policy"]
+            assert "default-src 'none'" in policy
+            assert "unsafe" not in policy
+            assert "http:" not in policy
+            assert answer.headers["x-content-type-options"] == "nosniff"
+            assert answer.headers["referrer-policy"] == "no-referrer"
+
+
+def test_nothing_that_is_served_names_another_address() -> None:
+    folder = Path(console_app.__code__.co_filename).parent
+    files = [*folder.glob("static/*"), *folder.glob("templates/*")]
+    assert len(files) > 10
+    for file in files:
+        named = file.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        named = named.replace("http://127.0.0.1", "")
+        assert "http://" not in named, file
+        assert "https://" not in named, file
+        assert "//cdn" not in named, file
+
+
+@pytest.mark.parametrize("value", ["", "ü", "0" * 64, '"'])
+def test_only_its_own_value_of_the_cookie_lets_in(value: str) -> None:
+    access = Access(TOKEN)
+    about = {"peer": "192.0.2.7", "host": "192.0.2.1"}
+    assert not access.may_enter(**about, cookies=f"{access.cookie_name}={value}")
+    assert access.may_enter(**about, cookies=f"{access.cookie_name}={access.cookie_value}")
+
+
+def test_two_consoles_of_one_host_keep_each_its_own_operator() -> None:
+    # A browser sends both: cookies know no ports.
+    consoles = Access(TOKEN), Access(TOKEN + "other")
+    both = "; ".join(f"{one.cookie_name}={one.cookie_value}" for one in consoles)
+    for one in consoles:
+        assert one.may_enter(peer="192.0.2.7", host="192.0.2.1", cookies=both)
+
+
+@given(token=st.text(min_size=1), guess=st.text())
+def test_only_the_token_is_the_token(token: str, guess: str) -> None:
+    access = Access(token)
+    assert access.is_token(token)
+    assert access.is_token(guess) == (guess == token)
+    assert not access.may_enter(peer="127.0.0.1", host="127.0.0.1", cookies=guess)

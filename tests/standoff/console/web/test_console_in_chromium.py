@@ -1,0 +1,189 @@
+"""An operator's work at the console, in a real browser over the real protocols."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from acquisition.session.reader import Session, verify
+from tests.standoff.console.console_rig import (
+    ConsoleRig,
+    console_rig,
+    move_to,
+    number,
+    take_control,
+    text,
+    wait_at,
+    wait_until,
+)
+
+pytestmark = pytest.mark.slow
+
+PLAN = """
+schema = "standoff.plan/1"
+name = "{name}"
+heights_mm = {heights}
+frames_per_capture = 4
+
+[[targets]]
+kind = "edge"
+target = "edge"
+orientations_deg = [5.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleRig]:
+    folder: Path = tmp_path_factory.mktemp("console")
+    (folder / "two.toml").write_text(PLAN.format(name="two", heights=[300.0, 303.0]))
+    (folder / "five.toml").write_text(
+        PLAN.format(name="five", heights=[300.0, 301.0, 302.0, 303.0, 304.0])
+    )
+    with console_rig(folder) as made:
+        yield made
+        assert made.faults == []
+        assert {urlsplit(url).hostname for url in made.requests} == {"127.0.0.1"}
+
+
+def test_an_operator_finds_the_focus_with_a_region_drawn_by_the_mouse(rig: ConsoleRig) -> None:
+    with rig.operator() as page:
+        move_to(page, 260)
+        wait_at(page, 260)
+        bounds = page.locator("#picture").bounding_box()
+        assert bounds is not None
+        page.mouse.move(bounds["x"] + 0.3 * bounds["width"], bounds["y"] + 0.3 * bounds["height"])
+        page.mouse.down()
+        page.mouse.move(bounds["x"] + 0.7 * bounds["width"], bounds["y"] + 0.7 * bounds["height"])
+        page.mouse.up()
+        wait_until(lambda: page.is_visible("#region"), "the region is shown")
+        page.click("#forget-peak")
+        wait_until(lambda: number(page, "#focus-percent") > 95, "focus is measured")
+        heights = list(range(270, 350, 10))
+        for height in heights:
+            page.click("[data-step='10']")
+            wait_at(page, height)
+            page.wait_for_timeout(400)  # the readings smooth over three pictures
+            if "past the peak" in text(page, "#focus-hint"):
+                break
+        assert "past the peak" in text(page, "#focus-hint")
+        assert number(page, "#focus-percent") < 97
+        # The lens is focused at 300 mm from the pupil, which is 12.5 mm above the height zero.
+        assert 290 <= height <= 330
+        for back in range(height - 10, 250, -10):
+            page.click("[data-step='-10']")
+            wait_at(page, back)
+            page.wait_for_timeout(400)
+            if number(page, "#focus-percent") > 97:
+                break
+        assert number(page, "#focus-percent") > 97
+        page.click("#clear-region")
+        wait_until(lambda: not page.is_visible("#region"), "the region is gone")
+
+
+def test_a_session_of_two_heights_is_captured_and_shown(rig: ConsoleRig) -> None:
+    with rig.operator() as page:
+        page.select_option("#plan", "two")
+        wait_until(lambda: text(page, "#preview").startswith("2 captures"), "preview")
+        page.fill("#session-name", "two heights")
+        page.click("#run")
+        wait_until(lambda: "Place edge 'edge' at 5" in text(page, "#prompt-text"), "asked to place")
+        rig.tell_mock("place edge 5")
+        page.click("#prompt-choices button >> nth=0")
+        wait_until(lambda: text(page, "#run-state") == "finished", "session finished")
+        assert text(page, "#run-count") == "2 of 2"
+        assert page.locator("#plan-table tr.done").count() == 2
+        page.click("nav a[href='/sessions']")
+        page.click("text=two heights")
+        assert "2 of 2 captured" in text(page, "main")
+        page.wait_for_selector("#write-report:enabled")
+        page.click("#write-report")
+        page.wait_for_selector("text=Open report")
+        page.goto(f"{rig.url}sessions/two%20heights/report")
+        assert "two heights" in page.content()
+    session = Session.open(rig.sessions / "two heights")
+    assert session.is_complete
+    assert session.manifest.operator == "Ada"
+    assert verify(session.path).is_ok
+
+
+def test_stop_ends_a_move_from_the_keyboard_and_from_a_page_that_only_watches(
+    rig: ConsoleRig,
+) -> None:
+    with rig.operator() as page, rig.page() as watcher:
+        for stopping in (page, watcher):
+            move_to(page, 150)
+            wait_at(page, 150)
+            move_to(page, 480)
+            wait_until(lambda: number(page, "#stage-height") > 170, "the stage moves")
+            if stopping is page:
+                page.focus("#move-to")
+                page.keyboard.press("Escape")
+            else:
+                watcher.click("#stop")
+            wait_until(
+                lambda: text(page, "#stage-motion") == "at rest" and page.is_enabled("#home"),
+                "the stage stands",
+            )
+            stopped_mm = number(page, "#stage-height")
+            assert 170 < stopped_mm < 400
+            assert text(page, "#stage-homed") == "homed"
+            page.wait_for_timeout(500)
+            assert number(page, "#stage-height") == stopped_mm
+        assert not watcher.is_enabled("#home")
+
+
+def test_an_unplugged_camera_is_shown_and_comes_back_by_itself(rig: ConsoleRig) -> None:
+    with rig.operator() as page:
+        drawn = "standoff.picture.drawn"
+        wait_until(lambda: page.evaluate(drawn) > 3, "pictures")
+        rig.tell_mock("fault is_dead=true")
+        wait_until(lambda: page.is_visible("#alert-camera"), "the camera is shown as lost")
+        assert "cable" in text(page, "#alert-camera .remedy")
+        wait_until(lambda: page.is_visible("#no-picture"), "the picture is shown as old")
+        rig.tell_mock("fault none")
+        wait_until(lambda: not page.is_visible("#alert-camera"), "the camera is back")
+        before = page.evaluate(drawn)
+        wait_until(lambda: page.evaluate(drawn) > before + 5, "pictures again")
+
+
+def test_a_session_outlives_its_tab_and_resumes_after_a_stop(rig: ConsoleRig) -> None:
+    with rig.operator() as page:
+        page.select_option("#plan", "five")
+        page.fill("#session-name", "five")
+        page.click("#run")
+        wait_until(lambda: page.is_visible("#prompt"), "asked to place")
+        page.click("#prompt-choices button >> nth=0")
+        page.click("#pause")
+        wait_until(lambda: text(page, "#run-state") == "paused", "paused")
+    with rig.operator() as page:
+        assert text(page, "#run-state") == "paused"
+        captured = int(text(page, "#run-count").split()[0])
+        assert captured < 5
+        assert page.locator("#plan-table tr.next").count() == 1
+        page.click("#stop")
+        wait_until(lambda: text(page, "#run-state") == "stopped", "stopped")
+    with rig.operator() as page:
+        page.click("#resume-last")
+        wait_until(lambda: page.is_visible("#prompt"), "asked to place again")
+        page.click("#prompt-choices button >> nth=0")
+        wait_until(lambda: text(page, "#run-state") == "finished", "finished")
+        page.click("#plan-table tr.done >> nth=1 >> text=Retake")
+        wait_until(lambda: page.is_visible("#prompt"), "asked to place for the retake")
+        page.click("#prompt-choices button >> nth=0")
+        wait_until(lambda: text(page, "#run-state") == "finished", "finished again")
+    session = Session.open(rig.sessions / "five")
+    assert session.is_complete
+    assert [event.kind for event in session.events].count("stop") == 1
+    assert len(session.captures) == 6
+    assert verify(session.path).is_ok
+
+
+def test_control_is_taken_over_explicitly(rig: ConsoleRig) -> None:
+    with rig.operator() as first, rig.page() as second:
+        wait_until(lambda: "is in control" in text(second, "#control-text"), "second watches")
+        assert not second.is_enabled("#home")
+        take_control(second)
+        wait_until(lambda: "Ada is in control" in text(first, "#control-text"), "first watches")
+        assert not first.is_enabled("#home")
+        assert second.is_enabled("#home")

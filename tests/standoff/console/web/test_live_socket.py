@@ -1,0 +1,156 @@
+"""A page's websocket: how it begins, is replaced and is told what was not understood."""
+
+import asyncio
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette", reason="the console's extra is not installed")
+pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
+pytest.importorskip("websockets", reason="the console's extra is not installed")
+
+from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+from websockets import Origin
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from standoff.console.bench_hub import BenchHub
+from standoff.console.web.application import REPLACED, console_app
+from standoff.console.web.server import open_socket, server_of
+from standoff.console.web.state_cache import StateCache
+from tests.acquisition.fakes import SETTINGS, frame
+from tests.standoff.console.hub_fixtures import DEADLINE_S, idle_hub, wait_for
+
+OWN = "http://127.0.0.1:8470"
+PAGE, OTHER = "0" * 32, "1" * 32
+
+
+@pytest.fixture
+def hub(tmp_path: Path) -> BenchHub:
+    return idle_hub(tmp_path)
+
+
+@contextmanager
+def client_of(hub: BenchHub) -> Iterator[TestClient]:
+    with TestClient(console_app(hub), client=("127.0.0.1", 50000), base_url=OWN) as client:
+        yield client
+
+
+def live(client: TestClient) -> Any:
+    return client.websocket_connect("ws://127.0.0.1:8470/live", headers={"origin": OWN})
+
+
+def received(socket: WebSocketTestSession, kind: str) -> dict[str, Any]:
+    """The next document of a kind; the others are left out."""
+    while True:
+        document: dict[str, Any] = socket.receive_json()
+        if document["type"] == kind:
+            return document
+
+
+@pytest.mark.parametrize("first", ["{", '{"do": "stop"}', '{"do": "hello", "viewer": "me"}'])
+def test_a_page_that_does_not_say_hello_first_is_closed(hub: BenchHub, first: str) -> None:
+    with client_of(hub) as client, live(client) as socket:
+        socket.send_text(first)
+        with pytest.raises(WebSocketDisconnect) as closed:
+            socket.receive_json()
+    assert closed.value.code == 1008
+    assert closed.value.reason == "say hello first"
+
+
+def test_a_page_that_leaves_before_its_hello_leaves_nothing_behind(hub: BenchHub) -> None:
+    with client_of(hub) as client:
+        with live(client):
+            pass
+        with live(client) as socket:
+            socket.send_bytes(b"hello")
+        with live(client) as socket:
+            socket.send_json({"do": "hello", "viewer": PAGE})
+            assert received(socket, "state")["control"]["is_mine"]
+            assert hub.control.view(PAGE).viewers == 1
+
+
+def test_a_page_that_is_silent_is_let_go(hub: BenchHub, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("standoff.console.web.application.HELLO_TIMEOUT_S", 0.01)
+    server = server_of(console_app(hub))
+    with open_socket("127.0.0.1", 0) as bound:
+        thread = Thread(target=lambda: asyncio.run(server.serve(sockets=[bound])))
+        thread.start()
+        try:
+            wait_for(lambda: server.started, "the server")
+            address = f"127.0.0.1:{bound.getsockname()[1]}"
+            with (
+                connect(f"ws://{address}/live", origin=Origin(f"http://{address}")) as socket,
+                pytest.raises(ConnectionClosed),
+            ):
+                socket.recv(DEADLINE_S)
+            assert hub.control.view(PAGE).viewers == 0
+        finally:
+            server.should_exit = True
+            thread.join()
+
+
+def test_a_page_opened_again_takes_the_place_of_the_old_one_and_keeps_control(
+    hub: BenchHub,
+) -> None:
+    with client_of(hub) as client, live(client) as old:
+        old.send_json({"do": "hello", "viewer": PAGE, "name": "Ada"})
+        assert received(old, "state")["control"]["is_mine"]
+        with live(client) as new:
+            new.send_json({"do": "hello", "viewer": PAGE, "name": "Ada"})
+            assert received(new, "state")["control"]["is_mine"]
+            with pytest.raises(WebSocketDisconnect) as closed:
+                received(old, "nothing")
+            assert closed.value.code == REPLACED
+            # The old one's end takes nothing from the new one.
+            new.send_json({"do": "gain", "gain_db": 3.0})
+            new.send_json({"do": "preview", "plan": "two"})
+            assert received(new, "preview")["captures"] == 2
+            assert hub.control.view(PAGE).is_mine
+
+
+def test_what_is_not_understood_is_told_to_that_page_alone(hub: BenchHub) -> None:
+    with client_of(hub) as client, live(client) as mine, live(client) as theirs:
+        for socket, viewer in ((mine, PAGE), (theirs, OTHER)):
+            socket.send_json({"do": "hello", "viewer": viewer})
+            received(socket, "state")
+        mine.send_bytes(b"\x00")
+        assert received(mine, "refused")["text"] == "a message is text"
+        mine.send_json({"do": "jump"})
+        assert received(mine, "refused")["text"].startswith("not understood")
+        theirs.send_json({"do": "home"})
+        assert "Somebody else holds control" in received(theirs, "refused")["text"]
+        theirs.send_json({"do": "stop"})  # from anybody
+        wait_for(lambda: bool(hub.notices), "the stop")
+
+
+def test_levels_and_picture_come_with_the_first_frame(hub: BenchHub) -> None:
+    assert StateCache(hub).levels() is None
+    hub.picture.start()
+    try:
+        with client_of(hub) as client, live(client) as socket:
+            socket.send_json({"do": "hello", "viewer": PAGE, "pictures": True})
+            # Levels are looked for at every other state at least: none without a picture.
+            seen = [socket.receive_json()["type"] for _ in range(5)]
+            assert set(seen) == {"state", "plan"}
+            hub.board.publish(frame(np.full((48, 64), 700, np.uint16), 1), SETTINGS)
+            texts: list[dict[str, Any]] = []
+            pictures: list[bytes] = []
+            while not (pictures and any(text["type"] == "levels" for text in texts)):
+                message = socket.receive()
+                if message.get("bytes"):
+                    pictures.append(message["bytes"])
+                else:
+                    texts.append(json.loads(message["text"]))
+            levels = next(text for text in texts if text["type"] == "levels")
+            assert sum(levels["counts"]) == 48 * 64
+            socket.send_json({"do": "ack", "sequence": 1})
+    finally:
+        hub.picture.close()

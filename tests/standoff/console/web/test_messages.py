@@ -1,0 +1,141 @@
+"""What a page may send: anything at all, and the console goes on."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+pytest.importorskip("starlette", reason="the console's extra is not installed")
+pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
+
+from starlette.testclient import TestClient, WebSocketTestSession
+
+from standoff.console.web import messages
+from standoff.console.web.application import console_app
+from standoff.console.web.command_handler import CommandDesk
+from standoff.console.web.messages import MessageError, parse_message
+from standoff.errors import REPORTED_ERRORS
+from tests.standoff.console.hub_fixtures import idle_hub
+
+COMMANDS = sorted(
+    kind.model_fields["do"].annotation.__args__[0] for kind in messages.Message.__args__
+)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=8,
+)
+FIELDS = sorted({name for kind in messages.Message.__args__ for name in kind.model_fields})
+NEARLY = st.builds(
+    lambda what, fields: {"do": what, **fields},
+    st.sampled_from(COMMANDS),
+    st.dictionaries(st.sampled_from(FIELDS), JSON | st.floats(0, 500) | st.just("two"), max_size=4),
+)
+
+
+@given(text=st.text() | JSON.map(json.dumps) | NEARLY.map(json.dumps))
+def test_a_text_is_a_message_or_refused_in_one_line(text: str) -> None:
+    try:
+        message = parse_message(text)
+    except MessageError as error:
+        if len(str(error).splitlines()) != 1:
+            pytest.fail(f"not one line: {error!r}")
+        return
+    assert message.do in COMMANDS
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"do": "move", "height_mm": NaN}',
+        '{"do": "move", "height_mm": Infinity}',
+        '{"do": "move", "height_mm": "3"}',
+        '{"do": "move", "height_mm": 3, "quickly": true}',
+        '{"do": "exposure", "exposure_us": 0}',
+        '{"do": "exposure", "exposure_us": -1}',
+        '{"do": "region", "region": [1, 2, 3]}',
+        '{"do": "hello", "viewer": "me"}',
+        '{"do": "retake", "session": "s", "index": -1}',
+        '{"do": "quit"}',
+        "[]",
+        "",
+        '{"do": "stop", "x": "' + "y" * 5000 + '"}',
+        "[" * 3000,
+    ],
+)
+def test_what_is_out_of_range_or_unknown_is_refused(text: str) -> None:
+    with pytest.raises(MessageError):
+        parse_message(text)
+
+
+def test_a_message_is_read_as_it_was_meant() -> None:
+    assert parse_message('{"do": "move", "height_mm": 3}') == messages.Move(
+        do="move", height_mm=3.0
+    )
+    assert parse_message('{"do": "region", "region": [1, 2, 30, 40]}') == messages.LookAt(
+        do="region", region=(1, 2, 30, 40)
+    )
+
+
+@given(sent=NEARLY)
+@settings(max_examples=60)
+def test_no_message_of_the_holder_raises_anything_unexpected(
+    sent: dict[str, object], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    hub = idle_hub(tmp_path_factory.mktemp("fuzz"))
+    hub.control.join("me", "Ada")
+    try:
+        message = parse_message(json.dumps(sent))
+        CommandDesk(hub).carry_out("me", message)
+    except REPORTED_ERRORS:
+        return
+    finally:
+        job = hub.jobs.current
+        if job is not None:
+            hub.stop()
+            assert job.ended.wait(30)
+
+
+def answer_to(socket: WebSocketTestSession) -> dict[str, object]:
+    """The next message that is no state of the bench."""
+    while True:
+        message = socket.receive_json()
+        if message["type"] not in ("state", "plan", "levels"):
+            return dict(message)
+
+
+def test_a_page_that_talks_nonsense_is_told_so_and_stays_connected(tmp_path: Path) -> None:
+    hub = idle_hub(tmp_path)
+    nonsense = ["", "{", "[1]", '{"do": 3}', '{"do": "fly"}', "\u0000", "9" * 4000, '"\\ud800"']
+    with (
+        TestClient(
+            console_app(hub), client=("127.0.0.1", 1), base_url="http://127.0.0.1"
+        ) as client,
+        client.websocket_connect(
+            "ws://127.0.0.1/live", headers={"origin": "http://127.0.0.1"}
+        ) as socket,
+    ):
+        socket.send_json({"do": "hello", "viewer": "0" * 32})
+        for text in nonsense:
+            socket.send_text(text)
+            assert answer_to(socket)["type"] == "refused"
+        socket.send_bytes(b"\x00\xff")
+        assert answer_to(socket)["text"] == "a message is text"
+        socket.send_json({"do": "preview", "plan": "two"})
+        assert answer_to(socket)["captures"] == 2
+
+
+def test_a_page_has_to_say_hello_first(tmp_path: Path) -> None:
+    hub = idle_hub(tmp_path)
+    with (
+        TestClient(
+            console_app(hub), client=("127.0.0.1", 1), base_url="http://127.0.0.1"
+        ) as client,
+        client.websocket_connect(
+            "ws://127.0.0.1/live", headers={"origin": "http://127.0.0.1"}
+        ) as socket,
+    ):
+        socket.send_json({"do": "stop"})
+        closed = socket.receive()
+    assert (closed["type"], closed["code"]) == ("websocket.close", 1008)

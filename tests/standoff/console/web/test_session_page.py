@@ -1,0 +1,92 @@
+"""What the page of a session shows of retakes, notes and results, whatever its files hold."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("starlette", reason="the console's extra is not installed")
+pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
+
+from starlette.testclient import TestClient
+
+from acquisition.session.notes import SessionNotes
+from standoff.console.session_library import SessionLibrary
+from standoff.console.web.application import console_app
+from standoff.console.web.session_page import MAX_RESULT_BYTES, session_document
+from tests.standoff.conftest import Command
+from tests.standoff.console.hub_fixtures import idle_hub
+
+
+def shown(session: Path) -> dict[str, Any]:
+    return session_document(SessionLibrary(session.parent), session.name)
+
+
+def test_a_capture_taken_again_is_shown_beside_the_one_that_took_its_place(
+    command: Command, session_dir: Path, bench_file: Path, plan_file: Path
+) -> None:
+    words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", session_dir, "--yes")
+    assert command(*words, "--retake", 2).status == 0
+    taken = [c for c in shown(session_dir)["captures"] if c["index"] == 2]
+    assert [c["state"] for c in taken] == ["taken again", "used"]
+    assert [(c["is_current"], c["is_used"]) for c in taken] == [(False, False), (True, True)]
+
+
+def test_notes_skips_and_errors_are_told_with_the_capture_they_are_about(
+    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
+) -> None:
+    answers, session = tmp_path / "answers.txt", tmp_path / "s"
+    answers.write_text("\ns\n")  # the second orientation is skipped, the third one not answered
+    words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", session)
+    assert command(*words, "--answers", answers).status == 1
+    SessionNotes(session, operator="Ada").note("lamp changed")
+    told = [note["text"] for note in shown(session)["notes"]]
+    assert told[:2] == [
+        "capture 2: stopped or skipped by the operator",
+        "capture 3: stopped or skipped by the operator",
+    ]
+    assert "has no answer left to" in told[2]
+    assert told[3] == "lamp changed"
+
+
+def test_a_psf_is_shown_as_far_as_its_file_tells_one(session_dir: Path, tmp_path: Path) -> None:
+    psf = session_dir / "results" / "psf.json"
+    assert shown(session_dir)["psf"] == []
+    psf.parent.mkdir()
+    for content, figures in (
+        ("[1, 2]", []),
+        ("{", []),
+        ('{"sigma_x_px": "wide", "rho": null}', []),
+        (
+            '{"sigma_x_px": 0.7, "sigma_x_err_px": 0.001, "rho": 0.25, "rho_err": 0.01}',
+            ["0.7000 ± 0.0010 px", "0.2500 ± 0.0100"],
+        ),
+        ('{"sigma_y_px": 0.6}', ["0.6000 px"]),
+    ):
+        psf.write_text(content)
+        assert [figure["value"] for figure in shown(session_dir)["psf"]] == figures
+    with psf.open("ab") as file:
+        file.truncate(MAX_RESULT_BYTES + 1)
+    assert shown(session_dir)["psf"] == []  # not read at all
+    psf.unlink()
+    (tmp_path / "secret.json").write_text('{"sigma_x_px": 0.7}')
+    psf.symlink_to(tmp_path / "secret.json")
+    assert shown(session_dir)["psf"] == []
+
+
+def test_a_session_without_a_report_says_so(session_dir: Path, tmp_path: Path) -> None:
+    hub = idle_hub(tmp_path)
+    hub.sessions.folder.mkdir()
+    session_dir.rename(hub.sessions.folder / "first")
+    with TestClient(
+        console_app(hub), client=("127.0.0.1", 1), base_url="http://127.0.0.1"
+    ) as client:
+        absent = client.get("/sessions/first/report")
+        assert absent.status_code == 404
+        assert "first has no report yet" in absent.text
+        folder = hub.sessions.folder / "first" / "results"
+        folder.mkdir()
+        (folder / "report.html").write_text("<p>the report</p>")
+        there = client.get("/sessions/first/report")
+        assert (there.status_code, there.text) == (200, "<p>the report</p>")
+        assert "'none'" in there.headers["content-security-policy"]

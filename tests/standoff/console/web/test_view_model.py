@@ -1,0 +1,178 @@
+"""What the pages show, without a page."""
+
+import numpy as np
+import pytest
+
+from acquisition.focus.measures import Region
+from acquisition.focus.trace import FocusReading
+from acquisition.plan import PlanEntry
+from analysis.pose.tracker import PoseVerdict
+from standoff.console.devices.device_status import DeviceStatus
+from standoff.console.devices.frame_broadcaster import FrameCounts
+from standoff.console.devices.picture_monitor import Levels, PictureFacts
+from standoff.console.devices.pose_monitor import PoseView
+from standoff.console.devices.stage_service import StageView
+from standoff.console.jobs.control_arbiter import ControlView
+from standoff.console.jobs.session_run import PlanRow, RunView
+from standoff.console.web.view_model import (
+    camera_document,
+    control_document,
+    disk_document,
+    focus_document,
+    levels_document,
+    plan_document,
+    pose_document,
+    run_document,
+    saturation_text,
+    stage_document,
+)
+from tests.acquisition.fakes import SETTINGS
+
+READY = DeviceStatus(state="ready")
+
+
+def reading(**changes: object) -> FocusReading:
+    facts: dict[str, object] = {
+        "value": 0.0191,
+        "peak": 0.02,
+        "trend": "steady",
+        "is_past_peak": False,
+        "noise": 1e-4,
+    }
+    return FocusReading(**(facts | changes))  # type: ignore[arg-type]  # names are FocusReading's
+
+
+def levels(fraction: float) -> Levels:
+    return Levels(
+        counts=np.array([5, 0, 7]), max_level_dn=4095, mean_dn=1234.5, saturated_fraction=fraction
+    )
+
+
+def test_focus_is_told_in_percent_and_in_words() -> None:
+    shown = focus_document(PictureFacts(focus=reading()))
+    assert (shown["percent_text"], shown["value"], shown["peak"]) == ("95.5", "0.0191", "0.02")
+    assert shown["hint"] == "steady"
+
+
+@pytest.mark.parametrize(
+    ("trend", "is_past", "hint"),
+    [
+        ("rising", False, "getting sharper"),
+        ("falling", False, "getting softer"),
+        ("falling", True, "past the peak: go back"),
+        ("steady", True, "past the peak: go back"),
+    ],
+)
+def test_the_hint_says_where_to_turn(trend: str, is_past: bool, hint: str) -> None:
+    facts = PictureFacts(focus=reading(trend=trend, is_past_peak=is_past))
+    assert focus_document(facts)["hint"] == hint
+
+
+def test_no_focus_is_no_number() -> None:
+    shown = focus_document(PictureFacts(region=Region(x_px=1, y_px=2, width_px=30, height_px=40)))
+    assert shown["percent"] is None
+    assert shown["region"] == [1, 2, 30, 40]
+
+
+@pytest.mark.parametrize(
+    ("fraction", "text"), [(0.0, "none"), (1e-6, "< 0.01 %"), (0.0123, "1.23 %"), (1.0, "100.00 %")]
+)
+def test_saturation_is_told_as_a_share(fraction: float, text: str) -> None:
+    assert saturation_text(levels(fraction)) == text
+
+
+def test_levels_wait_for_the_first_picture() -> None:
+    assert levels_document(PictureFacts()) is None
+    shown = levels_document(PictureFacts(levels=levels(0.5), trace=(0.123456789,)))
+    assert shown is not None
+    assert shown["counts"] == [5, 0, 7]
+    assert shown["is_saturated"]
+    assert shown["trace"] == [0.12346]
+
+
+def test_a_stage_that_does_not_know_its_height_shows_none() -> None:
+    shown = stage_document(StageView(status=READY, state="idle", limits_mm=(120.0, 500.0)))
+    assert (shown["height"], shown["homed_text"]) == ("–", "not homed")
+    assert shown["limits"] == "120 to 500 mm"
+
+
+def test_a_stage_on_its_way_says_where_to() -> None:
+    view = StageView(status=READY, state="moving", height_mm=200.5, target_mm=300.0, is_homed=True)
+    shown = stage_document(view)
+    assert (shown["height"], shown["motion_text"]) == ("200.500", "moving")
+    assert shown["target"] == "on the way to 300.000 mm"
+
+
+def test_a_lost_stage_is_not_at_rest() -> None:
+    lost = DeviceStatus(state="lost", text="the serial port is gone", remedy="Plug it in.")
+    shown = stage_document(StageView(status=lost, state="idle"))
+    assert shown["motion_text"] == "not connected"
+    assert shown["remedy"] == "Plug it in."
+
+
+def test_a_camera_shows_its_settings_and_its_losses() -> None:
+    counts = FrameCounts(complete=100, incomplete=1, lost=2, rate_hz=49.96)
+    shown = camera_document(READY, SETTINGS, counts, None, name="Manta")
+    assert (shown["format"], shown["rate"], shown["lost"]) == ("6 × 4 Mono12", "50.0", 2)
+    assert camera_document(READY, None, FrameCounts(), None)["exposure_us"] is None
+
+
+def test_control_says_who_has_it() -> None:
+    def told(**facts: object) -> str:
+        view = {"is_mine": False, "holder": "", "is_away": False, "viewers": 1, **facts}
+        return str(control_document(ControlView(**view))["text"])  # type: ignore[arg-type]  # names are ControlView's
+
+    assert told(is_mine=True, holder="Ada") == "You are in control as"
+    assert told() == "Nobody is in control"
+    assert told(holder="Ada") == "Ada is in control"
+    assert told(holder="Ada", is_away=True) == "Ada is in control, but not connected"
+
+
+def test_the_plan_is_a_table_of_what_is_done_next_and_failed() -> None:
+    entries = [
+        PlanEntry(index=i, kind="edge", target="Kante", orientation_deg=5.0, height_mm=300.0 + i)
+        for i in range(3)
+    ]
+    view = RunView(
+        session="s",
+        state="failed",
+        rows=(
+            PlanRow(entry=entries[0], state="done", height_mm=300.0016, focus_value=0.012345),
+            PlanRow(entry=entries[1], state="failed", note="the camera was lost"),
+            PlanRow(entry=entries[2]),
+        ),
+        seconds_left=61.0,
+    )
+    rows = plan_document(view)["rows"]
+    assert [row["state"] for row in rows] == ["done", "failed", "pending"]
+    assert [row["height"] for row in rows] == ["300.002", "301", "302"]
+    assert rows[0]["focus"] == "0.0123"
+    shown = run_document(view, is_pause_wanted=False)
+    assert (shown["captured"], shown["planned"], shown["left"]) == (1, 3, "1 min 01 s left")
+
+
+@pytest.mark.parametrize(
+    ("accepted", "margin", "verdict", "text"),
+    [(True, 0.31, "GO", "+31 %"), (False, -0.204, "NO GO", "-20 %"), (False, None, "NO GO", "")],
+)
+def test_the_pose_is_go_or_no_go_with_its_margin(
+    accepted: bool, margin: float | None, verdict: str, text: str
+) -> None:
+    found = PoseVerdict(
+        accepted=accepted,
+        dprime=None if margin is None else 2 * (1 + margin),
+        margin=margin,
+        reason="because",
+        homography=None,
+        zoom=None,
+        overlap=None,
+        anchored=False,
+    )
+    shown = pose_document(PoseView(is_possible=True, reference="before", verdict=found))
+    assert (shown["verdict"], shown["margin"], shown["reason"]) == (verdict, text, "because")
+    assert pose_document(PoseView(is_possible=True))["verdict"] == ""
+
+
+@pytest.mark.parametrize(("free", "level"), [(10**8 - 1, "fail"), (10**9, "warn"), (10**10, "ok")])
+def test_little_room_is_shown(free: int, level: str) -> None:
+    assert disk_document(free)["level"] == level

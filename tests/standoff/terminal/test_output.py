@@ -1,0 +1,38 @@
+"""What tables show where room is short, and of names with brackets."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+import standoff.terminal.output
+from standoff.terminal.output import print_table
+
+NAME = "/somewhere/" + "deep/" * 40 + "edge[1].tif"
+
+
+@pytest.mark.parametrize("width", [60, 80, 10_000])
+def test_a_long_name_folds_and_figures_stay_whole(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = io.StringIO()
+    console = Console(file=shown, soft_wrap=True, highlight=False, width=width)
+    monkeypatch.setattr(standoff.terminal.output, "_RESULTS", console)
+    print_table("Files", ["file", "sigma_x / px"], [[NAME, "0.8000 ± 0.0012"], ["b", "0.84"]])
+    text = shown.getvalue()
+    assert "0.8000 ± 0.0012" in text
+    assert "sigma_x / px" in text
+    folded = [line.split("│")[1].strip() for line in text.splitlines() if line.startswith("│")]
+    assert "".join(folded[:-1]) == NAME
+    if width < 10_000:
+        assert max(len(line) for line in text.splitlines()) <= width
+
+
+def test_without_a_terminal_a_table_is_as_wide_as_it_needs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    print_table("Files of x[old], [/bold]", ["file", "sigma_x / px"], [[NAME, "0.8000"]])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].strip() == "Files of x[old], [/bold]"
+    (row,) = [line for line in lines if NAME in line]
+    assert "0.8000" in row
