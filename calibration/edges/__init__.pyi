@@ -25,6 +25,7 @@ from .mosaic import (
     PlanePlace as PlanePlace,
     plane_places as plane_places,
 )
+from .orientation import orientation_of as orientation_of
 from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
 from .segments import (
     EdgeSegment as EdgeSegment,
@@ -59,6 +60,7 @@ __all__ = [
     "mean_transfer",
     "measure_edges",
     "measure_esfr",
+    "orientation_of",
     "pixel_mtf50",
     "plane_places",
     "side_level",

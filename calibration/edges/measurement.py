@@ -16,11 +16,11 @@ from calibration.edges.esfr import (
 )
 from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
 from calibration.edges.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
+from calibration.edges.orientation import orientation_of
 from calibration.edges.paper_method import lsf_fit
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
 from calibration.edges.segments import EdgeSegment
 from calibration.noise import LevelNoise
-from calibration.psf import orientation_of
 
 __all__ = [
     "REJECTING_FLAGS",

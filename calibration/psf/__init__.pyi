@@ -15,7 +15,6 @@ from .comparison import compare_psfs as compare_psfs
 from .covariance import (
     Estimate as Estimate,
     fit_covariance as fit_covariance,
-    orientation_of as orientation_of,
     share_of_correlation as share_of_correlation,
 )
 from .document import (
@@ -63,7 +62,6 @@ __all__ = [
     "edge_records",
     "fit_covariance",
     "luma_plane",
-    "orientation_of",
     "psf_document",
     "scene_records",
     "share_of_correlation",

@@ -11,6 +11,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.edges import orientation_of
 from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
 
 __all__ = [
@@ -18,13 +19,11 @@ __all__ = [
     "Estimate",
     "fit_covariance",
     "median_width",
-    "orientation_of",
     "share_of_correlation",
 ]
 
 Array = NDArray[np.float64]
 
-ORIENTATION_TOLERANCE_DEG = 22.5
 _NORMAL_95 = 1.959963984540054
 _MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
 _MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
@@ -82,16 +81,6 @@ class CovarianceFit:
     def edges_used(self) -> int:
         """Number of edges that count at least half."""
         return int(np.count_nonzero(self.weights > 0.5))
-
-
-def orientation_of(angle_deg: float) -> str:
-    """Name of an edge's direction: vertical or horizontal within 22.5 degrees, else diagonal."""
-    from_horizontal = abs((angle_deg + 90.0) % 180.0 - 90.0)
-    if from_horizontal <= ORIENTATION_TOLERANCE_DEG:
-        return "horizontal"
-    if from_horizontal >= 90.0 - ORIENTATION_TOLERANCE_DEG:
-        return "vertical"
-    return "diagonal"
 
 
 def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> CovarianceFit:

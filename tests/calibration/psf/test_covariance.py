@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
-from calibration.psf.covariance import Estimate, fit_covariance, orientation_of
+from calibration.edges.orientation import orientation_of
+from calibration.psf.covariance import Estimate, fit_covariance
 
 Array = NDArray[np.float64]
 

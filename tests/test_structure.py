@@ -1,0 +1,132 @@
+"""The floor plan: how large folders, functions and signatures may grow, and who knocks where.
+
+Layers and circles are import-linter's; here is what it does not see.
+"""
+
+import ast
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from radon.complexity import cc_visit
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks", "standoff")
+MODULES = [path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))]
+ROOMS = [path.parent for path in MODULES if path.name == "__init__.py"]
+MODULES_MOST = {"standoff": 24}
+MODULES_MOST_ELSEWHERE = 17
+LINES_MOST = 400
+BODY_LINES_MOST = 60
+PARAMETERS_MOST = 6
+COMPLEXITY_MOST = 20
+"""Radon's rank C ends here, D begins."""
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def dotted(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
+
+
+def named(paths: list[Path]) -> list[object]:
+    return [pytest.param(path, id=dotted(path)) for path in paths]
+
+
+def functions(path: Path) -> Iterator[Function]:
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, Function):
+            yield node
+
+
+def body_lines(function: Function) -> int:
+    """Lines of a function without its signature and its docstring."""
+    body = function.body
+    if ast.get_docstring(function) is not None:
+        body = body[1:]
+    return (function.end_lineno or 0) - body[0].lineno + 1 if body else 0
+
+
+def parameters(function: Function) -> list[str]:
+    asked = function.args
+    names = [a.arg for a in (*asked.posonlyargs, *asked.args, *asked.kwonlyargs)]
+    return [name for name in names if name not in ("self", "cls")]
+
+
+def is_compiled(function: Function) -> bool:
+    return any("njit" in ast.unparse(mark) for mark in function.decorator_list)
+
+
+def room_of(module: str) -> str:
+    """The innermost sub-package that a dotted name lies in."""
+    parts = module.split(".")
+    while not (ROOT.joinpath(*parts) / "__init__.py").is_file():
+        parts.pop()
+    return ".".join(parts)
+
+
+@pytest.mark.parametrize("room", named(ROOMS))
+def test_a_folder_holds_no_more_modules_than_one_takes_in_at_a_glance(room: Path) -> None:
+    modules = [path for path in room.glob("*.py") if path.name != "__init__.py"]
+    most = MODULES_MOST.get(room.relative_to(ROOT).parts[0], MODULES_MOST_ELSEWHERE)
+    assert len(modules) <= most
+
+
+@pytest.mark.parametrize("room", named(ROOMS))
+def test_a_room_says_what_it_is_and_what_it_gives(room: Path) -> None:
+    module = importlib.import_module(dotted(room))
+    assert module.__doc__
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+
+
+@pytest.mark.parametrize("path", named(MODULES))
+def test_a_module_is_read_in_one_sitting(path: Path) -> None:
+    assert len(path.read_text("utf-8").splitlines()) <= LINES_MOST
+
+
+@pytest.mark.parametrize("path", named(MODULES))
+def test_another_room_is_entered_by_its_front_door(path: Path) -> None:
+    own = room_of(dotted(path))
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if not isinstance(node, ast.ImportFrom) or node.module is None:
+            continue
+        if node.module.split(".")[0] not in PACKAGES:
+            continue
+        room = room_of(node.module)
+        at_home = own == room or own.startswith(f"{room}.")
+        at_the_top = "." not in room
+        assert at_home or at_the_top or node.module == room, f"{node.module} in line {node.lineno}"
+
+
+@pytest.mark.parametrize("path", named(MODULES))
+def test_a_function_fits_on_a_page(path: Path) -> None:
+    long = {
+        function.name: body_lines(function)
+        for function in functions(path)
+        if body_lines(function) > BODY_LINES_MOST and not is_compiled(function)
+    }
+    assert long == {}
+
+
+@pytest.mark.parametrize(
+    "path", named([path for path in MODULES if "commands" not in path.relative_to(ROOT).parts])
+)
+def test_a_function_takes_six_parameters_at_most(path: Path) -> None:
+    greedy = {
+        function.name: len(parameters(function))
+        for function in functions(path)
+        if len(parameters(function)) > PARAMETERS_MOST
+    }
+    assert greedy == {}
+
+
+@pytest.mark.parametrize("path", named(MODULES))
+def test_no_block_is_of_complexity_d(path: Path) -> None:
+    tangled = {
+        block.name: block.complexity
+        for block in cc_visit(path.read_text("utf-8"))
+        if block.complexity > COMPLEXITY_MOST
+    }
+    assert tangled == {}
