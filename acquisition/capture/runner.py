@@ -334,7 +334,9 @@ def _refuse_beyond_travel(plan: CapturePlan, stage: Stage) -> None:
         if not low_mm <= entry.height_mm <= high_mm:
             raise StageLimitError(
                 f"the plan asks for a height of {entry.height_mm:g} mm (capture {entry.index}), "
-                f"the stage goes from {low_mm:g} to {high_mm:g} mm; nothing moved"
+                f"the stage goes from {low_mm:g} to {high_mm:g} mm; nothing moved",
+                height_mm=entry.height_mm,
+                limits_mm=stage.limits_mm,
             )
 
 
