@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session.reader import Session
+from acquisition.session.take import Take
 from calibration.noise.noise_by_level import LevelNoise
 from simulation import GaussianPsf
 from tests.acquisition.fakes import SETTINGS, FakeUtc
@@ -53,11 +54,13 @@ def bench_session(path: Path, target: str = "leaves") -> Session:
                 frames = averaged(texture_dn(entry.height_mm / HEIGHTS_MM[0]), rng, LOW_NOISE)
             session.add_capture(
                 entry,
-                frames,
-                settings=SETTINGS,
-                height_mm=entry.height_mm + 0.002,
-                focus_value=0.5,
-                started=now(),
-                finished=now(),
+                Take(
+                    averaged=frames,
+                    settings=SETTINGS,
+                    height_mm=entry.height_mm + 0.002,
+                    focus_value=0.5,
+                    started=now(),
+                    finished=now(),
+                ),
             )
     return Session.open(path)

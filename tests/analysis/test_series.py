@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from acquisition.session.reader import Session
+from acquisition.session.take import Take
 from analysis.errors import AnalysisError, ResultsFileError
 from analysis.series import (
     SeriesComparison,
@@ -31,12 +32,14 @@ def test_a_target_at_one_height_is_no_series(tmp_path: Path) -> None:
     with writer(tmp_path / "s", plan=plan) as open_session:
         open_session.add_capture(
             open_session.entries[0],
-            averaged(texture_dn(1.0), np.random.default_rng(1)),
-            settings=SETTINGS,
-            height_mm=100.0,
-            focus_value=None,
-            started=now(),
-            finished=now(),
+            Take(
+                averaged=averaged(texture_dn(1.0), np.random.default_rng(1)),
+                settings=SETTINGS,
+                height_mm=100.0,
+                focus_value=None,
+                started=now(),
+                finished=now(),
+            ),
         )
     session = Session.open(tmp_path / "s")
     assert series_of(session) == []
@@ -80,12 +83,14 @@ def chart_session(path: Path, *seeds: int) -> Session:
         for entry, seed in zip(open_session.entries, seeds, strict=True):
             open_session.add_capture(
                 entry,
-                averaged(texture_dn(entry.height_mm / 100.0, seed), rng),
-                settings=SETTINGS,
-                height_mm=entry.height_mm,
-                focus_value=None,
-                started=now(),
-                finished=now(),
+                Take(
+                    averaged=averaged(texture_dn(entry.height_mm / 100.0, seed), rng),
+                    settings=SETTINGS,
+                    height_mm=entry.height_mm,
+                    focus_value=None,
+                    started=now(),
+                    finished=now(),
+                ),
             )
     return Session.open(path)
 
