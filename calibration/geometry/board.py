@@ -263,7 +263,9 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
     count = 0 if found_ids is None else len(found_ids)
     if count < _CORNERS_MIN:
         raise RegistrationError(
-            f"only {count} corners of a ChArUco board {board} are found, {_CORNERS_MIN} are needed"
+            f"only {count} corners of a ChArUco board {board} are found, {_CORNERS_MIN} are needed",
+            reason="no_board",
+            count=count,
         )
     seen_px = np.asarray(found_px, dtype=np.float64).reshape(-1, 2)
     corners_mm = np.asarray(layout.getChessboardCorners(), dtype=np.float64)[:, :2]
@@ -275,9 +277,10 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
         (1 - board.marker_mm / board.square_mm) / 2,
     )
     good = fitted.is_good
-    if np.count_nonzero(good) < _CORNERS_MIN:
+    count = int(np.count_nonzero(good))
+    if count < _CORNERS_MIN:
         raise RegistrationError(
-            f"only {np.count_nonzero(good)} corners of the board are sharp enough"
+            f"only {count} corners of the board are sharp enough", reason="no_board", count=count
         )
     return BoardCorners(
         seen_px=fitted.points_px[good], plane_mm=plane_mm[good], err_px=fitted.err_px[good]

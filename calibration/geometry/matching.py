@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration.errors import RegistrationError
 from calibration.geometry.bundle_adjustment import PlaneMatches
 from calibration.geometry.camera import CapturePose
-from calibration.registration import homography_pose, match_features
+from calibration.registration import ImageFeatures, find_features, homography_pose
 
 __all__ = ["SeriesPoints", "match_series", "pose_of_homography"]
 
@@ -51,20 +51,25 @@ def match_series(images: Sequence[NDArray[np.generic]], focal_length_px: float) 
     focal_length_px
         Focal length, for the poses; a guess will do.
     """
-    links: dict[tuple[int, int], tuple[FloatArray, PlaneMatches]] = {}
+    features: dict[int, ImageFeatures] = {}
     reasons: dict[int, str] = {}
-    for near in range(len(images) - 1):
-        for far in range(near + 1, min(near + 1 + _REACH, len(images))):
-            try:
-                links[near, far] = _link(images[near], images[far], near, far)
-            except RegistrationError as error:
-                text = str(error)
-                if not text.startswith("the follow-up"):
-                    reasons.setdefault(near, text.replace("the reference has", "it has"))
-                if not text.startswith("the reference"):
-                    reasons.setdefault(far, text.replace("the follow-up has", "it has"))
+    for number, image in enumerate(images):
+        try:
+            features[number] = find_features(image)
+        except RegistrationError as error:
+            reasons[number] = str(error)
+    links: dict[tuple[int, int], tuple[FloatArray, PlaneMatches]] = {}
+    for near in features:
+        for far in range(near + 1, near + 1 + _REACH):
+            if far not in features:
                 continue
-            break
+            try:
+                links[near, far] = _link(features, near, far)
+            except RegistrationError as error:
+                reasons.setdefault(near, str(error))
+                reasons.setdefault(far, str(error))
+            else:
+                break
     kept = _largest_group(len(images), list(links))
     place = {capture: number for number, capture in enumerate(kept)}
     middle = (np.array(images[0].shape[1::-1]) - 1) / 2
@@ -117,9 +122,9 @@ def pose_of_homography(
 
 
 def _link(
-    near_image: NDArray[np.generic], far_image: NDArray[np.generic], near: int, far: int
+    features: dict[int, ImageFeatures], near: int, far: int
 ) -> tuple[FloatArray, PlaneMatches]:
-    found = match_features(near_image, far_image)
+    found = features[near].matched_with(features[far])
     matrix, agreeing = homography_pose(found)
     count = int(np.count_nonzero(agreeing))
     return matrix, PlaneMatches(
