@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calibration.errors import RegistrationError
+from simulation.pose import projection_slopes
 
 __all__ = [
     "DEFAULT_BOARD",
@@ -290,7 +291,5 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
 def _square_axes_px(seen_px: FloatArray, plane_mm: FloatArray, square_mm: float) -> FloatArray:
     """Sides of a square in px at every corner, as columns, shape (n, 2, 2)."""
     matrix = np.asarray(cv2.findHomography(plane_mm, seen_px, cv2.LMEDS)[0], dtype=np.float64)
-    depth = plane_mm @ matrix[2, :2] + matrix[2, 2]
-    seen = (plane_mm @ matrix[:2, :2].T + matrix[:2, 2]) / depth[:, None]
-    change = matrix[:2, :2] - seen[:, :, None] * matrix[2, :2]
-    return np.asarray(square_mm * change / depth[:, None, None])
+    slopes = np.stack(projection_slopes(matrix, *plane_mm.T), axis=-1)
+    return square_mm * slopes.reshape(-1, 2, 2)

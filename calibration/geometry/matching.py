@@ -6,7 +6,7 @@ largest group that hangs together is kept; every capture outside it is named wit
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, sqrt
+from math import atan2, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from calibration.errors import RegistrationError
 from calibration.geometry.bundle_adjustment import PlaneMatches
 from calibration.geometry.camera import CapturePose
 from calibration.registration import ImageFeatures, find_features, homography_pose
+from simulation.pose import project, projection_slopes
 
 __all__ = ["SeriesPoints", "match_series", "pose_of_homography"]
 
@@ -109,15 +110,14 @@ def pose_of_homography(
     matrix: FloatArray, middle_px: FloatArray, focal_length_px: float
 ) -> CapturePose:
     """Pose of an upright camera whose pixels ``matrix`` takes to those of the first capture."""
-    centre = matrix @ np.append(middle_px, 1.0)
-    x, y = centre[:2] / centre[2]
-    local = (matrix[:2, :2] - np.outer([x, y], matrix[2, :2])) / centre[2]
-    scale = sqrt(abs(float(np.linalg.det(local))))
+    middle_x, middle_y = middle_px.tolist()
+    x, y = project(matrix, middle_x, middle_y)
+    a, b, c, d = projection_slopes(matrix, middle_x, middle_y)
     return CapturePose(
-        log_distance=float(np.log(scale)),
-        turn_rad=atan2(local[1, 0] - local[0, 1], local[0, 0] + local[1, 1]),
-        x=float(x - middle_px[0]) / focal_length_px,
-        y=float(y - middle_px[1]) / focal_length_px,
+        log_distance=log(abs(a * d - b * c)) / 2,
+        turn_rad=atan2(c - b, a + d),
+        x=(x - middle_x) / focal_length_px,
+        y=(y - middle_y) / focal_length_px,
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.distorted_pose import K1_MAX, DistortedPose
+from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.motions import HOMOGRAPHY, flows_px, moved_matrix, unit_places
 from calibration.registration.overlap import (
     refuse_little_overlap,
@@ -22,6 +22,7 @@ from calibration.registration.overlap import (
     refuse_negative,
 )
 from simulation import GaussianPsf
+from simulation.pose import DISTORTION_MAX
 from simulation.zoom import BlurredSpline
 
 __all__ = ["DistortedRefinement", "refined_distorted_pose"]
@@ -102,7 +103,7 @@ def refined_distorted_pose(
             # From here on pixels only drop out: a row that comes and goes would never settle.
             settled = fit.inside
         pose = problem.moved(pose, fit.step)
-        if abs(pose.k1) > K1_MAX:
+        if abs(pose.k1) > DISTORTION_MAX:
             raise RegistrationError(
                 "the alignment asks for a distortion that no lens has", reason="no_lens"
             )

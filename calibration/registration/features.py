@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from simulation.pose import project, projection_depth
 
 __all__ = [
     "FeatureMatches",
@@ -43,9 +44,8 @@ class FeatureMatches:
 
     def distances_px(self, matrix: FloatArray) -> FloatArray:
         """Distance in the reference between each match and where ``matrix`` puts it."""
-        mapped = self.followup_px @ matrix[:2, :2].T + matrix[:2, 2]
-        mapped /= (self.followup_px @ matrix[2, :2] + matrix[2, 2])[:, None]
-        return np.asarray(np.hypot(*(mapped - self.reference_px).T))
+        x, y = project(matrix, *self.followup_px.T)
+        return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
 
     def rms_px(self, matrix: FloatArray, inlier: NDArray[np.bool_]) -> float:
         """Rms of ``distances_px`` over the chosen matches."""
@@ -64,11 +64,10 @@ class ImageFeatures:
         """Pair those of a reference with a follow-up's, as ``match_features`` does."""
         mask = None
         if expected is not None:
-            mapped = followup.points_px @ expected[:2, :2].T + expected[:2, 2]
-            mapped /= (followup.points_px @ expected[2, :2] + expected[2, 2])[:, None]
-            offset = mapped[:, None, :] - self.points_px[None, :, :]
-            reach_px = _REACH * max(self.shape)
-            mask = (np.hypot(offset[:, :, 0], offset[:, :, 1]) < reach_px).astype(np.uint8)
+            x, y = project(expected, *followup.points_px.T)
+            own_x, own_y = self.points_px.T
+            away_px = np.hypot(x[:, None] - own_x, y[:, None] - own_y)
+            mask = (away_px < _REACH * max(self.shape)).astype(np.uint8)
         candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(
             followup.descriptors, self.descriptors, 2, mask
         )
@@ -163,7 +162,7 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
         )
     matrix: FloatArray = np.asarray(found, dtype=np.float64)
     inlier: NDArray[np.bool_] = mask.ravel().astype(np.bool_)
-    depth = matches.followup_px[inlier] @ matrix[2, :2] + matrix[2, 2]
+    depth = projection_depth(matrix, *matches.followup_px[inlier].T)
     # Area and sense of turning there: det / depth^3. A scene seen from its front keeps its sense.
     if not np.all(np.linalg.det(matrix) * depth > 0):
         raise RegistrationError(

@@ -20,6 +20,7 @@ from calibration.registration.overlap import (
     refuse_negative,
 )
 from simulation import GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
+from simulation.pose import project, projection_depth, projection_slopes
 
 __all__ = ["Refinement", "refined_pose", "zoom_at_centre"]
 
@@ -152,12 +153,10 @@ def _predict_homography(
     """Same for a homography: the zoomed reference, warped by the small rest of the pose."""
     rest = np.linalg.inv(zoomed_matrix) @ matrix
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    depth = rest[2, 0] * x + rest[2, 1] * y + rest[2, 2]
-    place_x = (rest[0, 0] * x + rest[0, 1] * y + rest[0, 2]) / depth
-    place_y = (rest[1, 0] * x + rest[1, 1] * y + rest[1, 2]) / depth
+    place_x, place_y = project(rest, x, y)
     rows, cols = zoomed.shape
     inside = (
-        (depth > 0)
+        (projection_depth(rest, x, y) > 0)
         & (place_x >= _BORDER_PX)
         & (place_x <= cols - 1 - _BORDER_PX)
         & (place_y >= _BORDER_PX)
@@ -178,9 +177,8 @@ def _simulated(
 
 def zoom_at_centre(matrix: FloatArray, shape: tuple[int, int]) -> float:
     """Square root of the homography's area ratio at the image centre."""
-    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])
-    depth = float(matrix[2] @ centre)
-    return sqrt(abs(float(np.linalg.det(matrix)) / depth**3))
+    a, b, c, d = projection_slopes(matrix, (shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    return sqrt(abs(a * d - b * c))
 
 
 def _shape(image: NDArray[Any]) -> tuple[int, int]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from calibration.errors import RegistrationError
 from calibration.registration.features import homography_pose, match_features
 from calibration.registration.refinement import zoom_at_centre
+from simulation.pose import project, projection_depth
 
 __all__ = ["TrackedPose", "TrackingReference"]
 
@@ -152,10 +153,10 @@ class TrackingReference:
         rows, cols = levels.shape
         near = self._at(zoom_at_centre(matrix, (rows, cols)))
         inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-        expected = _mapped(inverse, near.corners_px)
+        expected = np.column_stack(project(inverse, *near.corners_px.T))
         border = _WINDOW_PX // 2 + 1
         seen = (
-            (near.corners_px @ inverse[2, :2] + inverse[2, 2] > 0)
+            (projection_depth(inverse, *near.corners_px.T) > 0)
             & np.all(expected >= border, axis=1)
             & np.all(expected <= [cols - 1 - border, rows - 1 - border], axis=1)
         )
@@ -221,7 +222,7 @@ def _fitted(places: FloatArray, corners: FloatArray, shape: tuple[int, int]) -> 
             count=count,
         )
     inlier = mask.ravel().astype(bool)
-    rest = _mapped(inverse, corners[inlier]) - places[inlier]
+    rest = np.column_stack(project(inverse, *corners[inlier].T)) - places[inlier]
     matrix: FloatArray = np.linalg.inv(inverse).astype(np.float64)
     matrix /= matrix[2, 2]
     zoom = zoom_at_centre(matrix, shape)
@@ -266,11 +267,6 @@ def _lit_like(warped: ByteImage, frame: ByteImage, places: NDArray[np.float32]) 
     gain = float(frame[part].std()) / contrast
     lit = np.clip(gain * (np.arange(256.0) - mean) + frame_mean + 0.5, 0.0, 255.0)
     return np.asarray(cv2.LUT(warped, lit.astype(np.uint8)), dtype=np.uint8)
-
-
-def _mapped(matrix: FloatArray, places: FloatArray) -> FloatArray:
-    mapped = places @ matrix[:2, :2].T + matrix[:2, 2]
-    return np.asarray(mapped / (places @ matrix[2, :2] + matrix[2, 2])[:, None])
 
 
 def _bytes_of(image: NDArray[np.generic]) -> ByteImage:
