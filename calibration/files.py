@@ -34,15 +34,7 @@ from calibration.noise import (
     read_map_files,
     write_map_files,
 )
-from calibration.psf import (
-    PSF_SCHEMA,
-    PsfCalibration,
-    PsfOrigin,
-    StoredEdge,
-    StoredField,
-    StoredPsf,
-    psf_document,
-)
+from calibration.psf import PSF_SCHEMA, PsfCalibration, PsfOrigin
 from simulation.capture_noise import CaptureNoise
 
 __all__ = [
@@ -51,15 +43,11 @@ __all__ = [
     "NOISE_SCHEMA",
     "PSF_SCHEMA",
     "PsfOrigin",
-    "StoredEdge",
-    "StoredField",
     "StoredGeometry",
     "StoredHomography",
-    "StoredPsf",
     "geometry_document",
     "json_object",
     "noise_document",
-    "psf_document",
     "read_correction",
     "read_document",
     "read_geometry",
@@ -146,22 +134,18 @@ def read_document(
         raise failure(f"{where}: {problem}", source=source, key=key) from error
 
 
-def write_psf(path: Path, calibration: PsfCalibration, origin: PsfOrigin | None = None) -> None:
-    """Write psf.json, whole or not at all; ``origin`` says of which camera, and when.
+def write_psf(path: Path, calibration: PsfCalibration) -> None:
+    """Write psf.json, whole or not at all.
 
     Raises
     ------
     PsfFileError
         If the file cannot be written.
     """
-    text = json.dumps(psf_document(calibration, origin), indent=1, allow_nan=False) + "\n"
-    try:
-        atomic_write(path, text.encode("utf-8"))
-    except OSError as error:
-        raise PsfFileError(f"cannot write {path}: {error.strerror}") from error
+    write_document(path, calibration, PsfFileError)
 
 
-def read_psf(path: Path) -> StoredPsf:
+def read_psf(path: Path) -> PsfCalibration:
     """Read a psf.json.
 
     Raises
@@ -169,11 +153,7 @@ def read_psf(path: Path) -> StoredPsf:
     PsfFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    document = _document(path, PSF_SCHEMA, PsfFileError, "write it with standoff calibrate")
-    try:
-        return StoredPsf.model_validate(document)
-    except ValidationError as error:
-        raise PsfFileError(f"{path}: {_first_fault(error.errors())}") from error
+    return read_document(path, PsfCalibration, PsfFileError, "write it with standoff calibrate")
 
 
 def write_geometry(path: Path, geometry: GeometryCalibration) -> None:

@@ -44,7 +44,7 @@ def plot_mtf(found: PsfCalibration, true_px: tuple[float, float] | None) -> byte
     figure = new_figure()
     axes = figure.subplots()
     freq = np.linspace(0, 0.5, 200)
-    widths = (found.optical_sigma_x_px, found.optical_sigma_y_px)
+    widths = (found.optical.sigma_x_px, found.optical.sigma_y_px)
     for place, (name, width, colour) in enumerate(
         zip("xy", widths, ("#0072B2", "#D55E00"), strict=True)
     ):
@@ -71,7 +71,7 @@ def main() -> None:
     else:
         images, true_px = simulated_edges()
     found = calibrate_psf(images)
-    for name, width in (("x", found.optical_sigma_x_px), ("y", found.optical_sigma_y_px)):
+    for name, width in (("x", found.optical.sigma_x_px), ("y", found.optical.sigma_y_px)):
         if width is None:
             print(f"optical sigma_{name}: not determined by these edges")
         else:

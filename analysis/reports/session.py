@@ -26,7 +26,8 @@ from analysis.reports.psf import (
     edge_table_section,
 )
 from analysis.series import SeriesComparison
-from calibration.files import StoredEdge, StoredPsf
+from calibration.edges import EdgeMeasurement
+from calibration.psf import PsfCalibration
 from simulation import MODELS
 
 __all__ = ["comparison_section", "render_session_report", "versions"]
@@ -34,7 +35,7 @@ __all__ = ["comparison_section", "render_session_report", "versions"]
 
 def render_session_report(
     session: Session,
-    psf: StoredPsf | None,
+    psf: PsfCalibration | None,
     comparison: SeriesComparison | None,
     remarks: tuple[str, ...] = (),
 ) -> str:
@@ -59,7 +60,7 @@ def render_session_report(
     if psf is not None:
         records = {record.file: record for record in session.records}
 
-        def load(edge: StoredEdge) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
+        def load(edge: EdgeMeasurement) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
             return session.load(records[edge.image]).mean_dn
 
         verdicts = calibration_verdicts(psf)

@@ -12,7 +12,7 @@ from acquisition.session import Session
 from analysis.comparison_plots import plot_processed
 from analysis.reports import png_bytes, render_session_report
 from analysis.series import SeriesComparison, compare_series, series_of, write_comparison
-from calibration.files import read_psf, write_psf
+from calibration.files import write_psf
 from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
 from hil_mocks import BenchTruth
 from standoff.terminal import progress_bar
@@ -90,14 +90,13 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     capture_simulated(session_path, config, plan, operator="demo", what="the demo")
     session = Session.open(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
-    calibration = _calibrate(session)
-    write_psf(results / "psf.json", calibration, from_session(session, Reading()).origin)
-    stored = read_psf(results / "psf.json")
+    calibration = _calibrate(session).with_origin(from_session(session, Reading()).origin)
+    write_psf(results / "psf.json", calibration)
     with progress_bar("simulating", sum(len(s) - 1 for s in series_of(session))) as bar:
-        comparison = compare_series(session, stored.total_psf("psf.json"), bar.advance_to)
+        comparison = compare_series(session, calibration.total_psf("psf.json"), bar.advance_to)
     write_comparison(results / "comparison.json", comparison)
     report = out / "report.html"
-    write_page(report, render_session_report(session, stored, comparison))
+    write_page(report, render_session_report(session, calibration, comparison))
     furthest = max(comparison.pairs, key=lambda pair: pair.comparison.registration.zoom)
     write_file(out / "comparison.png", png_bytes(plot_processed(furthest)))
     truth = BenchTruth(config)
@@ -126,10 +125,11 @@ def _beside_truth(
     calibration: PsfCalibration, truth: BenchTruth, height_mm: float
 ) -> tuple[TruthRow, ...]:
     (xx, xy), (_, yy) = truth.optical_covariance_px2(height_mm).tolist()
+    lens = calibration.optical
     true_values = (
-        ("optical sigma_x / px", np.sqrt(xx), calibration.optical_sigma_x_px),
-        ("optical sigma_y / px", np.sqrt(yy), calibration.optical_sigma_y_px),
-        ("optical rho", xy / np.sqrt(xx * yy), calibration.optical_rho),
+        ("optical sigma_x / px", np.sqrt(xx), lens.sigma_x_px),
+        ("optical sigma_y / px", np.sqrt(yy), lens.sigma_y_px),
+        ("optical rho", xy / np.sqrt(xx * yy), lens.rho),
     )
     return tuple(
         TruthRow(name=name, truth=float(value), estimate=estimate)
