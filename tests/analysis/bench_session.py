@@ -61,3 +61,22 @@ def bench_session(path: Path, target: str = "leaves") -> Session:
                 finished=now(),
             )
     return Session.open(path)
+
+
+def chart_session(path: Path, *seeds: int) -> Session:
+    """Captures of a chart, one height further away each; another seed is another chart."""
+    heights = [100.0 * 1.25**k for k in range(len(seeds))]
+    plan = plan_of(heights_mm=heights, targets=[{"kind": "chart", "target": "mixed"}])
+    now, rng = FakeUtc(), np.random.default_rng(1)
+    with writer(path, plan=plan) as session:
+        for entry, seed in zip(session.entries, seeds, strict=True):
+            session.add_capture(
+                entry,
+                averaged(texture_dn(entry.height_mm / 100.0, seed), rng),
+                settings=SETTINGS,
+                height_mm=entry.height_mm,
+                focus_value=None,
+                started=now(),
+                finished=now(),
+            )
+    return Session.open(path)
