@@ -4,16 +4,17 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from calibration.errors import (
     CalibrationError,
+    DocumentError,
     GeometryFileError,
     HomographyFileError,
     NoiseFileError,
@@ -33,15 +34,7 @@ from calibration.noise import (
     read_map_files,
     write_map_files,
 )
-from calibration.psf import (
-    PSF_SCHEMA,
-    PsfCalibration,
-    PsfOrigin,
-    StoredEdge,
-    StoredField,
-    StoredPsf,
-    psf_document,
-)
+from calibration.psf import PSF_SCHEMA, PsfCalibration, PsfOrigin
 from simulation.capture_noise import CaptureNoise
 
 __all__ = [
@@ -50,19 +43,18 @@ __all__ = [
     "NOISE_SCHEMA",
     "PSF_SCHEMA",
     "PsfOrigin",
-    "StoredEdge",
-    "StoredField",
     "StoredGeometry",
     "StoredHomography",
-    "StoredPsf",
     "geometry_document",
+    "json_object",
     "noise_document",
-    "psf_document",
     "read_correction",
+    "read_document",
     "read_geometry",
     "read_homography",
     "read_noise",
     "read_psf",
+    "write_document",
     "write_geometry",
     "write_noise",
     "write_psf",
@@ -70,23 +62,90 @@ __all__ = [
 
 HOMOGRAPHY_SCHEMA = "standoff.homography/1"
 
+Document = TypeVar("Document", bound=BaseModel)
 
-def write_psf(path: Path, calibration: PsfCalibration, origin: PsfOrigin | None = None) -> None:
-    """Write psf.json, whole or not at all; ``origin`` says of which camera, and when.
+
+def json_object(document: BaseModel) -> dict[str, Any]:
+    """Return the content of a document's file as plain lists, numbers and text."""
+    return document.model_dump(mode="json", by_alias=True)
+
+
+def write_document(path: Path, document: BaseModel, failure: type[DocumentError]) -> None:
+    """Write a document as JSON, whole or not at all.
+
+    Raises
+    ------
+    DocumentError
+        As ``failure``, if the file cannot be written.
+    ValueError
+        If a number is infinite or NaN.
+    """
+    text = json.dumps(json_object(document), indent=1, allow_nan=False) + "\n"
+    try:
+        atomic_write(path, text.encode("utf-8"))
+    except OSError as error:
+        raise failure(f"cannot write {path}: {error.strerror}", source=str(path)) from error
+
+
+def read_document(
+    path: Path, model: type[Document], failure: type[DocumentError], remedy: str
+) -> Document:
+    """Read a JSON file into the model of its schema.
+
+    Parameters
+    ----------
+    path
+        The file.
+    model
+        Names its schema as the default of the field ``schema_name``, whose alias is ``schema``.
+    failure
+        The error to raise.
+    remedy
+        What to do about a file of another schema.
+
+    Raises
+    ------
+    DocumentError
+        As ``failure``, if the file cannot be read, is of another schema or does not fit the model.
+    """
+    source = str(path)
+    schema = model.model_fields["schema_name"].default
+    try:
+        document = parse_json(path.read_bytes())
+    except OSError as error:
+        raise failure(f"cannot read {path}: {error.strerror}", source=source) from error
+    except ValueError as error:
+        name = schema.removeprefix("standoff.").partition("/")[0]
+        raise failure(f"{path}: not a {name}.json: {error}", source=source) from error
+    found = document.get("schema") if isinstance(document, dict) else None
+    if found != schema:
+        raise failure(
+            f"{path}: schema is {found!r}, expected {schema!r}; {remedy}",
+            source=source,
+            key="schema",
+        )
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(str(part) for part in fault["loc"]) or None
+        problem = fault["msg"].removeprefix("Value error, ")
+        where = source if key is None else f"{source}: {key}"
+        raise failure(f"{where}: {problem}", source=source, key=key) from error
+
+
+def write_psf(path: Path, calibration: PsfCalibration) -> None:
+    """Write psf.json, whole or not at all.
 
     Raises
     ------
     PsfFileError
         If the file cannot be written.
     """
-    text = json.dumps(psf_document(calibration, origin), indent=1, allow_nan=False) + "\n"
-    try:
-        atomic_write(path, text.encode("utf-8"))
-    except OSError as error:
-        raise PsfFileError(f"cannot write {path}: {error.strerror}") from error
+    write_document(path, calibration, PsfFileError)
 
 
-def read_psf(path: Path) -> StoredPsf:
+def read_psf(path: Path) -> PsfCalibration:
     """Read a psf.json.
 
     Raises
@@ -94,11 +153,7 @@ def read_psf(path: Path) -> StoredPsf:
     PsfFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    document = _document(path, PSF_SCHEMA, PsfFileError, "write it with standoff calibrate")
-    try:
-        return StoredPsf.model_validate(document)
-    except ValidationError as error:
-        raise PsfFileError(f"{path}: {_first_fault(error.errors())}") from error
+    return read_document(path, PsfCalibration, PsfFileError, "write it with standoff calibrate")
 
 
 def write_geometry(path: Path, geometry: GeometryCalibration) -> None:

@@ -23,16 +23,16 @@ from acquisition.bench import (
 from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from analysis.detectability import CurvesFile, DetectabilityCurve
+from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
 from calibration.geometry import StoredGeometry, StoredGeometryCapture, StoredZoom
 from calibration.psf import (
-    StoredCamera,
-    StoredCurve,
-    StoredEdge,
-    StoredField,
-    StoredHeight,
-    StoredHeightTrend,
-    StoredPsf,
-    StoredTransfer,
+    CameraIdentity,
+    ColourPsf,
+    FieldFit,
+    HeightGroup,
+    HeightTrend,
+    PairWidths,
+    PsfCalibration,
 )
 from simulation.capture_noise import CaptureNoise
 from standoff.terminal import application
@@ -111,14 +111,16 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
         'Schema `standoff.psf/1`. Written by `calibrate`; sigma without a prefix is total. "-" as '
         "default: the key must be there, though it may be null where its type says so.",
         (
-            StoredPsf,
-            StoredEdge,
-            StoredField,
-            StoredHeightTrend,
-            StoredHeight,
-            StoredTransfer,
-            StoredCurve,
-            StoredCamera,
+            PsfCalibration,
+            EdgeMeasurement,
+            FieldFit,
+            HeightTrend,
+            HeightGroup,
+            MeasuredTransfer,
+            AxisTransfer,
+            CameraIdentity,
+            ColourPsf,
+            PairWidths,
         ),
     ),
     (
@@ -177,6 +179,8 @@ def _model(model: type) -> list[str]:
     rows = ["| key | type | default | |", "| --- | --- | --- | --- |"]
     if issubclass(model, BaseModel):
         for name, field in model.model_fields.items():
+            if field.exclude:  # not kept in a file
+                continue
             default = "-" if field.is_required() else f"`{_default(field)}`"
             rows.append(
                 f"| `{field.alias or name}` | {_cell(_type(field.annotation))} | {_cell(default)} "

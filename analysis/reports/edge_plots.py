@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from analysis.reports.page import in_report_style, new_figure
-from calibration.edges import edge_profile
-from calibration.files import StoredEdge, StoredPsf
+from calibration.edges import EdgeMeasurement, edge_profile
+from calibration.psf import PsfCalibration
 
 __all__ = [
     "ORIENTATION_COLOURS",
@@ -33,7 +33,9 @@ _PROFILE_BIN_PX = 0.25
 
 
 @in_report_style
-def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset[str]) -> Figure:
+def plot_edges(
+    image_dn: Image, edges: Sequence[EdgeMeasurement], rejected: frozenset[str]
+) -> Figure:
     """Draw the measured edges on their photograph; rejected ones dashed."""
     rows, cols = image_dn.shape
     image_dn = _filled(image_dn)
@@ -65,7 +67,7 @@ def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset
 
 
 @in_report_style
-def plot_profile(image_dn: Image, edge: StoredEdge) -> Figure:
+def plot_profile(image_dn: Image, edge: EdgeMeasurement) -> Figure:
     """Plot one edge: its pixels by distance, the fitted edge, and what is left between them."""
     distances, values, low, high = _edge_pixels(image_dn, edge)
     levels = (values - low) / (high - low)
@@ -106,7 +108,7 @@ def plot_profile(image_dn: Image, edge: StoredEdge) -> Figure:
 
 
 @in_report_style
-def plot_widths_by_angle(psf: StoredPsf, rejected: frozenset[str]) -> Figure:
+def plot_widths_by_angle(psf: PsfCalibration, rejected: frozenset[str]) -> Figure:
     """Plot the width across every edge against its angle, with the fitted covariance."""
     figure = new_figure(6.4, 3.4)
     axes = figure.subplots()
@@ -133,7 +135,7 @@ def plot_widths_by_angle(psf: StoredPsf, rejected: frozenset[str]) -> Figure:
 
 
 def _draw_widths(
-    axes: Axes, psf: StoredPsf, rejected: frozenset[str], places: Sequence[float]
+    axes: Axes, psf: PsfCalibration, rejected: frozenset[str], places: Sequence[float]
 ) -> None:
     labels = set()
     shown: list[float] = []
@@ -176,7 +178,7 @@ def _filled(image_dn: Image) -> Image:
 
 
 def _edge_pixels(
-    image_dn: Image, edge: StoredEdge
+    image_dn: Image, edge: EdgeMeasurement
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
     """Distance and level of the pixels around an edge, and the levels of its two sides."""
     rows, cols = image_dn.shape

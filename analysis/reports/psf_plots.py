@@ -17,7 +17,7 @@ from analysis.reports.page import (
 )
 from calibration.edges import REJECTING_FLAGS
 from calibration.errors import PsfFileError
-from calibration.files import StoredPsf
+from calibration.psf import PsfCalibration
 from simulation.psf import PsfField
 
 __all__ = ["field_section", "plot_field", "plot_heights", "plot_mtf", "widths_section", "with_err"]
@@ -32,7 +32,7 @@ _ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
 
 
 @in_report_style
-def plot_mtf(psf: StoredPsf) -> Figure | None:
+def plot_mtf(psf: PsfCalibration) -> Figure | None:
     """Plot the contrast by frequency along x and y: as measured, and of the fitted Gaussian."""
     figure = new_figure(6.4, 3.4)
     axes = figure.subplots()
@@ -72,7 +72,7 @@ def plot_mtf(psf: StoredPsf) -> Figure | None:
 
 
 @in_report_style
-def plot_field(psf: StoredPsf, field: PsfField) -> Figure:
+def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
     """Map the width over the frame, with the PSF's shape at places from centre to corner."""
     width, height = field.width_px, field.height_px
     x, y = np.linspace(0, width - 1, _MAP_PLACES), np.linspace(0, height - 1, _MAP_PLACES)
@@ -111,7 +111,7 @@ def plot_field(psf: StoredPsf, field: PsfField) -> Figure:
 
 
 @in_report_style
-def plot_heights(psf: StoredPsf, rejected: frozenset[str]) -> Figure | None:
+def plot_heights(psf: PsfCalibration, rejected: frozenset[str]) -> Figure | None:
     """Plot the width across every edge by height, and the trend; None for one height only."""
     edges = [edge for edge in psf.edges if not rejected & set(edge.flags)]
     heights = [edge.height_mm for edge in edges if edge.height_mm is not None]
@@ -195,7 +195,7 @@ def _mark_half(axes: Axes, freq: Array, values: Array, colour: str) -> None:
         axes.plot([half], [0.5], "o", color=colour, markersize=4)
 
 
-def widths_section(psf: StoredPsf) -> ReportSection:
+def widths_section(psf: PsfCalibration) -> ReportSection:
     """Show the width across every edge by its angle and the height of the camera."""
     figures = [
         ReportFigure.of(
@@ -220,7 +220,7 @@ def widths_section(psf: StoredPsf) -> ReportSection:
     )
 
 
-def _trend_text(psf: StoredPsf) -> tuple[str, ...]:
+def _trend_text(psf: PsfCalibration) -> tuple[str, ...]:
     trend = psf.height_trend
     if trend is None:
         return ()
@@ -234,7 +234,7 @@ def _trend_text(psf: StoredPsf) -> tuple[str, ...]:
     return (f"No change of the width with the height beyond chance or 1 % (p = {p_value:.2g}).",)
 
 
-def _heights_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
+def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
     if psf.height_trend is None:
         return ()
     rows = tuple(
@@ -257,7 +257,7 @@ def _heights_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
     return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
 
 
-def field_section(psf: StoredPsf) -> ReportSection | None:
+def field_section(psf: PsfCalibration) -> ReportSection | None:
     """Show the PSF from centre to corner; None for a psf.json without edges and field."""
     try:
         field = psf.total_field("psf.json")

@@ -26,14 +26,15 @@ from analysis.reports.psf import (
 )
 from analysis.reports.validation_plots import plot_curves, plot_furthest
 from analysis.validation import ShownPair, Validation, furthest_pair
-from calibration.files import StoredEdge, StoredPsf
+from calibration.edges import EdgeMeasurement
+from calibration.psf import PsfCalibration
 
 __all__ = ["agreement_section", "render_session_report", "versions"]
 
 
 def render_session_report(
     session: Session,
-    psf: StoredPsf | None,
+    psf: PsfCalibration | None,
     validation: Validation | None,
     remarks: tuple[str, ...] = (),
 ) -> str:
@@ -59,7 +60,7 @@ def render_session_report(
     if psf is not None:
         records = {record.file: record for record in session.records}
 
-        def load(edge: StoredEdge) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
+        def load(edge: EdgeMeasurement) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
             return session.load(records[edge.image]).mean_dn
 
         verdicts = calibration_verdicts(psf)

@@ -11,7 +11,7 @@ from acquisition.plan import CapturePlan
 from acquisition.session import Session
 from analysis.reports import plot_furthest, png_bytes
 from analysis.validation import Validation, furthest_pair
-from calibration.files import read_psf, write_psf
+from calibration.files import write_psf
 from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
 from hil_mocks import BenchTruth
 from standoff.terminal import progress_bar
@@ -94,11 +94,11 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     capture_simulated(session_path, config, plan, operator="demo", what="the demo")
     session = Session.open(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
-    calibration = _calibrate(session)
+    calibration = _calibrate(session).with_origin(from_session(session, Reading()).origin)
     psf_path = results / "psf.json"
-    write_psf(psf_path, calibration, from_session(session, Reading()).origin)
-    psf = read_psf(psf_path).total_psf(str(psf_path))
-    validation = session_validation(session, psf, str(psf_path))
+    write_psf(psf_path, calibration)
+    name = str(psf_path)
+    validation = session_validation(session, calibration.total_psf(name), name)
     report = out / "report.html"
     write_session_report(session, report)
     furthest = furthest_pair(session, validation)
@@ -126,10 +126,11 @@ def _beside_truth(
     calibration: PsfCalibration, truth: BenchTruth, height_mm: float
 ) -> tuple[TruthRow, ...]:
     (xx, xy), (_, yy) = truth.optical_covariance_px2(height_mm).tolist()
+    lens = calibration.optical
     true_values = (
-        ("optical sigma_x / px", np.sqrt(xx), calibration.optical_sigma_x_px),
-        ("optical sigma_y / px", np.sqrt(yy), calibration.optical_sigma_y_px),
-        ("optical rho", xy / np.sqrt(xx * yy), calibration.optical_rho),
+        ("optical sigma_x / px", np.sqrt(xx), lens.sigma_x_px),
+        ("optical sigma_y / px", np.sqrt(yy), lens.sigma_y_px),
+        ("optical rho", xy / np.sqrt(xx * yy), lens.rho),
     )
     return tuple(
         TruthRow(name=name, truth=float(value), estimate=estimate)

@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 from acquisition.session import CaptureRecord, Session
 from calibration.edges import EdgeImage, Pattern, plane_places
 from calibration.errors import CalibrationError
-from calibration.files import PsfOrigin
 from calibration.noise import CorrectionMaps, LevelNoise
-from calibration.psf import Channel, edge_images, edge_records, luma_plane, srgb_to_linear
+from calibration.psf import (
+    CameraIdentity,
+    Channel,
+    PsfOrigin,
+    edge_images,
+    edge_records,
+    luma_plane,
+    srgb_to_linear,
+)
 from standoff.terminal import note
 from standoff.workflows.image_files import ImageFile, read_image
 
@@ -100,9 +107,11 @@ def origin_of(session: Session, records: Sequence[CaptureRecord]) -> PsfOrigin:
     """Return the camera of a session, and when the first of these captures was taken."""
     camera = session.devices.get("camera", {})
     return PsfOrigin(
-        camera_serial=_text(camera, "DeviceSerialNumber"),
-        camera_model=_text(camera, "DeviceModelName"),
-        camera_vendor=_text(camera, "DeviceVendorName"),
+        camera=CameraIdentity(
+            serial=_text(camera, "DeviceSerialNumber"),
+            model=_text(camera, "DeviceModelName"),
+            vendor=_text(camera, "DeviceVendorName"),
+        ),
         captured_utc=min(record.started_utc for record in records),
     )
 

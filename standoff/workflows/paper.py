@@ -131,4 +131,4 @@ def _calibrate_centre(session: Session, path: Path) -> None:
     with progress_bar("measuring edges", len(edge_records(session))) as bar:
         calibration = calibrate_psf(edge_images(session), region=centre, progress=bar.advance_to)
     origin = replace(from_session(session, Reading()).origin, region="centre")
-    write_psf(path, calibration, origin)
+    write_psf(path, calibration.with_origin(origin))

@@ -23,8 +23,10 @@ from analysis.reports import (
     stage_section,
     versions,
 )
-from calibration.files import StoredEdge, StoredGeometry, StoredPsf, geometry_document
+from calibration.edges import EdgeMeasurement
+from calibration.files import StoredGeometry, geometry_document
 from calibration.geometry import GeometryCalibration
+from calibration.psf import PsfCalibration
 from standoff.errors import ApplicationError
 
 __all__ = [
@@ -80,7 +82,7 @@ RESULTS_FOLDER = "results"
 
 def write_calibration_report(
     path: Path,
-    document: dict[str, Any],
+    psf: PsfCalibration,
     load_image: Callable[[str], NDArray[np.floating[Any]]],
     session: Session | None = None,
 ) -> None:
@@ -90,8 +92,8 @@ def write_calibration_report(
     ----------
     path
         The file; its suffix says which.
-    document
-        What psf.json holds of it.
+    psf
+        The calibration.
     load_image
         Gives the linear image of a name that stands in the calibration.
     session
@@ -102,12 +104,11 @@ def write_calibration_report(
     ApplicationError
         If the file cannot be written.
     """
-    stored = StoredPsf.model_validate(document)
 
-    def load(edge: StoredEdge) -> NDArray[np.floating[Any]]:
+    def load(edge: EdgeMeasurement) -> NDArray[np.floating[Any]]:
         return load_image(edge.image)
 
-    names = list(dict.fromkeys(edge.image for edge in stored.edges))
+    names = list(dict.fromkeys(edge.image for edge in psf.edges))
     subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"
     before: list[ReportSection] = []
     after: list[ReportSection] = []
@@ -116,7 +117,7 @@ def write_calibration_report(
     else:
         subtitle = f"Session {session.plan.name}: {subtitle}"
         before = [captures_section(session)]
-        after = [s for s in (noise_section(session, stored), stage_section(session)) if s]
+        after = [s for s in (noise_section(session, psf), stage_section(session)) if s]
         hashes = [
             ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
             ("journal", f"sha256 {file_sha256(session.path / JOURNAL_NAME)}"),
@@ -125,14 +126,14 @@ def write_calibration_report(
     page = render_report(
         title="PSF calibration",
         subtitle=subtitle,
-        verdicts=calibration_verdicts(stored),
+        verdicts=calibration_verdicts(psf),
         sections=(
             *before,
-            *calibration_sections(stored, load),
+            *calibration_sections(psf, load),
             *after,
-            edge_table_section(stored),
+            edge_table_section(psf),
         ),
-        provenance=(("method", stored.method or ""), *hashes, *versions()),
+        provenance=(("method", psf.method or ""), *hashes, *versions()),
     )
     write_page(path, page)
 

@@ -7,7 +7,8 @@ from analysis.errors import AnalysisError
 from analysis.reports import render_session_report
 from analysis.validation import Validation, registrations_at_most
 from calibration.errors import PsfFileError
-from calibration.files import StoredPsf, read_psf
+from calibration.files import read_psf
+from calibration.psf import PsfCalibration
 from standoff.terminal import note
 from standoff.workflows.reports import RESULTS_FOLDER, write_page
 from standoff.workflows.validation_run import session_validation
@@ -42,6 +43,6 @@ def write_session_report(session: Session, path: Path) -> None:
     write_page(path, render_session_report(session, psf, validation, remarks))
 
 
-def _validation(session: Session, psf: StoredPsf, psf_path: Path) -> Validation:
+def _validation(session: Session, psf: PsfCalibration, psf_path: Path) -> Validation:
     name = str(psf_path)
     return session_validation(session, psf.total_psf(name), name)

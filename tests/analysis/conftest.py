@@ -5,9 +5,10 @@ import pytest
 from acquisition.session.reader import Session
 from analysis.validation.document import Validation
 from analysis.validation.session import validate
-from calibration.files import StoredPsf, read_psf, write_psf
+from calibration.files import read_psf, write_psf
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.captures import edge_images
+from calibration.psf.document import PsfCalibration
 from tests.analysis.bench_session import PSF, bench_session
 
 
@@ -30,5 +31,5 @@ def psf_path(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="session")
-def psf(psf_path: Path) -> StoredPsf:
+def psf(psf_path: Path) -> PsfCalibration:
     return read_psf(psf_path)

@@ -7,8 +7,6 @@ from hypothesis import strategies as st
 
 from acquisition.aravis.pixel_decoding import decode_pixels
 from acquisition.errors import DeviceError
-from acquisition.stages.grbl.stage import GrblStage
-from acquisition.stages.zaber.stage import ZaberStage
 from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
 from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
@@ -121,9 +119,9 @@ def drive(rig: GrblRig | ZaberRig, data: bytes) -> None:
 
     Every step may fail with an error of its own, and the next one is tried all the same.
     """
-    stage: GrblStage | ZaberStage = rig.stage
+    stage = rig.stage
     steps: tuple[Callable[[], object], ...] = (
-        stage.connect,
+        rig.axis.connect,
         lambda: stage.home(60),
         lambda: stage.move_to(120.0, 20),
         stage.position_mm,

@@ -12,12 +12,12 @@ from analysis.reports.bench import (
     plot_stage,
     stage_section,
 )
-from calibration.files import StoredPsf
 from calibration.noise.noise_by_level import LevelNoise
+from calibration.psf.document import PsfCalibration
 from tests.calibration.edge_session import FRAME_NOISE, FRAMES
 
 
-def test_gain_and_read_noise_are_those_of_the_frames(session: Session, psf: StoredPsf) -> None:
+def test_gain_and_read_noise_are_those_of_the_frames(session: Session, psf: PsfCalibration) -> None:
     section = noise_section(session, psf)
     assert section is not None
     [row] = section.tables[0].rows
@@ -28,7 +28,7 @@ def test_gain_and_read_noise_are_those_of_the_frames(session: Session, psf: Stor
 
 
 def test_averaging_is_measured_against_the_root_of_the_frames(
-    session: Session, psf: StoredPsf
+    session: Session, psf: PsfCalibration
 ) -> None:
     section = noise_section(session, psf)
     assert section is not None

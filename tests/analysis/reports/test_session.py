@@ -5,13 +5,13 @@ import pytest
 from acquisition.session.reader import Session
 from analysis.reports.session import render_session_report, versions
 from analysis.validation.document import ExcludedCapture, Validation
-from calibration.files import StoredPsf
+from calibration.psf.document import PsfCalibration
 from tests.acquisition.session_fixtures import whole_session
 from tests.analysis.html_page import Page
 
 
 @pytest.fixture(scope="module")
-def page(session: Session, psf: StoredPsf, validation: Validation) -> Page:
+def page(session: Session, psf: PsfCalibration, validation: Validation) -> Page:
     return Page(render_session_report(session, psf, validation))
 
 
@@ -52,7 +52,7 @@ def test_the_report_names_operator_session_devices_and_versions(
 
 
 def test_the_figures_of_the_report_are_those_of_the_results(
-    page: Page, psf: StoredPsf, validation: Validation
+    page: Page, psf: PsfCalibration, validation: Validation
 ) -> None:
     assert f"{psf.sigma_x_px:.4f} px" in page.texts
     means = validation.means("followup-grid")
@@ -72,7 +72,7 @@ def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
 
 
 def test_edges_of_other_photographs_are_left_out_of_the_drawings(
-    session: Session, psf: StoredPsf
+    session: Session, psf: PsfCalibration
 ) -> None:
     foreign = psf.edges[0].model_copy(update={"image": "elsewhere/photo.tif"})
     mixed = psf.model_copy(update={"edges": [foreign, *psf.edges[:1]]})

@@ -84,7 +84,7 @@ def test_a_perfect_prediction_has_an_infinite_psnr() -> None:
 
 
 def test_the_mean_of_no_pairs_is_refused() -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 - it has no other reason
+    with pytest.raises(ValueError):
         mean_metrics([])
 
 

@@ -84,7 +84,7 @@ def test_two_curves_that_are_both_infinite_do_not_differ() -> None:
 
 
 def test_no_points_are_no_curve() -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 - it has no other reason
+    with pytest.raises(ValueError):
         curve_differences([])
 
 

@@ -8,7 +8,8 @@ import pytest
 from calibration.blind.calibration import calibrate_from_distances, calibrate_from_scene
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise.noise_by_level import LevelNoise
-from calibration.psf.calibration import EdgeImage, PsfCalibration, Region
+from calibration.psf.calibration import EdgeImage, Region
+from calibration.psf.document import PsfCalibration
 from tests.calibration.blob_scene import blob_photograph
 from tests.calibration.edge_photographs import (
     EIGHT_NORMALS_DEG,
@@ -35,16 +36,14 @@ def far() -> EdgeImage:
 def widths(psf: PsfCalibration) -> tuple[float, float]:
     assert psf.sigma_x_px is not None
     assert psf.sigma_y_px is not None
-    return psf.sigma_x_px.value, psf.sigma_y_px.value
+    return psf.sigma_x_px, psf.sigma_y_px
 
 
 def test_two_distances_give_the_whole_psf_without_the_zoom(near: EdgeImage, far: EdgeImage) -> None:
     psf = calibrate_from_distances([[near, far]])
     assert widths(psf) == pytest.approx(np.sqrt([0.45, 0.33]), rel=0.01)
-    assert psf.rho is not None
-    assert psf.rho.value == pytest.approx(0.06 / np.sqrt(0.45 * 0.33), abs=0.02)
-    assert psf.optical_sigma_x_px is not None
-    assert psf.optical_sigma_x_px.value == pytest.approx(np.sqrt(0.45 - 1 / 12), rel=0.02)
+    assert psf.rho == pytest.approx(0.06 / np.sqrt(0.45 * 0.33), abs=0.02)
+    assert psf.optical_sigma_x_px == pytest.approx(np.sqrt(0.45 - 1 / 12), rel=0.02)
     [pair] = psf.pairs
     assert (pair.near, pair.far) == ("near.tif", "far.tif")
     assert pair.zoom == pytest.approx(2.0, abs=0.005)

@@ -5,6 +5,7 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session.reader import Session
+from acquisition.session.take import Photograph
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.psf.calibration import calibrate_psf
@@ -38,13 +39,13 @@ def test_the_noise_is_that_of_the_mean_from_the_temporal_variance(tmp_path: Path
 
 def test_a_session_gives_the_psf_of_its_lens(tmp_path: Path) -> None:
     psf = calibrate_psf(edge_images(edge_session(tmp_path / "s", EIGHT_NORMALS_DEG)))
-    assert psf.optical_sigma_x_px is not None
-    assert psf.optical_sigma_y_px is not None
-    x, y = psf.optical_sigma_x_px, psf.optical_sigma_y_px
+    x, y = psf.optical.sigma_x_px, psf.optical.sigma_y_px
+    assert x is not None
+    assert y is not None
     assert x.value == pytest.approx(SIGMA_X_PX, abs=4 * x.err)
     assert y.value == pytest.approx(SIGMA_Y_PX, abs=4 * y.err)
     # The noise is known independently, so the goodness of fit is given. Around 900 pixels each.
-    chi2 = [edge.fit.chi2_reduced for edge in psf.edges]
+    chi2 = [edge.chi2_reduced for edge in psf.edges]
     assert all(value is not None and value == pytest.approx(1.0, abs=0.25) for value in chi2)
 
 
@@ -53,11 +54,12 @@ def test_a_single_photograph_has_no_noise_of_its_own(tmp_path: Path) -> None:
     with writer(tmp_path / "s", plan=plan) as session:
         image_dn = photograph_dn(6.0).astype(np.float32)
         session.add_photograph(
-            session.entries[0], image_dn, pixel_format="Mono16", max_level_dn=4095.0
+            session.entries[0],
+            Photograph(image_dn=image_dn, pixel_format="Mono16", max_level_dn=4095.0),
         )
     [image] = edge_images(Session.open(tmp_path / "s"))
     assert image.noise is None
-    assert calibrate_psf([image]).edges[0].fit.chi2_reduced is None
+    assert calibrate_psf([image]).edges[0].chi2_reduced is None
 
 
 def test_a_session_without_edges_is_named(tmp_path: Path) -> None:
