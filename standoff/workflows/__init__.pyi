@@ -67,16 +67,15 @@ from .reports import (
     write_file as write_file,
     write_geometry_report as write_geometry_report,
     write_page as write_page,
-    write_session_report as write_session_report,
 )
 from .scene_calibration import calibrate_scenes as calibrate_scenes
+from .session_report import write_session_report as write_session_report
 from .sr_dataset import (
     SrDatasetSettings as SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
     write_sr_dataset as write_sr_dataset,
 )
 from .validation_run import (
-    ValidationSettings as ValidationSettings,
     default_models as default_models,
     run_validation as run_validation,
 )
@@ -98,7 +97,6 @@ __all__ = [
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
-    "ValidationSettings",
     "calibrate_scenes",
     "camera_frames",
     "captured",
