@@ -136,7 +136,7 @@ def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
     """Return the noise of a capture, read from its noise.json where a path was given."""
     if noise is None or isinstance(noise, CaptureNoise):
         return noise
-    return read_noise(path_of(noise, "noise"))
+    return read_noise(path_of(noise, "noise")).capture_noise
 
 
 def _calibration(psf: PsfLike) -> tuple[PsfCalibration, str]:
