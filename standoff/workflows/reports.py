@@ -28,7 +28,7 @@ from analysis.reports import (
 from analysis.series import compare_series, series_of, write_comparison
 from calibration.edges import EdgeMeasurement
 from calibration.errors import PsfFileError
-from calibration.files import StoredGeometry, geometry_document, read_psf
+from calibration.files import read_psf
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
 from standoff.errors import ApplicationError
@@ -246,12 +246,11 @@ def write_geometry_report(path: Path, geometry: GeometryCalibration, subtitle: s
     ApplicationError
         If the file cannot be written.
     """
-    stored = StoredGeometry.model_validate(geometry_document(geometry))
     page = render_report(
         title="Geometry",
         subtitle=subtitle,
-        verdicts=geometry_verdicts(stored),
-        sections=geometry_sections(stored),
+        verdicts=geometry_verdicts(geometry),
+        sections=geometry_sections(geometry),
         provenance=versions(),
     )
     write_page(path, page)
