@@ -69,12 +69,12 @@ class GeometryError(CalibrationError):
         self.subject = subject
 
 
-class GeometryFileError(CalibrationError):
+class GeometryFileError(DocumentError):
     """A geometry.json cannot be read or written, or lacks a value that is needed."""
 
 
-class HomographyFileError(CalibrationError):
-    """An H.json cannot be read, or lacks a value that is needed."""
+class HomographyFileError(DocumentError):
+    """An H.json cannot be read or written, or lacks a value that is needed."""
 
 
 class NoEdgeError(CalibrationError):

@@ -1,4 +1,5 @@
 from .distorted_pose import DistortedPose as DistortedPose
+from .document import HOMOGRAPHY_SCHEMA as HOMOGRAPHY_SCHEMA, Homography as Homography
 from .features import (
     ImageFeatures as ImageFeatures,
     find_features as find_features,
@@ -18,10 +19,12 @@ from .refinement import zoom_at_centre as zoom_at_centre
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
 
 __all__ = [
+    "HOMOGRAPHY_SCHEMA",
     "OVERLAP_MIN_PX",
     "AxialRegistration",
     "DistortedPose",
     "DistortedRegistration",
+    "Homography",
     "ImageFeatures",
     "Registration",
     "TrackedPose",
