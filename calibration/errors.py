@@ -7,6 +7,7 @@ __all__ = [
     "DocumentError",
     "GeometryError",
     "GeometryFileError",
+    "GeometryReason",
     "HomographyFileError",
     "NoEdgeError",
     "NoiseError",
@@ -16,6 +17,26 @@ __all__ = [
     "PairReason",
     "PsfFileError",
     "RegistrationError",
+    "RegistrationReason",
+]
+
+GeometryReason = Literal[
+    "no_captures", "several_sizes", "one_height", "not_matched", "heights_reversed", "nothing_left"
+]
+RegistrationReason = Literal[
+    "no_detail",
+    "no_board",
+    "no_matches",
+    "no_common_pose",
+    "inside_out",
+    "nearer",
+    "little_overlap",
+    "unlike",
+    "not_settled",
+    "no_lens",
+    "low_correlation",
+    "contradiction",
+    "uncertain",
 ]
 
 
@@ -37,7 +58,17 @@ class DocumentError(CalibrationError):
 
 
 class GeometryError(CalibrationError):
-    """The captures do not tell the geometry of camera and stage."""
+    """The captures do not tell the geometry of camera and stage.
+
+    ``reason`` says what is wrong, ``subject`` names the capture or target where it is one.
+    """
+
+    def __init__(
+        self, message: str, *, reason: GeometryReason | None = None, subject: str | None = None
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.subject = subject
 
 
 class GeometryFileError(CalibrationError):
@@ -107,4 +138,26 @@ class PsfFileError(DocumentError):
 
 
 class RegistrationError(CalibrationError):
-    """Two images could not be aligned well enough to be compared."""
+    """Two images could not be aligned well enough to be compared.
+
+    ``reason`` says which requirement failed, ``at_fault`` which image where it is one alone. What
+    was found is a ``count`` of features, matches or corners, a ``correlation``, or an ``error_px``;
+    None where the reason has no such figure.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        reason: RegistrationReason | None = None,
+        at_fault: Literal["reference", "followup"] | None = None,
+        count: int | None = None,
+        correlation: float | None = None,
+        error_px: float | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.at_fault = at_fault
+        self.count = count
+        self.correlation = correlation
+        self.error_px = error_px
