@@ -37,7 +37,7 @@ def test_captures_of_two_gains_are_refused_with_both(tmp_path: Path) -> None:
     session = noise_session(tmp_path / "s", flat_gain_db=6.0)
     with pytest.raises(NoiseError) as refused:
         noise_records(session)
-    assert refused.value.fault == "settings"
+    assert refused.value.reason == "settings"
     for setting in ("0.0 dB Mono12", "6.0 dB Mono12"):
         assert setting in str(refused.value)
 
