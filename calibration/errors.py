@@ -1,16 +1,40 @@
 """What can go wrong between photographs and a calibration."""
 
+from typing import Literal
+
 __all__ = [
     "CalibrationError",
     "DocumentError",
     "GeometryError",
     "GeometryFileError",
+    "GeometryReason",
     "HomographyFileError",
     "NoEdgeError",
     "NoiseError",
+    "NoiseFault",
     "NoiseFileError",
     "PsfFileError",
     "RegistrationError",
+    "RegistrationReason",
+]
+
+GeometryReason = Literal[
+    "no_captures", "several_sizes", "one_height", "not_matched", "heights_reversed", "nothing_left"
+]
+RegistrationReason = Literal[
+    "no_detail",
+    "no_board",
+    "no_matches",
+    "no_common_pose",
+    "inside_out",
+    "nearer",
+    "little_overlap",
+    "unlike",
+    "not_settled",
+    "no_lens",
+    "low_correlation",
+    "contradiction",
+    "uncertain",
 ]
 
 
@@ -32,7 +56,17 @@ class DocumentError(CalibrationError):
 
 
 class GeometryError(CalibrationError):
-    """The captures do not tell the geometry of camera and stage."""
+    """The captures do not tell the geometry of camera and stage.
+
+    ``reason`` says what is wrong, ``subject`` names the capture or target where it is one.
+    """
+
+    def __init__(
+        self, message: str, *, reason: GeometryReason | None = None, subject: str | None = None
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.subject = subject
 
 
 class GeometryFileError(CalibrationError):
@@ -47,8 +81,20 @@ class NoEdgeError(CalibrationError):
     """No edge that may count was found."""
 
 
+NoiseFault = Literal["no dark", "no flat", "settings", "levels", "no gain"]
+"""What captures lack: darks, flats, one gain and format for all, levels, a rising variance."""
+
+
 class NoiseError(CalibrationError):
-    """Dark and flat captures do not tell a camera's noise."""
+    """Dark and flat captures do not tell a camera's noise.
+
+    ``saturated`` is the number of flats that could not be used because they are clipped.
+    """
+
+    def __init__(self, message: str, *, fault: NoiseFault, saturated: int = 0) -> None:
+        super().__init__(message)
+        self.fault = fault
+        self.saturated = saturated
 
 
 class NoiseFileError(DocumentError):
@@ -60,4 +106,26 @@ class PsfFileError(DocumentError):
 
 
 class RegistrationError(CalibrationError):
-    """Two images could not be aligned well enough to be compared."""
+    """Two images could not be aligned well enough to be compared.
+
+    ``reason`` says which requirement failed, ``at_fault`` which image where it is one alone. What
+    was found is a ``count`` of features, matches or corners, a ``correlation``, or an ``error_px``;
+    None where the reason has no such figure.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        reason: RegistrationReason | None = None,
+        at_fault: Literal["reference", "followup"] | None = None,
+        count: int | None = None,
+        correlation: float | None = None,
+        error_px: float | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.at_fault = at_fault
+        self.count = count
+        self.correlation = correlation
+        self.error_px = error_px

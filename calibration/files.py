@@ -30,12 +30,11 @@ from calibration.noise import (
     NOISE_SCHEMA,
     CorrectionMaps,
     NoiseCalibration,
-    noise_document,
+    NoiseMeasurement,
     read_map_files,
     write_map_files,
 )
 from calibration.psf import PSF_SCHEMA, PsfCalibration, PsfOrigin
-from simulation.capture_noise import CaptureNoise
 
 __all__ = [
     "GEOMETRY_SCHEMA",
@@ -47,7 +46,6 @@ __all__ = [
     "StoredHomography",
     "geometry_document",
     "json_object",
-    "noise_document",
     "read_correction",
     "read_document",
     "read_geometry",
@@ -188,36 +186,18 @@ def read_geometry(path: Path) -> StoredGeometry:
         raise GeometryFileError(f"{path}: {_first_fault(error.errors())}") from error
 
 
-def read_noise(path: Path) -> CaptureNoise:
-    """Read the noise model of a noise.json.
+def read_noise(path: Path) -> NoiseCalibration:
+    """Read a noise.json.
 
     Raises
     ------
     NoiseFileError
         If it cannot be read, is of another schema, or lacks a value.
     """
-    document = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json")
-    values = {}
-    for name in ("gain_e_per_dn", "read_noise_e", "black_level_dn", "frames_averaged"):
-        value = document.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise NoiseFileError(f"{path}: {name} is {value!r}, expected a number between -1 and 1")
-        try:
-            values[name] = float(value)
-        except OverflowError as error:
-            raise NoiseFileError(f"{path}: {name} is beyond all numbers") from error
-    try:
-        return CaptureNoise(
-            gain_e_per_dn=values["gain_e_per_dn"],
-            read_noise_e=values["read_noise_e"],
-            black_level_dn=values["black_level_dn"],
-            frames_averaged=_whole(values["frames_averaged"]),
-        )
-    except ValueError as error:
-        raise NoiseFileError(f"{path}: {error}") from error
+    return read_document(path, NoiseCalibration, NoiseFileError, "name a noise.json")
 
 
-def write_noise(path: Path, noise: NoiseCalibration) -> dict[str, Any]:
+def write_noise(path: Path, noise: NoiseMeasurement) -> NoiseCalibration:
     """Write the maps, then noise.json, each whole or not at all; return what it holds.
 
     Raises
@@ -225,12 +205,9 @@ def write_noise(path: Path, noise: NoiseCalibration) -> dict[str, Any]:
     NoiseFileError
         If a file cannot be written.
     """
-    document = noise_document(noise, write_map_files(path, noise.maps))
-    try:
-        atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise NoiseFileError(f"cannot write {path}: {error.strerror}") from error
-    return document
+    written = noise.calibration.model_copy(update={"maps": write_map_files(path, noise.maps)})
+    write_document(path, written, NoiseFileError)
+    return written
 
 
 def read_correction(path: Path) -> CorrectionMaps:
@@ -241,8 +218,7 @@ def read_correction(path: Path) -> CorrectionMaps:
     NoiseFileError
         If it or a map cannot be read, or a map is not the one it was written with.
     """
-    listed = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json").get("maps")
-    return read_map_files(path, listed, read_noise(path).black_level_dn)
+    return read_map_files(path, read_noise(path))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -291,12 +267,6 @@ def read_homography(path: Path) -> StoredHomography:
                 distortion_k1=float(distortion_k1),
             )
     raise HomographyFileError(f"{path}: size is {size!r}, expected [width, height] in px")
-
-
-def _whole(value: float) -> int:
-    if not np.isfinite(value) or value != int(value):
-        raise ValueError(f"frames_averaged is {value}, expected a whole number")
-    return int(value)
 
 
 def _document(

@@ -25,6 +25,7 @@ from acquisition.session import CaptureRecord, EventKind, Manifest
 from analysis.detectability import CurvesFile, DetectabilityCurve
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
 from calibration.geometry import StoredGeometry, StoredGeometryCapture, StoredZoom
+from calibration.noise import LevelSample, MapFile, NoiseCalibration
 from calibration.psf import (
     CameraIdentity,
     ColourPsf,
@@ -34,7 +35,6 @@ from calibration.psf import (
     PairWidths,
     PsfCalibration,
 )
-from simulation.capture_noise import CaptureNoise
 from standoff.terminal import application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
@@ -125,9 +125,9 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
     ),
     (
         "noise.json",
-        "Schema `standoff.noise/1`. Written by `noise`; what a reader needs. Each figure has a key "
-        "that ends in `_err`, and `maps` names the dark, flat and defect maps beside it.",
-        (CaptureNoise,),
+        "Schema `standoff.noise/1`. Written by `noise`, with the dark, flat and defect maps beside "
+        "it.",
+        (NoiseCalibration, MapFile, LevelSample),
     ),
     (
         "geometry.json",

@@ -6,7 +6,7 @@ largest group that hangs together is kept; every capture outside it is named wit
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, sqrt
+from math import atan2, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from calibration.errors import RegistrationError
 from calibration.geometry.bundle_adjustment import PlaneMatches
 from calibration.geometry.camera import CapturePose
-from calibration.registration import homography_pose, match_features
+from calibration.registration import ImageFeatures, find_features, homography_pose
+from simulation.pose import project, projection_slopes
 
 __all__ = ["SeriesPoints", "match_series", "pose_of_homography"]
 
@@ -51,20 +52,25 @@ def match_series(images: Sequence[NDArray[np.generic]], focal_length_px: float) 
     focal_length_px
         Focal length, for the poses; a guess will do.
     """
-    links: dict[tuple[int, int], tuple[FloatArray, PlaneMatches]] = {}
+    features: dict[int, ImageFeatures] = {}
     reasons: dict[int, str] = {}
-    for near in range(len(images) - 1):
-        for far in range(near + 1, min(near + 1 + _REACH, len(images))):
-            try:
-                links[near, far] = _link(images[near], images[far], near, far)
-            except RegistrationError as error:
-                text = str(error)
-                if not text.startswith("the follow-up"):
-                    reasons.setdefault(near, text.replace("the reference has", "it has"))
-                if not text.startswith("the reference"):
-                    reasons.setdefault(far, text.replace("the follow-up has", "it has"))
+    for number, image in enumerate(images):
+        try:
+            features[number] = find_features(image)
+        except RegistrationError as error:
+            reasons[number] = str(error)
+    links: dict[tuple[int, int], tuple[FloatArray, PlaneMatches]] = {}
+    for near in features:
+        for far in range(near + 1, near + 1 + _REACH):
+            if far not in features:
                 continue
-            break
+            try:
+                links[near, far] = _link(features, near, far)
+            except RegistrationError as error:
+                reasons.setdefault(near, str(error))
+                reasons.setdefault(far, str(error))
+            else:
+                break
     kept = _largest_group(len(images), list(links))
     place = {capture: number for number, capture in enumerate(kept)}
     middle = (np.array(images[0].shape[1::-1]) - 1) / 2
@@ -104,22 +110,21 @@ def pose_of_homography(
     matrix: FloatArray, middle_px: FloatArray, focal_length_px: float
 ) -> CapturePose:
     """Pose of an upright camera whose pixels ``matrix`` takes to those of the first capture."""
-    centre = matrix @ np.append(middle_px, 1.0)
-    x, y = centre[:2] / centre[2]
-    local = (matrix[:2, :2] - np.outer([x, y], matrix[2, :2])) / centre[2]
-    scale = sqrt(abs(float(np.linalg.det(local))))
+    middle_x, middle_y = middle_px.tolist()
+    x, y = project(matrix, middle_x, middle_y)
+    a, b, c, d = projection_slopes(matrix, middle_x, middle_y)
     return CapturePose(
-        log_distance=float(np.log(scale)),
-        turn_rad=atan2(local[1, 0] - local[0, 1], local[0, 0] + local[1, 1]),
-        x=float(x - middle_px[0]) / focal_length_px,
-        y=float(y - middle_px[1]) / focal_length_px,
+        log_distance=log(abs(a * d - b * c)) / 2,
+        turn_rad=atan2(c - b, a + d),
+        x=(x - middle_x) / focal_length_px,
+        y=(y - middle_y) / focal_length_px,
     )
 
 
 def _link(
-    near_image: NDArray[np.generic], far_image: NDArray[np.generic], near: int, far: int
+    features: dict[int, ImageFeatures], near: int, far: int
 ) -> tuple[FloatArray, PlaneMatches]:
-    found = match_features(near_image, far_image)
+    found = features[near].matched_with(features[far])
     matrix, agreeing = homography_pose(found)
     count = int(np.count_nonzero(agreeing))
     return matrix, PlaneMatches(

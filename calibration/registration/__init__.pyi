@@ -1,5 +1,10 @@
 from .distorted_pose import DistortedPose as DistortedPose
-from .features import homography_pose as homography_pose, match_features as match_features
+from .features import (
+    ImageFeatures as ImageFeatures,
+    find_features as find_features,
+    homography_pose as homography_pose,
+    match_features as match_features,
+)
 from .overlap import OVERLAP_MIN_PX as OVERLAP_MIN_PX
 from .pair import (
     AxialRegistration as AxialRegistration,
@@ -17,9 +22,11 @@ __all__ = [
     "AxialRegistration",
     "DistortedPose",
     "DistortedRegistration",
+    "ImageFeatures",
     "Registration",
     "TrackedPose",
     "TrackingReference",
+    "find_features",
     "homography_pose",
     "match_features",
     "register",

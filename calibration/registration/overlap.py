@@ -10,12 +10,22 @@ from calibration.errors import RegistrationError
 from simulation import SamplingGrid
 from simulation.resampling import ZOOM_MIN
 
-__all__ = ["OVERLAP_MIN_PX", "Overlap", "axial_overlap", "refuse_nearer"]
+__all__ = [
+    "OVERLAP_MIN_PX",
+    "Overlap",
+    "axial_overlap",
+    "refuse_little_overlap",
+    "refuse_low_correlation",
+    "refuse_nearer",
+    "refuse_negative",
+]
 
 FloatArray = NDArray[np.float64]
 
 OVERLAP_MIN_PX = 16
 """Follow-up pixels needed along each axis."""
+
+_CORRELATION_MIN = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +74,7 @@ def axial_overlap(
         first = max(ceil(((zoom - 1) / 2 - origin_px) / zoom - 1e-9), 0)
         last = min(floor((size - 1 - (zoom - 1) / 2 - origin_px) / zoom + 1e-9), count - 1)
         if last - first + 1 < OVERLAP_MIN_PX:
-            raise RegistrationError("the images overlap too little")
+            raise RegistrationError("the images overlap too little", reason="little_overlap")
         spans.append((first, last + 1, origin_px + first * zoom))
     (top, bottom, origin_y_px), (left, right, origin_x_px) = spans
     grid = SamplingGrid(
@@ -83,5 +93,28 @@ def refuse_nearer(zoom: float) -> None:
     if zoom < ZOOM_MIN:
         raise RegistrationError(
             f"the follow-up is nearer than the reference (zoom {zoom:.3f}); swap the two, as the "
-            "nearer one is the reference"
+            "nearer one is the reference",
+            reason="nearer",
+        )
+
+
+def refuse_little_overlap(inside: NDArray[np.bool_]) -> None:
+    """Raise a RegistrationError where too few of a follow-up's pixels lie in the reference."""
+    if np.count_nonzero(inside) < OVERLAP_MIN_PX**2:
+        raise RegistrationError("the images overlap too little", reason="little_overlap")
+
+
+def refuse_negative(gain: float) -> None:
+    """Raise a RegistrationError for a follow-up that is dark where it should be bright."""
+    if gain <= 0:
+        raise RegistrationError("the follow-up does not look like the reference", reason="unlike")
+
+
+def refuse_low_correlation(correlation: float) -> None:
+    """Raise a RegistrationError for images that do not agree where they are aligned."""
+    if not correlation >= _CORRELATION_MIN:
+        raise RegistrationError(
+            f"the aligned images correlate by {correlation:.2f} only, {_CORRELATION_MIN} is needed",
+            reason="low_correlation",
+            correlation=correlation,
         )

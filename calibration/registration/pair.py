@@ -288,11 +288,15 @@ def _register_distorted(
     )
     if np.median(apart_px) > _DISAGREEMENT_MAX_PX:
         raise RegistrationError(
-            f"the features lie {np.median(apart_px):.1f} px from where the pixels agree best"
+            f"the features lie {np.median(apart_px):.1f} px from where the pixels agree best",
+            reason="contradiction",
+            error_px=float(np.median(apart_px)),
         )
     if not fit.place_err_px <= _PLACE_ERR_MAX_PX:
         raise RegistrationError(
-            f"the pose is unsure by {fit.place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed"
+            f"the pose is unsure by {fit.place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed",
+            reason="uncertain",
+            error_px=fit.place_err_px,
         )
     return DistortedRegistration(
         pose=fit.pose,

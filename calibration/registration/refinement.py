@@ -12,14 +12,20 @@ from scipy.ndimage import map_coordinates
 
 from calibration.errors import RegistrationError
 from calibration.registration.motions import AXIAL, Generators, flows_px, moved_matrix
-from calibration.registration.overlap import OVERLAP_MIN_PX, axial_overlap, refuse_nearer
+from calibration.registration.overlap import (
+    axial_overlap,
+    refuse_little_overlap,
+    refuse_low_correlation,
+    refuse_nearer,
+    refuse_negative,
+)
 from simulation import GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
+from simulation.pose import project, projection_depth, projection_slopes
 
 __all__ = ["Refinement", "refined_pose", "zoom_at_centre"]
 
 FloatArray = NDArray[np.float64]
 
-_CORRELATION_MIN = 0.5
 _ITERATIONS = 40
 _CONVERGED_PX = 5e-4
 _FREE_STEPS = 5
@@ -97,20 +103,18 @@ def refined_pose(
         solution = np.linalg.lstsq(normal, design.T @ measured[inside], rcond=None)[0]
         gain = solution[-2]
         residual = measured[inside] - gain * level - solution[-1]
-        if gain <= 0:
-            raise RegistrationError("the follow-up does not look like the reference")
+        refuse_negative(gain)
         # The columns are slopes of the simulated image; the measured one's are `gain` times these.
         step = solution[: len(generators)] / gain
         matrix = moved_matrix(matrix, generators, step, shape)
         if np.abs(step).max() < _CONVERGED_PX:
             break
     else:
-        raise RegistrationError(f"the alignment did not settle in {_ITERATIONS} steps")
-    correlation = float(np.corrcoef(level, measured[inside])[0, 1])
-    if not correlation >= _CORRELATION_MIN:
         raise RegistrationError(
-            f"the aligned images correlate by {correlation:.2f} only, {_CORRELATION_MIN} is needed"
+            f"the alignment did not settle in {_ITERATIONS} steps", reason="not_settled"
         )
+    correlation = float(np.corrcoef(level, measured[inside])[0, 1])
+    refuse_low_correlation(correlation)
     variance = float(np.mean(residual**2))
     errors_px = np.sqrt(np.diag(np.linalg.pinv(normal))[: len(generators)] * variance) / gain
     return Refinement(matrix, errors_px, correlation, sqrt(variance))
@@ -149,20 +153,17 @@ def _predict_homography(
     """Same for a homography: the zoomed reference, warped by the small rest of the pose."""
     rest = np.linalg.inv(zoomed_matrix) @ matrix
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    depth = rest[2, 0] * x + rest[2, 1] * y + rest[2, 2]
-    place_x = (rest[0, 0] * x + rest[0, 1] * y + rest[0, 2]) / depth
-    place_y = (rest[1, 0] * x + rest[1, 1] * y + rest[1, 2]) / depth
+    place_x, place_y = project(rest, x, y)
     rows, cols = zoomed.shape
     inside = (
-        (depth > 0)
+        (projection_depth(rest, x, y) > 0)
         & (place_x >= _BORDER_PX)
         & (place_x <= cols - 1 - _BORDER_PX)
         & (place_y >= _BORDER_PX)
         & (place_y <= rows - 1 - _BORDER_PX)
     )
     inside[[0, -1], :] = inside[:, [0, -1]] = False
-    if np.count_nonzero(inside) < OVERLAP_MIN_PX**2:
-        raise RegistrationError("the images overlap too little")
+    refuse_little_overlap(inside)
     simulated = map_coordinates(zoomed, [place_y, place_x], order=3, mode="mirror")
     return np.asarray(simulated), inside
 
@@ -176,9 +177,8 @@ def _simulated(
 
 def zoom_at_centre(matrix: FloatArray, shape: tuple[int, int]) -> float:
     """Square root of the homography's area ratio at the image centre."""
-    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])
-    depth = float(matrix[2] @ centre)
-    return sqrt(abs(float(np.linalg.det(matrix)) / depth**3))
+    a, b, c, d = projection_slopes(matrix, (shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    return sqrt(abs(a * d - b * c))
 
 
 def _shape(image: NDArray[Any]) -> tuple[int, int]:

@@ -214,7 +214,7 @@ def render(
     matrix
         Homography from ideal follow-up to ideal reference pixels.
     lens
-        Of `distorted_warp`.
+        Of `simulation.pose.lens`.
     psf, frame
         Polynomial coefficients of the covariance, ``(3, n)``; its centre x, y, 1 / radius, and
         where the follow-up's pixel (0, 0) lies in it, x, y.

@@ -96,7 +96,7 @@ def detectability(
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     camera = None
     if noise.endswith(".json"):
-        camera = read_noise(Path(noise))
+        camera = read_noise(Path(noise)).capture_noise
         noises = []
     else:
         noises = _numbers(noise, "--noise")

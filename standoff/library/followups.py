@@ -97,9 +97,7 @@ def simulate_pose(
     )
 
 
-def _homography(
-    homography: ArrayLike | Homography | FilePath, size: tuple[int, int]
-) -> Homography:
+def _homography(homography: ArrayLike | Homography | FilePath, size: tuple[int, int]) -> Homography:
     if isinstance(homography, Homography):
         return homography
     if isinstance(homography, np.ndarray | list | tuple):

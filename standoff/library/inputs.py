@@ -1,6 +1,6 @@
 """Arguments as a person gives them: an array or a path, a PSF or its file."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.files import read_geometry, read_homography, read_noise, read_psf
+from calibration.files import read_noise, read_psf
 from calibration.psf import PsfCalibration, luma_plane
 from simulation import GaussianPsf, Model, PsfField
 from simulation.capture_noise import CaptureNoise
@@ -19,11 +19,10 @@ __all__ = [
     "ImageLike",
     "NoiseLike",
     "PsfLike",
-    "camera_psf",
     "camera_noise",
+    "camera_psf",
     "colour_planes",
     "grey_image",
-    "homography_of",
     "image_file",
     "listed_images",
     "path_of",
@@ -32,7 +31,7 @@ __all__ = [
 
 FilePath: TypeAlias = str | PathLike[str]
 ImageLike: TypeAlias = NDArray[Any] | FilePath
-"""Levels linear in light, shape ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""
+"""Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""
 
 PsfLike: TypeAlias = GaussianPsf | PsfCalibration | FilePath
 """A PSF, a calibration that holds one, or the path of a psf.json."""
@@ -65,7 +64,7 @@ def image_file(image: ImageLike, name: str = "image") -> ImageFile:
         If the file is none that can be read, or the array is no finite image.
     """
     if isinstance(image, np.ndarray):
-        return ImageFile.of_array(image, name)
+        return ImageFile.of_pixels(Path(name), image)
     if isinstance(image, str | PathLike):
         return read_image(Path(image))
     raise TypeError(f"{name}: expected an array or the path of an image, got {_kind(image)}")
@@ -112,9 +111,7 @@ def total_psf(psf: PsfLike) -> GaussianPsf:
     return calibration.total_psf(source)
 
 
-def camera_psf(
-    psf: PsfLike, frame: tuple[int, int] | None, model: Model
-) -> GaussianPsf | PsfField:
+def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> GaussianPsf | PsfField:
     """Return the PSF as a model takes it: over the frame where it can, else as one Gaussian.
 
     Parameters
@@ -139,7 +136,7 @@ def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
     """Return the noise of a capture, read from its noise.json where a path was given."""
     if noise is None or isinstance(noise, CaptureNoise):
         return noise
-    return read_noise(path_of(noise, "noise"))
+    return read_noise(path_of(noise, "noise")).capture_noise
 
 
 def _calibration(psf: PsfLike) -> tuple[PsfCalibration, str]:

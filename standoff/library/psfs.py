@@ -3,8 +3,13 @@
 from collections.abc import Callable, Iterable, Iterator
 
 from acquisition import Session
-from calibration.edges import EdgeImage, EdgeMeasurement, Method, Region
-from calibration.edges import measure_edges as measured_edges
+from calibration.edges import (
+    EdgeImage,
+    EdgeMeasurement,
+    Method,
+    Region,
+    measure_edges as measured_edges,
+)
 from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
 from calibration.psf import PsfCalibration, calibrate_psf as psf_of_images, edge_images
 from standoff.library.inputs import FilePath, ImageLike, image_file, listed_images, path_of

@@ -7,7 +7,12 @@ from .devices import (
     place_in_simulation as place_in_simulation,
     refuse_half_simulated as refuse_half_simulated,
 )
-from .edge_sources import Reading as Reading, from_files as from_files, from_session as from_session
+from .edge_sources import (
+    Reading as Reading,
+    edge_image as edge_image,
+    from_files as from_files,
+    from_session as from_session,
+)
 from .focus_runs import (
     FocusSweep as FocusSweep,
     OpenCamera as OpenCamera,
@@ -96,6 +101,7 @@ __all__ = [
     "camera_frames",
     "captured",
     "default_models",
+    "edge_image",
     "expanded_images",
     "folder_frames",
     "found_kernel",

@@ -11,19 +11,7 @@ from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
 from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
-from hil_mocks.gige.gvcp import (
-    CommandCode,
-    GvcpError,
-    RegisterWrite,
-    ResendRequest,
-    encode_command,
-    encode_read_memory,
-    encode_read_registers,
-    encode_resend_request,
-    encode_write_memory,
-    encode_write_registers,
-    parse_acknowledge,
-)
+from hil_mocks.gige.gvcp import CommandCode, GvcpError, RegisterWrite, ResendRequest
 from hil_mocks.gige.registers import RegisterMap
 from hil_mocks.gige.settings import CameraState
 from hil_mocks.stages.grbl import GrblFirmware
@@ -32,6 +20,15 @@ from hil_mocks.stages.serial_line import LineFaults, SerialLine
 from hil_mocks.stages.zaber import ZaberFirmware
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget
+from tests.hil_mocks.gige_wire import (
+    encode_command,
+    encode_read_memory,
+    encode_read_registers,
+    encode_resend_request,
+    encode_write_memory,
+    encode_write_registers,
+    parse_acknowledge,
+)
 from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, zaber_rig
 
 PEER = ("127.0.0.1", 5000)

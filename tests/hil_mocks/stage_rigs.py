@@ -17,7 +17,7 @@ from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.serial_line import SerialLine
 from hil_mocks.stages.zaber import ZaberFaults, ZaberFirmware
-from hil_mocks.virtual_port import VirtualPort
+from tests.hil_mocks.virtual_port import VirtualPort
 
 MICROSTEP_UM = 0.49609375
 
