@@ -17,6 +17,7 @@ from pydantic import (
 )
 
 from acquisition.bench import BenchConfig, validation_lines
+from acquisition.choices import CaptureKind
 from acquisition.errors import PlanError
 from acquisition.untrusted import parse_toml
 
@@ -32,8 +33,6 @@ __all__ = [
     "parse_plan",
     "plan_entries",
 ]
-
-CaptureKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
 
 HEIGHT_DECIMALS = 3
 """Heights are told apart to 0.001 mm, as file names write them."""

@@ -6,6 +6,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.choices import WINDOW_PX
 from analysis.detectability.pair import REFERENCE_ZOOM, compared_pair, frame_size_px
 from analysis.detectability.signal import ChangeSignal, signal_offsets_px
 from simulation import GaussianPsf, Model
@@ -13,9 +14,6 @@ from simulation import GaussianPsf, Model
 __all__ = ["POSITIONS", "WINDOW_PX", "LocalChange", "local_changes"]
 
 FloatArray = NDArray[np.float64]
-
-WINDOW_PX = 33
-"""Side of the window on c'. A larger one finds more: docs/theory-detectability.md says how much."""
 
 POSITIONS = 6
 """Places of the signal against the pixel grids; d' over them scatters by 2 % at most."""

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.session import atomic_write
+from analysis.choices import CACHE_VARIABLE
 from analysis.errors import ResultsFileError
 from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 
 __all__ = ["CACHE_VARIABLE", "KernelCache", "default_cache_folder"]
-
-CACHE_VARIABLE = "STANDOFF_KERNEL_CACHE"
-"""Environment variable that names the folder."""
 
 _TRAINING_VERSION = 1
 """Counts up when a training gives other kernels than before."""

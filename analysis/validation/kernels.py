@@ -9,6 +9,7 @@ from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 
 from acquisition.session import Session
+from analysis.choices import PAPER_TRAINING_STEPS
 from analysis.errors import AnalysisError
 from analysis.validation.kernel_cache import KernelCache
 from analysis.validation.models import ModelInputs, ValidationModel
@@ -23,9 +24,6 @@ from simulation.kernelgan import (
 )
 
 __all__ = ["PAPER_TRAINING_STEPS", "KernelBook", "trainings_needed"]
-
-PAPER_TRAINING_STEPS = 4000
-"""Of every training, from the paper on camera poses."""
 
 _ZOOM_DECIMALS = 3
 """So that the last digits of a registration do not ask for another training."""

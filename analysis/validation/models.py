@@ -3,32 +3,21 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.choices import VALIDATION_MODELS, ValidationModel
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
 from simulation.kernelgan import (
     KERNEL_MODELS,
     EstimatedKernel,
-    KernelModel,
     Sampler,
     kernel_operator,
 )
 
 __all__ = ["VALIDATION_MODELS", "ModelInputs", "Simulate", "ValidationModel", "is_learned"]
-
-ValidationModel = Literal[Model, KernelModel]
-VALIDATION_MODELS: tuple[ValidationModel, ...] = (
-    "bicubic",
-    "kernelgan",
-    "gaussian-kernelgan",
-    "paper",
-    "matched",
-    "lmmse",
-)
-"""All models, in the order of the paper's tables; those that came after it at the end."""
 
 
 Simulate = Callable[[SamplingGrid], NDArray[np.floating[Any]]]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.errors import RegistrationError
 from simulation.pose import projection_slopes
 
@@ -219,8 +220,7 @@ class CharucoBoard:
         return f"{self.columns}x{self.rows}:{self.square_mm:g}:{self.marker_mm:g}:{self.dictionary}"
 
 
-DEFAULT_BOARD = CharucoBoard(columns=11, rows=8, square_mm=12.0, marker_mm=9.0)
-"""The board that is meant where none is named."""
+DEFAULT_BOARD = CharucoBoard.from_text(DEFAULT_BOARD_TEXT)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.choices import CalibrationMethod
 from calibration.edges import (
     PITCH_PX,
     REJECTING_FLAGS,
@@ -42,8 +42,6 @@ __all__ = [
     "plane_source",
     "psf_of_edges",
 ]
-
-CalibrationMethod = Literal["all-angles", "paper", "single-image", "two-distance"]
 
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
