@@ -77,7 +77,9 @@ class Session:
         if not manifest_path.is_file():
             raise SessionError(
                 f"{path} is not a capture session (it has no {MANIFEST_NAME}); "
-                "name the directory that a capture run wrote"
+                "name the directory that a capture run wrote",
+                fault="not a session",
+                path=path,
             )
         manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
         journal_path = path / JOURNAL_NAME
@@ -135,7 +137,9 @@ class Session:
         if hashlib.sha256(data).hexdigest() != record.sha256:
             raise SessionError(
                 f"{path} is not the file that was captured (its sha256 differs); "
-                "restore it from a copy, or retake the capture"
+                "restore it from a copy, or retake the capture",
+                fault="changed",
+                path=path,
             )
         images = parse_capture(data, source=str(path))
         return CaptureImages(
@@ -220,7 +224,7 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
     for number, event in enumerate(events, start=1):
         here = f"{source}, line {number}"
         if event.kind == "capture":
-            record = CaptureRecord.from_json(_table(event, "record", here), source=here)
+            record = _record(event, here, number)
             if record.index in latest:
                 superseded.add(latest[record.index])
             latest[record.index] = record.uid
@@ -228,7 +232,11 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
         elif event.kind in ("retake", "exclude", "include"):
             uid = str(event.facts.get("supersedes" if event.kind == "retake" else "capture"))
             if uid not in records:
-                raise SessionError(f"{here}: {event.kind} of {uid!r}, which was never captured")
+                raise SessionError(
+                    f"{here}: {event.kind} of {uid!r}, which was never captured",
+                    fault="no capture",
+                    line=number,
+                )
             if event.kind == "retake":
                 superseded.add(uid)
             elif event.kind == "exclude":
@@ -254,7 +262,9 @@ def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) 
     for capture in captures:
         if capture.record.index == index and not capture.is_superseded:
             return capture
-    raise SessionError(f"session {path} has no capture of index {index}")
+    raise SessionError(
+        f"session {path} has no capture of index {index}", fault="no capture", path=path
+    )
 
 
 def file_sha256(path: Path) -> str:
@@ -281,7 +291,7 @@ def _file_state(path: Path, sha256: str | None) -> FileState:
     try:
         return "ok" if file_sha256(path) == sha256 else "changed"
     except OSError as error:
-        raise SessionError(f"{path}: {error.strerror}") from error
+        raise SessionError(f"{path}: {error.strerror}", path=path) from error
 
 
 def _check_manifest(session: Session) -> FileCheck:
@@ -292,15 +302,22 @@ def _check_manifest(session: Session) -> FileCheck:
     return FileCheck(file=MANIFEST_NAME, state=_file_state(session.path / MANIFEST_NAME, expected))
 
 
-def _table(event: JournalEvent, key: str, here: str) -> Mapping[str, object]:
-    value = event.facts.get(key)
-    if not isinstance(value, dict):
-        raise SessionError(f"{here}: {event.kind} without {key}")
-    return value
+def _record(event: JournalEvent, here: str, number: int) -> CaptureRecord:
+    document = event.facts.get("record")
+    if not isinstance(document, dict):
+        raise SessionError(
+            f"{here}: {event.kind} without record", fault="damaged", line=number, keys=("record",)
+        )
+    try:
+        return CaptureRecord.from_json(document, source=here)
+    except SessionError as error:
+        raise SessionError(str(error), fault="damaged", line=number, keys=error.keys) from error
 
 
 def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise SessionError(f"{path}: {error.strerror}; restore it from a copy") from error
+        raise SessionError(
+            f"{path}: {error.strerror}; restore it from a copy", path=path
+        ) from error

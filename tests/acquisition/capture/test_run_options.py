@@ -71,8 +71,9 @@ def test_captures_are_taken_again_on_request(path: Path) -> None:
 
 def test_a_retake_of_what_is_not_there_is_refused(path: Path) -> None:
     run(path)
-    with pytest.raises(SessionError, match="no capture of index 9"):
+    with pytest.raises(SessionError) as refused:
         run(path, retake=[9], prefix="b")
+    assert refused.value.fault == "no capture"
 
 
 def test_the_stage_is_parked_at_the_end_of_a_run_that_captured_something(path: Path) -> None:

@@ -19,6 +19,7 @@ from acquisition.errors import (
     OperatorStopError,
     SessionError,
     StageLimitError,
+    StageStoppedError,
     StreamInterruptedError,
 )
 from acquisition.plan import CapturePlan, PlanEntry
@@ -198,8 +199,9 @@ def test_the_height_read_back_is_recorded_not_the_one_asked_for(path: Path) -> N
 @pytest.mark.parametrize("error_mm", [0.02, -0.02, float("nan"), float("inf")])
 def test_a_stage_that_is_not_where_it_was_sent_ends_the_run(path: Path, error_mm: float) -> None:
     camera = ScriptedCamera()
-    with pytest.raises(DeviceError, match=r"not at 100\.000 mm \(tolerance 0\.01 mm\)"):
+    with pytest.raises(StageStoppedError) as refused:
         run(path, camera=camera, stage=ScriptedStage(error_mm=error_mm))
+    assert refused.value.height_mm == pytest.approx(100.0 + error_mm, nan_ok=True)
     assert camera.starts == 0
     assert Session.open(path).records == ()
 
@@ -207,8 +209,9 @@ def test_a_stage_that_is_not_where_it_was_sent_ends_the_run(path: Path, error_mm
 def test_a_stage_that_creeps_during_the_exposure_ends_the_run(path: Path) -> None:
     stage = ScriptedStage()
     stage.creep_mm = 0.05
-    with pytest.raises(DeviceError, match=r"stands at 100\.050 mm"):
+    with pytest.raises(StageStoppedError) as refused:
         run(path, stage=stage)
+    assert refused.value.height_mm == 100.05
     assert Session.open(path).records == ()
 
 
@@ -226,7 +229,7 @@ def test_a_capture_that_overlaps_a_move_is_refused(path: Path, when: str) -> Non
     if when == "before":
         stage.state = "moving"
     camera = ScriptedCamera() if when == "before" else Jogged()
-    with pytest.raises(DeviceError, match="not at rest but moving"):
+    with pytest.raises(DeviceError):
         run(path, camera=camera, stage=stage)
     assert Session.open(path).records == ()
     assert camera.starts == (0 if when == "before" else 1)
@@ -234,10 +237,9 @@ def test_a_capture_that_overlaps_a_move_is_refused(path: Path, when: str) -> Non
 
 def test_a_plan_beyond_the_travel_moves_nothing_and_makes_no_session(path: Path) -> None:
     stage = ScriptedStage(limits_mm=(0.0, 105.0))
-    with pytest.raises(
-        StageLimitError, match=r"110 mm \(capture 1\), the stage goes from 0 to 105"
-    ):
+    with pytest.raises(StageLimitError) as refused:
         run(path, stage=stage)
+    assert (refused.value.height_mm, refused.value.limits_mm) == (110.0, (0.0, 105.0))
     assert (stage.moves_mm, stage.homings) == ([], 0)
     assert not path.exists()
 
@@ -339,7 +341,7 @@ def test_a_stage_fault_in_mid_move_stores_no_capture(path: Path) -> None:
         if height_mm == 110.0:
             raise DeviceTimeoutError("never settles")
 
-    with pytest.raises(DeviceTimeoutError, match="never settles"):
+    with pytest.raises(DeviceTimeoutError):
         run(path, stage=ScriptedStage(on_move=stall))
     assert [r.height_mm for r in Session.open(path).records] == [100.0]
 
@@ -348,7 +350,7 @@ def test_an_error_of_a_callback_is_journaled_and_raised(path: Path) -> None:
     def fail(_: CaptureProgress) -> None:
         raise RuntimeError("screen gone")
 
-    with pytest.raises(RuntimeError, match="screen gone"):
+    with pytest.raises(RuntimeError):
         run(path, progress=fail)
     assert kinds(path)[-2:] == ["capture", "error"]
 
@@ -363,7 +365,7 @@ def test_where_even_the_journal_cannot_be_written_the_first_error_is_the_one_rai
         monkeypatch.setattr("acquisition.session.writer.SessionWriter.journal", full)
         raise DeviceError("first")
 
-    with pytest.raises(DeviceError, match="first") as caught:
+    with pytest.raises(DeviceError) as caught:
         run(path, place=place)
     assert caught.value.__notes__ == ["journaling this failed too: journal full"]
 
@@ -380,8 +382,9 @@ def test_another_camera_cannot_go_on_with_a_session(path: Path) -> None:
     run(path)
     camera = ScriptedCamera()
     camera.info = replace(camera.info, serial_number="C2")
-    with pytest.raises(SessionError, match=r'DeviceSerialNumber was "C1", now "C2"'):
+    with pytest.raises(SessionError) as refused:
         run(path, camera=camera, prefix="b")
+    assert refused.value.keys == ("devices.camera.DeviceSerialNumber",)
 
 
 def test_a_saturated_capture_is_stored_with_its_count(path: Path) -> None:

@@ -66,24 +66,29 @@ def test_the_hash_in_the_journal_is_that_of_sha256sum(path: Path) -> None:
 
 def test_a_directory_that_is_no_session_says_so_in_one_line(path: Path) -> None:
     for open_it in (Session.open, verify):
-        with pytest.raises(SessionError, match=r"is not a capture session .*; name the directory"):
+        with pytest.raises(SessionError) as refused:
             open_it(path)
+        assert refused.value.fault == "not a session"
+        assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "fault", "first_key"),
     [
-        ("{", "damaged"),
-        ("[]", "not of schema"),
-        ('{"schema": "standoff.session/2"}', "not of schema"),
-        ('{"schema": "standoff.session/1"}', "missing or unknown key: bench, "),
+        ("{", "damaged", ()),
+        ("[]", None, ("schema",)),
+        ('{"schema": "standoff.session/2"}', None, ("schema",)),
+        ('{"schema": "standoff.session/1"}', None, ("bench",)),
     ],
 )
-def test_a_damaged_session_json_says_so(path: Path, text: str, message: str) -> None:
+def test_a_damaged_session_json_says_so(
+    path: Path, text: str, fault: str | None, first_key: tuple[str, ...]
+) -> None:
     whole_session(path)
     (path / "session.json").write_text(text)
-    with pytest.raises(SessionError, match=rf"session\.json: {message}"):
+    with pytest.raises(SessionError) as refused:
         Session.open(path)
+    assert (refused.value.fault, refused.value.keys[:1]) == (fault, first_key)
 
 
 def test_a_session_json_with_another_plan_inside_names_the_key(path: Path) -> None:
@@ -91,19 +96,22 @@ def test_a_session_json_with_another_plan_inside_names_the_key(path: Path) -> No
     document = json.loads((path / "session.json").read_text())
     document["plan"]["name"] = ""
     (path / "session.json").write_text(json.dumps(document))
-    with pytest.raises(SessionError, match=r"session\.json, plan: name: "):
+    with pytest.raises(SessionError) as refused:
         Session.open(path)
+    assert refused.value.keys == ("name",)
     document["plan"] = None
     (path / "session.json").write_text(json.dumps(document))
-    with pytest.raises(SessionError, match=r"session\.json: plan is not a table"):
+    with pytest.raises(SessionError) as refused:
         Session.open(path)
+    assert refused.value.keys == ("plan",)
 
 
 def test_a_session_without_its_journal_says_so(path: Path) -> None:
     whole_session(path)
     (path / "journal.jsonl").unlink()
-    with pytest.raises(SessionError, match=r"journal\.jsonl: No such file"):
+    with pytest.raises(SessionError) as refused:
         Session.open(path)
+    assert refused.value.path == path / "journal.jsonl"
 
 
 def test_verify_finds_a_whole_session_whole(path: Path) -> None:
@@ -121,8 +129,9 @@ def test_one_flipped_bit_anywhere_in_a_file_is_found(path: Path) -> None:
         flip_byte(file, at)
         (check,) = bad(path)
         assert (check.file, check.state, check.uid) == (record.file, "changed", record.uid)
-        with pytest.raises(SessionError, match="sha256 differs"):
+        with pytest.raises(SessionError) as refused:
             Session.open(path).load(record)
+        assert refused.value.fault == "changed"
         flip_byte(file, at)
     assert verify(path).is_ok
 
@@ -131,8 +140,9 @@ def test_a_missing_file_is_found(path: Path) -> None:
     record = whole_session(path)[1]
     (path / record.file).unlink()
     assert [(c.file, c.state) for c in bad(path)] == [(record.file, "missing")]
-    with pytest.raises(SessionError, match="No such file"):
+    with pytest.raises(SessionError) as refused:
         Session.open(path).load(record)
+    assert refused.value.path == path / record.file
 
 
 def test_a_changed_session_json_is_found(path: Path) -> None:
@@ -191,16 +201,18 @@ def test_an_excluded_capture_is_marked_and_can_be_taken_back_in(path: Path) -> N
     assert (event.kind, event.facts["operator"]) == ("exclude", "Ada")
     notes(path).include(3, "it was nobody")
     assert Session.open(path).records == records
-    with pytest.raises(SessionError, match=r"capture 3 .* is not excluded"):
+    with pytest.raises(SessionError) as refused:
         notes(path).include(3, "again")
+    assert refused.value.fault == "no capture"
 
 
 def test_a_retake_voids_the_capture_until_it_is_captured_again(path: Path) -> None:
     records = whole_session(path)
     notes(path).retake(2, "lamp off")
     assert not Session.open(path).is_complete
-    with pytest.raises(SessionError, match="no capture of index 2"):
+    with pytest.raises(SessionError) as refused:
         notes(path).exclude(2, "also this")
+    assert refused.value.fault == "no capture"
     with writer(path, prefix="later") as session:
         (entry,) = session.pending_entries()
         assert entry.index == 2
@@ -223,25 +235,28 @@ def test_a_note_is_kept_with_who_wrote_it(path: Path) -> None:
 
 def test_notes_make_no_session_where_there_is_none(path: Path) -> None:
     path.mkdir()
-    with pytest.raises(SessionError, match="not a capture session"):
+    with pytest.raises(SessionError) as refused:
         notes(path).note("x")
+    assert refused.value.fault == "not a session"
     assert list(path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("line", "message"),
+    ("line", "fault", "first_key"),
     [
-        ({"event": "exclude", "capture": "nobody"}, "exclude of 'nobody', which was never"),
-        ({"event": "retake", "supersedes": ["a"]}, "retake of .*, which was never captured"),
-        ({"event": "capture"}, "capture without record"),
-        ({"event": "capture", "record": {}}, "index: Field required"),
+        ({"event": "exclude", "capture": "nobody"}, "no capture", ()),
+        ({"event": "retake", "supersedes": ["a"]}, "no capture", ()),
+        ({"event": "capture"}, "damaged", ("record",)),
+        ({"event": "capture", "record": {}}, "damaged", ("index",)),
     ],
 )
 def test_an_event_that_makes_no_sense_names_its_line(
-    path: Path, line: dict[str, object], message: str
+    path: Path, line: dict[str, object], fault: str, first_key: tuple[str, ...]
 ) -> None:
     whole_session(path)
     with (path / "journal.jsonl").open("a") as journal:
         journal.write(json.dumps({"utc": "t", "uid": "u", **line}) + "\n")
-    with pytest.raises(SessionError, match=f"line 9: .*{message}"):
+    with pytest.raises(SessionError) as refused:
         Session.open(path)
+    assert (refused.value.fault, refused.value.line) == (fault, 9)
+    assert refused.value.keys[:1] == first_key
