@@ -55,7 +55,7 @@ class SessionNotes:
             return journal.append("note", {"text": text, "operator": self._operator})
 
     def _open(self) -> JournalWriter:
-        Session.open(self._path)  # a mistyped path must not become a new journal
+        Session(self._path)  # a mistyped path must not become a new journal
         return JournalWriter(self._path / JOURNAL_NAME, self._stamps)
 
     def _decide(self, kind: EventKind, index: int, reason: str) -> JournalEvent:

@@ -1,10 +1,13 @@
 """Read a capture session: what was planned, what was captured, and whether the files are whole."""
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
+from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
@@ -50,47 +53,85 @@ class SessionCapture:
         return not self.is_superseded and self.excluded_because is None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
     """A capture session as its journal tells it; nothing on the disk is changed by reading.
 
-    ``captures`` holds every journaled capture in order of time, marked; ``remarks`` what was
-    odd about the journal.
+    Opening reads session.json and the journal; capture files are read by `load` only.
+
+    Parameters
+    ----------
+    path
+        Directory of the session.
+
+    Raises
+    ------
+    SessionError
+        If it is no session, or its session.json or journal is damaged.
     """
 
-    path: Path
-    manifest: Manifest
-    events: tuple[JournalEvent, ...]
-    captures: tuple[SessionCapture, ...]
-    remarks: tuple[str, ...]
-
-    @classmethod
-    def open(cls, path: Path) -> Self:
-        """Read session.json and the journal; capture files are read by ``load`` only.
-
-        Raises
-        ------
-        SessionError
-            If ``path`` is no session, or its session.json or journal is damaged.
-        """
-        manifest_path = path / MANIFEST_NAME
+    def __init__(self, path: str | PathLike[str]) -> None:
+        if not isinstance(path, str | PathLike):
+            raise TypeError(
+                f"Session takes the directory of a session, as str or Path, got {path!r:.80}"
+            )
+        self._path = Path(path)
+        manifest_path = self._path / MANIFEST_NAME
         if not manifest_path.is_file():
             raise SessionError(
-                f"{path} is not a capture session (it has no {MANIFEST_NAME}); "
+                f"{self._path} is not a capture session (it has no {MANIFEST_NAME}); "
                 "name the directory that a capture run wrote",
                 fault="not a session",
-                path=path,
+                path=self._path,
             )
-        manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
-        journal_path = path / JOURNAL_NAME
-        reading = read_journal(_read(journal_path), source=str(journal_path))
-        return cls(
-            path=path,
-            manifest=manifest,
-            events=reading.events,
-            captures=captures_of(reading.events, source=str(journal_path)),
-            remarks=() if reading.remark is None else (reading.remark,),
-        )
+        self._manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
+        journal_path = self._path / JOURNAL_NAME
+        self._journal = read_journal(_read(journal_path), source=str(journal_path))
+        self._captures = captures_of(self._journal.events, source=str(journal_path))
+
+    def __repr__(self) -> str:
+        return f"Session({str(self._path)!r}: {self._kinds_text()})"
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "session": str(self._path),
+            "plan": self.plan.name,
+            "captures": self._kinds_text(),
+            "complete": "yes" if self.is_complete else "no",
+        }
+        cells = (f"<tr><th>{key}</th><td>{escape(text)}</td></tr>" for key, text in rows.items())
+        return f"<table>{''.join(cells)}</table>"
+
+    def _kinds_text(self) -> str:
+        """Number of captures to use, by kind."""
+        kinds = Counter(record.kind for record in self.records)
+        by_kind = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        noun = "capture" if kinds.total() == 1 else "captures"
+        return f"{kinds.total()} {noun}" + (f" ({by_kind})" if by_kind else "")
+
+    @property
+    def path(self) -> Path:
+        """Its directory."""
+        return self._path
+
+    @property
+    def manifest(self) -> Manifest:
+        """What it was made with, as session.json has it."""
+        return self._manifest
+
+    @property
+    def events(self) -> tuple[JournalEvent, ...]:
+        """The journal, in order of time."""
+        return self._journal.events
+
+    @property
+    def captures(self) -> tuple[SessionCapture, ...]:
+        """Every journaled capture in order of time, marked superseded and excluded."""
+        return self._captures
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was odd about the journal."""
+        return () if self._journal.remark is None else (self._journal.remark,)
 
     @property
     def plan(self) -> CapturePlan:
@@ -184,7 +225,7 @@ def verify(path: Path) -> VerifyReport:
     SessionError
         If ``path`` is no session, or its session.json or journal is damaged.
     """
-    session = Session.open(path)
+    session = Session(path)
     checks = [_check_manifest(session)]
     known = set()
     for capture in session.captures:

@@ -68,7 +68,7 @@ def validate(
         references=references,
         workers=workers,
     )
-    validation, document = run_validation(out, Session.open(session), total, str(psf), settings)
+    validation, document = run_validation(out, Session(session), total, str(psf), settings)
     if json:
         print_json(document)
         return

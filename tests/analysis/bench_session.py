@@ -63,4 +63,4 @@ def bench_session(path: Path, target: str = "leaves") -> Session:
                     finished=now(),
                 ),
             )
-    return Session.open(path)
+    return Session(path)

@@ -41,7 +41,7 @@ def test_a_target_at_one_height_is_no_series(tmp_path: Path) -> None:
                 finished=now(),
             ),
         )
-    session = Session.open(tmp_path / "s")
+    session = Session(tmp_path / "s")
     assert series_of(session) == []
     with pytest.raises(AnalysisError, match="no target of kind texture or chart"):
         compare_series(session, PSF)
@@ -49,7 +49,7 @@ def test_a_target_at_one_height_is_no_series(tmp_path: Path) -> None:
 
 def test_edges_and_flats_are_not_compared(tmp_path: Path) -> None:
     whole_session(tmp_path / "s")
-    assert series_of(Session.open(tmp_path / "s")) == []
+    assert series_of(Session(tmp_path / "s")) == []
 
 
 def test_every_height_is_compared_with_the_nearest(comparison: SeriesComparison) -> None:
@@ -92,7 +92,7 @@ def chart_session(path: Path, *seeds: int) -> Session:
                     finished=now(),
                 ),
             )
-    return Session.open(path)
+    return Session(path)
 
 
 @pytest.mark.slow

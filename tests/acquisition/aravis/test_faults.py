@@ -297,7 +297,7 @@ def test_a_plan_goes_on_by_itself_when_the_camera_comes_back(
         camera.start = recovered_start  # type: ignore[method-assign]  # the cable is put back
         summary = run_plan_with(camera, tmp_path / "session")
     assert summary == RunSummary(captured=6, already_captured=0, skipped=0)
-    session = Session.open(tmp_path / "session")
+    session = Session(tmp_path / "session")
     assert verify(session.path).is_ok
     assert [record.frames_used for record in session.records] == [3] * 6
     errors = [event for event in session.events if event.kind == "error"]
@@ -320,10 +320,10 @@ def test_a_plan_whose_camera_another_program_takes_ends_in_one_error_and_resumes
         with pytest.raises(DeviceDisconnectedError):
             run_plan_with(camera, path)
     others.pop().close()
-    assert len(Session.open(path).records) == 1
+    assert len(Session(path).records) == 1
     with opened(bench) as camera:
         assert run_plan_with(camera, path).captured == 5
-    assert Session.open(path).is_complete
+    assert Session(path).is_complete
 
 
 def drain(camera: AravisCamera, limit_s: float) -> None:

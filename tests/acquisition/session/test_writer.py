@@ -29,13 +29,13 @@ def path(tmp_path: Path) -> Path:
 
 
 def kinds(path: Path) -> list[str]:
-    return [event.kind for event in Session.open(path).events]
+    return [event.kind for event in Session(path).events]
 
 
 def test_a_new_session_begins_with_start_and_plan(path: Path) -> None:
     with writer(path) as session:
         assert session.pending_entries() == session.entries
-    start, plan = Session.open(path).events
+    start, plan = Session(path).events
     assert (start.kind, plan.kind) == ("start", "plan")
     digest = hashlib.sha256((path / "session.json").read_bytes()).hexdigest()
     assert start.facts["session_sha256"] == digest
@@ -97,7 +97,7 @@ def test_resuming_asks_only_for_what_is_missing_or_damaged(path: Path) -> None:
     (path / records[2].file).unlink()
     with writer(path, prefix="later") as session:
         assert [entry.index for entry in session.pending_entries()] == [1, 2, 4, 5]
-    assert Session.open(path).events[-1].facts["pending"] == 4
+    assert Session(path).events[-1].facts["pending"] == 4
     assert kinds(path)[-1] == "resume"
 
 
@@ -190,7 +190,7 @@ def test_a_disk_that_fills_up_in_mid_capture_leaves_a_session_that_resumes(
             with pytest.raises(SessionError) as refused:
                 add(session, session.entries[1], raw_frames=frames)
             assert refused.value.fault == "unwritable"
-    assert Session.open(path).records == (first,)
+    assert Session(path).records == (first,)
     with writer(path, prefix="later") as session:
         assert session.pending_entries()[0].index == 1
         add(session, session.entries[1], raw_frames=frames)
@@ -231,7 +231,7 @@ def test_a_foreign_photograph_is_a_capture_of_one_frame(path: Path) -> None:
             session.entries[0],
             Photograph(image_dn=image, pixel_format="Mono8", max_level_dn=255, scale_px_per_mm=9.5),
         )
-    session_read = Session.open(path)
+    session_read = Session(path)
     assert session_read.records == (record,)
     assert (record.frames_used, record.saturated_pixels, record.min_dn) == (1, 2, 0.5)
     loaded = session_read.load(record)

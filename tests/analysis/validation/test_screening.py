@@ -73,7 +73,7 @@ def test_a_capture_from_another_height_than_recorded_is_excluded(tmp_path: Path)
 def test_a_session_without_textures_has_nothing_to_validate(tmp_path: Path) -> None:
     whole_session(tmp_path / "edges")
     with pytest.raises(AnalysisError, match="no target of kind texture or chart"):
-        screen(Session.open(tmp_path / "edges"), PSF)
+        screen(Session(tmp_path / "edges"), PSF)
 
 
 def test_a_pair_that_shows_two_targets_leaves_nothing(tmp_path: Path) -> None:
