@@ -71,7 +71,7 @@ def geometry(
             raise typer.BadParameter(
                 f"expected a positive number, got {value:g}", param_hint=option
             )
-    opened = Session.open(session)
+    opened = Session(session)
     records = geometry_records(opened)
     with progress_bar("matching captures", len(records)) as bar:
         found = calibrate_geometry(

@@ -14,6 +14,7 @@ from calibration.geometry.board import DEFAULT_BOARD, BoardCorners, CharucoBoard
 from calibration.geometry.captures import nominal_focal_px
 from calibration.geometry.matching import adjust_captures
 from hil_mocks.scene.pinhole import CameraPose
+from tests.acquisition.session_fixtures import session_with
 from tests.calibration.edge_session import edge_session
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import (
@@ -131,5 +132,5 @@ def test_the_focal_length_is_the_benchs_or_not_known(
 ) -> None:
     session = edge_session(tmp_path / "s", [])
     bench: dict[str, Any] = {} if optics is None else {"optics": optics}
-    altered = replace(session, manifest=replace(session.manifest, bench=bench))
+    altered = session_with(session, manifest=replace(session.manifest, bench=bench))
     assert nominal_focal_px(altered) == focal_px

@@ -57,7 +57,7 @@ def test_a_single_photograph_has_no_noise_of_its_own(tmp_path: Path) -> None:
             session.entries[0],
             Photograph(image_dn=image_dn, pixel_format="Mono16", max_level_dn=4095.0),
         )
-    [image] = edge_images(Session.open(tmp_path / "s"))
+    [image] = edge_images(Session(tmp_path / "s"))
     assert image.noise is None
     assert calibrate_psf([image]).edges[0].chi2_reduced is None
 
@@ -87,7 +87,7 @@ def scene_session(path: Path, targets: list[dict[str, object]]) -> Session:
     with writer(path, plan=plan) as session:
         for entry in session.entries:
             add(session, entry)
-    return Session.open(path)
+    return Session(path)
 
 
 def test_scenes_are_the_textures_as_they_lie_from_the_nearest_on(tmp_path: Path) -> None:
