@@ -8,7 +8,9 @@ __all__ = [
     "DeviceError",
     "DeviceInUseError",
     "DeviceProtocolError",
+    "DeviceRefusalError",
     "DeviceResetError",
+    "DeviceSettingsError",
     "DeviceTimeoutError",
     "DriverMissingError",
     "OperatorStopError",
@@ -17,6 +19,7 @@ __all__ = [
     "StageAlarmError",
     "StageLimitError",
     "StageNotHomedError",
+    "StageStoppedError",
     "StreamInterruptedError",
 ]
 
@@ -27,6 +30,10 @@ class DeviceError(Exception):
 
 class DeviceTimeoutError(DeviceError, TimeoutError):
     """A device did not answer or settle within its time limit."""
+
+    def __init__(self, message: str, *, timeout_s: float | None = None) -> None:
+        super().__init__(message)
+        self.timeout_s = timeout_s
 
 
 class DeviceDisconnectedError(DeviceError, ConnectionError):
@@ -61,6 +68,22 @@ class DeviceProtocolError(DeviceError):
     """A device answered what its protocol does not allow."""
 
 
+class DeviceRefusalError(DeviceError):
+    """A device understood a command and refused it; ``code`` is what it gave as the reason."""
+
+    def __init__(self, message: str, *, code: int | str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class DeviceSettingsError(DeviceError):
+    """A device is not set as it has to be; ``settings`` names what differs."""
+
+    def __init__(self, message: str, *, settings: tuple[str, ...]) -> None:
+        super().__init__(message)
+        self.settings = settings
+
+
 class DeviceResetError(DeviceError):
     """A device started anew meanwhile; what it knew, its position too, is lost."""
 
@@ -83,11 +106,33 @@ class StageAlarmError(DeviceError):
 
 
 class StageLimitError(DeviceError, ValueError):
-    """A move was asked for outside the travel; nothing moved."""
+    """A move was asked for outside the travel; nothing moved.
+
+    ``limits_mm`` is None where the controller refused what the bench file allows.
+    """
+
+    def __init__(
+        self, message: str, *, height_mm: float, limits_mm: tuple[float, float] | None
+    ) -> None:
+        super().__init__(message)
+        self.height_mm = height_mm
+        self.limits_mm = limits_mm
 
 
 class StageNotHomedError(DeviceError):
     """A move was asked for before the stage was homed; nothing moved."""
+
+
+class StageStoppedError(DeviceError):
+    """The stage stands, but not where it was sent.
+
+    ``is_asked`` says whether somebody stopped it; ``height_mm`` is None where it did not set out.
+    """
+
+    def __init__(self, message: str, *, is_asked: bool, height_mm: float | None) -> None:
+        super().__init__(message)
+        self.is_asked = is_asked
+        self.height_mm = height_mm
 
 
 class SessionError(Exception):
@@ -96,6 +141,10 @@ class SessionError(Exception):
 
 class BenchConfigError(SessionError, ValueError):
     """A bench file or an override names a key or value that is not accepted."""
+
+    def __init__(self, message: str, *, key: str | None = None) -> None:
+        super().__init__(message)
+        self.key = key
 
 
 class PlanError(SessionError, ValueError):

@@ -11,6 +11,7 @@ __all__ = [
     "HomographyFileError",
     "NoEdgeError",
     "NoiseError",
+    "NoiseFault",
     "NoiseFileError",
     "PsfFileError",
     "RegistrationError",
@@ -80,8 +81,20 @@ class NoEdgeError(CalibrationError):
     """No edge that may count was found."""
 
 
+NoiseFault = Literal["no dark", "no flat", "settings", "levels", "no gain"]
+"""What captures lack: darks, flats, one gain and format for all, levels, a rising variance."""
+
+
 class NoiseError(CalibrationError):
-    """Dark and flat captures do not tell a camera's noise."""
+    """Dark and flat captures do not tell a camera's noise.
+
+    ``saturated`` is the number of flats that could not be used because they are clipped.
+    """
+
+    def __init__(self, message: str, *, fault: NoiseFault, saturated: int = 0) -> None:
+        super().__init__(message)
+        self.fault = fault
+        self.saturated = saturated
 
 
 class NoiseFileError(DocumentError):

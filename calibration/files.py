@@ -4,13 +4,11 @@ import json
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from calibration.errors import (
-    CalibrationError,
     DocumentError,
     GeometryFileError,
     HomographyFileError,
@@ -22,13 +20,12 @@ from calibration.noise import (
     NOISE_SCHEMA,
     CorrectionMaps,
     NoiseCalibration,
-    noise_document,
+    NoiseMeasurement,
     read_map_files,
     write_map_files,
 )
 from calibration.psf import PSF_SCHEMA, PsfCalibration, PsfOrigin
 from calibration.registration import HOMOGRAPHY_SCHEMA, Homography
-from simulation.capture_noise import CaptureNoise
 
 __all__ = [
     "GEOMETRY_SCHEMA",
@@ -37,7 +34,6 @@ __all__ = [
     "PSF_SCHEMA",
     "PsfOrigin",
     "json_object",
-    "noise_document",
     "read_correction",
     "read_document",
     "read_geometry",
@@ -191,36 +187,18 @@ def read_homography(path: Path) -> Homography:
     return read_document(path, Homography, HomographyFileError, "name an H.json")
 
 
-def read_noise(path: Path) -> CaptureNoise:
-    """Read the noise model of a noise.json.
+def read_noise(path: Path) -> NoiseCalibration:
+    """Read a noise.json.
 
     Raises
     ------
     NoiseFileError
         If it cannot be read, is of another schema, or lacks a value.
     """
-    document = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json")
-    values = {}
-    for name in ("gain_e_per_dn", "read_noise_e", "black_level_dn", "frames_averaged"):
-        value = document.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise NoiseFileError(f"{path}: {name} is {value!r}, expected a number between -1 and 1")
-        try:
-            values[name] = float(value)
-        except OverflowError as error:
-            raise NoiseFileError(f"{path}: {name} is beyond all numbers") from error
-    try:
-        return CaptureNoise(
-            gain_e_per_dn=values["gain_e_per_dn"],
-            read_noise_e=values["read_noise_e"],
-            black_level_dn=values["black_level_dn"],
-            frames_averaged=_whole(values["frames_averaged"]),
-        )
-    except ValueError as error:
-        raise NoiseFileError(f"{path}: {error}") from error
+    return read_document(path, NoiseCalibration, NoiseFileError, "name a noise.json")
 
 
-def write_noise(path: Path, noise: NoiseCalibration) -> dict[str, Any]:
+def write_noise(path: Path, noise: NoiseMeasurement) -> NoiseCalibration:
     """Write the maps, then noise.json, each whole or not at all; return what it holds.
 
     Raises
@@ -228,12 +206,9 @@ def write_noise(path: Path, noise: NoiseCalibration) -> dict[str, Any]:
     NoiseFileError
         If a file cannot be written.
     """
-    document = noise_document(noise, write_map_files(path, noise.maps))
-    try:
-        atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise NoiseFileError(f"cannot write {path}: {error.strerror}") from error
-    return document
+    written = noise.calibration.model_copy(update={"maps": write_map_files(path, noise.maps)})
+    write_document(path, written, NoiseFileError)
+    return written
 
 
 def read_correction(path: Path) -> CorrectionMaps:
@@ -244,28 +219,4 @@ def read_correction(path: Path) -> CorrectionMaps:
     NoiseFileError
         If it or a map cannot be read, or a map is not the one it was written with.
     """
-    listed = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json").get("maps")
-    return read_map_files(path, listed, read_noise(path).black_level_dn)
-
-
-def _whole(value: float) -> int:
-    if not np.isfinite(value) or value != int(value):
-        raise ValueError(f"frames_averaged is {value}, expected a whole number")
-    return int(value)
-
-
-def _document(
-    path: Path, schema: str, failure: type[CalibrationError], remedy: str
-) -> dict[str, Any]:
-    """Read a JSON object and check its schema."""
-    try:
-        document = parse_json(path.read_bytes())
-    except OSError as error:
-        raise failure(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        name = schema.removeprefix("standoff.").partition("/")[0]
-        raise failure(f"{path}: not a {name}.json: {error}") from error
-    found = document.get("schema") if isinstance(document, dict) else None
-    if found != schema:
-        raise failure(f"{path}: schema is {found!r}, expected {schema!r}; {remedy}")
-    return dict(document)
+    return read_map_files(path, read_noise(path))

@@ -143,7 +143,9 @@ class SimulatedStage:
         low, high = self.limits_mm
         if not (isfinite(height_mm) and low <= height_mm <= high):
             raise StageLimitError(
-                f"{height_mm} mm is outside the travel of the simulated stage, {low} to {high} mm"
+                f"{height_mm} mm is outside the travel of the simulated stage, {low} to {high} mm",
+                height_mm=height_mm,
+                limits_mm=self.limits_mm,
             )
         if self.faults.alarm is not None:
             self._alarm = self.faults.alarm

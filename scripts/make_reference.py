@@ -30,6 +30,7 @@ from calibration.geometry import (
     GeometryCalibration,
     HeightZoom,
 )
+from calibration.noise import LevelSample, MapFile, NoiseCalibration
 from calibration.psf import (
     CameraIdentity,
     ColourPsf,
@@ -39,7 +40,6 @@ from calibration.psf import (
     PairWidths,
     PsfCalibration,
 )
-from simulation.capture_noise import CaptureNoise
 from standoff.terminal import application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
@@ -130,9 +130,9 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
     ),
     (
         "noise.json",
-        "Schema `standoff.noise/1`. Written by `noise`; what a reader needs. Each figure has a key "
-        "that ends in `_err`, and `maps` names the dark, flat and defect maps beside it.",
-        (CaptureNoise,),
+        "Schema `standoff.noise/1`. Written by `noise`, with the dark, flat and defect maps beside "
+        "it.",
+        (NoiseCalibration, MapFile, LevelSample),
     ),
     (
         "geometry.json",

@@ -1,4 +1,6 @@
+from .axis import MotorAxis as MotorAxis
 from .manual import ManualStage as ManualStage
+from .motor import MotorStage as MotorStage
 from .serial_link import SerialLink as SerialLink, open_serial_port as open_serial_port
 from .travel import (
     home_timeout_s as home_timeout_s,
@@ -8,6 +10,8 @@ from .travel import (
 
 __all__ = [
     "ManualStage",
+    "MotorAxis",
+    "MotorStage",
     "SerialLink",
     "home_timeout_s",
     "move_timeout_s",

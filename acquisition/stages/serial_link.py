@@ -220,7 +220,9 @@ class SerialLink:
         while not self._lines:
             self._receive()
             if not self._lines and self._clock() >= deadline:
-                raise DeviceTimeoutError(f"{self.name} did not answer within {timeout_s:g} s")
+                raise DeviceTimeoutError(
+                    f"{self.name} did not answer within {timeout_s:g} s", timeout_s=timeout_s
+                )
         return self._lines.popleft()
 
     def waiting_lines(self) -> list[bytes]:

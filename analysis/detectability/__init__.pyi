@@ -5,10 +5,8 @@ from .curves import (
     CurveChoice as CurveChoice,
     CurvesFile as CurvesFile,
     DetectabilityCurve as DetectabilityCurve,
-    curves_document as curves_document,
     d_prime_between as d_prime_between,
     read_curves as read_curves,
-    write_curves as write_curves,
 )
 from .dprime import (
     Scenario as Scenario,
@@ -58,7 +56,6 @@ __all__ = [
     "SweepPlan",
     "WindowCovariance",
     "compared_pair",
-    "curves_document",
     "d_prime_between",
     "d_prime_curves",
     "d_primes",
@@ -68,5 +65,4 @@ __all__ = [
     "scene_artefact",
     "sweep_images",
     "tiles_per_side",
-    "write_curves",
 ]

@@ -1,16 +1,15 @@
 """curves.json: d' against zoom, what it holds, how it is read, and which curve is meant."""
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from acquisition.untrusted import parse_json
 from analysis.detectability.observers import Observer
-from analysis.errors import AnalysisError, ResultsFileError
-from analysis.results_file import write_results
+from analysis.errors import AnalysisError
+from analysis.results_file import ResultsDocument, StoredValues, read_results
 from simulation import Model
 
 __all__ = [
@@ -19,13 +18,11 @@ __all__ = [
     "CurveChoice",
     "CurvesFile",
     "DetectabilityCurve",
-    "curves_document",
     "d_prime_between",
     "read_curves",
-    "write_curves",
 ]
 
-CURVES_SCHEMA = "standoff.detectability/1"
+CURVES_SCHEMA: Final = "standoff.detectability/1"
 
 _NOTE = (
     "Every d' is an upper bound: sampling, sharpness, noise and the artefact of the alignment are "
@@ -38,10 +35,8 @@ class AmbiguousCurveError(AnalysisError, ValueError):
     """More than one curve, or none, is meant by a choice."""
 
 
-class DetectabilityCurve(BaseModel):
+class DetectabilityCurve(StoredValues):
     """d' against zoom for one model, observer, noise and contrast; an upper bound."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
     model: Model
     observer: Observer
@@ -122,12 +117,18 @@ class CurveChoice(BaseModel):
     contrast_dn: float | None = None
 
 
-class CurvesFile(BaseModel):
-    """What a curves.json holds."""
+class CurvesFile(ResultsDocument):
+    """The document of curves.json.
 
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+    ``images`` to ``signal`` say what the curves were worked out from; None where that is not known.
+    """
 
-    schema_name: Literal["standoff.detectability/1"] = Field(alias="schema")
+    schema_name: Literal["standoff.detectability/1"] = Field(default=CURVES_SCHEMA, alias="schema")
+    note: str = _NOTE
+    images: int | None = None
+    reference_zoom: float | None = None
+    window_px: int | None = None
+    signal: str | None = None
     curves: list[DetectabilityCurve] = Field(min_length=1)
 
     def chosen(self, choice: CurveChoice) -> DetectabilityCurve:
@@ -195,45 +196,7 @@ def read_curves(path: Path) -> CurvesFile:
     ResultsFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    try:
-        document = parse_json(path.read_bytes())
-    except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ResultsFileError(f"{path}: not a curves.json: {error}") from error
-    found = document.get("schema") if isinstance(document, dict) else None
-    if found != CURVES_SCHEMA:
-        raise ResultsFileError(
-            f"{path}: schema is {found!r}, expected {CURVES_SCHEMA!r}; write it with standoff "
-            "detectability"
-        )
-    try:
-        return CurvesFile.model_validate(document)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        place = ".".join(str(part) for part in fault["loc"])
-        raise ResultsFileError(f"{path}: {place}: {fault['msg']}") from error
-
-
-def curves_document(curves: list[DetectabilityCurve], **about: object) -> dict[str, object]:
-    """Content of a curves.json; ``about`` is added for the reader's sake."""
-    return {
-        "schema": CURVES_SCHEMA,
-        "note": _NOTE,
-        **about,
-        "curves": [curve.model_dump() for curve in curves],
-    }
-
-
-def write_curves(path: Path, document: dict[str, object]) -> None:
-    """Write a curves.json, whole or not at all.
-
-    Raises
-    ------
-    ResultsFileError
-        If the file cannot be written.
-    """
-    write_results(path, document)
+    return read_results(path, CurvesFile, "curves.json", "standoff detectability")
 
 
 def _agrees(value: object, wanted: object) -> bool:

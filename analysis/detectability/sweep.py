@@ -160,7 +160,7 @@ def _cell_key(path: Path, plan: SweepPlan) -> str:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=str(path)) from error
     return hashlib.sha256(plan.key.encode() + hashlib.sha256(content).digest()).hexdigest()
 
 
@@ -193,9 +193,11 @@ def _read_cells(path: Path | None) -> dict[str, SceneStatistics]:
             for line in lines
         }
     except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=str(path)) from error
     except (ValueError, KeyError, TypeError) as error:
-        raise ResultsFileError(f"{path}: holds no finished cells: {error}; delete it") from error
+        raise ResultsFileError(
+            f"{path}: holds no finished cells: {error}; delete it", source=str(path)
+        ) from error
 
 
 def _array(stored: dict[str, Any]) -> FloatArray:
@@ -211,7 +213,9 @@ def _append(path: Path | None, line: dict[str, Any]) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
+        raise ResultsFileError(
+            f"cannot write {path}: {error.strerror}", source=str(path)
+        ) from error
 
 
 @contextmanager

@@ -32,8 +32,14 @@ from .linearise import (
     luma_plane as luma_plane,
     srgb_to_linear as srgb_to_linear,
 )
+from .plot import (
+    ORIENTATION_COLOURS as ORIENTATION_COLOURS,
+    draw_mtf as draw_mtf,
+    draw_widths_by_angle as draw_widths_by_angle,
+)
 
 __all__ = [
+    "ORIENTATION_COLOURS",
     "PSF_SCHEMA",
     "CalibrationMethod",
     "CameraIdentity",
@@ -51,6 +57,8 @@ __all__ = [
     "calibrate_psf",
     "capture_images",
     "compare_psfs",
+    "draw_mtf",
+    "draw_widths_by_angle",
     "edge_images",
     "edge_records",
     "estimates_of_covariance",

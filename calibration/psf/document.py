@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from html import escape
-from typing import Final, Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -14,6 +14,9 @@ from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
 from simulation.psf import CameraTransfer, GaussianPsf, PsfField, SampledTransfer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "PSF_SCHEMA",
@@ -290,6 +293,12 @@ class PsfCalibration(PsfWidths, _PsfDocument):
             except ValueError as error:
                 raise PsfFileError(f"{source}: {key}: {error}", source=source, key=key) from error
         return CameraTransfer(along_y=curves[0], along_x=curves[1])
+
+    def plot(self) -> "Figure":
+        """Return a figure of the widths by angle and of the contrast by frequency."""
+        from calibration.psf.plot import psf_figure  # matplotlib, for whoever looks
+
+        return psf_figure(self)
 
     def _facts(self) -> Iterator[str]:
         if self.pairs:

@@ -137,7 +137,7 @@ def calibrate(
         channel=channel or ("luma" if bayer is None else "green"),
         pattern=bayer,
         correction=None if correct is None else read_correction(correct),
-        frame_noise=None if noise is None else level_noise(read_noise(noise)),
+        frame_noise=None if noise is None else level_noise(read_noise(noise).capture_noise),
     )
     if method == "single-image" or method == "two-distance":
         if report is not None or bayer is not None or csv is not None:

@@ -13,6 +13,7 @@ from analysis.detectability import (
     WINDOW_PX,
     ArtefactTiles,
     ChangeSignal,
+    CurvesFile,
     DetectabilityCurve,
     GaussianSignal,
     Observer,
@@ -20,13 +21,12 @@ from analysis.detectability import (
     Scenario,
     SceneStatistics,
     SweepPlan,
-    curves_document,
     d_prime_curves,
     sweep_images,
     tiles_per_side,
-    write_curves,
 )
 from analysis.reports import plot_detectability, png_bytes, svg_bytes
+from analysis.results_file import write_results
 from calibration.files import read_noise
 from simulation import MODELS, Model
 from standoff.commands.simulate import read_total_psf
@@ -96,7 +96,7 @@ def detectability(
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     camera = None
     if noise.endswith(".json"):
-        camera = read_noise(Path(noise))
+        camera = read_noise(Path(noise)).capture_noise
         noises = []
     else:
         noises = _numbers(noise, "--noise")
@@ -137,17 +137,19 @@ def detectability(
         levels = np.array([cell.mean_dn for cell in cells])
         noises = [math.sqrt(float(camera.variance_dn2(levels).mean()))]
     curves = _curves(cells, plan, change, noises, contrasts, observers)
-    document = curves_document(
-        curves,
+    document = CurvesFile(
+        curves=curves,
         images=len(paths),
         reference_zoom=reference_zoom,
         window_px=window,
         signal="gaussian" if signal is None else signal.name,
     )
-    write_curves(out, document)
+    write_results(out, document)
     figures = _write_figures(out, curves, noises, contrasts)
     if json:
-        print_json({"out": str(out), "figures": [str(path) for path in figures], **document})
+        print_json(
+            {"out": str(out), "figures": [str(path) for path in figures], **document.as_json()}
+        )
         return
     _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")

@@ -24,7 +24,7 @@ from calibration.psf import (
 from standoff.terminal import note
 from standoff.workflows.image_files import ImageFile, read_image
 
-__all__ = ["EdgeSources", "Reading", "from_files", "from_session", "origin_of"]
+__all__ = ["EdgeSources", "Reading", "edge_image", "from_files", "from_session", "origin_of"]
 
 _CLIPPED_FROM = 0.995  # of the saturation level
 
@@ -92,10 +92,10 @@ def from_files(paths: Sequence[Path], reading: Reading) -> EdgeSources:
             file = read_image(path)
             if reading.channel == "luma" and file.is_colour:
                 note(f"{path}: colour read as Rec. 601 luma; --channel picks one colour")
-            yield _edge_image(file, reading)
+            yield edge_image(file, reading)
 
     def load(name: str) -> NDArray[np.floating[Any]]:
-        return _shown(_edge_image(read_image(Path(name)), reading).image_dn, reading)
+        return _shown(edge_image(read_image(Path(name)), reading).image_dn, reading)
 
     channel = reading.channel if reading.pattern or reading.channel != "luma" else None
     return EdgeSources(
@@ -121,7 +121,14 @@ def _text(snapshot: Mapping[str, object], key: str) -> str | None:
     return None if value in (None, "") else str(value)
 
 
-def _edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
+def edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
+    """Return a photograph of edges as a plane linear in light, with its clipped pixels.
+
+    Raises
+    ------
+    CalibrationError
+        If the photograph is not of the kind that ``reading`` asks for.
+    """
     pixels, saturation = file.pixels, file.saturation_dn
     full_scale = file.full_scale_dn or 1.0
     if reading.is_srgb:

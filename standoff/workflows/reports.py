@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, atomic_write, file_sha256
-from analysis.errors import AnalysisError
 from analysis.reports import (
     ReportSection,
     calibration_sections,
@@ -21,18 +20,13 @@ from analysis.reports import (
     geometry_verdicts,
     noise_section,
     render_report,
-    render_session_report,
     stage_section,
     versions,
 )
-from analysis.series import compare_series, series_of, write_comparison
 from calibration.edges import EdgeMeasurement
-from calibration.errors import PsfFileError
-from calibration.files import read_psf
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
 from standoff.errors import ApplicationError
-from standoff.terminal import note, progress_bar
 
 __all__ = [
     "RESULTS_FOLDER",
@@ -44,7 +38,6 @@ __all__ = [
     "write_file",
     "write_geometry_report",
     "write_page",
-    "write_session_report",
 ]
 
 
@@ -142,40 +135,6 @@ def write_calibration_report(
         provenance=(("method", psf.method or ""), *hashes, *versions()),
     )
     write_page(path, page)
-
-
-def write_session_report(session: Session, path: Path) -> None:
-    """Write the report of a session, from what its results folder holds.
-
-    Where the PSF is known and a target was captured at several heights, the captures are
-    compared with their simulations, and ``results/comparison.json`` is written too.
-
-    Raises
-    ------
-    ApplicationError
-        If a file cannot be written.
-    CalibrationError, SessionError
-        If the results or captures cannot be read.
-    """
-    results = session.path / RESULTS_FOLDER
-    psf_path = results / "psf.json"
-    psf = read_psf(psf_path) if psf_path.is_file() else None
-    comparison = None
-    pairs = sum(len(records) - 1 for records in series_of(session))
-    remarks: list[str] = []
-    if psf is not None and pairs:
-        try:
-            total = psf.total_psf(str(psf_path))
-            with progress_bar("comparing heights", pairs) as bar:
-                comparison = compare_series(session, total, bar.advance_to)
-        except (AnalysisError, PsfFileError) as error:
-            remarks.append(f"The comparison of captured with simulated follow-ups: {error}.")
-            note(f"the report leaves out the comparison of heights: {error}")
-    if comparison is not None:
-        for reason in comparison.left_out:
-            note(f"the report leaves out a pair: {reason}")
-        write_comparison(results / "comparison.json", comparison)
-    write_page(path, render_session_report(session, psf, comparison, tuple(remarks)))
 
 
 def write_page(path: Path, page: str) -> None:

@@ -9,7 +9,9 @@ from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
+from acquisition.session.journal import Stamps
 from acquisition.session.record import CaptureRecord
+from acquisition.session.take import Take
 from acquisition.session.writer import SessionWriter
 from tests.acquisition.fakes import COLS, ROWS, SETTINGS, FakeUids, FakeUtc
 
@@ -68,8 +70,7 @@ def writer(
         bench=bench or bench_of(),
         devices=DEVICES if devices is None else devices,
         operator="Zoë",
-        utc_now=FakeUtc(),
-        new_uid=FakeUids(prefix),
+        stamps=Stamps(utc_now=FakeUtc(), new_uid=FakeUids(prefix)),
     )
 
 
@@ -97,13 +98,15 @@ def add(
     now = FakeUtc()
     return session.add_capture(
         entry,
-        averaged(level),
-        settings=SETTINGS,
-        height_mm=entry.height_mm + 0.002,
-        focus_value=0.5,
-        started=now(),
-        finished=now(),
-        raw_frames=raw_frames,
+        Take(
+            averaged=averaged(level),
+            settings=SETTINGS,
+            height_mm=entry.height_mm + 0.002,
+            focus_value=0.5,
+            started=now(),
+            finished=now(),
+            raw_frames=raw_frames,
+        ),
     )
 
 

@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from acquisition.session.reader import Session
-from analysis.series import SeriesComparison, compare_series
+from analysis.validation.document import Validation
+from analysis.validation.session import validate
 from calibration.files import read_psf, write_psf
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.captures import edge_images
@@ -18,8 +19,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 @pytest.fixture(scope="session")
-def comparison(session: Session) -> SeriesComparison:
-    return compare_series(session, PSF)
+def validation(session: Session) -> Validation:
+    return validate(session, PSF, psf_name="psf.json")
 
 
 @pytest.fixture(scope="session")

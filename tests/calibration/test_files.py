@@ -108,7 +108,7 @@ def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> No
 
 
 def test_a_number_that_is_none_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 - json's own, and nothing else is at fault
+    with pytest.raises(ValueError):
         write_document(tmp_path / "lens.json", Lens(focal_length_mm=float("inf")), LensFileError)
     assert list(tmp_path.iterdir()) == []
 

@@ -7,8 +7,8 @@ from threading import Event, Lock
 from typing import Literal
 
 from acquisition.bench import BenchConfig
-from acquisition.capture import CaptureProgress, Placement, run_plan
-from acquisition.devices import Camera
+from acquisition.capture import CaptureProgress, Placement, RunOperator, run_plan
+from acquisition.devices import BenchDevices, Camera
 from acquisition.errors import DeviceError, OperatorStopError, SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session import MANIFEST_NAME, Session
@@ -242,18 +242,22 @@ class SessionRun:
             try:
                 summary = run_plan(
                     path,
-                    plan=plan,
-                    bench=bench,
-                    camera=camera,
-                    stage=stage,
-                    operator=operator,
-                    place=self._place,
-                    progress=self._captured,
-                    review=self._prompts.review,
-                    before_capture=lambda: self._wait(job),
+                    plan,
+                    BenchDevices(
+                        config=bench,
+                        camera=camera,
+                        stage=stage,
+                        clock=self._clock,
+                        sleep=self._sleep,
+                    ),
+                    RunOperator(
+                        name=operator,
+                        place=self._place,
+                        progress=self._captured,
+                        review=self._prompts.review,
+                        before_capture=lambda: self._wait(job),
+                    ),
                     retake=retake,
-                    clock=self._clock,
-                    sleep=self._sleep,
                 )
             except (DeviceError, SessionError) as error:
                 try:

@@ -12,7 +12,8 @@ from acquisition.aravis.camera import AravisCamera
 from acquisition.aravis.connection import AravisConnection
 from acquisition.aravis.device import OpenedDevice, open_device
 from acquisition.averaging import average_frames
-from acquisition.capture.runner import RunSummary, run_plan
+from acquisition.capture.runner import RunOperator, RunSummary, run_plan
+from acquisition.devices import BenchDevices
 from acquisition.errors import (
     CameraFeatureError,
     CaptureError,
@@ -328,12 +329,5 @@ def drain(camera: AravisCamera, limit_s: float) -> None:
 
 
 def run_plan_with(camera: AravisCamera, path: Path) -> RunSummary:
-    return run_plan(
-        path,
-        plan=plan_of(),
-        bench=bench_of(),
-        camera=camera,
-        stage=ScriptedStage(),
-        operator="test",
-        place=lambda _: "ready",
-    )
+    devices = BenchDevices(config=bench_of(), camera=camera, stage=ScriptedStage())
+    return run_plan(path, plan_of(), devices, RunOperator(name="test", place=lambda _: "ready"))

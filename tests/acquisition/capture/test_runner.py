@@ -1,4 +1,5 @@
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,8 @@ import pytest
 import tifffile
 
 from acquisition.bench import BenchConfig
-from acquisition.capture.runner import CaptureProgress, Placement, RunSummary, run_plan
-from acquisition.devices import Frame
+from acquisition.capture.runner import CaptureProgress, Placement, RunOperator, RunSummary, run_plan
+from acquisition.devices import BenchDevices, Frame
 from acquisition.errors import (
     CaptureError,
     DeviceDisconnectedError,
@@ -21,6 +22,7 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 from acquisition.plan import CapturePlan, PlanEntry
+from acquisition.session.journal import Stamps
 from acquisition.session.reader import Session, verify
 from tests.acquisition.fakes import (
     SETTINGS,
@@ -51,26 +53,28 @@ def run(
     plan: CapturePlan | None = None,
     camera: ScriptedCamera | None = None,
     stage: ScriptedStage | None = None,
-    place: Callable[[PlanEntry], Placement] = always_ready,
-    progress: Callable[[CaptureProgress], None] = lambda _: None,
     bench: BenchConfig | None = None,
+    sleep: Callable[[float], None] = time.sleep,
+    retake: Sequence[int] = (),
     prefix: str = "uid",
-    **options: Any,
+    **attended: Any,
 ) -> RunSummary:
+    """Run a plan on scripted devices; ``attended`` are what a `RunOperator` is asked and told."""
     camera = camera or ScriptedCamera()
-    return run_plan(
-        path,
-        plan=plan or plan_of(),
-        bench=bench or bench_of(),
+    devices = BenchDevices(
+        config=bench or bench_of(),
         camera=camera,
         stage=stage or ScriptedStage(),
-        operator="Zoë",
-        place=place,
-        progress=progress,
         clock=camera.clock,
-        utc_now=FakeUtc(),
-        new_uid=FakeUids(prefix),
-        **options,
+        sleep=sleep,
+    )
+    return run_plan(
+        path,
+        plan or plan_of(),
+        devices,
+        RunOperator(**{"name": "Zoë", "place": always_ready, **attended}),
+        retake=retake,
+        stamps=Stamps(utc_now=FakeUtc(), new_uid=FakeUids(prefix)),
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import JournalEvent, JournalWriter, read_journal
+from acquisition.session.journal import JournalEvent, JournalWriter, Stamps, read_journal
 from tests.acquisition.fakes import FakeUids, FakeUtc
 
 EVENTS = (
@@ -20,7 +20,7 @@ JOURNAL = b"".join(event.to_line() for event in EVENTS)
 
 
 def writer(path: Path) -> JournalWriter:
-    return JournalWriter(path, utc_now=FakeUtc(), new_uid=FakeUids())
+    return JournalWriter(path, Stamps(utc_now=FakeUtc(), new_uid=FakeUids()))
 
 
 @pytest.fixture
@@ -139,8 +139,8 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(path: Path) -> No
 def test_the_lock_holds_between_processes_and_ends_with_them(path: Path) -> None:
     script = (
         "import sys, pathlib\n"
-        "from acquisition.session.journal import JournalWriter, new_uid, utc_now\n"
-        "journal = JournalWriter(pathlib.Path(sys.argv[1]), utc_now=utc_now, new_uid=new_uid)\n"
+        "from acquisition.session.journal import JournalWriter\n"
+        "journal = JournalWriter(pathlib.Path(sys.argv[1]))\n"
         "print('locked', flush=True)\n"
         "sys.stdin.read()\n"
     )

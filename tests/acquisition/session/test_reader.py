@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from acquisition.errors import SessionError
+from acquisition.session.journal import Stamps
 from acquisition.session.notes import SessionNotes
 from acquisition.session.reader import FileCheck, Session, verify
 from tests.acquisition.fakes import FakeUids, FakeUtc
@@ -25,7 +26,9 @@ def path(tmp_path: Path) -> Path:
 
 
 def notes(path: Path) -> SessionNotes:
-    return SessionNotes(path, operator="Ada", utc_now=FakeUtc(), new_uid=FakeUids("note"))
+    return SessionNotes(
+        path, operator="Ada", stamps=Stamps(utc_now=FakeUtc(), new_uid=FakeUids("note"))
+    )
 
 
 def bad(path: Path) -> list[FileCheck]:

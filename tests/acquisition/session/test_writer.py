@@ -11,6 +11,7 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session.reader import Session, verify
+from acquisition.session.take import Photograph
 from acquisition.session.writer import SessionWriter
 from tests.acquisition.session_fixtures import (
     DEVICES,
@@ -218,7 +219,8 @@ def test_a_foreign_photograph_is_a_capture_of_one_frame(path: Path) -> None:
     image = np.array([[0.5, 255.0], [7.0, 255.0]], np.float32)
     with writer(path, devices={}) as session:
         record = session.add_photograph(
-            session.entries[0], image, pixel_format="Mono8", max_level_dn=255, scale_px_per_mm=9.5
+            session.entries[0],
+            Photograph(image_dn=image, pixel_format="Mono8", max_level_dn=255, scale_px_per_mm=9.5),
         )
     session_read = Session.open(path)
     assert session_read.records == (record,)

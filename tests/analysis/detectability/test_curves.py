@@ -13,17 +13,17 @@ from skimage import data
 from analysis.detectability.curves import (
     AmbiguousCurveError,
     CurveChoice,
+    CurvesFile,
     DetectabilityCurve,
-    curves_document,
     d_prime_between,
     read_curves,
-    write_curves,
 )
 from analysis.detectability.dprime import Scenario, d_prime_curves, scene_artefact
 from analysis.detectability.signal import GaussianSignal
 from analysis.errors import AnalysisError, ResultsFileError
 from analysis.reports.detectability import plot_detectability
 from analysis.reports.page import png_bytes, svg_bytes
+from analysis.results_file import write_results
 from simulation import GaussianPsf, Model
 
 FloatArray = NDArray[np.float64]
@@ -198,7 +198,7 @@ def test_half_the_d_prime_needs_half_the_contrast() -> None:
 def test_a_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "curves.json"
     curves = [curve(), curve(observer="hotelling")]
-    write_curves(path, curves_document(curves, images=3))
+    write_results(path, CurvesFile(curves=curves, images=3))
     assert read_curves(path).curves == curves
     document = json.loads(path.read_text())
     assert document["schema"] == "standoff.detectability/1"
@@ -211,7 +211,7 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
 
 def test_an_ambiguous_choice_says_what_tells_the_curves_apart(tmp_path: Path) -> None:
     path = tmp_path / "curves.json"
-    write_curves(path, curves_document([curve(), curve(noise_dn=4.0, observer="cho")]))
+    write_results(path, CurvesFile(curves=[curve(), curve(noise_dn=4.0, observer="cho")]))
     file = read_curves(path)
     with pytest.raises(AmbiguousCurveError, match=r"--observer \(cho, npw\) and --noise \(2, 4\)"):
         file.chosen(CurveChoice())
@@ -227,15 +227,21 @@ def test_an_ambiguous_choice_says_what_tells_the_curves_apart(tmp_path: Path) ->
         ('{"schema": "standoff.psf/1"}', "schema is 'standoff.psf/1'"),
         ('{"schema": "standoff.detectability/1", "curves": []}', "curves: "),
         (
-            json.dumps(curves_document([curve()])).replace("[1.0, 1.5, 2.0]", "[1.0, 1.5]"),
+            json.dumps(CurvesFile(curves=[curve()]).as_json()).replace(
+                "[1.0, 1.5, 2.0]", "[1.0, 1.5]"
+            ),
             "dprime has 3 values",
         ),
         (
-            json.dumps(curves_document([curve()])).replace("[1.0, 1.5, 2.0]", "[1.0, 2.5, 2.0]"),
+            json.dumps(CurvesFile(curves=[curve()]).as_json()).replace(
+                "[1.0, 1.5, 2.0]", "[1.0, 2.5, 2.0]"
+            ),
             "zoom must rise",
         ),
         (
-            json.dumps(curves_document([curve()])).replace("[3.9, 1.9, 0.9]", "[3.9, 1.9, -0.9]"),
+            json.dumps(CurvesFile(curves=[curve()]).as_json()).replace(
+                "[3.9, 1.9, 0.9]", "[3.9, 1.9, -0.9]"
+            ),
             "0 or more",
         ),
     ],

@@ -106,7 +106,7 @@ CLUSTER = """
 import os, signal, sys, threading, time
 from pathlib import Path
 from distributed import LocalCluster
-from analysis.detectability_sweep import sweep_images
+from analysis.detectability.sweep import sweep_images
 from tests.analysis.detectability.test_sweep import PLAN, assert_same_bits, load
 
 def slow_load(path):

@@ -76,7 +76,7 @@ def test_the_corners_of_a_board_are_where_the_bench_puts_them() -> None:
 
 @pytest.mark.parametrize("text", ["11x8", "11x8:12:13", "2x8:12:9", "11x8:12:9:NONE", ""])
 def test_a_board_that_cannot_be_is_refused(text: str) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 - one argument alone is wrong
+    with pytest.raises(ValueError):
         CharucoBoard.from_text(text)
 
 

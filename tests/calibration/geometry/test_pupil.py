@@ -111,5 +111,5 @@ def test_two_series_share_the_pupil_and_not_the_unit() -> None:
 
 
 def test_a_stage_that_counts_downwards_is_refused() -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 - one argument alone is wrong
+    with pytest.raises(ValueError):
         fit_pupil(distances(HEIGHTS, -np.log(HEIGHTS)))

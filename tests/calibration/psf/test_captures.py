@@ -5,6 +5,7 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session.reader import Session
+from acquisition.session.take import Photograph
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.psf.calibration import calibrate_psf
@@ -53,7 +54,8 @@ def test_a_single_photograph_has_no_noise_of_its_own(tmp_path: Path) -> None:
     with writer(tmp_path / "s", plan=plan) as session:
         image_dn = photograph_dn(6.0).astype(np.float32)
         session.add_photograph(
-            session.entries[0], image_dn, pixel_format="Mono16", max_level_dn=4095.0
+            session.entries[0],
+            Photograph(image_dn=image_dn, pixel_format="Mono16", max_level_dn=4095.0),
         )
     [image] = edge_images(Session.open(tmp_path / "s"))
     assert image.noise is None

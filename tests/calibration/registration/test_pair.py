@@ -209,5 +209,5 @@ def test_an_image_without_features_is_refused(reference: FloatArray, align: Alig
 def test_a_colour_image_is_refused(reference: FloatArray, align: Align) -> None:
     colour = np.stack([reference] * 3, axis=-1)
     align(reference, reference, PSF)
-    with pytest.raises(ValueError):  # noqa: PT011 - one argument alone is wrong
+    with pytest.raises(ValueError):
         align(colour, reference, PSF)

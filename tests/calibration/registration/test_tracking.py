@@ -117,5 +117,5 @@ def test_a_reference_without_corners_is_refused(image: Array) -> None:
 )
 def test_what_is_no_grey_image_of_some_size_is_no_reference(image: Array) -> None:
     # Not for want of corners: the scene has them.
-    with pytest.raises(ValueError):  # noqa: PT011 - one argument alone is wrong
+    with pytest.raises(ValueError):
         TrackingReference(image)

@@ -12,19 +12,17 @@ import pytest
 from acquisition.errors import DeviceError
 from hil_mocks.gige import GigeDevice, GigeFaults
 from hil_mocks.gige.bootstrap import BootstrapAddress, Capability
-from hil_mocks.gige.gvcp import (
-    CommandCode,
-    GvcpStatus,
-    RegisterWrite,
+from hil_mocks.gige.gvcp import CommandCode, GvcpStatus, RegisterWrite
+from hil_mocks.practice_bench import PracticeBench
+from tests.busy_machine import BUSY_S
+from tests.hil_mocks.gige_bench import gige_bench
+from tests.hil_mocks.gige_client import RawClient, wait_for
+from tests.hil_mocks.gige_wire import (
     encode_command,
     encode_read_memory,
     encode_read_registers,
     encode_write_registers,
 )
-from hil_mocks.practice_bench import PracticeBench
-from tests.busy_machine import BUSY_S
-from tests.hil_mocks.gige_bench import gige_bench
-from tests.hil_mocks.gige_client import RawClient, wait_for
 
 FUZZED = 3000
 BURST = 50

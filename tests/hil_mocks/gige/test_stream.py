@@ -12,13 +12,14 @@ import hil_mocks.gige.stream
 from hil_mocks.gige import FrameRequest, GigeFaults
 from hil_mocks.gige.bootstrap import BootstrapAddress
 from hil_mocks.gige.gvcp import GvcpStatus
-from hil_mocks.gige.gvsp import GvspError, PacketFormat, parse_leader
+from hil_mocks.gige.gvsp import PacketFormat
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, image_of_levels
 from hil_mocks.gige.registers import StreamTarget
 from hil_mocks.practice_bench import PracticeBench
 from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench
 from tests.hil_mocks.gige_client import FRAME_S, SILENCE_S, RawClient, wait_for
+from tests.hil_mocks.gige_wire import GvspError, parse_leader
 
 FIRE = 0x8000_0000
 DO_NOT_FRAGMENT = 0x4000_0000

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.capture.runner import run_plan
-from acquisition.devices import Stage
+from acquisition.capture.runner import RunOperator, run_plan
+from acquisition.devices import BenchDevices, Stage
 from acquisition.errors import DeviceError
 from acquisition.plan import CapturePlan
 from acquisition.session.reader import Session
@@ -35,16 +35,10 @@ PLAN = CapturePlan.model_validate(
 
 def run(path: Path, stage: Stage) -> None:
     bench = SimulatedBench(bench_config())
-    run_plan(
-        path,
-        plan=PLAN,
-        bench=bench_config(),
-        camera=bench.camera,
-        stage=stage,
-        operator="test",
-        place=lambda _: "ready",
-        clock=lambda: bench.clock.now_s,
+    devices = BenchDevices(
+        config=bench_config(), camera=bench.camera, stage=stage, clock=lambda: bench.clock.now_s
     )
+    run_plan(path, PLAN, devices, RunOperator(name="test", place=lambda _: "ready"))
 
 
 GRBL_FAULTS: dict[str, Callable[[GrblRig], object]] = {
