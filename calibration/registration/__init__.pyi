@@ -1,3 +1,4 @@
+from .acceptance import OVERLAP_MIN_PX as OVERLAP_MIN_PX
 from .distorted_pose import DistortedPose as DistortedPose
 from .document import HOMOGRAPHY_SCHEMA as HOMOGRAPHY_SCHEMA, Homography as Homography
 from .features import (
@@ -6,13 +7,10 @@ from .features import (
     homography_pose as homography_pose,
     match_features as match_features,
 )
-from .overlap import OVERLAP_MIN_PX as OVERLAP_MIN_PX
 from .pair import (
-    AxialRegistration as AxialRegistration,
     DistortedRegistration as DistortedRegistration,
     Registration as Registration,
     register as register,
-    register_axial as register_axial,
     register_distorted as register_distorted,
 )
 from .refinement import zoom_at_centre as zoom_at_centre
@@ -21,7 +19,6 @@ from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingR
 __all__ = [
     "HOMOGRAPHY_SCHEMA",
     "OVERLAP_MIN_PX",
-    "AxialRegistration",
     "DistortedPose",
     "DistortedRegistration",
     "Homography",
@@ -33,7 +30,6 @@ __all__ = [
     "homography_pose",
     "match_features",
     "register",
-    "register_axial",
     "register_distorted",
     "zoom_at_centre",
 ]
