@@ -65,7 +65,7 @@ def test_outliers_do_not_pull() -> None:
 def test_too_few_sure_edges_are_refused() -> None:
     angles, widths, errs = drawn(30, 0.36 * np.eye(2), 0.2)
     errs[FEWEST_EDGES - 1 :] = widths[FEWEST_EDGES - 1 :]
-    with pytest.raises(ValueError):  # noqa: PT011 - one edge more is enough
+    with pytest.raises(ValueError):
         fit_sharpest_widths(angles, widths, errs)
     errs[FEWEST_EDGES - 1] = 0.1 * widths[FEWEST_EDGES - 1]
     assert fit_sharpest_widths(angles, widths, errs).edges_used == FEWEST_EDGES

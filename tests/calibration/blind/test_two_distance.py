@@ -117,5 +117,5 @@ def test_pairs_that_disagree_widen_the_error_by_how_much() -> None:
     mean, errors = combined([pair(0.4), pair(0.5)])
     np.testing.assert_allclose(mean, [0.45, 0.0, 0.4])
     np.testing.assert_allclose(errors, np.eye(3) * 0.5e-4 * 50 / 3)
-    with pytest.raises(ValueError):  # noqa: PT011 - there is nothing else to be wrong
+    with pytest.raises(ValueError):
         combined([])

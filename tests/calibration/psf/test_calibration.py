@@ -103,7 +103,7 @@ def test_places_in_a_region_are_those_of_the_whole_image() -> None:
     ],
 )
 def test_a_region_outside_the_image_is_refused(region: Region) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 - the region alone is wrong
+    with pytest.raises(ValueError):
         measure_edges(photographs([4.0])[0], region)
 
 
