@@ -22,7 +22,7 @@ from acquisition.bench import (
 )
 from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.session import CaptureRecord, EventKind, Manifest
-from analysis.detectability import CurvesFile, DetectabilityCurve
+from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
 from calibration.geometry import (
     CaptureGeometry,
@@ -142,7 +142,7 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
     (
         "curves.json",
         "Schema `standoff.detectability/1`. Written by `detectability`.",
-        (CurvesFile, DetectabilityCurve),
+        (DetectabilityCurves, DetectabilityCurve),
     ),
     (
         "session.json",

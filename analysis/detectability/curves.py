@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from analysis.detectability.observers import Observer
-from analysis.errors import AnalysisError
+from analysis.errors import AnalysisError, NotDetectableError
 from analysis.results_file import ResultsDocument, StoredValues, read_results
 from simulation import Model
 
@@ -16,8 +16,8 @@ __all__ = [
     "CURVES_SCHEMA",
     "AmbiguousCurveError",
     "CurveChoice",
-    "CurvesFile",
     "DetectabilityCurve",
+    "DetectabilityCurves",
     "d_prime_between",
     "read_curves",
 ]
@@ -32,7 +32,21 @@ _NOTE = (
 
 
 class AmbiguousCurveError(AnalysisError, ValueError):
-    """More than one curve, or none, is meant by a choice."""
+    """More than one curve, or none, is meant by a choice.
+
+    ``fitting`` are the curves that fit, ``open_choices`` what tells them apart, by its name.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        fitting: tuple["DetectabilityCurve", ...],
+        open_choices: dict[str, tuple[str | float, ...]],
+    ) -> None:
+        super().__init__(message)
+        self.fitting = fitting
+        self.open_choices = open_choices
 
 
 class DetectabilityCurve(StoredValues):
@@ -59,6 +73,10 @@ class DetectabilityCurve(StoredValues):
         if min(*self.dprime, *self.dprime_low, *self.dprime_high) < 0:
             raise ValueError("d' and its interval must be 0 or more")
         return self
+
+    def __repr__(self) -> str:
+        first, last = (f"{self.dprime[k]:.3g} at zoom {self.zoom[k]:g}" for k in (0, -1))
+        return f"<d' of {self.name}: {first}, {last}>"
 
     @property
     def name(self) -> str:
@@ -97,12 +115,14 @@ class DetectabilityCurve(StoredValues):
 
         Raises
         ------
-        AnalysisError
+        NotDetectableError
             If d' is 0 there: no contrast will do.
         """
         d_prime = float(self.d_prime_at(zoom))
         if d_prime == 0:
-            raise AnalysisError(f"d' is 0 at zoom {zoom:.3g}: no contrast is found there")
+            raise NotDetectableError(
+                f"d' is 0 at zoom {zoom:.3g}: no contrast is found there", zoom=zoom, d_prime=0.0
+            )
         return self.contrast_dn * min_dprime / d_prime
 
 
@@ -117,8 +137,8 @@ class CurveChoice(BaseModel):
     contrast_dn: float | None = None
 
 
-class CurvesFile(ResultsDocument):
-    """The document of curves.json.
+class DetectabilityCurves(ResultsDocument):
+    """Curves of several models, observers, noises and contrasts: the document of curves.json.
 
     ``images`` to ``signal`` say what the curves were worked out from; None where that is not known.
     """
@@ -130,6 +150,11 @@ class CurvesFile(ResultsDocument):
     window_px: int | None = None
     signal: str | None = None
     curves: list[DetectabilityCurve] = Field(min_length=1)
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(dict.fromkeys(f"{one.model} {one.observer}" for one in self.curves))
+        zooms = self.curves[0].zoom
+        return f"<{len(self.curves)} curves of d', zoom {zooms[0]:g} to {zooms[-1]:g}: {kinds}>"
 
     def chosen(self, choice: CurveChoice) -> DetectabilityCurve:
         """Return the one curve that is meant.
@@ -148,18 +173,21 @@ class CurvesFile(ResultsDocument):
         if len(fitting) == 1:
             return fitting[0]
         among = fitting or self.curves
-        open_keys = [
-            f"--{name.removesuffix('_dn')} ({', '.join(map(_shown, values))})"
+        open_choices = {
+            name: values
             for name in CurveChoice.model_fields
-            if len(values := sorted({getattr(curve, name) for curve in among})) > 1
+            if len(values := tuple(sorted({getattr(curve, name) for curve in among}))) > 1
+        }
+        told = [
+            f"--{name.removesuffix('_dn')} ({', '.join(map(_shown, values))})"
+            for name, values in open_choices.items()
         ]
-        if not fitting:
-            raise AmbiguousCurveError(
-                f"no curve fits; there are {'; '.join(curve.name for curve in self.curves[:8])}"
-            )
-        raise AmbiguousCurveError(
-            f"{len(fitting)} curves fit; choose by {' and '.join(open_keys) or 'another file'}"
+        message = (
+            f"{len(fitting)} curves fit; choose by {' and '.join(told) or 'another file'}"
+            if fitting
+            else f"no curve fits; there are {'; '.join(curve.name for curve in self.curves[:8])}"
         )
+        raise AmbiguousCurveError(message, fitting=tuple(fitting), open_choices=open_choices)
 
 
 def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> NDArray[np.float64]:
@@ -188,7 +216,7 @@ def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> N
     return np.asarray(np.where(np.isin(within, nodes), straight, 1 / reciprocal))
 
 
-def read_curves(path: Path) -> CurvesFile:
+def read_curves(path: Path) -> DetectabilityCurves:
     """Read a curves.json.
 
     Raises
@@ -196,7 +224,7 @@ def read_curves(path: Path) -> CurvesFile:
     ResultsFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    return read_results(path, CurvesFile, "curves.json", "standoff detectability")
+    return read_results(path, DetectabilityCurves, "curves.json", "standoff detectability")
 
 
 def _agrees(value: object, wanted: object) -> bool:

@@ -6,7 +6,7 @@ import pytest
 import tifffile
 from scipy.ndimage import gaussian_filter
 
-from analysis.detectability.curves import CurvesFile, read_curves
+from analysis.detectability.curves import DetectabilityCurves, read_curves
 from analysis.results_file import write_results
 from simulation import GaussianPsf, zoom_out
 from tests.analysis.detectability.test_curves import curve
@@ -35,7 +35,7 @@ def scene_file(tmp_path: Path) -> Path:
 @pytest.fixture
 def curves_file(tmp_path: Path) -> Path:
     path = tmp_path / "known.json"
-    write_results(path, CurvesFile(curves=[curve(), curve(observer="hotelling")]))
+    write_results(path, DetectabilityCurves(curves=[curve(), curve(observer="hotelling")]))
     return path
 
 
