@@ -17,12 +17,13 @@ Four models. All are linear, noise-free and separable up to the correlation of t
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal, Self, get_args
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from simulation.choices import MODELS, Model
 from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
 from simulation.psf import CameraTransfer, GaussianPsf, Transfer
 from simulation.resampling import (
@@ -52,10 +53,6 @@ __all__ = [
 ]
 
 FloatImage = NDArray[np.floating[Any]]
-
-Model = Literal["bicubic", "paper", "matched", "lmmse"]
-MODELS: tuple[Model, ...] = get_args(Model)
-"""Names of the models."""
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""

@@ -1,6 +1,5 @@
 """Focus values of a running camera, and of a camera that a stage carries through the focus."""
 
-import time
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -11,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.averaging import average_frames
-from acquisition.bench import StageConfig
-from acquisition.devices import Camera, Frame, FrameImage, Stage
+from acquisition.devices import BenchDevices, Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
 from acquisition.focus.measures import FocusMeasure, Region, focus_value
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
@@ -216,15 +214,12 @@ class FocusMeter:
 
 
 def sweep_focus(
-    camera: Camera,
-    stage: Stage,
+    devices: BenchDevices,
     heights_mm: Sequence[float],
     options: FocusOptions,
     *,
     frames: int,
-    stage_config: StageConfig,
     progress: Callable[[FocusPoint], None] = lambda _: None,
-    clock: Callable[[], float] = time.monotonic,
 ) -> tuple[FocusPoint, ...]:
     """Go to each height in turn and measure the focus value of the mean of ``frames`` frames.
 
@@ -247,6 +242,7 @@ def sweep_focus(
     DeviceError
         If a device fails; on that, and on Ctrl-C, the stage is stopped.
     """
+    stage, stage_config = devices.stage, devices.config.stage
     for height_mm in heights_mm:
         refuse_beyond_limits(height_mm, stage.limits_mm)
     points = []
@@ -255,7 +251,7 @@ def sweep_focus(
             stage.home(home_timeout_s(stage_config))
         for height_mm in heights_mm:
             read_back_mm = stage.move_to(height_mm, move_timeout_s(stage_config))
-            point = _point(camera, read_back_mm, options, frames, clock)
+            point = _point(devices, read_back_mm, options, frames)
             points.append(point)
             progress(point)
     except BaseException as error:
@@ -268,13 +264,9 @@ def sweep_focus(
 
 
 def _point(
-    camera: Camera,
-    height_mm: float,
-    options: FocusOptions,
-    frames: int,
-    clock: Callable[[], float],
+    devices: BenchDevices, height_mm: float, options: FocusOptions, frames: int
 ) -> FocusPoint:
-    settings = camera.settings
+    settings = devices.camera.settings
     singles: list[float] = []
 
     def measure(image_dn: FrameImage) -> None:
@@ -286,7 +278,7 @@ def _point(
             )
         )
 
-    averaged = average_frames(camera, frames, keep_frame=measure, clock=clock)
+    averaged = average_frames(devices.camera, frames, keep_frame=measure, clock=devices.clock)
     whole = averaged.mean_dn
     mean = whole if options.region is None else options.region.cut(whole)
     variance = averaged.variance_dn2

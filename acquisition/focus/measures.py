@@ -5,11 +5,13 @@ The form is owed to speed: ``benchmarks/bench_focus.py``.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from acquisition.choices import FocusMeasure
 
 __all__ = [
     "FOCUS_MEASURES",
@@ -19,8 +21,6 @@ __all__ = [
     "Region",
     "focus_value",
 ]
-
-FocusMeasure = Literal["squared-gradient", "tenengrad", "brenner", "laplacian"]
 
 _SHORT_BYTES = 2
 _FREE_ORDER = {"reassoc", "contract"}

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
-__all__ = ["FEWEST_POSITIONS", "FocusPeak", "NoFocusPeakError", "fit_focus_peak"]
+from acquisition.choices import FEWEST_POSITIONS
 
-FEWEST_POSITIONS = 7
-"""The curve has five parameters: two positions more leave something to judge it by."""
+__all__ = ["FEWEST_POSITIONS", "FocusPeak", "NoFocusPeakError", "fit_focus_peak"]
 
 Floats = NDArray[np.float64]
 Side = Literal["lower", "higher"]

@@ -220,7 +220,9 @@ class SerialLink:
         while not self._lines:
             self._receive()
             if not self._lines and self._clock() >= deadline:
-                raise DeviceTimeoutError(f"{self.name} did not answer within {timeout_s:g} s")
+                raise DeviceTimeoutError(
+                    f"{self.name} did not answer within {timeout_s:g} s", timeout_s=timeout_s
+                )
         return self._lines.popleft()
 
     def waiting_lines(self) -> list[bytes]:
@@ -315,7 +317,9 @@ def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
     try:
         log = WireLog(Path(config.wire_log)) if config.wire_log else None
     except OSError as error:
-        raise BenchConfigError(f"stage.wire_log {config.wire_log}: {error.strerror}") from error
+        raise BenchConfigError(
+            f"stage.wire_log {config.wire_log}: {error.strerror}", keys=("stage.wire_log",)
+        ) from error
     try:
         port = open_serial_port(config.port or "", config.baud_rate)
     except BaseException:

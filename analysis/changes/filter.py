@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from analysis.changes.uncertainty import DifferenceVariance, extra_blur, fit_variance
+from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf, simulate_pose
@@ -29,9 +30,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-
-FALSE_ALARMS = 0.05
-"""Expected number of pixels flagged in a frame without any change."""
 
 SOFTNESS_LIMIT_PX2 = 0.15
 """Extra blur of the follow-up that is refused: a width of 0.39 px on top of the simulated."""

@@ -11,12 +11,12 @@ H. H. Barrett, "Validating the use of channels to estimate the ideal linear obse
 """
 
 from math import pi, sqrt
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import eval_laguerre, ndtr
 
+from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.covariance import Covariance
 
 __all__ = [
@@ -29,10 +29,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-
-Observer = Literal["npw", "hotelling", "cho"]
-OBSERVERS: tuple[Observer, ...] = get_args(Observer)
-"""Non-prewhitening, Hotelling and channelised Hotelling observer."""
 
 CHANNELS = 6
 """Laguerre-Gauss channels; Gallas and Barrett 2003 find 5 to 10 enough for Gaussian signals."""

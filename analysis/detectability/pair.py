@@ -12,15 +12,13 @@ from math import ceil, hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.choices import REFERENCE_ZOOM
 from simulation import GaussianPsf, Model, SamplingGrid, ZoomOperator, zoom_operator
 from simulation.resampling import BandedMatrix, antialiased_cubic, apply_separable
 
 __all__ = ["REFERENCE_ZOOM", "ComparedPair", "compared_pair", "frame_size_px"]
 
 FloatArray = NDArray[np.float64]
-
-REFERENCE_ZOOM = 2.0
-"""Zoom from c to the reference c', from the paper."""
 
 _CUBIC_REACH_PX = 2
 """Follow-up pixels that the cubic takes on either side."""

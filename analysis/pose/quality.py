@@ -1,11 +1,11 @@
 """Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
 from analysis.pose.local_sampling import LocalSampling, local_sampling
@@ -13,8 +13,6 @@ from analysis.pose.local_sampling import LocalSampling, local_sampling
 __all__ = ["QUANTILE", "Criterion", "PoseQuality", "judge_pose"]
 
 FloatArray = NDArray[np.float64]
-
-Criterion = Literal["min", "quantile"]
 
 QUANTILE = 0.05
 """Share of the overlap that may lie below the threshold by criterion ``quantile``."""

@@ -30,9 +30,15 @@ from .psf_history import (
 )
 from .session import render_session_report as render_session_report, versions as versions
 from .validation import render_validation as render_validation
-from .validation_plots import plot_curves as plot_curves, plot_images as plot_images
+from .validation_plots import (
+    MODEL_COLOURS as MODEL_COLOURS,
+    plot_curves as plot_curves,
+    plot_furthest as plot_furthest,
+    plot_images as plot_images,
+)
 
 __all__ = [
+    "MODEL_COLOURS",
     "ReportSection",
     "calibration_sections",
     "calibration_verdicts",
@@ -52,6 +58,7 @@ __all__ = [
     "plot_curves",
     "plot_detectability",
     "plot_focus_sweep",
+    "plot_furthest",
     "plot_images",
     "plot_limits",
     "plot_pose",

@@ -3,11 +3,10 @@
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.reports.edge_plots import ORIENTATION_COLOURS, plot_widths_by_angle
+from analysis.reports.edge_plots import plot_widths_by_angle
 from analysis.reports.page import (
     ReportFigure,
     ReportSection,
@@ -17,7 +16,7 @@ from analysis.reports.page import (
 )
 from calibration.edges import REJECTING_FLAGS
 from calibration.errors import PsfFileError
-from calibration.files import StoredPsf
+from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_mtf
 from simulation.psf import PsfField
 
 __all__ = ["field_section", "plot_field", "plot_heights", "plot_mtf", "widths_section", "with_err"]
@@ -32,47 +31,14 @@ _ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
 
 
 @in_report_style
-def plot_mtf(psf: StoredPsf) -> Figure | None:
-    """Plot the contrast by frequency along x and y: as measured, and of the fitted Gaussian."""
+def plot_mtf(psf: PsfCalibration) -> Figure | None:
+    """Plot the contrast by frequency along x and y; None where it is not known."""
     figure = new_figure(6.4, 3.4)
-    axes = figure.subplots()
-    freq = np.linspace(0, 1, 501)
-    for axis, orientation in _AXES:
-        colour = ORIENTATION_COLOURS[orientation]
-        total: float | None = getattr(psf, f"sigma_{axis}_px")
-        optical: float | None = getattr(psf, f"optical_sigma_{axis}_px")
-        measured = getattr(psf.transfer, axis, None)
-        if measured is not None:
-            places, values = np.array(measured.freq_cy_per_px), np.array(measured.mtf)
-            label = f"along {axis}, e-SFR: {_half(places, values)}"
-            axes.plot(places, values, color=colour, label=label)
-            _mark_half(axes, places, values, colour)
-        if total is not None:
-            curve = (
-                np.exp(-2 * (np.pi * total * freq) ** 2)
-                if optical is None
-                else np.exp(-2 * (np.pi * optical * freq) ** 2) * np.sinc(freq)
-            )
-            axes.plot(
-                freq,
-                curve,
-                color=colour,
-                linewidth=1.0,
-                linestyle="--",
-                label=f"along {axis}, Gaussian: {_half(freq, curve)}",
-            )
-            _mark_half(axes, freq, curve, colour)
-    if not axes.lines:
-        return None
-    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
-    axes.annotate("Nyquist", (0.51, 0.55), fontsize=8, va="bottom")
-    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast left")
-    axes.legend(loc="upper right", fontsize=8)
-    return figure
+    return figure if draw_mtf(figure.subplots(), psf) else None
 
 
 @in_report_style
-def plot_field(psf: StoredPsf, field: PsfField) -> Figure:
+def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
     """Map the width over the frame, with the PSF's shape at places from centre to corner."""
     width, height = field.width_px, field.height_px
     x, y = np.linspace(0, width - 1, _MAP_PLACES), np.linspace(0, height - 1, _MAP_PLACES)
@@ -111,7 +77,7 @@ def plot_field(psf: StoredPsf, field: PsfField) -> Figure:
 
 
 @in_report_style
-def plot_heights(psf: StoredPsf, rejected: frozenset[str]) -> Figure | None:
+def plot_heights(psf: PsfCalibration, rejected: frozenset[str]) -> Figure | None:
     """Plot the width across every edge by height, and the trend; None for one height only."""
     edges = [edge for edge in psf.edges if not rejected & set(edge.flags)]
     heights = [edge.height_mm for edge in edges if edge.height_mm is not None]
@@ -176,26 +142,7 @@ def plot_heights(psf: StoredPsf, rejected: frozenset[str]) -> Figure | None:
     return figure
 
 
-def _half(freq: Array, values: Array) -> str:
-    half = _half_frequency(freq, values)
-    return "MTF50 beyond 1 cy/px" if half is None else f"MTF50 {half:.3f} cy/px"
-
-
-def _half_frequency(freq: Array, values: Array) -> float | None:
-    below = np.flatnonzero(values < 0.5)
-    if below.size == 0 or below[0] == 0:
-        return None
-    pair = slice(below[0] - 1, below[0] + 1)
-    return float(np.interp(-0.5, -values[pair], freq[pair]))
-
-
-def _mark_half(axes: Axes, freq: Array, values: Array, colour: str) -> None:
-    half = _half_frequency(freq, values)
-    if half is not None:
-        axes.plot([half], [0.5], "o", color=colour, markersize=4)
-
-
-def widths_section(psf: StoredPsf) -> ReportSection:
+def widths_section(psf: PsfCalibration) -> ReportSection:
     """Show the width across every edge by its angle and the height of the camera."""
     figures = [
         ReportFigure.of(
@@ -220,7 +167,7 @@ def widths_section(psf: StoredPsf) -> ReportSection:
     )
 
 
-def _trend_text(psf: StoredPsf) -> tuple[str, ...]:
+def _trend_text(psf: PsfCalibration) -> tuple[str, ...]:
     trend = psf.height_trend
     if trend is None:
         return ()
@@ -234,7 +181,7 @@ def _trend_text(psf: StoredPsf) -> tuple[str, ...]:
     return (f"No change of the width with the height beyond chance or 1 % (p = {p_value:.2g}).",)
 
 
-def _heights_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
+def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
     if psf.height_trend is None:
         return ()
     rows = tuple(
@@ -257,7 +204,7 @@ def _heights_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
     return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
 
 
-def field_section(psf: StoredPsf) -> ReportSection | None:
+def field_section(psf: PsfCalibration) -> ReportSection | None:
     """Show the PSF from centre to corner; None for a psf.json without edges and field."""
     try:
         field = psf.total_field("psf.json")

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.session import atomic_write
+from analysis.choices import CACHE_VARIABLE
 from analysis.errors import ResultsFileError
 from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 
 __all__ = ["CACHE_VARIABLE", "KernelCache", "default_cache_folder"]
-
-CACHE_VARIABLE = "STANDOFF_KERNEL_CACHE"
-"""Environment variable that names the folder."""
 
 _TRAINING_VERSION = 1
 """Counts up when a training gives other kernels than before."""
@@ -69,7 +67,9 @@ class KernelCache:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise ResultsFileError(f"cannot read {path}: {error.strerror or error}") from error
+            raise ResultsFileError(
+                f"cannot read {path}: {error.strerror or error}", source=str(path)
+            ) from error
         except (ValueError, EOFError, SyntaxError, TokenError):
             # It is trained again, and the file replaced.
             return None
@@ -92,7 +92,9 @@ class KernelCache:
             atomic_write(path.with_suffix(".png"), _picture(kernel.weights))
             atomic_write(path, buffer.getvalue())
         except OSError as error:
-            raise ResultsFileError(f"cannot write {path}: {error.strerror or error}") from error
+            raise ResultsFileError(
+                f"cannot write {path}: {error.strerror or error}", source=str(path)
+            ) from error
         return path
 
 

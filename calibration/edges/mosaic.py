@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
+from calibration.choices import PATTERNS, Pattern
 from calibration.edges.esfr import EdgeSfr
 from calibration.edges.fit import EdgeFit
 from calibration.edges.model import edge_profile
@@ -29,10 +30,6 @@ __all__ = [
     "plane_places",
     "sfr_in_sensor_pixels",
 ]
-
-Pattern = Literal["RGGB", "GRBG", "GBRG", "BGGR"]
-PATTERNS: tuple[Pattern, ...] = ("RGGB", "GRBG", "GBRG", "BGGR")
-"""Colours of the first two pixels of the first row, then of the second (as in GenICam, EMVA)."""
 
 PITCH_PX = 2
 _SHARPEST_PX = 0.06  # optical widths below this are not told from a perfect lens

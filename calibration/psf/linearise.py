@@ -1,13 +1,11 @@
 """From what a file holds to one plane that is linear in light."""
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Channel", "luma_plane", "srgb_to_linear"]
+from calibration.choices import Channel
 
-Channel = Literal["luma", "red", "green", "blue"]
+__all__ = ["Channel", "luma_plane", "srgb_to_linear"]
 
 REC601_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601-7, section 2.5.1
 

@@ -15,11 +15,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from math import isfinite
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.choices import KERNEL_MODELS, TRAINING_STEPS, KernelModel
 from simulation.kernelgan.crops import CropPicker
 from simulation.resampling import refuse_non_finite
 
@@ -41,14 +41,8 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int], None]
 """Called with the number of steps done."""
 
-KernelModel = Literal["kernelgan", "gaussian-kernelgan"]
-KERNEL_MODELS: tuple[KernelModel, ...] = get_args(KernelModel)
-"""Names of the models: a free kernel, and a Gaussian of three parameters."""
-
 KERNEL_SIZE = 13
 """Receptive field of layers of 7, 5 and 3 px (publication, section 4.1)."""
-
-TRAINING_STEPS = 3000  # publication, section 4.3
 
 
 class KernelGanError(Exception):

@@ -7,11 +7,10 @@ to the grid and the kernel as it is, as the publication does: the image shifts b
 mass, and every pixel by up to 0.5 px; by just 0.5 px at zoom 2.
 """
 
-from typing import Literal, get_args
-
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.choices import SAMPLERS, Sampler
 from simulation.kernelgan.estimate import EstimatedKernel
 from simulation.resampling import (
     BandedMatrix,
@@ -26,9 +25,6 @@ from simulation.zoom import SeparableSum, ZoomOperator
 __all__ = ["SAMPLERS", "Sampler", "kernel_operator"]
 
 FloatArray = NDArray[np.float64]
-
-Sampler = Literal["exact", "nearest"]
-SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
 _FAINT_TERM = 1e-6
 """Singular values below this share of the first are left out."""

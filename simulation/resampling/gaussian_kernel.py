@@ -10,10 +10,11 @@ short sum of products.
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from simulation.choices import GaussianForm
 
 __all__ = [
     "MATCHED_TAIL_TOLERANCE",
@@ -23,9 +24,6 @@ __all__ = [
     "gaussian_terms",
     "spline_transfer",
 ]
-
-GaussianForm = Literal["transfer", "sampled"]
-"""How a Gaussian becomes a kernel: true transfer function, or sampled as libraries do."""
 
 FloatArray = NDArray[np.float64]
 

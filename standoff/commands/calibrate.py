@@ -11,7 +11,7 @@ import typer
 from acquisition.session import Session
 from calibration.edges import EdgeImage, Pattern, Region
 from calibration.errors import CalibrationError
-from calibration.files import psf_document, read_correction, read_noise, write_psf
+from calibration.files import json_object, read_correction, read_noise, write_psf
 from calibration.noise import level_noise
 from calibration.psf import (
     CalibrationMethod,
@@ -137,16 +137,16 @@ def calibrate(
         channel=channel or ("luma" if bayer is None else "green"),
         pattern=bayer,
         correction=None if correct is None else read_correction(correct),
-        frame_noise=None if noise is None else level_noise(read_noise(noise)),
+        frame_noise=None if noise is None else level_noise(read_noise(noise).capture_noise),
     )
     if method == "single-image" or method == "two-distance":
         if report is not None or bayer is not None or csv is not None:
             raise typer.BadParameter(f"--report, --bayer and --csv do not go with method {method}")
         calibration, origin = calibrate_scenes(images or [], session, reading, method, rule, zoom)
-        origin = replace(origin, region=region)
-        write_psf(out, calibration, origin)
+        calibration = calibration.with_origin(replace(origin, region=region))
+        write_psf(out, calibration)
         if json:
-            print_json(psf_document(calibration, origin))
+            print_json(json_object(calibration))
             return
         print_psf(calibration)
         say(f"wrote {out}")
@@ -154,7 +154,7 @@ def calibrate(
     sources = (
         from_files(images or [], reading)
         if session is None
-        else from_session(Session.open(session), reading)
+        else from_session(Session(session), reading)
     )
     with progress_bar("measuring edges", sources.count) as bar:
         try:
@@ -173,16 +173,15 @@ def calibrate(
                 )
         except ValueError as error:
             raise CalibrationError(str(error)) from error
-    origin = replace(sources.origin, region=region)
-    write_psf(out, calibration, origin)
-    document = psf_document(calibration, origin)
+    calibration = calibration.with_origin(replace(sources.origin, region=region))
+    write_psf(out, calibration)
     if csv is not None:
         write_file(csv, edge_csv(calibration).encode("utf-8"))
     _print_remarks(calibration)
     if report is not None:
-        write_calibration_report(report, document, sources.load, sources.session)
+        write_calibration_report(report, calibration, sources.load, sources.session)
     if json:
-        print_json(document)
+        print_json(json_object(calibration))
         return
     print_psf(calibration)
     written = ", ".join(str(path) for path in (out, csv, report) if path is not None)
@@ -211,7 +210,7 @@ def _print_remarks(calibration: PsfCalibration) -> None:
         if count:
             note(text.format(n=count, total=len(used)))
     if calibration.rho is None and used:
-        share = share_of_correlation(np.array([edge.fit.angle_deg for edge in used]))
+        share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
         if share * _USUAL_RHO > _WORTH_SAYING:
             note(
                 f"no diagonal edges tell the correlation rho: were it {_USUAL_RHO:g}, a width "

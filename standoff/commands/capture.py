@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from acquisition.capture import CaptureProgress, Placement, RunSummary, run_plan
+from acquisition.capture import CaptureProgress, Placement, RunOperator, RunSummary, run_plan
+from acquisition.devices import BenchDevices
 from acquisition.plan import PlanEntry, PlanEstimate, estimate_plan, load_plan, plan_entries
 from acquisition.session import MANIFEST_NAME
 from hil_mocks import SimulatedBench
@@ -104,20 +105,24 @@ def capture(
         person.hidden = bar.hidden
         summary = run_plan(
             out,
-            plan=planned,
-            bench=config,
-            camera=devices.camera,
-            stage=devices.stage,
-            operator=operator or getpass.getuser(),
-            place=_placement(
-                devices.simulated, person, is_asked=not (placed or (yes and is_simulated))
+            planned,
+            BenchDevices(
+                config=config,
+                camera=devices.camera,
+                stage=devices.stage,
+                clock=devices.clock,
+                sleep=devices.sleep,
             ),
-            progress=_shown_on(bar),
-            review=person.review,
-            before_capture=person.wait_if_asked,
+            RunOperator(
+                name=operator or getpass.getuser(),
+                place=_placement(
+                    devices.simulated, person, is_asked=not (placed or (yes and is_simulated))
+                ),
+                progress=_shown_on(bar),
+                review=person.review,
+                before_capture=person.wait_if_asked,
+            ),
             retake=retake or (),
-            clock=devices.clock,
-            sleep=devices.sleep,
         )
     _print_summary(out, summary, json=json)
 

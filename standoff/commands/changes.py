@@ -36,7 +36,7 @@ def changes(
 ) -> None:
     """Find what changed between two photographs beyond what the change of pose makes."""
     camera = read_total_psf(psf)
-    captures = None if noise is None else read_noise(noise)
+    captures = None if noise is None else read_noise(noise).capture_noise
     near, far = read_grey(reference), read_grey(followup)
     try:
         aligned = register_distorted(near, far, camera)

@@ -14,8 +14,8 @@ from analysis.reports import (
     versions,
 )
 from calibration.errors import CalibrationError
-from calibration.files import StoredPsf, read_psf
-from calibration.psf import compare_psfs
+from calibration.files import read_psf
+from calibration.psf import PsfCalibration, compare_psfs
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     Json,
@@ -127,7 +127,7 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
         say(f"wrote {report}")
 
 
-def _calibrations(paths: list[Path]) -> list[tuple[str, StoredPsf]]:
+def _calibrations(paths: list[Path]) -> list[tuple[str, PsfCalibration]]:
     """Read files, and every psf.json below folders; what cannot be read below one is noted."""
     found = []
     for path in paths:

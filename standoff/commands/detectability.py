@@ -1,32 +1,26 @@
 """``standoff detectability``: how a change's detectability falls with the change of distance."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, TypeVar, get_args
 
 import numpy as np
 import typer
 
+from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX, Observer
 from analysis.detectability import (
-    OBSERVERS,
-    REFERENCE_ZOOM,
-    WINDOW_PX,
-    ArtefactTiles,
     ChangeSignal,
     DetectabilityCurve,
+    DetectionTask,
     GaussianSignal,
-    Observer,
     PatchSignal,
-    Scenario,
-    SceneStatistics,
-    SweepPlan,
-    curves_document,
-    d_prime_curves,
+    SweepWorkers,
+    curves_of,
     sweep_images,
-    tiles_per_side,
-    write_curves,
 )
 from analysis.reports import plot_detectability, png_bytes, svg_bytes
+from analysis.results_file import write_results
 from calibration.files import read_noise
 from simulation import MODELS, Model
 from standoff.commands.simulate import read_total_psf
@@ -96,7 +90,7 @@ def detectability(
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     camera = None
     if noise.endswith(".json"):
-        camera = read_noise(Path(noise))
+        camera = read_noise(Path(noise)).capture_noise
         noises = []
     else:
         noises = _numbers(noise, "--noise")
@@ -113,74 +107,45 @@ def detectability(
         )
     require_writable([out])
     paths = expanded_images(images)
-    plan = SweepPlan(
-        scenario=Scenario(
-            psf=None if psf is None else read_total_psf(psf),
-            reference_zoom=reference_zoom,
-            window_px=window,
-        ),
-        models=models,
+    task = DetectionTask(
+        signal=change,
+        contrasts_dn=tuple(contrasts),
+        noises_dn=tuple(noises),
         zooms=tuple(zoom_list),
-        tiles_per_side=tiles_per_side(len(paths)),
+        models=models,
+        observers=observers,
+        reference_zoom=reference_zoom,
+        window_px=window,
     )
+    plan = task.plan(None if psf is None else read_total_psf(psf), len(paths))
     with progress_bar("measuring images", len(paths)) as bar:
         cells = sweep_images(
             paths,
             read_grey,
             plan,
             results=out.with_suffix(".cells.jsonl"),
-            workers=workers,
-            scheduler=scheduler,
+            workers=SweepWorkers(count=workers, scheduler=scheduler),
             progress=bar.advance_to,
         )
     if camera is not None:
         levels = np.array([cell.mean_dn for cell in cells])
         noises = [math.sqrt(float(camera.variance_dn2(levels).mean()))]
-    curves = _curves(cells, plan, change, noises, contrasts, observers)
-    document = curves_document(
-        curves,
-        images=len(paths),
-        reference_zoom=reference_zoom,
-        window_px=window,
-        signal="gaussian" if signal is None else signal.name,
-    )
-    write_curves(out, document)
+        task = replace(task, noises_dn=tuple(noises))
+    with progress_bar("working out d'", len(models)) as bar:
+        found = curves_of(cells, plan, task, bar.advance_to)
+    if signal is not None:
+        found = found.model_copy(update={"signal": signal.name})
+    curves = found.curves
+    write_results(out, found)
     figures = _write_figures(out, curves, noises, contrasts)
     if json:
-        print_json({"out": str(out), "figures": [str(path) for path in figures], **document})
+        print_json(
+            {"out": str(out), "figures": [str(path) for path in figures], **found.as_json()}
+        )
         return
     _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
     say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
-
-
-def _curves(
-    cells: list[SceneStatistics],
-    plan: SweepPlan,
-    change: ChangeSignal,
-    noises_dn: list[float],
-    contrasts_dn: list[float],
-    observers: tuple[Observer, ...],
-) -> list[DetectabilityCurve]:
-    curves = []
-    with progress_bar("working out d'", len(plan.models)) as bar:
-        for number, model in enumerate(plan.models):
-            artefacts = [
-                ArtefactTiles.joined([cell.artefact(number, place) for cell in cells])
-                for place in range(len(plan.zooms))
-            ]
-            curves += d_prime_curves(
-                artefacts,
-                plan.zooms,
-                change,
-                plan.scenario,
-                model,
-                noises_dn=noises_dn,
-                contrasts_dn=contrasts_dn,
-                observers=observers,
-            )
-            bar.advance_to(number + 1)
-    return curves
 
 
 def _write_figures(

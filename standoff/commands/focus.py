@@ -95,7 +95,7 @@ def focus(
         raise typer.BadParameter("a sweep averages 2 frames or more", param_hint="--frames")
     require_writable([out])
     config = read_bench(bench, settings)
-    model = None if noise is None else level_noise(read_noise(noise))
+    model = None if noise is None else level_noise(read_noise(noise).capture_noise)
     options = FocusOptions(
         measure=metric,
         region=None if region is None else _region(region),

@@ -7,11 +7,11 @@ import numpy as np
 import typer
 
 from acquisition.plan import load_plan
-from analysis.validation import PAPER_TRAINING_STEPS, KernelBook
+from analysis.validation import PAPER_TRAINING_STEPS, KernelBook, ValidationSettings
 from standoff.commands.validate import parse_models, print_tables
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import BenchKeys, Json, print_json, read_bench, say
-from standoff.workflows import ValidationSettings, default_models, run_paper, short_bench
+from standoff.workflows import default_models, run_paper, short_bench
 
 __all__ = ["paper"]
 
@@ -53,7 +53,7 @@ def paper(
     )
     errors_px = result.registration_errors_px
     if json:
-        print_json({**result.document, "registration_errors_px": list(errors_px)})
+        print_json({**result.validation.as_json(), "registration_errors_px": list(errors_px)})
         return
     print_tables(result.validation)
     say(

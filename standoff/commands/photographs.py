@@ -11,7 +11,7 @@ import typer
 from numpy.typing import NDArray
 
 from acquisition.plan import CaptureKind, CapturePlan, parse_plan
-from acquisition.session import SessionWriter
+from acquisition.session import Photograph, SessionWriter
 from calibration.psf import luma_plane, srgb_to_linear
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.terminal import Json, note, print_json, progress_bar, say
@@ -66,10 +66,12 @@ def import_photographs(
             plane = _plane(file, is_srgb=srgb)
             session.add_photograph(
                 entry,
-                plane.astype(np.float32),
-                pixel_format=f"Mono{8 * file.pixels.dtype.itemsize}",
-                max_level_dn=_top_dn(file, plane, is_srgb=srgb),
-                scale_px_per_mm=scale,
+                Photograph(
+                    image_dn=plane.astype(np.float32),
+                    pixel_format=f"Mono{8 * file.pixels.dtype.itemsize}",
+                    max_level_dn=_top_dn(file, plane, is_srgb=srgb),
+                    scale_px_per_mm=scale,
+                ),
             )
             bar.advance_to(done)
     if json:

@@ -10,9 +10,7 @@ import typer
 from acquisition.bench import BenchConfig, StageConfig
 from acquisition.devices import Stage
 from acquisition.errors import DeviceError, DeviceInUseError, StageNotHomedError
-from acquisition.stages import home_timeout_s, move_timeout_s
-from acquisition.stages.grbl import GrblStage
-from acquisition.stages.zaber import ZaberStage
+from acquisition.stages import MotorStage, home_timeout_s, move_timeout_s
 from hil_mocks import SimulatedBench
 from standoff.terminal import BenchFile, BenchKeys, Json, note, print_json, read_bench, say
 from standoff.workflows import open_stage
@@ -98,7 +96,7 @@ def _show(opened: Stage, action: Action, *, json: bool) -> None:
         position_mm = opened.position_mm()
     except StageNotHomedError:
         position_mm = None
-    warnings = list(opened.warnings) if isinstance(opened, GrblStage | ZaberStage) else []
+    warnings = list(opened.warnings) if isinstance(opened, MotorStage) else []
     if json:
         print_json(
             {

@@ -13,13 +13,14 @@ from analysis.validation import (
     KernelBook,
     Validation,
     ValidationModel,
+    ValidationSettings,
     both_tables,
     default_cache_folder,
     is_learned,
 )
 from standoff.commands.simulate import read_total_psf
 from standoff.terminal import Json, print_json, print_table, say
-from standoff.workflows import ValidationSettings, default_models, run_validation
+from standoff.workflows import default_models, run_validation
 
 __all__ = ["parse_models", "print_tables", "validate"]
 
@@ -68,9 +69,9 @@ def validate(
         references=references,
         workers=workers,
     )
-    validation, document = run_validation(out, Session.open(session), total, str(psf), settings)
+    validation = run_validation(out, Session(session), total, str(psf), settings)
     if json:
-        print_json(document)
+        print_json(validation.as_json())
         return
     print_tables(validation)
     say(f"wrote {out / 'report.html'} and the tables and figures beside it")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from calibration.blind import CLEAREST_SNR
+from calibration.blind import is_clear
 from calibration.psf import Estimate, PsfCalibration
 from standoff.terminal.output import note, print_table, say
 
@@ -11,7 +11,6 @@ __all__ = ["print_psf"]
 
 def print_psf(calibration: PsfCalibration) -> None:
     """Print widths and correlation, and what they rest on."""
-    used = calibration.edges_used
     if calibration.pairs:
         print_table(
             "Pairs",
@@ -28,19 +27,20 @@ def print_psf(calibration: PsfCalibration) -> None:
             ],
         )
     elif calibration.softness_px2 is not None:
-        clear = sum(edge.fit.snr >= CLEAREST_SNR for edge in calibration.edges)
+        clear = sum(is_clear(edge) for edge in calibration.edges)
         say(f"{clear} of {len(calibration.edges)} edges are clear enough")
     else:
-        say(f"{len(used)} of {len(calibration.edges)} edges used")
+        say(f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used")
+    total, optical = calibration.total, calibration.optical
     print_table(
         "PSF",
         ["", "total", "95 % interval", "optical", "95 % interval"],
         [
-            [name, *_cells(total), *_cells(optical)]
-            for name, total, optical in (
-                ("sigma_x / px", calibration.sigma_x_px, calibration.optical_sigma_x_px),
-                ("sigma_y / px", calibration.sigma_y_px, calibration.optical_sigma_y_px),
-                ("rho", calibration.rho, calibration.optical_rho),
+            [name, *_cells(with_pixel), *_cells(lens)]
+            for name, with_pixel, lens in (
+                ("sigma_x / px", total.sigma_x_px, optical.sigma_x_px),
+                ("sigma_y / px", total.sigma_y_px, optical.sigma_y_px),
+                ("rho", total.rho, optical.rho),
             )
         ],
     )
@@ -51,14 +51,14 @@ def print_psf(calibration: PsfCalibration) -> None:
             [
                 [
                     name,
-                    _cells(one.sigma_x_px)[0],
-                    _cells(one.sigma_y_px)[0],
-                    str(len(one.edges_used)),
+                    _cells(one.total.sigma_x_px)[0],
+                    _cells(one.total.sigma_y_px)[0],
+                    "" if one.edge_count is None else str(one.edge_count),
                 ]
                 for name, one in calibration.channels.items()
             ],
         )
-    if calibration.field is not None:
+    if calibration.field is not None and calibration.field.worst_err is not None:
         say(
             "the PSF changes over the frame: psf.json holds its field, no width less sure than "
             f"{100 * calibration.field.worst_err:.1f} %"

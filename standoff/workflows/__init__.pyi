@@ -7,7 +7,12 @@ from .devices import (
     place_in_simulation as place_in_simulation,
     refuse_half_simulated as refuse_half_simulated,
 )
-from .edge_sources import Reading as Reading, from_files as from_files, from_session as from_session
+from .edge_sources import (
+    Reading as Reading,
+    edge_image as edge_image,
+    from_files as from_files,
+    from_session as from_session,
+)
 from .focus_runs import (
     FocusSweep as FocusSweep,
     OpenCamera as OpenCamera,
@@ -62,16 +67,15 @@ from .reports import (
     write_file as write_file,
     write_geometry_report as write_geometry_report,
     write_page as write_page,
-    write_session_report as write_session_report,
 )
 from .scene_calibration import calibrate_scenes as calibrate_scenes
+from .session_report import write_session_report as write_session_report
 from .sr_dataset import (
     SrDatasetSettings as SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
     write_sr_dataset as write_sr_dataset,
 )
 from .validation_run import (
-    ValidationSettings as ValidationSettings,
     default_models as default_models,
     run_validation as run_validation,
 )
@@ -93,11 +97,11 @@ __all__ = [
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
-    "ValidationSettings",
     "calibrate_scenes",
     "camera_frames",
     "captured",
     "default_models",
+    "edge_image",
     "expanded_images",
     "folder_frames",
     "found_kernel",

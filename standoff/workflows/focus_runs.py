@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from acquisition.bench import BenchConfig
-from acquisition.devices import Camera
+from acquisition.devices import BenchDevices, Camera
 from acquisition.focus import (
     FocusOptions,
     FocusPeak,
@@ -151,14 +151,13 @@ def run_sweep(
             if points:
                 low_mm, high_mm = _about_the_best(points)
             points = sweep_focus(
-                opened.camera,
-                opened.stage,
+                BenchDevices(
+                    config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock
+                ),
                 _positions(config, low_mm, high_mm, steps),
                 options,
                 frames=frames,
-                stage_config=config.stage,
                 progress=show,
-                clock=opened.clock,
             )
     found = FocusSweep(points=points, peak=None, why_not=None)
     try:

@@ -8,8 +8,7 @@ from acquisition.session import Session
 from calibration.blind import calibrate_from_distances, calibrate_from_scene
 from calibration.edges import EdgeImage, Region
 from calibration.errors import CalibrationError
-from calibration.files import PsfOrigin
-from calibration.psf import PsfCalibration
+from calibration.psf import PsfCalibration, PsfOrigin
 from standoff.terminal import note, progress_bar
 from standoff.workflows.edge_sources import Reading
 from standoff.workflows.scene_sources import scenes_of_files, scenes_of_session
@@ -35,7 +34,7 @@ def calibrate_scenes(
     scenes = (
         scenes_of_files(images, reading)
         if session is None
-        else scenes_of_session(Session.open(session), reading)
+        else scenes_of_session(Session(session), reading)
     )
     try:
         if method == "single-image":

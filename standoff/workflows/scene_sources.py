@@ -6,8 +6,7 @@ from pathlib import Path
 
 from acquisition.session import Session
 from calibration.edges import EdgeImage
-from calibration.files import PsfOrigin
-from calibration.psf import capture_images, scene_records
+from calibration.psf import PsfOrigin, capture_images, scene_records
 from standoff.workflows.edge_sources import Reading, from_files, origin_of
 
 __all__ = ["SceneSources", "scenes_of_files", "scenes_of_session"]

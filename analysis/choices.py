@@ -1,0 +1,51 @@
+"""What a caller of this package may choose from: names and usual values, without any library."""
+
+from typing import Literal, get_args
+
+from simulation.choices import KernelModel, Model
+
+__all__ = [
+    "CACHE_VARIABLE",
+    "FALSE_ALARMS",
+    "OBSERVERS",
+    "PAPER_TRAINING_STEPS",
+    "REFERENCE_ZOOM",
+    "VALIDATION_MODELS",
+    "WINDOW_PX",
+    "Criterion",
+    "Observer",
+    "ValidationModel",
+]
+
+Observer = Literal["npw", "hotelling", "cho"]
+OBSERVERS: tuple[Observer, ...] = get_args(Observer)
+"""Non-prewhitening, Hotelling and channelised Hotelling observer."""
+
+REFERENCE_ZOOM = 2.0
+"""Zoom from c to the reference c', from the paper."""
+
+WINDOW_PX = 33
+"""Side of the window on c'. A larger one finds more: docs/theory-detectability.md says how much."""
+
+Criterion = Literal["min", "quantile"]
+"""Of a pose: d' reaches the threshold everywhere, or in 95 % of the overlap."""
+
+FALSE_ALARMS = 0.05
+"""Expected number of pixels flagged in a frame without any change."""
+
+ValidationModel = Literal[Model, KernelModel]
+VALIDATION_MODELS: tuple[ValidationModel, ...] = (
+    "bicubic",
+    "kernelgan",
+    "gaussian-kernelgan",
+    "paper",
+    "matched",
+    "lmmse",
+)
+"""All models, in the order of the paper's tables; those that came after it at the end."""
+
+PAPER_TRAINING_STEPS = 4000
+"""Of every training, from the paper on camera poses."""
+
+CACHE_VARIABLE = "STANDOFF_KERNEL_CACHE"
+"""Environment variable that names the folder of trained kernels."""

@@ -1,0 +1,16 @@
+"""What a caller of this package may choose from: names of methods, without any library."""
+
+from typing import Literal, get_args
+
+__all__ = ["DEFAULT_BOARD_TEXT", "PATTERNS", "CalibrationMethod", "Channel", "Pattern"]
+
+CalibrationMethod = Literal["all-angles", "paper", "single-image", "two-distance"]
+
+Channel = Literal["luma", "red", "green", "blue"]
+
+Pattern = Literal["RGGB", "GRBG", "GBRG", "BGGR"]
+PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
+"""Colours of the first two pixels of the first row, then of the second (as in GenICam, EMVA)."""
+
+DEFAULT_BOARD_TEXT = "11x8:12:9:4X4_50"
+"""The ChArUco board that is meant where none is named, as ``CharucoBoard.from_text`` reads it."""

@@ -1,0 +1,31 @@
+"""What a caller of this package may choose from: names of models, without any library."""
+
+from typing import Literal, get_args
+
+__all__ = [
+    "KERNEL_MODELS",
+    "MODELS",
+    "SAMPLERS",
+    "TRAINING_STEPS",
+    "GaussianForm",
+    "KernelModel",
+    "Model",
+    "Sampler",
+]
+
+Model = Literal["bicubic", "paper", "matched", "lmmse"]
+MODELS: tuple[Model, ...] = get_args(Model)
+"""Capture models, which ``simulation.zoom`` explains."""
+
+GaussianForm = Literal["transfer", "sampled"]
+"""How a Gaussian becomes a kernel: true transfer function, or sampled as libraries do."""
+
+KernelModel = Literal["kernelgan", "gaussian-kernelgan"]
+KERNEL_MODELS: tuple[KernelModel, ...] = get_args(KernelModel)
+"""Models that learn their kernel from the photograph: a free one, or a Gaussian."""
+
+Sampler = Literal["exact", "nearest"]
+SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
+"""How a learned kernel's image is sampled, which ``simulation.kernelgan.sampling`` explains."""
+
+TRAINING_STEPS = 3000  # Bell-Kligler et al. 2019, section 4.3
