@@ -1,18 +1,23 @@
-"""The bench file: what differs between benches, checked key by key; and where its camera is."""
+"""The bench: its file, checked key by key, the address of its camera, and its opened devices."""
 
 import ipaddress
 import re
 import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, DeviceError
 from acquisition.untrusted import parse_toml
 
 __all__ = [
     "BenchConfig",
+    "BenchDevices",
     "CameraConfig",
     "CaptureConfig",
     "OpticsConfig",
@@ -188,6 +193,20 @@ class BenchConfig(_Section):
     optics: OpticsConfig
     capture: CaptureConfig = CaptureConfig(frames_per_capture=10, mains_hz=50)
     simulated: SimulatedConfig | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchDevices:
+    """Camera and stage of a bench, opened and configured after ``config``.
+
+    ``clock`` gives the monotonic seconds in which both live, and ``sleep`` lets some pass.
+    """
+
+    config: BenchConfig
+    camera: Camera
+    stage: Stage
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
 
 
 def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:

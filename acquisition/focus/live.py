@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.averaging import average_frames
-from acquisition.devices import BenchDevices, Camera, Frame, FrameImage
+from acquisition.bench import BenchDevices
+from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
 from acquisition.focus.measures import FocusMeasure, Region, focus_value
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from acquisition.bench import BenchDevices
 from acquisition.capture.runner import RunOperator, run_plan
-from acquisition.devices import BenchDevices, Stage
+from acquisition.devices import Stage
 from acquisition.errors import DeviceError
 from acquisition.plan import CapturePlan
 from acquisition.session.reader import Session
