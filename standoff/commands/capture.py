@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
+from acquisition.bench import BenchDevices
 from acquisition.capture import CaptureProgress, Placement, RunOperator, RunSummary, run_plan
-from acquisition.devices import BenchDevices
 from acquisition.plan import PlanEntry, PlanEstimate, estimate_plan, load_plan, plan_entries
 from acquisition.session import MANIFEST_NAME
 from hil_mocks import SimulatedBench

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from acquisition.bench import BenchConfig
-from acquisition.devices import BenchDevices, Camera
+from acquisition.bench import BenchConfig, BenchDevices
+from acquisition.devices import Camera
 from acquisition.focus import (
     FocusOptions,
     FocusPeak,

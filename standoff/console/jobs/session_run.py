@@ -6,9 +6,9 @@ from pathlib import Path
 from threading import Event, Lock
 from typing import Literal
 
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.capture import CaptureProgress, Placement, RunOperator, run_plan
-from acquisition.devices import BenchDevices, Camera
+from acquisition.devices import Camera
 from acquisition.errors import DeviceError, OperatorStopError, SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session import MANIFEST_NAME, Session
