@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from simulation.pose.homography import projection_depth
 from simulation.pose.lens import ideal_points, lens_of, refuse_folding
-from simulation.pose.warped_blur import survey
+from simulation.pose.warped_blur import BlurredWarp, survey
 from simulation.psf import GaussianPsf, PsfField
 
 __all__ = ["PoseView"]
@@ -85,6 +85,11 @@ class PoseView:
             frame=frame,
         )
 
+    @property
+    def warp(self) -> BlurredWarp:
+        """The view as the compiled functions take it."""
+        return BlurredWarp(self.matrix, self.lens, self.coefficients_px2, self.frame)
+
     def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
         """Look at a lattice of the follow-up's places.
 
@@ -94,9 +99,7 @@ class PoseView:
             Reference place x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy and
             yy; it may be indefinite.
         """
-        seen = np.empty((len(rows_px), len(cols_px), 5))
-        survey(self.matrix, self.lens, self.coefficients_px2, self.frame, rows_px, cols_px, seen)
-        return seen
+        return survey(self.warp, rows_px, cols_px)
 
 
 def _polynomials(
