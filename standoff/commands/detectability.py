@@ -139,9 +139,7 @@ def detectability(
     write_results(out, found)
     figures = _write_figures(out, curves, noises, contrasts)
     if json:
-        print_json(
-            {"out": str(out), "figures": [str(path) for path in figures], **found.as_json()}
-        )
+        print_json({"out": str(out), "figures": [str(path) for path in figures], **found.as_json()})
         return
     _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
