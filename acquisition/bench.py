@@ -22,6 +22,7 @@ __all__ = [
     "load_bench",
     "parse_overrides",
     "resolve_address",
+    "validation_keys",
     "validation_lines",
 ]
 
@@ -246,19 +247,23 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
     try:
         table = parse_toml(path.read_bytes())
     except OSError as error:
-        raise BenchConfigError(f"bench file {path}: {error.strerror}") from error
+        raise BenchConfigError(f"bench file {path}: {error.strerror}", path=path) from error
     except ValueError as error:
-        raise BenchConfigError(f"bench file {path}: not valid TOML: {error}") from error
+        raise BenchConfigError(f"bench file {path}: not valid TOML: {error}", path=path) from error
     for key, value in (overrides or {}).items():
         section, _, name = key.partition(".")
         keys = table.setdefault(section, {})
         if not isinstance(keys, dict):
-            raise BenchConfigError(f"bench file {path}: {section} is not a table of keys")
+            raise BenchConfigError(
+                f"bench file {path}: {section} is not a table of keys", path=path, keys=(section,)
+            )
         keys[name] = value
     try:
         return BenchConfig.model_validate(table)
     except ValidationError as error:
-        raise BenchConfigError(f"bench file {path}: {validation_lines(error)}") from error
+        raise BenchConfigError(
+            f"bench file {path}: {validation_lines(error)}", path=path, keys=validation_keys(error)
+        ) from error
 
 
 def parse_overrides(settings: list[str]) -> dict[str, Any]:
@@ -275,12 +280,15 @@ def parse_overrides(settings: list[str]) -> dict[str, Any]:
         section, dot, name = key.strip().partition(".")
         model = BenchConfig.model_fields.get(section)
         if not (equals and dot and model):
-            raise BenchConfigError(f"--set {setting}: expected section.key=value of a bench file")
+            raise BenchConfigError(
+                f"--set {setting}: expected section.key=value of a bench file", keys=(key.strip(),)
+            )
         known = _section_keys(section)
         if name not in known:
             raise BenchConfigError(
                 f"--set {setting}: unknown bench key {key.strip()}; "
-                f"{section} has {', '.join(known)}"
+                f"{section} has {', '.join(known)}",
+                keys=(key.strip(),),
             )
         try:
             value = parse_toml(f"value = {text}")["value"]
@@ -293,11 +301,15 @@ def parse_overrides(settings: list[str]) -> dict[str, Any]:
 def validation_lines(error: ValidationError) -> str:
     """One line that names each key at fault and what is wrong with it."""
     parts = []
-    for fault in error.errors():
-        key = ".".join(str(place) for place in fault["loc"])
+    for fault, key in zip(error.errors(), validation_keys(error), strict=True):
         what = "unknown key" if fault["type"] == "extra_forbidden" else fault["msg"]
         parts.append(f"{key}: {what}" if key else what)
     return "; ".join(parts)
+
+
+def validation_keys(error: ValidationError) -> tuple[str, ...]:
+    """The key of each fault, dotted; empty where the whole is at fault."""
+    return tuple(".".join(str(part) for part in fault["loc"]) for fault in error.errors())
 
 
 def _section_keys(section: str) -> list[str]:

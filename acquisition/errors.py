@@ -1,5 +1,9 @@
 """What can go wrong at the bench and on disk, each error with its facts."""
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
 __all__ = [
     "BenchConfigError",
     "CameraFeatureError",
@@ -16,6 +20,7 @@ __all__ = [
     "OperatorStopError",
     "PlanError",
     "SessionError",
+    "SessionFault",
     "StageAlarmError",
     "StageLimitError",
     "StageNotHomedError",
@@ -89,12 +94,23 @@ class DeviceResetError(DeviceError):
 
 
 class CaptureError(DeviceError):
-    """A capture could not be completed; nothing of it is kept."""
+    """A capture could not be completed; nothing of it is kept.
 
-    def __init__(self, message: str, *, frames_complete: int, frames_asked: int) -> None:
+    ``frames_refused`` counts the frames that were no good, by what was wrong with them.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        frames_complete: int,
+        frames_asked: int,
+        frames_refused: Mapping[str, int] | None = None,
+    ) -> None:
         super().__init__(message)
         self.frames_complete = frames_complete
         self.frames_asked = frames_asked
+        self.frames_refused = dict(frames_refused or {})
 
 
 class StageAlarmError(DeviceError):
@@ -135,16 +151,45 @@ class StageStoppedError(DeviceError):
         self.height_mm = height_mm
 
 
+SessionFault = Literal[
+    "not a session", "in use", "made otherwise", "damaged", "changed", "unwritable", "no capture"
+]
+
+
 class SessionError(Exception):
-    """A session directory cannot be opened, trusted or written."""
+    """A session directory cannot be opened, trusted or written.
+
+    Parameters
+    ----------
+    fault
+        What is wrong, where a program may want to know. What the system refused is the cause,
+        an `OSError`.
+    path
+        The file or directory at fault.
+    line
+        Of the journal, from 1.
+    keys
+        Those that are not accepted, or differ from those of the session.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        fault: SessionFault | None = None,
+        path: Path | None = None,
+        line: int | None = None,
+        keys: tuple[str, ...] = (),
+    ) -> None:
+        super().__init__(message)
+        self.fault = fault
+        self.path = path
+        self.line = line
+        self.keys = keys
 
 
 class BenchConfigError(SessionError, ValueError):
     """A bench file or an override names a key or value that is not accepted."""
-
-    def __init__(self, message: str, *, key: str | None = None) -> None:
-        super().__init__(message)
-        self.key = key
 
 
 class PlanError(SessionError, ValueError):

@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from acquisition.bench import BenchConfig, validation_lines
+from acquisition.bench import BenchConfig, validation_keys, validation_lines
 from acquisition.choices import CaptureKind
 from acquisition.errors import PlanError
 from acquisition.untrusted import parse_toml
@@ -211,9 +211,9 @@ def load_plan(path: Path) -> CapturePlan:
     try:
         table = parse_toml(path.read_bytes())
     except OSError as error:
-        raise PlanError(f"plan file {path}: {error.strerror}") from error
+        raise PlanError(f"plan file {path}: {error.strerror}", path=path) from error
     except ValueError as error:
-        raise PlanError(f"plan file {path}: not valid TOML: {error}") from error
+        raise PlanError(f"plan file {path}: not valid TOML: {error}", path=path) from error
     return parse_plan(table, source=f"plan file {path}")
 
 
@@ -222,7 +222,9 @@ def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
     try:
         return CapturePlan.model_validate(table)
     except ValidationError as error:
-        raise PlanError(f"{source}: {validation_lines(error)}") from error
+        raise PlanError(
+            f"{source}: {validation_lines(error)}", keys=validation_keys(error)
+        ) from error
 
 
 def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:

@@ -201,7 +201,7 @@ def measure(record: Recorder, directory: Path) -> None:
                 is_warm=True,  # the plan holds no entry to warm up with
             )
         plain = next(Path(folder).glob("plain*.tif"))
-        reader = Session.open(path)
+        reader = Session(path)
         capture = reader.records[0]
         compare(
             record,

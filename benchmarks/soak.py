@@ -178,7 +178,7 @@ def take_session(folder: Path, config: BenchConfig, plan: CapturePlan, tally: Ta
             time.sleep(0.5)
             if isinstance(error, StageAlarmError | DeviceTimeoutError):
                 unlock(config, tally)
-    session = Session.open(folder)
+    session = Session(folder)
     wanted = {entry.index for entry in session.entries}
     kept = {record.index for record in session.records}
     tally.lost += len(wanted - kept) + (not verify(folder).is_ok)

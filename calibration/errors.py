@@ -11,8 +11,10 @@ __all__ = [
     "HomographyFileError",
     "NoEdgeError",
     "NoiseError",
-    "NoiseFault",
     "NoiseFileError",
+    "NoiseReason",
+    "PairError",
+    "PairReason",
     "PsfFileError",
     "RegistrationError",
     "RegistrationReason",
@@ -69,19 +71,29 @@ class GeometryError(CalibrationError):
         self.subject = subject
 
 
-class GeometryFileError(CalibrationError):
+class GeometryFileError(DocumentError):
     """A geometry.json cannot be read or written, or lacks a value that is needed."""
 
 
-class HomographyFileError(CalibrationError):
-    """An H.json cannot be read, or lacks a value that is needed."""
+class HomographyFileError(DocumentError):
+    """An H.json cannot be read or written, or lacks a value that is needed."""
 
 
 class NoEdgeError(CalibrationError):
-    """No edge that may count was found."""
+    """No edge that may count was found.
+
+    ``found`` is the number of edges there are, ``flags`` are those for which they do not count.
+    """
+
+    def __init__(
+        self, message: str, *, found: int = 0, flags: frozenset[str] = frozenset()
+    ) -> None:
+        super().__init__(message)
+        self.found = found
+        self.flags = flags
 
 
-NoiseFault = Literal["no dark", "no flat", "settings", "levels", "no gain"]
+NoiseReason = Literal["no_dark", "no_flat", "settings", "levels", "no_gain"]
 """What captures lack: darks, flats, one gain and format for all, levels, a rising variance."""
 
 
@@ -91,14 +103,34 @@ class NoiseError(CalibrationError):
     ``saturated`` is the number of flats that could not be used because they are clipped.
     """
 
-    def __init__(self, message: str, *, fault: NoiseFault, saturated: int = 0) -> None:
+    def __init__(self, message: str, *, reason: NoiseReason, saturated: int = 0) -> None:
         super().__init__(message)
-        self.fault = fault
+        self.reason = reason
         self.saturated = saturated
 
 
 class NoiseFileError(DocumentError):
     """A noise.json cannot be read, or lacks a value that is needed."""
+
+
+PairReason = Literal[
+    "no_pair", "saturated", "not_aligned", "little_overlap", "one_distance", "sharp"
+]
+"""``sharp``: the far photograph is no softer than the near one."""
+
+
+class PairError(CalibrationError):
+    """Photographs of a scene from two distances do not tell the PSF.
+
+    ``photographs`` names those that ``reason`` is about, where they are known.
+    """
+
+    def __init__(
+        self, message: str, *, reason: PairReason, photographs: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.photographs = photographs
 
 
 class PsfFileError(DocumentError):

@@ -1,31 +1,21 @@
-"""Reads and writes psf.json, noise.json and geometry.json, reads H.json: nothing else does."""
+"""Reads and writes psf.json, noise.json, geometry.json and H.json: nothing else does."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from calibration.errors import (
-    CalibrationError,
     DocumentError,
     GeometryFileError,
     HomographyFileError,
     NoiseFileError,
     PsfFileError,
 )
-from calibration.geometry import (
-    GEOMETRY_SCHEMA,
-    GeometryCalibration,
-    StoredGeometry,
-    geometry_document,
-)
+from calibration.geometry import GEOMETRY_SCHEMA, GeometryCalibration
 from calibration.noise import (
     NOISE_SCHEMA,
     CorrectionMaps,
@@ -35,6 +25,7 @@ from calibration.noise import (
     write_map_files,
 )
 from calibration.psf import PSF_SCHEMA, PsfCalibration, PsfOrigin
+from calibration.registration import HOMOGRAPHY_SCHEMA, Homography
 
 __all__ = [
     "GEOMETRY_SCHEMA",
@@ -42,9 +33,6 @@ __all__ = [
     "NOISE_SCHEMA",
     "PSF_SCHEMA",
     "PsfOrigin",
-    "StoredGeometry",
-    "StoredHomography",
-    "geometry_document",
     "json_object",
     "read_correction",
     "read_document",
@@ -54,11 +42,10 @@ __all__ = [
     "read_psf",
     "write_document",
     "write_geometry",
+    "write_homography",
     "write_noise",
     "write_psf",
 ]
-
-HOMOGRAPHY_SCHEMA = "standoff.homography/1"
 
 Document = TypeVar("Document", bound=BaseModel)
 
@@ -162,14 +149,10 @@ def write_geometry(path: Path, geometry: GeometryCalibration) -> None:
     GeometryFileError
         If the file cannot be written.
     """
-    text = json.dumps(geometry_document(geometry), indent=1, allow_nan=False) + "\n"
-    try:
-        atomic_write(path, text.encode("utf-8"))
-    except OSError as error:
-        raise GeometryFileError(f"cannot write {path}: {error.strerror}") from error
+    write_document(path, geometry, GeometryFileError)
 
 
-def read_geometry(path: Path) -> StoredGeometry:
+def read_geometry(path: Path) -> GeometryCalibration:
     """Read a geometry.json.
 
     Raises
@@ -177,13 +160,31 @@ def read_geometry(path: Path) -> StoredGeometry:
     GeometryFileError
         If it cannot be read, is of another schema or lacks a value.
     """
-    document = _document(
-        path, GEOMETRY_SCHEMA, GeometryFileError, "write it with standoff geometry"
+    return read_document(
+        path, GeometryCalibration, GeometryFileError, "write it with standoff geometry"
     )
-    try:
-        return StoredGeometry.model_validate(document)
-    except ValidationError as error:
-        raise GeometryFileError(f"{path}: {_first_fault(error.errors())}") from error
+
+
+def write_homography(path: Path, homography: Homography) -> None:
+    """Write an H.json, whole or not at all.
+
+    Raises
+    ------
+    HomographyFileError
+        If the file cannot be written.
+    """
+    write_document(path, homography, HomographyFileError)
+
+
+def read_homography(path: Path) -> Homography:
+    """Read an H.json.
+
+    Raises
+    ------
+    HomographyFileError
+        If it cannot be read, is of another schema, or its matrix, size or distortion is none.
+    """
+    return read_document(path, Homography, HomographyFileError, "name an H.json")
 
 
 def read_noise(path: Path) -> NoiseCalibration:
@@ -219,73 +220,3 @@ def read_correction(path: Path) -> CorrectionMaps:
         If it or a map cannot be read, or a map is not the one it was written with.
     """
     return read_map_files(path, read_noise(path))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StoredHomography:
-    """What an H.json holds.
-
-    ``matrix``, shape (3, 3), takes follow-up pixel centres (x, y, 1) to reference pixel centres;
-    ``width_px`` and ``height_px`` are the follow-up's. With a radial distortion the matrix
-    is that of ideal pixels.
-    """
-
-    matrix: NDArray[np.float64]
-    width_px: int
-    height_px: int
-    distortion_k1: float = 0.0
-
-
-def read_homography(path: Path) -> StoredHomography:
-    """Read an H.json.
-
-    Raises
-    ------
-    HomographyFileError
-        If it cannot be read, is of another schema, or its matrix, size or distortion is none.
-    """
-    document = _document(path, HOMOGRAPHY_SCHEMA, HomographyFileError, "name an H.json")
-    matrix, size = document.get("matrix"), document.get("size")
-    try:
-        values = np.array(matrix, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise HomographyFileError(f"{path}: matrix is not 3 x 3 numbers") from error
-    if values.shape != (3, 3) or not np.all(np.isfinite(values)):
-        raise HomographyFileError(f"{path}: matrix is not 3 x 3 finite numbers")
-    distortion_k1 = document.get("distortion_k1", 0.0)
-    is_number = isinstance(distortion_k1, int | float) and not isinstance(distortion_k1, bool)
-    if not (is_number and abs(distortion_k1) < 1):
-        raise HomographyFileError(
-            f"{path}: distortion_k1 is {distortion_k1!r}, expected a number between -1 and 1"
-        )
-    match size:
-        case [int(width), int(height)] if width > 0 and height > 0:
-            return StoredHomography(
-                matrix=values,
-                width_px=width,
-                height_px=height,
-                distortion_k1=float(distortion_k1),
-            )
-    raise HomographyFileError(f"{path}: size is {size!r}, expected [width, height] in px")
-
-
-def _document(
-    path: Path, schema: str, failure: type[CalibrationError], remedy: str
-) -> dict[str, Any]:
-    """Read a JSON object and check its schema."""
-    try:
-        document = parse_json(path.read_bytes())
-    except OSError as error:
-        raise failure(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        name = schema.removeprefix("standoff.").partition("/")[0]
-        raise failure(f"{path}: not a {name}.json: {error}") from error
-    found = document.get("schema") if isinstance(document, dict) else None
-    if found != schema:
-        raise failure(f"{path}: schema is {found!r}, expected {schema!r}; {remedy}")
-    return dict(document)
-
-
-def _first_fault(faults: Sequence[Any]) -> str:
-    place = ".".join(str(part) for part in faults[0]["loc"])
-    return f"{place}: {faults[0]['msg']}"

@@ -36,7 +36,7 @@ class SimulatedBench:
 
     def __init__(self, config: BenchConfig, *, clock: SimulatedClock | None = None) -> None:
         if config.simulated is None:
-            raise BenchConfigError("the bench has no [simulated] section")
+            raise BenchConfigError("the bench has no [simulated] section", keys=("simulated",))
         self.truth = BenchTruth(config)
         self.clock = SimulatedClock() if clock is None else clock
         self.stage = SimulatedStage(config.stage, clock=self.clock)

@@ -113,7 +113,7 @@ class PracticeBench:
         link_mtu_bytes: int = ETHERNET_MTU_BYTES,
     ) -> None:
         if config.simulated is None:
-            raise BenchConfigError("the bench has no [simulated] section")
+            raise BenchConfigError("the bench has no [simulated] section", keys=("simulated",))
         self.truth = BenchTruth(config)
         self._height_mm = height_mm
         self._lock = Lock()

@@ -24,7 +24,12 @@ from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
-from calibration.geometry import StoredGeometry, StoredGeometryCapture, StoredZoom
+from calibration.geometry import (
+    CaptureGeometry,
+    ExcludedCapture,
+    GeometryCalibration,
+    HeightZoom,
+)
 from calibration.noise import LevelSample, MapFile, NoiseCalibration
 from calibration.psf import (
     CameraIdentity,
@@ -132,7 +137,7 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
     (
         "geometry.json",
         "Schema `standoff.geometry/1`. Written by `geometry`.",
-        (StoredGeometry, StoredZoom, StoredGeometryCapture),
+        (GeometryCalibration, HeightZoom, CaptureGeometry, ExcludedCapture),
     ),
     (
         "curves.json",

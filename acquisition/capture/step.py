@@ -8,7 +8,7 @@ import numpy as np
 from acquisition.averaging import AveragedFrames, average_frames
 from acquisition.capture.auto_exposure import next_exposure
 from acquisition.devices import BenchDevices, FrameImage
-from acquisition.errors import CaptureError, DeviceError, StreamInterruptedError
+from acquisition.errors import CaptureError, DeviceError, StageStoppedError, StreamInterruptedError
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry
 from acquisition.session import Take
@@ -163,8 +163,10 @@ class CaptureStep:
         tolerance_mm = self._bench.stage.tolerance_mm
         # The negation also refuses NaN. A nanometre forgives decimal fractions, not stages.
         if not abs(read_back_mm - asked_mm) <= tolerance_mm + 1e-6:
-            raise DeviceError(
+            raise StageStoppedError(
                 f"the stage stands at {read_back_mm:.3f} mm, not at {asked_mm:.3f} mm "
-                f"(tolerance {tolerance_mm:g} mm); home it and run again"
+                f"(tolerance {tolerance_mm:g} mm); home it and run again",
+                is_asked=False,
+                height_mm=read_back_mm,
             )
         return read_back_mm

@@ -156,7 +156,9 @@ def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReadin
             if number == len(lines):
                 break
             raise SessionError(
-                f"{source}, line {number}: damaged ({error}); restore the file from a copy"
+                f"{source}, line {number}: damaged ({error}); restore the file from a copy",
+                fault="damaged",
+                line=number,
             ) from error
         sound_bytes += len(line)
     return JournalReading(
@@ -201,7 +203,9 @@ class JournalWriter:
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         except OSError as error:
-            raise SessionError(f"journal {path}: {error.strerror}") from error
+            raise SessionError(
+                f"journal {path}: {error.strerror}", fault="unwritable", path=path
+            ) from error
         try:
             self._lock()
             self.events = self._mend()
@@ -252,7 +256,9 @@ class JournalWriter:
         except BlockingIOError as error:
             raise SessionError(
                 f"session {self._path.parent} is in use by another process; "
-                "wait for it to end, or stop it"
+                "wait for it to end, or stop it",
+                fault="in use",
+                path=self._path.parent,
             ) from error
 
     def _mend(self) -> tuple[JournalEvent, ...]:
@@ -284,6 +290,8 @@ class JournalWriter:
                 error.add_note(f"taking back the half-written line failed too: {second}")
             if isinstance(error, OSError):
                 raise SessionError(
-                    f"journal {self._path}: {error.strerror}; free the disk and run again"
+                    f"journal {self._path}: {error.strerror}; free the disk and run again",
+                    fault="unwritable",
+                    path=self._path,
                 ) from error
             raise

@@ -55,7 +55,7 @@ class SessionNotes:
             return journal.append("note", {"text": text, "operator": self._operator})
 
     def _open(self) -> JournalWriter:
-        Session.open(self._path)  # a mistyped path must not become a new journal
+        Session(self._path)  # a mistyped path must not become a new journal
         return JournalWriter(self._path / JOURNAL_NAME, self._stamps)
 
     def _decide(self, kind: EventKind, index: int, reason: str) -> JournalEvent:
@@ -63,7 +63,11 @@ class SessionNotes:
             captures = captures_of(journal.events, source=str(self._path / JOURNAL_NAME))
             capture = current_capture(captures, index, self._path)
             if kind == "include" and capture.excluded_because is None:
-                raise SessionError(f"capture {index} of {self._path} is not excluded")
+                raise SessionError(
+                    f"capture {index} of {self._path} is not excluded",
+                    fault="no capture",
+                    path=self._path,
+                )
             key = "supersedes" if kind == "retake" else "capture"
             facts = {"index": index, key: capture.record.uid}
             return journal.append(kind, {**facts, "reason": reason, "operator": self._operator})

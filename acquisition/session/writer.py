@@ -118,7 +118,9 @@ class SessionWriter:
         if free_bytes < needed_bytes + SPARE_BYTES:
             raise SessionError(
                 f"the disk of {self.path} has {free_bytes / 1e6:.0f} MB free, the captures take "
-                f"{(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free the disk and run again"
+                f"{(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free the disk and run again",
+                fault="unwritable",
+                path=self.path,
             )
 
     def journal(self, kind: EventKind, facts: Mapping[str, Any]) -> JournalEvent:
@@ -235,12 +237,20 @@ class SessionWriter:
             differences = old.differences(self.plan, bench, devices)
             if differences:
                 raise SessionError(
-                    f"session {self.path} was made otherwise: {'; '.join(differences)}; "
-                    "go back to that, or begin a new directory"
+                    f"session {self.path} was made otherwise: "
+                    f"{'; '.join(f'{key} {text}' for key, text in differences.items())}; "
+                    "go back to that, or begin a new directory",
+                    fault="made otherwise",
+                    path=self.path,
+                    keys=tuple(differences),
                 )
         else:
             if self._journal.events:
-                raise SessionError(f"{path} is gone but the journal is not empty; restore it")
+                raise SessionError(
+                    f"{path} is gone but the journal is not empty; restore it",
+                    fault="damaged",
+                    path=path,
+                )
             data = Manifest(
                 uid=self._stamps.new_uid(),
                 created_utc=utc_text(self._stamps.utc_now()),
@@ -316,12 +326,16 @@ def _prepare_directory(path: Path) -> None:
     beginning = {JOURNAL_NAME, MANIFEST_NAME + PART_SUFFIX}
     if MANIFEST_NAME not in present and not present <= beginning:
         raise SessionError(
-            f"{path} holds files but is not a capture session; name a new or empty directory"
+            f"{path} holds files but is not a capture session; name a new or empty directory",
+            fault="not a session",
+            path=path,
         )
 
 
 def _write_failure(path: Path, error: OSError) -> SessionError:
     return SessionError(
         f"session {path} cannot be written: {error.strerror or error}; "
-        "see to the disk and run the same command again"
+        "see to the disk and run the same command again",
+        fault="unwritable",
+        path=path,
     )

@@ -1,4 +1,3 @@
-from .axis import MotorAxis as MotorAxis
 from .manual import ManualStage as ManualStage
 from .motor import MotorStage as MotorStage
 from .serial_link import SerialLink as SerialLink, open_serial_port as open_serial_port
@@ -10,7 +9,6 @@ from .travel import (
 
 __all__ = [
     "ManualStage",
-    "MotorAxis",
     "MotorStage",
     "SerialLink",
     "home_timeout_s",

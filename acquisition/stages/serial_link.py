@@ -317,7 +317,9 @@ def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
     try:
         log = WireLog(Path(config.wire_log)) if config.wire_log else None
     except OSError as error:
-        raise BenchConfigError(f"stage.wire_log {config.wire_log}: {error.strerror}") from error
+        raise BenchConfigError(
+            f"stage.wire_log {config.wire_log}: {error.strerror}", keys=("stage.wire_log",)
+        ) from error
     try:
         port = open_serial_port(config.port or "", config.baud_rate)
     except BaseException:

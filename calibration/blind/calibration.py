@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.blind.single_image import fit_sharpest_widths
 from calibration.blind.two_distance import PairPsf, combined, pair_psf
 from calibration.edges import EdgeImage, EdgeMeasurement, Region, measure_edges
-from calibration.errors import CalibrationError, NoEdgeError, RegistrationError
+from calibration.errors import NoEdgeError, PairError, RegistrationError
 from calibration.psf import (
     CalibrationMethod,
     PairWidths,
@@ -64,9 +64,9 @@ def calibrate_from_scene(
         )
     except ValueError as error:
         where = names[0] if len(names) == 1 else f"{len(names)} images"
-        raise NoEdgeError(f"{where}: {error}; use a scene with sharp edges, or more images") from (
-            error
-        )
+        raise NoEdgeError(
+            f"{where}: {error}; use a scene with sharp edges, or more images", found=len(clear)
+        ) from error
     return _calibration(
         widths.covariance_px2,
         widths.covariance_err_px2,
@@ -99,24 +99,31 @@ def calibrate_from_distances(
 
     Raises
     ------
-    CalibrationError
-        If no pair can be aligned, or tells the PSF; the message is that of the first one.
+    PairError
+        If no pair can be aligned, or tells the PSF; that of the first pair.
     ValueError
         If a region does not lie inside its photograph.
     """
     found: list[tuple[EdgeImage, EdgeImage, PairPsf]] = []
-    failures: list[str] = []
+    failures: list[tuple[EdgeImage, EdgeImage, PairError]] = []
     done = 0
     for near, *further in series:
         for far in further:
             try:
                 found.append((near, far, _pair(near, far, zoom, region(near))))
-            except CalibrationError as error:
-                failures.append(f"{near.name} and {far.name}: {error}")
+            except PairError as error:
+                failures.append((near, far, error))
             done += 1
             progress(done)
     if not found:
-        raise CalibrationError(failures[0] if failures else "no scene was given twice")
+        if not failures:
+            raise PairError("no scene was given twice", reason="no_pair")
+        near, far, fault = failures[0]
+        raise PairError(
+            f"{near.name} and {far.name}: {fault}",
+            reason=fault.reason,
+            photographs=fault.photographs or (near.name, far.name),
+        ) from fault
     elements, errors = combined([pair for _, _, pair in found])
     xx, xy, yy = elements
     return _calibration(
@@ -132,15 +139,19 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
         if source.saturation_dn is not None:
             share = float(np.mean(source.image_dn >= 0.995 * source.saturation_dn))
             if share > _MOST_SATURATED:
-                raise CalibrationError(
+                raise PairError(
                     f"{source.name}: {100 * share:.1f} % of the pixels are saturated; "
-                    "expose shorter"
+                    "expose shorter",
+                    reason="saturated",
+                    photographs=(source.name,),
                 )
     if zoom is None:
         try:
             matrix = register(near.image_dn, far.image_dn).matrix
         except RegistrationError as error:
-            raise CalibrationError(f"{error}; the nearer photograph comes first") from error
+            raise PairError(
+                f"{error}; the nearer photograph comes first", reason="not_aligned"
+            ) from error
     else:
         matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)
     image = near.image_dn

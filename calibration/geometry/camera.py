@@ -182,6 +182,17 @@ class CapturePose:
     x: float = 0.0
     y: float = 0.0
 
+    @classmethod
+    def of(cls, parameters: FloatArray) -> Self:
+        """Pose of ``parameters``."""
+        log_distance, turn_rad, x, y = parameters.tolist()
+        return cls(log_distance=log_distance, turn_rad=turn_rad, x=x, y=y)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Shape (4,): log distance, turn, x and y."""
+        return np.array([self.log_distance, self.turn_rad, self.x, self.y])
+
     @property
     def distance(self) -> float:
         """Distance of the entrance pupil from the plane."""

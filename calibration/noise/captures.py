@@ -124,7 +124,7 @@ def noise_records(session: Session) -> list[CaptureRecord]:
         if not kinds[kind]:  # type: ignore[index]  # both are kinds
             raise NoiseError(
                 f"{session.path}: the session has no {kind} capture of 2 frames or more; {remedy}",
-                fault="no dark" if kind == "dark" else "no flat",
+                reason="no_dark" if kind == "dark" else "no_flat",
             )
     settings = {(record.gain_db, record.pixel_format) for record in records}
     if len(settings) > 1:
@@ -132,7 +132,7 @@ def noise_records(session: Session) -> list[CaptureRecord]:
         raise NoiseError(
             f"{session.path}: dark and flat captures are of several settings ({listed}); "
             "a noise.json holds for one: exclude the others",
-            fault="settings",
+            reason="settings",
         )
     return records
 

@@ -136,11 +136,11 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
     flats = [sample for sample in samples if sample.kind == "flat"]
     if not darks:
         raise NoiseError(
-            "no dark capture: put the lens cap on and capture kind dark, too", fault="no dark"
+            "no dark capture: put the lens cap on and capture kind dark, too", reason="no_dark"
         )
     if not flats:
         raise NoiseError(
-            "no flat capture: capture an even white surface at several exposures", fault="no flat"
+            "no flat capture: capture an even white surface at several exposures", reason="no_flat"
         )
     dark = dark_signal(darks)
     marked = tuple(_marked(sample, dark.black_level_dn, saturation.level_dn) for sample in samples)
@@ -199,7 +199,7 @@ def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> ND
         f"{len(levels)} usable level{'s' * (len(levels) != 1)} of {len(flats)} flats "
         f"({clipped} saturated): {FEWEST_LEVELS} below {FIT_TOP:.0%} of saturation are needed; "
         f"{remedy}",
-        fault="levels",
+        reason="levels",
         saturated=clipped,
     )
 
@@ -268,7 +268,7 @@ def _line(samples: Sequence[LevelSample], black_level_dn: float) -> _Line:
         raise NoiseError(
             "the variance does not rise with the light: the flats tell no gain "
             "(a processed picture, or flats of one brightness?)",
-            fault="no gain",
+            reason="no_gain",
         )
     return line
 

@@ -41,7 +41,6 @@ __all__ = [
     "measure_edges",
     "plane_source",
     "psf_of_edges",
-    "why_no_edge",
 ]
 
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
@@ -84,7 +83,7 @@ def calibrate_psf(
         progress(done)
     used = [edge for edge in edges if edge.is_used]
     if not used:
-        raise NoEdgeError(why_no_edge(names, edges))
+        raise _no_edge(names, edges)
     return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
@@ -230,19 +229,25 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
     return None if axis is None else axis.value
 
 
-def why_no_edge(names: list[str], edges: list[EdgeMeasurement]) -> str:
-    """Return the line that says why none of the edges of these photographs counts."""
+def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
+    """Why none of the edges of these photographs counts, and what to do about it."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
-        return f"{where}: no straight edge found; photograph a sharp edge of dark on white"
-    faults = sorted({flag for edge in edges for flag in edge.flags if flag in REJECTING_FLAGS})
+        return NoEdgeError(
+            f"{where}: no straight edge found; photograph a sharp edge of dark on white"
+        )
+    flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
         "saturated": "shorten the exposure",
         "too_short": "photograph an edge of at least 20 px",
         "too_noisy": "add light or average more frames",
     }
-    reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in faults)
-    return f"{where}: none of the {len(edges)} edges can be used ({reasons})"
+    reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in sorted(flags))
+    return NoEdgeError(
+        f"{where}: none of the {len(edges)} edges can be used ({reasons})",
+        found=len(edges),
+        flags=flags,
+    )
 
 
 COLOURS = ("red", "green", "blue")
@@ -301,7 +306,7 @@ def calibrate_mosaic(
             edges[place.colour].extend(measure_edges(plane, chosen, method))
         progress(done)
     if not any(edge.is_used for edge in edges[channel]):
-        raise NoEdgeError(why_no_edge([f"{name} ({channel})" for name in names], edges[channel]))
+        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel])
     frame = frames.pop() if len(frames) == 1 else None
     channels = {
         colour: psf_of_edges(found, method, frame if colour == channel else None)

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.motions import HOMOGRAPHY, flows_px, moved_matrix, unit_places
-from calibration.registration.overlap import (
+from calibration.registration.acceptance import (
     refuse_little_overlap,
     refuse_low_correlation,
     refuse_nearer,
     refuse_negative,
 )
+from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration.motions import flows_px, moved_matrix, unit_coordinates
 from simulation import GaussianPsf
 from simulation.pose import DISTORTION_MAX
 from simulation.zoom import BlurredSpline
@@ -170,8 +170,8 @@ class _Problem:
         self._spline = spline
         self._is_one_camera = is_one_camera
         shape = _shape(followup)
-        self._flows = flows_px(HOMOGRAPHY, shape)
-        u, v = unit_places(shape)
+        self._flows = flows_px(shape)
+        u, v = unit_coordinates(shape)
         self._shades = (np.ones(shape), u, v, u * u, u * v, v * v)
 
     def linearised(self, pose: DistortedPose, allowed: NDArray[np.bool_]) -> _Linearised:
@@ -224,7 +224,7 @@ class _Problem:
 
     def moved(self, pose: DistortedPose, step: FloatArray) -> DistortedPose:
         """The pose after a step."""
-        matrix = moved_matrix(pose.matrix, HOMOGRAPHY, step[:-1], pose.followup_shape)
+        matrix = moved_matrix(pose.matrix, step[:-1], pose.followup_shape)
         return pose.with_(matrix, pose.k1 + float(step[-1]) if self._is_one_camera else 0.0)
 
     def place_err_px(

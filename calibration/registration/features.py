@@ -14,7 +14,6 @@ from simulation.pose import project, projection_depth
 __all__ = [
     "FeatureMatches",
     "ImageFeatures",
-    "axial_pose",
     "find_features",
     "homography_pose",
     "match_features",
@@ -168,34 +167,6 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
         raise RegistrationError(
             "the features agree only on a scene that is turned inside out", reason="inside_out"
         )
-    return matrix, inlier
-
-
-def axial_pose(
-    matches: FeatureMatches, agreeing: NDArray[np.bool_]
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Least-squares scale and shift, shape (3, 3), and the matches that agree with them.
-
-    Parameters
-    ----------
-    matches
-        All of them.
-    agreeing
-        Those that agree on some pose; only they are fitted.
-
-    Raises
-    ------
-    RegistrationError
-        If too few agree with a scale and a shift alone.
-    """
-    followup, reference = matches.followup_px[agreeing], matches.reference_px[agreeing]
-    offset = followup - followup.mean(axis=0)
-    zoom = float(np.vdot(offset, reference) / np.vdot(offset, offset))
-    origin_x_px, origin_y_px = reference.mean(axis=0) - zoom * followup.mean(axis=0)
-    matrix = np.array([[zoom, 0.0, origin_x_px], [0.0, zoom, origin_y_px], [0.0, 0.0, 1.0]])
-    inlier = matches.distances_px(matrix) < _MATCH_TOLERANCE_PX
-    if np.count_nonzero(inlier) < _INLIERS_MIN:
-        raise RegistrationError("the images differ by more than a zoom and a shift")
     return matrix, inlier
 
 

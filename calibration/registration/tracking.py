@@ -10,7 +10,7 @@ References
 J.-Y. Bouguet, "Pyramidal implementation of the Lucas Kanade feature tracker", 2001.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import log, sqrt
 
 import cv2
@@ -67,7 +67,7 @@ class TrackedPose:
         Their rms distance from it in frame px.
     """
 
-    matrix: FloatArray
+    matrix: FloatArray = field(repr=False)
     zoom: float
     inlier_count: int
     rms_px: float

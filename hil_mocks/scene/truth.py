@@ -35,7 +35,7 @@ class BenchTruth:
 
     def __init__(self, config: BenchConfig) -> None:
         if config.simulated is None:
-            raise BenchConfigError("the bench has no [simulated] section")
+            raise BenchConfigError("the bench has no [simulated] section", keys=("simulated",))
         simulated, optics = config.simulated, config.optics
         try:
             self.camera = PinholeCamera(

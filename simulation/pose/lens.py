@@ -43,7 +43,8 @@ _FOLD_MARGIN = 0.9
 _FAR = 1e9
 
 _ITERATIONS = 100
-_CONVERGED = 1e-15
+_CONVERGED = 1e-8
+"""Relative step: what Newton's method leaves then is of the order of its square."""
 
 
 def lens_of(
@@ -137,8 +138,8 @@ def _ideal_factor(k1: float, k2: float) -> float:
         better = factor - excess / (1 + square * (3 * k1 + 5 * square * k2))
         if not low <= better <= high:
             better = (low + high) / 2
-        if abs(better - factor) <= _CONVERGED * factor:
-            break
+        elif abs(better - factor) <= _CONVERGED * factor:
+            return better
         factor = better
     return factor
 
@@ -147,10 +148,11 @@ def _ideal_factor(k1: float, k2: float) -> float:
 def _seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
     """Factor from an ideal point, its radius squared, to the seen one; infinite if far outside."""
     factor = 1 + square * (k1 + square * k2)
-    radius = sqrt(square)
-    if factor * radius < frame and square > _fold_square(k1, k2):
-        return inf
-    return factor
+    # With k2 above 0 seen radii may grow again further out.
+    is_folded = 1 + square * (3 * k1 + 5 * square * k2) <= 0 or (
+        k2 > 0 and square > _fold_square(k1, k2)
+    )
+    return inf if is_folded and factor * sqrt(square) < frame else factor
 
 
 @_compiled

@@ -154,7 +154,7 @@ def calibrate(
     sources = (
         from_files(images or [], reading)
         if session is None
-        else from_session(Session.open(session), reading)
+        else from_session(Session(session), reading)
     )
     with progress_bar("measuring edges", sources.count) as bar:
         try:

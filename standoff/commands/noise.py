@@ -38,7 +38,7 @@ def noise(
     refuse_suffix(out, "--out", {".json"})
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     require_writable([out, report])
-    opened = Session.open(session)
+    opened = Session(session)
     with progress_bar("reading captures", 2 * len(noise_records(opened))) as bar:
         found = measure_noise(opened, bar.advance_to)
     written = write_noise(out, found)

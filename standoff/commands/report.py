@@ -27,7 +27,7 @@ def report(
 ) -> None:
     """Write a report of a session and of what was worked out from it so far."""
     refuse_suffix(out, "--out", {".html", ".htm", ".pdf"})
-    session = Session.open(directory)
+    session = Session(directory)
     results = make_folder(directory / RESULTS_FOLDER)
     page = out or results / "report.html"
     require_writable([page])

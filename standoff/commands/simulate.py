@@ -148,7 +148,7 @@ def simulate(
     pose = None if homography is None else read_homography(homography)
     reference = _reference(image, correct)
     frame = (reference.shape[1], reference.shape[0])
-    is_same_frame = pose is None or (pose.width_px, pose.height_px) == frame
+    is_same_frame = pose is None or pose.size == frame
     camera, measured, found = None, None, None
     plain_model = _without_training(model)
     if psf is not None and transfer == "measured":

@@ -69,7 +69,7 @@ def validate(
         references=references,
         workers=workers,
     )
-    validation = run_validation(out, Session.open(session), total, str(psf), settings)
+    validation = run_validation(out, Session(session), total, str(psf), settings)
     if json:
         print_json(validation.as_json())
         return

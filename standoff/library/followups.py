@@ -1,13 +1,16 @@
 """How a scene looks from further away or from another pose."""
 
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.files import Homography, read_homography
+from calibration.files import read_homography
+from calibration.registration import Homography
 from simulation import MODELS, Model, SimulatedPose, simulate_pose as simulate_pose_of_array
-from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes, path_of
+from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
 from standoff.workflows import zoomed_out
 
 __all__ = ["simulate_pose", "zoom_out"]
@@ -90,7 +93,7 @@ def simulate_pose(
     pose = _homography(homography, size or frame)
     return simulate_pose_of_array(
         planes,
-        pose.array,
+        pose.matrix,
         size or pose.size,
         camera_psf(psf, frame if pose.size == frame else None, "matched"),
         distortion_k1=pose.distortion_k1,
@@ -100,6 +103,14 @@ def simulate_pose(
 def _homography(homography: ArrayLike | Homography | FilePath, size: tuple[int, int]) -> Homography:
     if isinstance(homography, Homography):
         return homography
-    if isinstance(homography, np.ndarray | list | tuple):
-        return Homography.of(np.asarray(homography, dtype=np.float64), size)
-    return read_homography(path_of(homography, "homography"))
+    if isinstance(homography, str | PathLike):
+        return read_homography(Path(homography))
+    if not isinstance(homography, np.ndarray | list | tuple):
+        raise TypeError(
+            "homography: expected a 3 x 3 matrix or the path of an H.json, "
+            f"got {type(homography).__name__}"
+        )
+    matrix = np.asarray(homography, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
+        raise ValueError(f"homography: expected 3 x 3 finite numbers, got shape {matrix.shape}")
+    return Homography(matrix=matrix, size=size)

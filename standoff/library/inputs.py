@@ -40,7 +40,7 @@ NoiseLike: TypeAlias = CaptureNoise | FilePath
 """The noise of a capture, or the path of a noise.json."""
 
 
-def path_of(path: FilePath, name: str) -> Path:
+def path_of(path: object, name: str) -> Path:
     """Return a path, or refuse what is none.
 
     Raises

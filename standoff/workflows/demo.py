@@ -92,7 +92,7 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     session_path = out / "session"
     make_folder(out)
     capture_simulated(session_path, config, plan, operator="demo", what="the demo")
-    session = Session.open(session_path)
+    session = Session(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
     calibration = _calibrate(session).with_origin(from_session(session, Reading()).origin)
     psf_path = results / "psf.json"

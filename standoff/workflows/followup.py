@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.files import StoredHomography
+from calibration.registration import Homography
 from simulation import (
     CameraTransfer,
     GaussianPsf,
@@ -145,7 +145,7 @@ def followup_by(
 
 def from_pose(
     reference: NDArray[np.generic],
-    pose: StoredHomography,
+    pose: Homography,
     psf: GaussianPsf | PsfField,
     noise: CaptureNoise | None = None,
 ) -> FollowUp:
@@ -156,8 +156,7 @@ def from_pose(
     ValueError
         As ``simulate_pose``.
     """
-    size = pose.width_px, pose.height_px
-    return _from_pose(reference, pose.matrix, size, psf, noise, None, pose.distortion_k1)
+    return _from_pose(reference, pose.matrix, pose.size, psf, noise, None, pose.distortion_k1)
 
 
 def _from_pose(

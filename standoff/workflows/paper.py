@@ -67,7 +67,7 @@ def run_paper(
     make_folder(out)
     session_path = out / "session"
     capture_simulated(session_path, config, plan, operator="paper", what="the paper's experiment")
-    session = Session.open(session_path)
+    session = Session(session_path)
     psf_path = make_folder(session_path / RESULTS_FOLDER) / "psf.json"
     _calibrate_centre(session, psf_path)
     psf = read_psf(psf_path).total_psf(str(psf_path))

@@ -24,7 +24,6 @@ from analysis.reports import (
     versions,
 )
 from calibration.edges import EdgeMeasurement
-from calibration.files import StoredGeometry, geometry_document
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
 from standoff.errors import ApplicationError
@@ -206,12 +205,11 @@ def write_geometry_report(path: Path, geometry: GeometryCalibration, subtitle: s
     ApplicationError
         If the file cannot be written.
     """
-    stored = StoredGeometry.model_validate(geometry_document(geometry))
     page = render_report(
         title="Geometry",
         subtitle=subtitle,
-        verdicts=geometry_verdicts(stored),
-        sections=geometry_sections(stored),
+        verdicts=geometry_verdicts(geometry),
+        sections=geometry_sections(geometry),
         provenance=versions(),
     )
     write_page(path, page)

@@ -34,7 +34,7 @@ def calibrate_scenes(
     scenes = (
         scenes_of_files(images, reading)
         if session is None
-        else scenes_of_session(Session.open(session), reading)
+        else scenes_of_session(Session(session), reading)
     )
     try:
         if method == "single-image":

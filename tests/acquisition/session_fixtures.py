@@ -1,5 +1,6 @@
 """A small bench, plan and session, made of the fakes."""
 
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
 from acquisition.session.journal import Stamps
+from acquisition.session.reader import Session
 from acquisition.session.record import CaptureRecord
 from acquisition.session.take import Take
 from acquisition.session.writer import SessionWriter
@@ -114,3 +116,11 @@ def whole_session(path: Path) -> tuple[CaptureRecord, ...]:
     """Capture every entry of the small plan."""
     with writer(path) as session:
         return tuple(add(session, entry, 1000.0 + entry.index) for entry in session.entries)
+
+
+def session_with(session: Session, **changes: Any) -> Session:
+    """A session as if its ``manifest`` or ``captures`` were others."""
+    other = copy(session)
+    for name, value in changes.items():
+        setattr(other, f"_{name}", value)
+    return other

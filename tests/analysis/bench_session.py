@@ -89,4 +89,4 @@ def _captured(
                     finished=now(),
                 ),
             )
-    return Session.open(path)
+    return Session(path)

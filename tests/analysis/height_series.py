@@ -105,4 +105,4 @@ def height_series(
                     finished=now(),
                 ),
             )
-    return Session.open(path)
+    return Session(path)

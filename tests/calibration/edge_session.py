@@ -67,4 +67,4 @@ def edge_session(path: Path, normals_deg: Iterable[float] = (6.0, 96.0)) -> Sess
                     finished=now(),
                 ),
             )
-    return Session.open(path)
+    return Session(path)

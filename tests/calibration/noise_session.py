@@ -85,4 +85,4 @@ def noise_session(
                     finished=now(),
                 ),
             )
-    return Session.open(path)
+    return Session(path)

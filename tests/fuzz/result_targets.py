@@ -99,6 +99,7 @@ HOMOGRAPHY: dict[str, Any] = {
     "schema": HOMOGRAPHY_SCHEMA,
     "matrix": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]],
     "size": [30, 20],
+    "distortion_k1": 0.01,
 }
 CURVES: dict[str, Any] = {
     "schema": "standoff.detectability/1",

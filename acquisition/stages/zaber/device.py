@@ -48,7 +48,7 @@ class ZaberScale:
         """
         if config.microstep_um is None:
             raise BenchConfigError(
-                "stage.microstep_um: the zaber driver needs it", key="stage.microstep_um"
+                "stage.microstep_um: the zaber driver needs it", keys=("stage.microstep_um",)
             )
         sign = 1 if config.direction == "up" else -1
         return cls(

@@ -67,7 +67,7 @@ def rows_of(path: Path, plan: CapturePlan) -> tuple[PlanRow, ...]:
     """
     done = {}
     if (path / MANIFEST_NAME).is_file():
-        session = Session.open(path)
+        session = Session(path)
         done = {c.record.index: c.record for c in session.captures if not c.is_superseded}
     rows = []
     for entry in plan_entries(plan):
@@ -97,7 +97,7 @@ def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig
     """
     exposure_us, gain_db = camera.settings.exposure_us, camera.settings.gain_db
     if (path / MANIFEST_NAME).is_file():
-        begun = Session.open(path).bench.get("camera", {})
+        begun = Session(path).bench.get("camera", {})
         exposure_us = begun.get("exposure_us", exposure_us)
         gain_db = begun.get("gain_db", gain_db)
     update = {"exposure_us": exposure_us, "gain_db": gain_db}

@@ -66,7 +66,7 @@ def test_the_figures_of_the_report_are_those_of_the_results(
 
 def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
     whole_session(tmp_path / "s")
-    page = Page(render_session_report(Session.open(tmp_path / "s"), None, None))
+    page = Page(render_session_report(Session(tmp_path / "s"), None, None))
     assert page.headings == ["Session small", "Captures", "Stage", "Where this comes from"]
     assert "6 of 6 planned; complete." in page.texts
 

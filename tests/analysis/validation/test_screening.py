@@ -101,7 +101,7 @@ def test_a_target_at_one_height_is_no_series(tmp_path: Path) -> None:
 
 def test_edges_and_flats_are_not_compared(tmp_path: Path) -> None:
     whole_session(tmp_path / "edges")
-    session = Session.open(tmp_path / "edges")
+    session = Session(tmp_path / "edges")
     assert series_of(session) == []
     assert registrations_at_most(session, 2) == 0
     with pytest.raises(NothingToCompareError):

@@ -10,6 +10,7 @@ from acquisition.session.reader import Session
 from calibration.errors import NoiseError
 from calibration.noise.captures import measure_noise, noise_records
 from calibration.noise.correction_maps import NOISE_DEFECT
+from tests.acquisition.session_fixtures import session_with
 from tests.calibration.noise_session import DARKS_US, FLATS_US, FRAMES, SHAPE, noise_session
 from tests.calibration.poisson_frames import BLACK_DN, GAIN_E_PER_DN, READ_NOISE_E
 
@@ -17,7 +18,7 @@ DARK_DN_PER_US = 1e-3
 
 
 def with_bench(session: Session, bench: Mapping[str, Any]) -> Session:
-    return replace(session, manifest=replace(session.manifest, bench=bench))
+    return session_with(session, manifest=replace(session.manifest, bench=bench))
 
 
 def test_the_camera_model_is_read_back_from_a_session(tmp_path: Path) -> None:
@@ -37,7 +38,7 @@ def test_captures_of_two_gains_are_refused_with_both(tmp_path: Path) -> None:
     session = noise_session(tmp_path / "s", flat_gain_db=6.0)
     with pytest.raises(NoiseError) as refused:
         noise_records(session)
-    assert refused.value.fault == "settings"
+    assert refused.value.reason == "settings"
     for setting in ("0.0 dB Mono12", "6.0 dB Mono12"):
         assert setting in str(refused.value)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from calibration.errors import NoiseError, NoiseFault
+from calibration.errors import NoiseError, NoiseReason
 from calibration.noise.captures import VarianceByLevel
 from calibration.noise.linearity import measure_linearity
 from calibration.noise.photon_transfer import LevelSample, Saturation, fit_photon_transfer
@@ -116,22 +116,22 @@ def test_flats_above_the_fit_range_are_left_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("samples", "fault", "saturated"),
+    ("samples", "reason", "saturated"),
     [
-        (EXACT[1:], "no dark", 0),
-        (EXACT[:1], "no flat", 0),
+        (EXACT[1:], "no_dark", 0),
+        (EXACT[:1], "no_flat", 0),
         (EXACT[:3], "levels", 0),
         ([*EXACT[:3], changed(EXACT[3], clipped_fraction=0.5)], "levels", 1),
         ([*EXACT[:3], EXACT[1], EXACT[2]], "levels", 0),
-        ([EXACT[0], *(changed(s, variance_dn2=5.84) for s in EXACT[1:])], "no gain", 0),
+        ([EXACT[0], *(changed(s, variance_dn2=5.84) for s in EXACT[1:])], "no_gain", 0),
     ],
 )
 def test_captures_that_tell_no_gain_are_refused_in_one_line(
-    samples: list[LevelSample], fault: NoiseFault, saturated: int
+    samples: list[LevelSample], reason: NoiseReason, saturated: int
 ) -> None:
     with pytest.raises(NoiseError) as refused:
         fit_photon_transfer(samples, SATURATION)
-    assert (refused.value.fault, refused.value.saturated) == (fault, saturated)
+    assert (refused.value.reason, refused.value.saturated) == (reason, saturated)
     assert "\n" not in str(refused.value)
 
 

@@ -103,7 +103,7 @@ def test_places_in_a_region_are_those_of_the_whole_image() -> None:
     ],
 )
 def test_a_region_outside_the_image_is_refused(region: Region) -> None:
-    with pytest.raises(ValueError, match=r"does not lie inside edge-4\.tif \(110x90\)"):
+    with pytest.raises(ValueError):
         measure_edges(photographs([4.0])[0], region)
 
 
@@ -114,17 +114,20 @@ def test_the_central_half_of_an_odd_sized_image_by_hand() -> None:
 
 def test_no_edge_at_all_says_what_to_photograph() -> None:
     flat = EdgeImage(name="flat.tif", image_dn=np.full((60, 80), 100.0))
-    with pytest.raises(NoEdgeError, match=r"flat\.tif: no straight edge found; photograph"):
-        calibrate_psf([flat])
-    with pytest.raises(NoEdgeError, match="2 images: no straight edge found"):
-        calibrate_psf([flat, flat])
+    for sources in ([flat], [flat, flat]):
+        with pytest.raises(NoEdgeError) as refused:
+            calibrate_psf(sources)
+        assert (refused.value.found, refused.value.flags) == (0, frozenset())
+        assert ("flat.tif" in str(refused.value)) is (len(sources) == 1)
 
 
 def test_saturated_edges_alone_say_to_shorten_the_exposure() -> None:
     image = np.minimum(edge_image(0.6, 4.0), 45_000.0)
     source = EdgeImage(name="bright.tif", image_dn=image, saturation_dn=45_000.0)
-    with pytest.raises(NoEdgeError, match=r"none of the 1 edges can be used .saturated: shorten"):
+    with pytest.raises(NoEdgeError) as refused:
         calibrate_psf([source])
+    assert (refused.value.found, refused.value.flags) == (1, frozenset({"saturated"}))
+    assert "shorten the exposure" in str(refused.value)
 
 
 def test_a_saturated_edge_does_not_count_beside_a_good_one() -> None:
@@ -154,8 +157,9 @@ def test_an_edge_knows_its_photograph_capture_and_height() -> None:
 
 
 def test_without_photographs_there_is_no_edge() -> None:
-    with pytest.raises(NoEdgeError, match="0 images"):
+    with pytest.raises(NoEdgeError) as refused:
         calibrate_psf([])
+    assert refused.value.found == 0
 
 
 @pytest.mark.parametrize(("optical_only", "edges"), [(False, 0), (True, 1)])

@@ -53,7 +53,7 @@ def test_only_what_both_know_with_errors_is_compared() -> None:
     first = psf(optical_sigma_x_px=0.7, optical_sigma_x_err_px=0.01)
     change = compare_psfs(first, psf(rho=None, rho_err=None))
     assert [one.name for one in change.parameters] == ["sigma_x_px", "sigma_y_px"]
-    with pytest.raises(CalibrationError, match="share no parameter with standard errors"):
+    with pytest.raises(CalibrationError):
         compare_psfs(first, PsfCalibration(sigma_x_px=0.8, sigma_y_px=0.7))
 
 

@@ -12,7 +12,6 @@ from calibration.errors import RegistrationError
 from calibration.registration import pair
 from calibration.registration.distortion_refinement import refined_distorted_pose
 from calibration.registration.features import FeatureMatches
-from calibration.registration.motions import AXIAL, HOMOGRAPHY
 from calibration.registration.pair import register_distorted
 from calibration.registration.refinement import refined_pose
 from simulation import GaussianPsf
@@ -42,18 +41,14 @@ def truth(aside_px: float = 0.0) -> FloatArray:
 
 
 def by_homography(reference: FloatArray, followup: FloatArray, start: FloatArray) -> object:
-    return refined_pose(reference, followup, PSF, start, HOMOGRAPHY)
-
-
-def along_the_axis(reference: FloatArray, followup: FloatArray, start: FloatArray) -> object:
-    return refined_pose(reference, followup, PSF, start, AXIAL)
+    return refined_pose(reference, followup, PSF, start)
 
 
 def with_distortion(reference: FloatArray, followup: FloatArray, start: FloatArray) -> object:
     return refined_distorted_pose(reference, followup, PSF, start)
 
 
-EACH = pytest.mark.parametrize("refine", [by_homography, along_the_axis, with_distortion])
+EACH = pytest.mark.parametrize("refine", [by_homography, with_distortion])
 
 
 @EACH

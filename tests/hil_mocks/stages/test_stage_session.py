@@ -65,7 +65,7 @@ def test_a_fault_of_a_grbl_stage_stores_nothing_of_its_capture(
     with pytest.raises(DeviceError):
         run(tmp_path / "session", rig.stage)
     # A move that was under way when the fault came may have ended well.
-    assert len(Session.open(tmp_path / "session").records) in (1, 2)
+    assert len(Session(tmp_path / "session").records) in (1, 2)
 
     rig.line.faults, rig.firmware.faults = LineFaults(), GrblFaults()
     rig.plant.faults = PlantFaults()
@@ -96,7 +96,7 @@ def test_a_fault_of_a_zaber_stage_stores_nothing_of_its_capture(
     with pytest.raises(DeviceError):
         run(tmp_path / "session", rig.stage)
     # A move that was under way when the fault came may have ended well.
-    assert len(Session.open(tmp_path / "session").records) in (1, 2)
+    assert len(Session(tmp_path / "session").records) in (1, 2)
 
     rig.line.faults, rig.firmware.faults = LineFaults(), ZaberFaults()
     rig.plant.faults = PlantFaults()
@@ -107,7 +107,7 @@ def test_a_fault_of_a_zaber_stage_stores_nothing_of_its_capture(
 
 
 def assert_recorded_as_read(path: Path, step_mm: float) -> None:
-    recorded_mm = sorted(record.height_mm for record in Session.open(path).records)
+    recorded_mm = sorted(record.height_mm for record in Session(path).records)
     assert recorded_mm == pytest.approx(HEIGHTS_MM, abs=step_mm)
     # 230.25 mm is between two steps: what was read back was recorded, not what was asked for.
     assert recorded_mm[1] != HEIGHTS_MM[1]

@@ -48,4 +48,4 @@ def test_a_stage_without_its_microstep_has_no_scale() -> None:
     manual = StageConfig.model_validate({"driver": "manual", "limits_mm": [10.0, 100.0]})
     with pytest.raises(BenchConfigError) as missing:
         ZaberScale.of(manual)
-    assert missing.value.key == "stage.microstep_um"
+    assert missing.value.keys == ("stage.microstep_um",)
