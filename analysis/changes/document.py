@@ -5,7 +5,9 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from analysis.results_file import InfiniteAsNull, ResultsDocument, read_results
+from analysis.errors import ResultsFileError
+from analysis.results_file import InfiniteAsNull, ResultsDocument
+from calibration.documents import read_document
 
 __all__ = ["CHANGES_SCHEMA", "ChangeSummary", "read_changes"]
 
@@ -70,4 +72,4 @@ def read_changes(path: Path) -> ChangeSummary:
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
     """
-    return read_results(path, ChangeSummary, "changes.json", "standoff changes")
+    return read_document(path, ChangeSummary, ResultsFileError, "write it with standoff changes")

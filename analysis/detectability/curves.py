@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from analysis.detectability.observers import Observer
-from analysis.errors import AnalysisError, NotDetectableError
-from analysis.results_file import ResultsDocument, StoredValues, read_results
+from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
+from analysis.results_file import ResultsDocument, StoredValues
+from calibration.documents import read_document
 from simulation import Model
 
 __all__ = [
@@ -232,7 +233,9 @@ def read_curves(path: Path) -> DetectabilityCurves:
     ResultsFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    return read_results(path, DetectabilityCurves, "curves.json", "standoff detectability")
+    return read_document(
+        path, DetectabilityCurves, ResultsFileError, "write it with standoff detectability"
+    )
 
 
 def _agrees(value: object, wanted: object) -> bool:

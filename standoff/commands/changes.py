@@ -10,6 +10,7 @@ from analysis.changes import FALSE_ALARMS, ChangeOptions, find_changes
 from analysis.errors import AnalysisError
 from analysis.reports import plot_changes, png_bytes
 from analysis.results_file import write_results
+from calibration.documents import json_object
 from calibration.errors import CalibrationError
 from calibration.files import read_noise
 from standoff.commands.simulate import read_total_psf
@@ -62,7 +63,7 @@ def changes(
     )
     write_results(out / "changes.json", summary)
     if json:
-        print_json({"out": str(out), **summary.as_json()})
+        print_json({"out": str(out), **json_object(summary)})
         return
     say(
         f"{summary.changed_px} of {summary.compared_px} pixels changed, beyond "
