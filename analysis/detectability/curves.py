@@ -5,11 +5,12 @@ from typing import Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from analysis.detectability.observers import Observer
-from analysis.errors import AnalysisError, NotDetectableError
-from analysis.results_file import ResultsDocument, StoredValues, read_results
+from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
+from analysis.results_file import ResultsDocument, StoredValues
+from calibration.documents import read_document
 from simulation import Model
 
 __all__ = [
@@ -49,6 +50,15 @@ class AmbiguousCurveError(AnalysisError, ValueError):
         self.open_choices = open_choices
 
 
+class CurveChoice(StoredValues):
+    """Which curve of a file is meant; None leaves it open."""
+
+    model: Model | None = None
+    observer: Observer | None = None
+    noise_dn: float | None = None
+    contrast_dn: float | None = None
+
+
 class DetectabilityCurve(StoredValues):
     """d' against zoom for one model, observer, noise and contrast; an upper bound."""
 
@@ -77,6 +87,16 @@ class DetectabilityCurve(StoredValues):
     def __repr__(self) -> str:
         first, last = (f"{self.dprime[k]:.3g} at zoom {self.zoom[k]:g}" for k in (0, -1))
         return f"<d' of {self.name}: {first}, {last}>"
+
+    @property
+    def choice(self) -> CurveChoice:
+        """What tells it from the other curves of a file."""
+        return CurveChoice(
+            model=self.model,
+            observer=self.observer,
+            noise_dn=self.noise_dn,
+            contrast_dn=self.contrast_dn,
+        )
 
     @property
     def name(self) -> str:
@@ -124,17 +144,6 @@ class DetectabilityCurve(StoredValues):
                 f"d' is 0 at zoom {zoom:.3g}: no contrast is found there", zoom=zoom, d_prime=0.0
             )
         return self.contrast_dn * min_dprime / d_prime
-
-
-class CurveChoice(BaseModel):
-    """Which curve of a file is meant; None leaves it open."""
-
-    model_config = ConfigDict(frozen=True)
-
-    model: Model | None = None
-    observer: Observer | None = None
-    noise_dn: float | None = None
-    contrast_dn: float | None = None
 
 
 class DetectabilityCurves(ResultsDocument):
@@ -224,7 +233,9 @@ def read_curves(path: Path) -> DetectabilityCurves:
     ResultsFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    return read_results(path, DetectabilityCurves, "curves.json", "standoff detectability")
+    return read_document(
+        path, DetectabilityCurves, ResultsFileError, "write it with standoff detectability"
+    )
 
 
 def _agrees(value: object, wanted: object) -> bool:

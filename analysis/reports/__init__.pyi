@@ -4,7 +4,7 @@ from .bench import (
     noise_section as noise_section,
     stage_section as stage_section,
 )
-from .changes import plot_change_roc as plot_change_roc, plot_changes as plot_changes
+from .changes import plot_changes as plot_changes
 from .detectability import plot_detectability as plot_detectability
 from .focus import plot_focus_sweep as plot_focus_sweep
 from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
@@ -53,7 +53,6 @@ __all__ = [
     "new_figure",
     "noise_section",
     "ordered_history",
-    "plot_change_roc",
     "plot_changes",
     "plot_curves",
     "plot_detectability",

@@ -21,6 +21,7 @@ from analysis.detectability import (
 )
 from analysis.reports import plot_detectability, png_bytes, svg_bytes
 from analysis.results_file import write_results
+from calibration.documents import json_object
 from calibration.files import read_noise
 from simulation import MODELS, Model
 from standoff.commands.simulate import read_total_psf
@@ -139,7 +140,9 @@ def detectability(
     write_results(out, found)
     figures = _write_figures(out, curves, noises, contrasts)
     if json:
-        print_json({"out": str(out), "figures": [str(path) for path in figures], **found.as_json()})
+        print_json(
+            {"out": str(out), "figures": [str(path) for path in figures], **json_object(found)}
+        )
         return
     _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")

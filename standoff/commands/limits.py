@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.pose import PoseLimits, ViewingCamera, contrast_found_at, pose_limits
+from analysis.pose import FollowupPose, PoseLimits, ViewingCamera, contrast_found_at, pose_limits
 from analysis.reports import plot_limits, png_bytes, svg_bytes
 from calibration.files import read_geometry
 from standoff.errors import ApplicationError
@@ -80,9 +80,13 @@ def limits(
     found = pose_limits(curve, min_dprime, camera, reference_tilt, tilt_direction)
     least_dn = None
     if at_zoom is not None:
-        least_dn = contrast_found_at(
-            curve, min_dprime, camera, at_zoom, at_tilt, reference_tilt, tilt_direction
+        pose = FollowupPose(
+            zoom=at_zoom,
+            tilt_deg=at_tilt,
+            reference_tilt_deg=reference_tilt,
+            direction_deg=tilt_direction,
         )
+        least_dn = contrast_found_at(curve, min_dprime, camera, pose)
     if plot is not None:
         figure = plot_limits(curve, found, min_dprime)
         write_file(plot, svg_bytes(figure) if plot.suffix == ".svg" else png_bytes(figure))

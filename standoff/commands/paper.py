@@ -8,6 +8,7 @@ import typer
 
 from acquisition.plan import load_plan
 from analysis.validation import PAPER_TRAINING_STEPS, KernelBook, ValidationSettings
+from calibration.documents import json_object
 from standoff.commands.validate import parse_models, print_tables
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import BenchKeys, Json, print_json, read_bench, say
@@ -53,7 +54,7 @@ def paper(
     )
     errors_px = result.registration_errors_px
     if json:
-        print_json({**result.validation.as_json(), "registration_errors_px": list(errors_px)})
+        print_json({**json_object(result.validation), "registration_errors_px": list(errors_px)})
         return
     print_tables(result.validation)
     say(

@@ -18,6 +18,7 @@ from analysis.validation import (
     default_cache_folder,
     is_learned,
 )
+from calibration.documents import json_object
 from standoff.commands.simulate import read_total_psf
 from standoff.terminal import Json, print_json, print_table, say
 from standoff.workflows import default_models, run_validation
@@ -71,7 +72,7 @@ def validate(
     )
     validation = run_validation(out, Session(session), total, str(psf), settings)
     if json:
-        print_json(validation.as_json())
+        print_json(json_object(validation))
         return
     print_tables(validation)
     say(f"wrote {out / 'report.html'} and the tables and figures beside it")

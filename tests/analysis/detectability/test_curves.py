@@ -26,6 +26,7 @@ from analysis.errors import NotDetectableError, ResultsFileError
 from analysis.reports.detectability import plot_detectability
 from analysis.reports.page import png_bytes, svg_bytes
 from analysis.results_file import write_results
+from calibration.documents import json_object
 from simulation import GaussianPsf, Model
 
 FloatArray = NDArray[np.float64]
@@ -224,7 +225,7 @@ def test_an_ambiguous_choice_says_what_tells_the_curves_apart(tmp_path: Path) ->
     assert file.chosen(CurveChoice(noise_dn=4.0)).observer == "cho"
 
 
-WHOLE = json.dumps(DetectabilityCurves(curves=[curve()]).as_json())
+WHOLE = json.dumps(json_object(DetectabilityCurves(curves=[curve()])))
 
 
 @pytest.mark.parametrize(
