@@ -1,4 +1,19 @@
+from .camera_calibration import (
+    CalibratedCamera as CalibratedCamera,
+    CalibrationRequest as CalibrationRequest,
+    calibrate_camera as calibrate_camera,
+)
+from .change_search import (
+    FoundChanges as FoundChanges,
+    find_changes_of_files as find_changes_of_files,
+    write_change_pictures as write_change_pictures,
+)
 from .demo import DemoResult as DemoResult, run_demo as run_demo
+from .detectability_run import (
+    CurvesRequest as CurvesRequest,
+    curve_figures as curve_figures,
+    measure_curves as measure_curves,
+)
 from .devices import (
     OpenBench as OpenBench,
     open_bench as open_bench,
@@ -8,9 +23,11 @@ from .devices import (
     refuse_half_simulated as refuse_half_simulated,
 )
 from .edge_sources import Reading as Reading, from_files as from_files, from_session as from_session
+from .figure_files import write_figure as write_figure
 from .focus_runs import (
     FocusSweep as FocusSweep,
     OpenCamera as OpenCamera,
+    SweepRequest as SweepRequest,
     opened_camera as opened_camera,
     run_sweep as run_sweep,
     watch_focus as watch_focus,
@@ -41,6 +58,10 @@ from .paper import (
     run_paper as run_paper,
     short_bench as short_bench,
 )
+from .photograph_import import (
+    ImportSettings as ImportSettings,
+    import_into_session as import_into_session,
+)
 from .pose_stream import (
     NamedFrame as NamedFrame,
     StreamSummary as StreamSummary,
@@ -54,6 +75,7 @@ from .practice import (
     PracticeCommandError as PracticeCommandError,
     PracticeConsole as PracticeConsole,
 )
+from .psf_files import read_total_psf as read_total_psf
 from .reports import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     make_folder as make_folder,
@@ -64,7 +86,11 @@ from .reports import (
     write_page as write_page,
     write_session_report as write_session_report,
 )
-from .scene_calibration import calibrate_scenes as calibrate_scenes
+from .simulated_photograph import (
+    FollowUpRequest as FollowUpRequest,
+    SimulatedPhotograph as SimulatedPhotograph,
+    simulate_photograph as simulate_photograph,
+)
 from .sr_dataset import (
     SrDatasetSettings as SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
@@ -78,34 +104,46 @@ from .validation_run import (
 
 __all__ = [
     "RESULTS_FOLDER",
+    "CalibratedCamera",
+    "CalibrationRequest",
     "CaptureOptions",
+    "CurvesRequest",
     "DemoResult",
     "FocusSweep",
     "FollowUp",
+    "FollowUpRequest",
+    "FoundChanges",
     "FoundKernel",
     "ImageFile",
+    "ImportSettings",
     "NamedFrame",
     "OpenBench",
     "OpenCamera",
     "PracticeCommandError",
     "PracticeConsole",
     "Reading",
+    "SimulatedPhotograph",
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
+    "SweepRequest",
     "ValidationSettings",
-    "calibrate_scenes",
+    "calibrate_camera",
     "camera_frames",
     "captured",
+    "curve_figures",
     "default_models",
     "expanded_images",
+    "find_changes_of_files",
     "folder_frames",
     "found_kernel",
     "from_files",
     "from_pose",
     "from_session",
+    "import_into_session",
     "judge_stream",
     "make_folder",
+    "measure_curves",
     "open_bench",
     "open_camera",
     "open_stage",
@@ -114,6 +152,7 @@ __all__ = [
     "place_in_simulation",
     "read_grey",
     "read_image",
+    "read_total_psf",
     "refuse_half_simulated",
     "require_writable",
     "run_demo",
@@ -121,10 +160,13 @@ __all__ = [
     "run_sweep",
     "run_validation",
     "short_bench",
+    "simulate_photograph",
     "verdict_display",
     "verdict_facts",
     "watch_focus",
     "write_calibration_report",
+    "write_change_pictures",
+    "write_figure",
     "write_file",
     "write_float_tiff",
     "write_geometry_report",

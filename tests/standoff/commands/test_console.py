@@ -69,7 +69,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[object]:
         apps.append(app)
         ready()
 
-    monkeypatch.setattr("standoff.console.web.server.serve", serve)
+    monkeypatch.setattr("standoff.console.web.serve", serve)
     return apps
 
 
