@@ -1,7 +1,8 @@
 """Which options of a command go together: rules as data, and the one function that checks them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import typer
 
@@ -36,66 +37,60 @@ class Option:
         return f"{word} {values}".rstrip()
 
 
-OptionRule = Callable[[typer.Context], str | None]
-"""Says in a sentence how a command line breaks the rule; None where it keeps it."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OptionRule:
+    """What a command line has to keep; ``because`` is added where it is broken."""
+
+    kind: Literal["needs", "excludes", "exactly one"]
+    options: tuple[Option, ...]
+    because: str = ""
+
+    def fault(self, context: typer.Context) -> str | None:
+        """Say in a sentence how a command line breaks the rule; None where it keeps it."""
+        first, *others = self.options
+        given = [option for option in self.options if option.is_given(context)]
+        if self.kind == "exactly one":
+            if len(given) == 1:
+                return None
+            said = f"give one of {_listed(self.options, context, 'and')}, and only one"
+        elif self.kind == "needs":
+            if first not in given or len(given) > 1:
+                return None
+            said = f"{first.text(context)} needs {_listed(others, context, 'or')}"
+        else:
+            if first not in given or len(given) == 1:
+                return None
+            said = f"{first.text(context)} does not go with {_listed(given[1:], context, 'or')}"
+        return f"{said}: {self.because}" if self.because else said
 
 
 def needs(option: str | Option, *others: str | Option, because: str = "") -> OptionRule:
     """Refuse an option unless at least one of ``others`` is given."""
-
-    def fault(context: typer.Context) -> str | None:
-        if not _option(option).is_given(context):
-            return None
-        if any(_option(other).is_given(context) for other in others):
-            return None
-        asked = f"{_option(option).text(context)} needs {_listed(others, context, 'or')}"
-        return _explained(asked, because)
-
-    return fault
+    return OptionRule(kind="needs", options=_options(option, *others), because=because)
 
 
 def excludes(option: str | Option, *others: str | Option, because: str = "") -> OptionRule:
     """Refuse an option beside any of ``others``."""
-
-    def fault(context: typer.Context) -> str | None:
-        if not _option(option).is_given(context):
-            return None
-        beside = [other for other in others if _option(other).is_given(context)]
-        if not beside:
-            return None
-        asked = f"{_option(option).text(context)} does not go with {_listed(beside, context, 'or')}"
-        return _explained(asked, because)
-
-    return fault
+    return OptionRule(kind="excludes", options=_options(option, *others), because=because)
 
 
 def exactly_one(*options: str | Option) -> OptionRule:
     """Refuse none of ``options``, and more than one."""
-
-    def fault(context: typer.Context) -> str | None:
-        if sum(_option(option).is_given(context) for option in options) == 1:
-            return None
-        return f"give one of {_listed(options, context, 'and')}, and only one"
-
-    return fault
+    return OptionRule(kind="exactly one", options=_options(*options))
 
 
 def check_options(context: typer.Context, rules: Sequence[OptionRule]) -> None:
     """Refuse a command line that breaks a rule, the first one first."""
     for rule in rules:
-        fault = rule(context)
+        fault = rule.fault(context)
         if fault is not None:
             raise typer.BadParameter(fault)
 
 
-def _explained(fault: str, because: str) -> str:
-    return f"{fault}: {because}" if because else fault
+def _options(*options: str | Option) -> tuple[Option, ...]:
+    return tuple(Option(one) if isinstance(one, str) else one for one in options)
 
 
-def _option(option: str | Option) -> Option:
-    return Option(option) if isinstance(option, str) else option
-
-
-def _listed(options: Sequence[str | Option], context: typer.Context, word: str) -> str:
-    *first, last = [_option(option).text(context) for option in options]
+def _listed(options: Sequence[Option], context: typer.Context, word: str) -> str:
+    *first, last = [option.text(context) for option in options]
     return f"{', '.join(first)} {word} {last}" if first else last

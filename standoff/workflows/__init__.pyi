@@ -1,10 +1,8 @@
 from .camera_calibration import (
-    CalibratedCamera as CalibratedCamera,
     CalibrationRequest as CalibrationRequest,
     calibrate_camera as calibrate_camera,
 )
 from .change_search import (
-    FoundChanges as FoundChanges,
     find_changes_of_files as find_changes_of_files,
     write_change_pictures as write_change_pictures,
 )
@@ -22,7 +20,7 @@ from .devices import (
     place_in_simulation as place_in_simulation,
     refuse_half_simulated as refuse_half_simulated,
 )
-from .edge_sources import Reading as Reading, from_files as from_files, from_session as from_session
+from .edge_sources import Reading as Reading
 from .figure_files import write_figure as write_figure
 from .focus_runs import (
     FocusSweep as FocusSweep,
@@ -32,26 +30,12 @@ from .focus_runs import (
     run_sweep as run_sweep,
     watch_focus as watch_focus,
 )
-from .followup import (
-    CaptureOptions as CaptureOptions,
-    FollowUp as FollowUp,
-    captured as captured,
-    from_pose as from_pose,
-    zoomed_out as zoomed_out,
-    zoomed_out_as_measured as zoomed_out_as_measured,
-)
+from .followup import CaptureOptions as CaptureOptions, FollowUp as FollowUp
 from .image_files import (
-    ImageFile as ImageFile,
     expanded_images as expanded_images,
     read_grey as read_grey,
-    read_image as read_image,
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
-)
-from .learned_followup import (
-    FoundKernel as FoundKernel,
-    found_kernel as found_kernel,
-    zoomed_out_by_kernel as zoomed_out_by_kernel,
 )
 from .paper import (
     place_errors_px as place_errors_px,
@@ -88,7 +72,7 @@ from .reports import (
 )
 from .simulated_photograph import (
     FollowUpRequest as FollowUpRequest,
-    SimulatedPhotograph as SimulatedPhotograph,
+    FoundKernel as FoundKernel,
     simulate_photograph as simulate_photograph,
 )
 from .sr_dataset import (
@@ -104,7 +88,6 @@ from .validation_run import (
 
 __all__ = [
     "RESULTS_FOLDER",
-    "CalibratedCamera",
     "CalibrationRequest",
     "CaptureOptions",
     "CurvesRequest",
@@ -112,9 +95,7 @@ __all__ = [
     "FocusSweep",
     "FollowUp",
     "FollowUpRequest",
-    "FoundChanges",
     "FoundKernel",
-    "ImageFile",
     "ImportSettings",
     "NamedFrame",
     "OpenBench",
@@ -122,7 +103,6 @@ __all__ = [
     "PracticeCommandError",
     "PracticeConsole",
     "Reading",
-    "SimulatedPhotograph",
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
@@ -130,16 +110,11 @@ __all__ = [
     "ValidationSettings",
     "calibrate_camera",
     "camera_frames",
-    "captured",
     "curve_figures",
     "default_models",
     "expanded_images",
     "find_changes_of_files",
     "folder_frames",
-    "found_kernel",
-    "from_files",
-    "from_pose",
-    "from_session",
     "import_into_session",
     "judge_stream",
     "make_folder",
@@ -151,7 +126,6 @@ __all__ = [
     "place_errors_px",
     "place_in_simulation",
     "read_grey",
-    "read_image",
     "read_total_psf",
     "refuse_half_simulated",
     "require_writable",
@@ -174,7 +148,4 @@ __all__ = [
     "write_page",
     "write_session_report",
     "write_sr_dataset",
-    "zoomed_out",
-    "zoomed_out_as_measured",
-    "zoomed_out_by_kernel",
 ]

@@ -10,10 +10,21 @@ from calibration.choices import CalibrationMethod
 from calibration.edges import EdgeImage, Region
 from calibration.errors import CalibrationError
 from calibration.files import PsfOrigin
-from calibration.psf import PsfCalibration, calibrate_mosaic, calibrate_psf
+from calibration.psf import (
+    PsfCalibration,
+    calibrate_mosaic,
+    calibrate_psf,
+    capture_images,
+    scene_records,
+)
 from standoff.terminal import note, progress_bar
-from standoff.workflows.edge_sources import EdgeSources, Reading, from_files, from_session
-from standoff.workflows.scene_sources import SceneSources, scenes_of_files, scenes_of_session
+from standoff.workflows.edge_sources import (
+    EdgeSources,
+    Reading,
+    from_files,
+    from_session,
+    origin_of,
+)
 
 __all__ = ["CalibratedCamera", "CalibrationRequest", "calibrate_camera"]
 
@@ -41,6 +52,24 @@ class CalibratedCamera:
     calibration: PsfCalibration
     origin: PsfOrigin
     edges: EdgeSources | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Scenes:
+    """Photographs by scene, the nearest of each first, and what is known of the camera."""
+
+    series: tuple[tuple[EdgeImage, ...], ...]
+    origin: PsfOrigin
+
+    @property
+    def images(self) -> list[EdgeImage]:
+        """All photographs, scene by scene."""
+        return [image for scene in self.series for image in scene]
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs of the nearest photograph of a scene with a further one."""
+        return sum(len(scene) - 1 for scene in self.series)
 
 
 def calibrate_camera(request: CalibrationRequest) -> CalibratedCamera:
@@ -106,10 +135,23 @@ def _from_distances(request: CalibrationRequest) -> CalibratedCamera:
     return CalibratedCamera(calibration=calibration, origin=scenes.origin)
 
 
-def _scenes(request: CalibrationRequest) -> SceneSources:
+def _scenes(request: CalibrationRequest) -> _Scenes:
+    reading = request.reading
     if request.session is None:
-        return scenes_of_files(request.images, request.reading)
-    return scenes_of_session(Session.open(request.session), request.reading)
+        sources = from_files(request.images, reading)
+        return _Scenes(series=(tuple(sources.images),), origin=sources.origin)
+    session = Session.open(request.session)
+    records = scene_records(session)
+    series = tuple(
+        tuple(
+            capture_images(
+                session, scene, correction=reading.correction, frame_noise=reading.frame_noise
+            )
+        )
+        for scene in records
+    )
+    origin = origin_of(session, [record for scene in records for record in scene])
+    return _Scenes(series=series, origin=origin)
 
 
 _METHODS: dict[CalibrationMethod, Callable[[CalibrationRequest], CalibratedCamera]] = {

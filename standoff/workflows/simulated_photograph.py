@@ -6,24 +6,34 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.validation import default_cache_folder
+from analysis.validation import KernelCache, default_cache_folder
 from calibration.files import StoredHomography, read_correction, read_homography, read_psf
+from calibration.psf import luma_plane
+from simulation import SamplingGrid
 from simulation.choices import GaussianForm, KernelModel, Model, Sampler
-from simulation.kernelgan import KernelGanSettings
+from simulation.kernelgan import (
+    EstimatedKernel,
+    KernelGanError,
+    KernelGanSettings,
+    estimate_kernel,
+    kernel_operator,
+)
+from simulation.resampling import reference_shape
 from standoff.errors import ApplicationError
+from standoff.terminal import note, progress_bar
 from standoff.workflows.followup import (
     CaptureOptions,
     FollowUp,
     captured,
+    followup_by,
     from_pose,
     zoomed_out,
     zoomed_out_as_measured,
 )
 from standoff.workflows.image_files import read_image
-from standoff.workflows.learned_followup import FoundKernel, found_kernel, zoomed_out_by_kernel
 from standoff.workflows.psf_files import frame_psf
 
-__all__ = ["FollowUpRequest", "SimulatedPhotograph", "simulate_photograph"]
+__all__ = ["FollowUpRequest", "FoundKernel", "SimulatedPhotograph", "simulate_photograph"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +58,15 @@ class FollowUpRequest:
     is_centre_crop: bool = False
     sampler: Sampler = "exact"
     kernel_cache: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundKernel:
+    """A kernel, and where it is stored."""
+
+    kernel: EstimatedKernel
+    path: Path
+    is_from_cache: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,9 +94,7 @@ def simulate_photograph(request: FollowUpRequest) -> SimulatedPhotograph:
     try:
         if request.model == "kernelgan" or request.model == "gaussian-kernelgan":
             kernel = _kernel(reference, request, request.model)
-            followup = zoomed_out_by_kernel(
-                reference, _zoom(request), kernel.kernel, request.sampler, request.camera.noise
-            )
+            followup = _by_kernel(reference, request, kernel.kernel)
         elif pose is not None:
             followup = _from_pose(reference, request, pose)
         else:
@@ -109,6 +126,7 @@ def _reference(image: Path, correct: Path | None) -> NDArray[np.generic]:
 def _kernel(
     reference: NDArray[np.generic], request: FollowUpRequest, model: KernelModel
 ) -> FoundKernel:
+    """Return the kernel of a photograph, trained with a bar on stderr unless it is stored."""
     settings = KernelGanSettings(
         zoom=_zoom(request),
         model=model,
@@ -116,7 +134,29 @@ def _kernel(
         seed=request.camera.seed,
         is_centre_crop=request.is_centre_crop,
     )
-    return found_kernel(reference, settings, request.kernel_cache or default_cache_folder())
+    grey = luma_plane(reference)
+    cache = KernelCache(request.kernel_cache or default_cache_folder())
+    path = cache.path(grey, settings)
+    stored = cache.load(grey, settings)
+    if stored is not None:
+        note(f"kernel taken from {path}")
+        return FoundKernel(kernel=stored, path=path, is_from_cache=True)
+    try:
+        with progress_bar(f"training {model}", settings.steps) as bar:
+            kernel = estimate_kernel(grey, settings, bar.advance_to)
+    except KernelGanError as error:
+        raise ApplicationError(str(error)) from error
+    cache.store(grey, settings, kernel)
+    return FoundKernel(kernel=kernel, path=path, is_from_cache=False)
+
+
+def _by_kernel(
+    reference: NDArray[np.generic], request: FollowUpRequest, kernel: EstimatedKernel
+) -> FollowUp:
+    shape = reference_shape(reference)
+    grid = SamplingGrid.centred(shape, _zoom(request))
+    operator = kernel_operator(shape, grid, kernel, request.sampler)
+    return followup_by(reference, operator, request.camera.noise)
 
 
 def _from_pose(
