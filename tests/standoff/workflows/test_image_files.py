@@ -101,8 +101,8 @@ def test_a_file_with_damaged_bytes_gives_an_image_or_the_one_error(
 ) -> None:
     content = bytearray(data.draw(st.sampled_from(SAMPLES)))
     for _ in range(data.draw(st.integers(0, 4))):
-        place = data.draw(st.integers(0, len(content) - 1))
-        content[place] = data.draw(st.integers(0, 255))
+        index = data.draw(st.integers(0, len(content) - 1))
+        content[index] = data.draw(st.integers(0, 255))
     length = data.draw(st.integers(0, len(content)))
     path = tmp_path_factory.mktemp("fuzz") / "i.dat"
     path.write_bytes(bytes(content[:length]))
