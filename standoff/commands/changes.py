@@ -1,21 +1,14 @@
 """``standoff changes``: differences of two photographs that their poses do not explain."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
-from analysis.changes import FALSE_ALARMS, ChangeOptions, find_changes
-from analysis.errors import AnalysisError
-from analysis.reports import plot_changes, png_bytes
-from analysis.results_file import write_results
-from calibration.documents import json_object
-from calibration.errors import CalibrationError
-from calibration.files import read_noise
-from standoff.commands.simulate import read_total_psf
+from analysis.choices import FALSE_ALARMS
 from standoff.terminal import Json, print_json, say
-from standoff.workflows import make_folder, read_grey, write_file, write_float_tiff, write_mask
 
 __all__ = ["changes"]
 
@@ -35,29 +28,24 @@ def changes(
     json: Json = False,
 ) -> None:
     """Find what changed between two photographs beyond what the change of pose makes."""
-    camera = read_total_psf(psf)
-    captures = None if noise is None else read_noise(noise).capture_noise
-    near, far = read_grey(reference), read_grey(followup)
-    options = ChangeOptions(noise=captures, false_alarms=false_alarms)
-    try:
-        found = find_changes(near, far, camera, options)
-    except CalibrationError as error:
-        raise CalibrationError(f"{followup}: {error}") from error
-    except AnalysisError as error:
-        raise AnalysisError(f"{followup}: {error}") from error
+    from analysis.changes import ChangeOptions
+    from analysis.results_file import write_results
+    from calibration.documents import json_object
+    from calibration.files import read_noise
+    from standoff.workflows import (
+        find_changes_of_files,
+        make_folder,
+        read_total_psf,
+        write_change_pictures,
+    )
+
+    options = ChangeOptions(
+        noise=None if noise is None else read_noise(noise).capture_noise,
+        false_alarms=false_alarms,
+    )
+    found = find_changes_of_files(reference, followup, read_total_psf(psf), options)
     make_folder(out)
-    for name, image in (
-        ("difference", found.difference_dn),
-        ("plain-difference", found.plain_difference_dn),
-        ("pose-difference", found.pose_difference_dn),
-        ("uncertainty", np.where(found.valid, np.sqrt(found.variance_dn2), 0.0)),
-        ("significance", found.significance),
-    ):
-        description = f"standoff changes: {name} of {followup.name}"
-        write_float_tiff(out / f"{name}.tif", image.astype(np.float32), description)
-    write_mask(out / "changes.png", found.is_change)
-    write_mask(out / "compared.png", found.valid)
-    write_file(out / "changes-figure.png", png_bytes(plot_changes(found)))
+    write_change_pictures(out, followup.name, found)
     summary = found.summary.model_copy(
         update={"reference": str(reference), "followup": str(followup)}
     )
