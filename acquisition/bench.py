@@ -1,18 +1,23 @@
-"""The bench file: what differs between benches, checked key by key."""
+"""The bench: its file, checked key by key, the address of its camera, and its opened devices."""
 
 import ipaddress
 import re
 import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, DeviceError
 from acquisition.untrusted import parse_toml
 
 __all__ = [
     "BenchConfig",
+    "BenchDevices",
     "CameraConfig",
     "CaptureConfig",
     "OpticsConfig",
@@ -30,51 +35,6 @@ _HOST_NAME = re.compile(
     r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?(\.[A-Za-z0-9-]{1,63})*"
 )
 """Of labels of 63 characters at most (RFC 1035, section 2.3.4): Python resolves no longer one."""
-
-
-def address_fault(text: str) -> str | None:
-    """Say why ``text`` cannot name one camera; None where it can.
-
-    An IPv4 address that is not one host's (broadcast, multicast, 0.0.0.0) is a fault: a GigE
-    Vision command sent there would reach every camera in the network.
-    """
-    try:
-        address = ipaddress.ip_address(text)
-    except ValueError:
-        if _HOST_NAME.fullmatch(text) and not text.replace(".", "").isdigit():
-            return None
-        return f"{text!r} is neither an IPv4 address nor a host name"
-    if address.version != 4:
-        return f"{text} is an IPv6 address; GigE Vision has IPv4 only"
-    if address.is_multicast or address.is_unspecified or address.is_reserved:
-        return f"{text} is not the address of one camera"
-    return None
-
-
-def resolve_address(address: str) -> str:
-    """Return the IPv4 address of a camera that is given by address or host name.
-
-    Raises
-    ------
-    DeviceError
-        If it names no single host, or the name is not known.
-    """
-    fault = address_fault(address)
-    if fault is not None:
-        raise DeviceError(f"camera.address: {fault}")
-    try:
-        found = socket.getaddrinfo(address, None, socket.AF_INET, socket.SOCK_DGRAM)
-    except OSError as error:
-        raise DeviceError(
-            f"camera.address: the host name {address!r} is not known ({error.strerror}); "
-            "give the camera's IP address"
-        ) from error
-    resolved = str(found[0][4][0])
-    fault = address_fault(resolved)
-    if fault is not None:
-        raise DeviceError(f"camera.address: {address!r} stands for {fault}")
-    return resolved
-
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -235,6 +195,20 @@ class BenchConfig(_Section):
     simulated: SimulatedConfig | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchDevices:
+    """Camera and stage of a bench, opened and configured after ``config``.
+
+    ``clock`` gives the monotonic seconds in which both live, and ``sleep`` lets some pass.
+    """
+
+    config: BenchConfig
+    camera: Camera
+    stage: Stage
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+
+
 def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:
     """Read a bench file, with single keys replaced by ``overrides`` (``"camera.gain_db": 3``).
 
@@ -310,6 +284,50 @@ def validation_lines(error: ValidationError) -> str:
 def validation_keys(error: ValidationError) -> tuple[str, ...]:
     """The key of each fault, dotted; empty where the whole is at fault."""
     return tuple(".".join(str(part) for part in fault["loc"]) for fault in error.errors())
+
+
+def address_fault(text: str) -> str | None:
+    """Say why ``text`` cannot name one camera; None where it can.
+
+    An IPv4 address that is not one host's (broadcast, multicast, 0.0.0.0) is a fault: a GigE
+    Vision command sent there would reach every camera in the network.
+    """
+    try:
+        address = ipaddress.ip_address(text)
+    except ValueError:
+        if _HOST_NAME.fullmatch(text) and not text.replace(".", "").isdigit():
+            return None
+        return f"{text!r} is neither an IPv4 address nor a host name"
+    if address.version != 4:
+        return f"{text} is an IPv6 address; GigE Vision has IPv4 only"
+    if address.is_multicast or address.is_unspecified or address.is_reserved:
+        return f"{text} is not the address of one camera"
+    return None
+
+
+def resolve_address(address: str) -> str:
+    """Return the IPv4 address of a camera that is given by address or host name.
+
+    Raises
+    ------
+    DeviceError
+        If it names no single host, or the name is not known.
+    """
+    fault = address_fault(address)
+    if fault is not None:
+        raise DeviceError(f"camera.address: {fault}")
+    try:
+        found = socket.getaddrinfo(address, None, socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise DeviceError(
+            f"camera.address: the host name {address!r} is not known ({error.strerror}); "
+            "give the camera's IP address"
+        ) from error
+    resolved = str(found[0][4][0])
+    fault = address_fault(resolved)
+    if fault is not None:
+        raise DeviceError(f"camera.address: {address!r} stands for {fault}")
+    return resolved
 
 
 def _section_keys(section: str) -> list[str]:

@@ -3,18 +3,13 @@
 Calls block, each with its own time limit; threads stay inside a driver.
 """
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.bench import BenchConfig
-
 __all__ = [
-    "BenchDevices",
     "Camera",
     "CameraSettings",
     "DeviceInfo",
@@ -219,17 +214,3 @@ class TravellingStage(Protocol):
         alarm from it.
         """
         ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchDevices:
-    """Camera and stage of a bench, opened and configured after ``config``.
-
-    ``clock`` gives the monotonic seconds in which both live, and ``sleep`` lets some pass.
-    """
-
-    config: BenchConfig
-    camera: Camera
-    stage: Stage
-    clock: Callable[[], float] = time.monotonic
-    sleep: Callable[[float], None] = time.sleep

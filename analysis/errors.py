@@ -1,5 +1,7 @@
 """What can go wrong when results are compared and reported."""
 
+from calibration.errors import DocumentError
+
 __all__ = [
     "AnalysisError",
     "BeyondCurveError",
@@ -48,14 +50,5 @@ class SoftFollowupError(AnalysisError):
         self.blur_px = blur_px
 
 
-class ResultsFileError(AnalysisError):
-    """A results file cannot be read or written, or does not hold what is needed of it.
-
-    ``source`` names the file, ``key`` the value at fault in dotted form (``curves.0.zoom``); it is
-    None where the fault is not in a value.
-    """
-
-    def __init__(self, message: str, *, source: str | None = None, key: str | None = None) -> None:
-        super().__init__(message)
-        self.source = source
-        self.key = key
+class ResultsFileError(AnalysisError, DocumentError):
+    """A results file cannot be read or written, or does not hold what is needed of it."""

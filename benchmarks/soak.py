@@ -23,9 +23,8 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from acquisition.bench import BenchConfig, load_bench
+from acquisition.bench import BenchConfig, BenchDevices, load_bench
 from acquisition.capture import RunOperator, run_plan
-from acquisition.devices import BenchDevices
 from acquisition.errors import DeviceError, DeviceTimeoutError, StageAlarmError
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.session import Session, verify

@@ -9,10 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from standoff.shadowing import HiddenPackageError, refuse_hidden_packages
 from standoff.terminal import drop_stale_code
 
 __all__ = ["main", "run"]
 
+EXIT_REPORTED = 1
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
@@ -25,11 +27,15 @@ def main() -> None:
 def _imported_and_run(arguments: list[str]) -> int:
     try:
         with _no_interrupt_lost():
+            refuse_hidden_packages()
             drop_stale_code()
             from standoff.terminal import application, run_application
 
             app = application(arguments)
         return run_application(app, arguments)
+    except HiddenPackageError as error:
+        sys.stderr.write(f"standoff: {error}\n")
+        return EXIT_REPORTED
     except KeyboardInterrupt:
         sys.stderr.write("standoff: interrupted; run the same command again\n")
         return EXIT_INTERRUPTED

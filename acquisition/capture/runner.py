@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from acquisition.bench import BenchDevices
 from acquisition.capture.quality import QualityFinding, check_capture, drift_between
 from acquisition.capture.step import CaptureStep
-from acquisition.devices import BenchDevices, Stage
+from acquisition.devices import Stage
 from acquisition.errors import (
     DeviceError,
     OperatorStopError,

@@ -6,8 +6,9 @@ from datetime import datetime
 import numpy as np
 
 from acquisition.averaging import AveragedFrames, average_frames
+from acquisition.bench import BenchDevices
 from acquisition.capture.auto_exposure import next_exposure
-from acquisition.devices import BenchDevices, FrameImage
+from acquisition.devices import FrameImage
 from acquisition.errors import CaptureError, DeviceError, StageStoppedError, StreamInterruptedError
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry

@@ -32,31 +32,6 @@ __all__ = [
     "read_journal",
 ]
 
-
-def lock_exclusively(descriptor: int) -> None:
-    """Take the lock of an open file; closing the descriptor, or death, gives it back.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds it.
-    """
-    if fcntl is not None:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return
-    import msvcrt  # exists on Windows alone
-
-    # A byte far behind the end: Windows bars even readers from a locked part of a file.
-    place = os.lseek(descriptor, 0, os.SEEK_CUR)
-    try:
-        os.lseek(descriptor, 1 << 40, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-    except PermissionError as error:
-        raise BlockingIOError(error.errno, "the file is locked") from error
-    finally:
-        os.lseek(descriptor, place, os.SEEK_SET)
-
-
 EventKind = Literal[
     "start",
     "plan",
@@ -131,39 +106,6 @@ class JournalReading:
             f"the last line of the journal was cut short and is ignored "
             f"(line {len(self.events) + 1}, {len(self.torn_tail)} bytes)"
         )
-
-
-def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReading:
-    r"""Read a journal as far as it is sound.
-
-    Every line was made durable before the next was begun, so that a power cut can hurt the
-    last line only: there, whatever does not parse is cut short and ignored. No event's text is
-    the beginning of another's, so a last line that parses is whole even without its ``\n``.
-    A bad line anywhere before is damage.
-
-    Raises
-    ------
-    SessionError
-        If a line before the last is damaged; the message names it.
-    """
-    lines = io.BytesIO(data).readlines()
-    events: list[JournalEvent] = []
-    sound_bytes = 0
-    for number, line in enumerate(lines, start=1):
-        try:
-            events.append(JournalEvent.from_line(line))
-        except ValueError as error:
-            if number == len(lines):
-                break
-            raise SessionError(
-                f"{source}, line {number}: damaged ({error}); restore the file from a copy",
-                fault="damaged",
-                line=number,
-            ) from error
-        sound_bytes += len(line)
-    return JournalReading(
-        events=tuple(events), sound_bytes=sound_bytes, torn_tail=data[sound_bytes:]
-    )
 
 
 def _utc_now() -> datetime:
@@ -295,3 +237,60 @@ class JournalWriter:
                     path=self._path,
                 ) from error
             raise
+
+
+def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReading:
+    r"""Read a journal as far as it is sound.
+
+    Every line was made durable before the next was begun, so that a power cut can hurt the
+    last line only: there, whatever does not parse is cut short and ignored. No event's text is
+    the beginning of another's, so a last line that parses is whole even without its ``\n``.
+    A bad line anywhere before is damage.
+
+    Raises
+    ------
+    SessionError
+        If a line before the last is damaged; the message names it.
+    """
+    lines = io.BytesIO(data).readlines()
+    events: list[JournalEvent] = []
+    sound_bytes = 0
+    for number, line in enumerate(lines, start=1):
+        try:
+            events.append(JournalEvent.from_line(line))
+        except ValueError as error:
+            if number == len(lines):
+                break
+            raise SessionError(
+                f"{source}, line {number}: damaged ({error}); restore the file from a copy",
+                fault="damaged",
+                line=number,
+            ) from error
+        sound_bytes += len(line)
+    return JournalReading(
+        events=tuple(events), sound_bytes=sound_bytes, torn_tail=data[sound_bytes:]
+    )
+
+
+def lock_exclusively(descriptor: int) -> None:
+    """Take the lock of an open file; closing the descriptor, or death, gives it back.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process holds it.
+    """
+    if fcntl is not None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return
+    import msvcrt  # exists on Windows alone
+
+    # A byte far behind the end: Windows bars even readers from a locked part of a file.
+    position = os.lseek(descriptor, 0, os.SEEK_CUR)
+    try:
+        os.lseek(descriptor, 1 << 40, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    except PermissionError as error:
+        raise BlockingIOError(error.errno, "the file is locked") from error
+    finally:
+        os.lseek(descriptor, position, os.SEEK_SET)

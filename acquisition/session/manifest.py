@@ -1,4 +1,4 @@
-"""session.json: what a session was made with, fixed when it was made."""
+"""session.json: what a session was made with, fixed when it was made, and who the devices were."""
 
 import json
 import platform
@@ -17,44 +17,7 @@ from acquisition.untrusted import parse_json
 
 __all__ = ["MANIFEST_NAME", "Manifest", "camera_snapshot", "software_versions", "stage_snapshot"]
 
-
-def camera_snapshot(camera: Camera) -> dict[str, Any]:
-    """Identity and settings of the camera, as read back from it.
-
-    Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us,
-    ``Gain`` in dB, ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
-    """
-    settings = camera.settings
-    return {
-        **_identity(camera.info),
-        "Width": settings.width_px,
-        "Height": settings.height_px,
-        "PixelFormat": settings.pixel_format,
-        "ExposureTime": settings.exposure_us,
-        "Gain": settings.gain_db,
-        "AcquisitionFrameRate": settings.frame_rate_hz,
-        "BlackLevel": settings.black_level_dn,
-        **settings.features,
-    }
-
-
-def stage_snapshot(stage: Stage) -> dict[str, Any]:
-    """Identity and travel of the stage."""
-    return {**_identity(stage.info), "limits_mm": list(stage.limits_mm)}
-
-
-def _identity(info: DeviceInfo) -> dict[str, Any]:
-    return {
-        "driver": info.driver,
-        "DeviceVendorName": info.vendor,
-        "DeviceModelName": info.model,
-        "DeviceSerialNumber": info.serial_number,
-        "DeviceFirmwareVersion": info.firmware,
-    }
-
-
 MANIFEST_NAME = "session.json"
-
 _SCHEMA = "standoff.session/1"
 _IDENTITY_KEYS = ("driver", "DeviceVendorName", "DeviceModelName", "DeviceSerialNumber")
 _KEYS = ("schema", "uid", "created_utc", "operator", "plan", "bench", "devices", "software")
@@ -141,6 +104,31 @@ class Manifest:
         }
 
 
+def camera_snapshot(camera: Camera) -> dict[str, Any]:
+    """Identity and settings of the camera, as read back from it.
+
+    Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us,
+    ``Gain`` in dB, ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
+    """
+    settings = camera.settings
+    return {
+        **_identity(camera.info),
+        "Width": settings.width_px,
+        "Height": settings.height_px,
+        "PixelFormat": settings.pixel_format,
+        "ExposureTime": settings.exposure_us,
+        "Gain": settings.gain_db,
+        "AcquisitionFrameRate": settings.frame_rate_hz,
+        "BlackLevel": settings.black_level_dn,
+        **settings.features,
+    }
+
+
+def stage_snapshot(stage: Stage) -> dict[str, Any]:
+    """Identity and travel of the stage."""
+    return {**_identity(stage.info), "limits_mm": list(stage.limits_mm)}
+
+
 def software_versions() -> dict[str, str]:
     """Versions of Python and of the packages whose code shapes a capture."""
     versions = {"python": platform.python_version()}
@@ -150,6 +138,16 @@ def software_versions() -> dict[str, str]:
         except PackageNotFoundError:
             versions[package] = "not installed"
     return versions
+
+
+def _identity(info: DeviceInfo) -> dict[str, Any]:
+    return {
+        "driver": info.driver,
+        "DeviceVendorName": info.vendor,
+        "DeviceModelName": info.model,
+        "DeviceSerialNumber": info.serial_number,
+        "DeviceFirmwareVersion": info.firmware,
+    }
 
 
 def _with_defaults(bench: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -1,8 +1,10 @@
 """Figures of a PSF: its transfer functions, its change over the frame and with height."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -14,9 +16,9 @@ from analysis.reports.page import (
     in_report_style,
     new_figure,
 )
-from calibration.edges import REJECTING_FLAGS
+from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
-from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_mtf
+from calibration.psf import ORIENTATION_COLOURS, HeightTrend, PsfCalibration, draw_mtf
 from simulation.psf import PsfField
 
 __all__ = ["field_section", "plot_field", "plot_heights", "plot_mtf", "widths_section", "with_err"]
@@ -79,67 +81,80 @@ def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
 @in_report_style
 def plot_heights(psf: PsfCalibration, rejected: frozenset[str]) -> Figure | None:
     """Plot the width across every edge by height, and the trend; None for one height only."""
-    edges = [edge for edge in psf.edges if not rejected & set(edge.flags)]
-    heights = [edge.height_mm for edge in edges if edge.height_mm is not None]
-    if len(set(heights)) < 2:
+    edges = [
+        edge for edge in psf.edges if not rejected & set(edge.flags) and edge.height_mm is not None
+    ]
+    if len({edge.height_mm for edge in edges}) < 2:
         return None
     trend = psf.height_trend
     figure = new_figure(6.4, 5.0 if trend else 3.2)
     panels: Any = figure.subplots(2 if trend else 1, 1, sharex=True, squeeze=False)[:, 0]
-    span = max(heights) - min(heights)
-    shifts = {"vertical": -0.006, "diagonal": 0.0, "horizontal": 0.006}
-    for orientation, shift in shifts.items():
-        chosen = [e for e in edges if e.orientation == orientation and e.height_mm is not None]
+    _draw_edges_by_height(panels[0], edges)
+    if trend is not None:
+        _draw_trend(panels[1], trend)
+    panels[-1].set(xlabel="camera height / mm")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _draw_edges_by_height(axes: Axes, edges: Sequence[EdgeMeasurement]) -> None:
+    heights = [edge.height_mm or 0.0 for edge in edges]
+    # Edges of one height stand side by side.
+    step_mm = 0.006 * (max(heights) - min(heights))
+    for orientation, shift_mm in (
+        ("vertical", -step_mm),
+        ("diagonal", 0.0),
+        ("horizontal", step_mm),
+    ):
+        chosen = [edge for edge in edges if edge.orientation == orientation]
         if not chosen:
             continue
-        panels[0].errorbar(
-            [(e.height_mm or 0.0) + shift * span for e in chosen],
-            [e.sigma_px for e in chosen],
-            yerr=[e.sigma_err_px for e in chosen],
+        axes.errorbar(
+            [(edge.height_mm or 0.0) + shift_mm for edge in chosen],
+            [edge.sigma_px for edge in chosen],
+            yerr=[edge.sigma_err_px for edge in chosen],
             fmt="o",
             markersize=3.5,
             linewidth=0.8,
             color=ORIENTATION_COLOURS[orientation],
             label=orientation,
         )
-    shown = [e.sigma_px for e in edges if e.height_mm is not None]
-    room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
-    panels[0].set(
-        ylabel="total sigma across\nthe edge / px",
-        ylim=(min(shown) - room, max(shown) + room),
+    widths = [edge.sigma_px for edge in edges]
+    room = 0.1 * (max(widths) - min(widths)) + 0.01 * max(widths)
+    axes.set(
+        ylabel="total sigma across\nthe edge / px", ylim=(min(widths) - room, max(widths) + room)
     )
-    if trend is not None:
-        places = np.array([group.height_mm for group in trend.heights])
-        widths = np.array([group.relative_width for group in trend.heights])
-        errs = np.array([group.relative_width_err for group in trend.heights])
-        panels[1].errorbar(
-            places,
-            100 * (widths - 1),
-            yerr=196 * errs,
-            fmt="s",
-            markersize=4,
-            color=_INK,
-            label="all edges at a height, 95 %",
-        )
-        weight = 1 / errs**2
-        middle = np.average(places, weights=weight)
-        line = np.average(widths, weights=weight) + trend.slope_per_mm * (places - middle)
-        panels[1].plot(
-            places,
-            100 * (line - 1),
-            color=_INK,
-            linewidth=1,
-            linestyle="--",
-            label=f"trend {1e4 * trend.slope_per_mm:+.3f} % per 100 mm",
-        )
-        panels[1].axhline(0, color=_INK, linewidth=0.6)
-        panels[1].set(ylabel="width against\nthe mean / %")
-        low, high = panels[1].get_ylim()
-        panels[1].set_ylim(low, high + 0.35 * (high - low))  # room for the legend
-        panels[1].legend(loc="upper center", fontsize=8, ncols=2)
-    panels[-1].set(xlabel="camera height / mm")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
+
+
+def _draw_trend(axes: Axes, trend: HeightTrend) -> None:
+    heights = np.array([group.height_mm for group in trend.heights])
+    widths = np.array([group.relative_width for group in trend.heights])
+    errs = np.array([group.relative_width_err for group in trend.heights])
+    axes.errorbar(
+        heights,
+        100 * (widths - 1),
+        yerr=196 * errs,
+        fmt="s",
+        markersize=4,
+        color=_INK,
+        label="all edges at a height, 95 %",
+    )
+    weight = 1 / errs**2
+    middle = np.average(heights, weights=weight)
+    line = np.average(widths, weights=weight) + trend.slope_per_mm * (heights - middle)
+    axes.plot(
+        heights,
+        100 * (line - 1),
+        color=_INK,
+        linewidth=1,
+        linestyle="--",
+        label=f"trend {1e4 * trend.slope_per_mm:+.3f} % per 100 mm",
+    )
+    axes.axhline(0, color=_INK, linewidth=0.6)
+    axes.set(ylabel="width against\nthe mean / %")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
+    axes.legend(loc="upper center", fontsize=8, ncols=2)
 
 
 def widths_section(psf: PsfCalibration) -> ReportSection:

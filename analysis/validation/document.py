@@ -7,11 +7,13 @@ import numpy as np
 from pydantic import Field
 
 from acquisition.session import CaptureRecord
-from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues, read_results
+from analysis.errors import ResultsFileError
+from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from analysis.validation.alignment import Procedure
 from analysis.validation.metrics import ImageMetrics
 from analysis.validation.models import ValidationModel
 from analysis.validation.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
+from calibration.documents import read_document
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf
 
@@ -238,4 +240,4 @@ def read_validation(path: Path) -> Validation:
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
     """
-    return read_results(path, Validation, "validation.json", "standoff validate")
+    return read_document(path, Validation, ResultsFileError, "write it with standoff validate")

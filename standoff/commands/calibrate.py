@@ -1,64 +1,53 @@
 """``standoff calibrate``: the PSF from photographs of edges."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from acquisition.session import Session
-from calibration.edges import EdgeImage, Pattern, Region
-from calibration.errors import CalibrationError
-from calibration.files import json_object, read_correction, read_noise, write_psf
-from calibration.noise import level_noise
-from calibration.psf import (
-    CalibrationMethod,
-    Channel,
-    PsfCalibration,
-    calibrate_mosaic,
-    calibrate_psf,
-    share_of_correlation,
-)
+from calibration.choices import CalibrationMethod, Channel, Pattern
 from standoff.terminal import (
     Json,
+    Option,
+    check_options,
     checked_zoom,
-    edge_csv,
-    note,
+    exactly_one,
+    excludes,
+    needs,
     print_json,
-    print_psf,
-    progress_bar,
     refuse_overwriting,
     refuse_suffix,
+    region_corner_and_size,
     say,
 )
-from standoff.workflows import (
-    Reading,
-    calibrate_scenes,
-    from_files,
-    from_session,
-    require_writable,
-    write_calibration_report,
-    write_file,
-)
+
+if TYPE_CHECKING:
+    from calibration.edges import EdgeImage, Region
 
 __all__ = ["calibrate"]
 
+_WITH_AN_EDGE_TARGET = Option("method", ("all-angles", "paper"))
+_LINEAR = "--noise and --correct are for linear, grey levels"
 
-_USUAL_RHO = 0.1
-_WORTH_SAYING = 0.002
-"""Of a width: what a correlation of that size may hide."""
-
-_REMARKS = {
-    "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
-    "and sigma comes out too small; switch sharpening off",
-    "jpeg": "{n} of {total} edges are from JPEG files, whose compression adds to the error",
-    "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF: read sigma as an equivalent",
-}
+_RULES = (
+    exactly_one("images", "session"),
+    excludes("session", "srgb", because="captures are linear and grey"),
+    needs("channel", "images", "bayer", because="captures are linear and grey"),
+    excludes("bayer", Option("channel", ("luma",)), because="a mosaic has red, green and blue"),
+    excludes("bayer", "srgb", because="raw mosaics are linear"),
+    excludes("noise", "bayer", "srgb", because=_LINEAR),
+    excludes("correct", "bayer", "srgb", because=_LINEAR),
+    needs("zoom", Option("method", ("two-distance",))),
+    *(needs(option, _WITH_AN_EDGE_TARGET) for option in ("report", "bayer", "csv")),
+)
 
 
 def calibrate(
+    context: typer.Context,
     images: Annotated[
         list[Path] | None, typer.Argument(help="Photographs of edges.", show_default=False)
     ] = None,
@@ -112,25 +101,29 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Measure the camera's PSF from photographs of straight edges, at any angle."""
+    check_options(context, _RULES)
     refuse_overwriting([out, csv, report], [*(images or []), noise, correct])
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     rule = _region_rule(region)
-    if (session is None) == (not images):
-        raise typer.BadParameter("give either photographs or --session DIR", param_hint="IMAGE...")
-    if session is not None and (srgb or (channel is not None and bayer is None)):
-        raise typer.BadParameter("captures are linear and grey; --bayer is for raw mosaics")
-    if zoom is not None and (method != "two-distance" or len(images or []) != 2):
+    if zoom is not None and len(images or []) != 2:
         raise typer.BadParameter(
             "it is the ratio of two photographs' distances", param_hint="--zoom"
         )
     if method == "two-distance" and session is None and len(images or []) < 2:
         raise typer.BadParameter("two-distance needs two photographs, the nearest first")
-    if bayer is not None and channel == "luma":
-        raise typer.BadParameter("a mosaic has red, green and blue", param_hint="--channel")
-    if bayer is not None and srgb:
-        raise typer.BadParameter("raw mosaics are linear", param_hint="--srgb")
-    if (bayer is not None or srgb) and (noise is not None or correct is not None):
-        raise typer.BadParameter("--noise and --correct are for linear, grey levels")
+    from calibration.documents import json_object
+    from calibration.files import read_correction, read_noise, write_psf
+    from calibration.noise import level_noise
+    from standoff.terminal import edge_csv, print_psf, print_psf_remarks
+    from standoff.workflows import (
+        CalibrationRequest,
+        Reading,
+        calibrate_camera,
+        require_writable,
+        write_calibration_report,
+        write_file,
+    )
+
     require_writable([out, csv, report])
     reading = Reading(
         is_srgb=srgb,
@@ -139,47 +132,24 @@ def calibrate(
         correction=None if correct is None else read_correction(correct),
         frame_noise=None if noise is None else level_noise(read_noise(noise).capture_noise),
     )
-    if method == "single-image" or method == "two-distance":
-        if report is not None or bayer is not None or csv is not None:
-            raise typer.BadParameter(f"--report, --bayer and --csv do not go with method {method}")
-        calibration, origin = calibrate_scenes(images or [], session, reading, method, rule, zoom)
-        calibration = calibration.with_origin(replace(origin, region=region))
-        write_psf(out, calibration)
-        if json:
-            print_json(json_object(calibration))
-            return
-        print_psf(calibration)
-        say(f"wrote {out}")
-        return
-    sources = (
-        from_files(images or [], reading)
-        if session is None
-        else from_session(Session(session), reading)
+    found = calibrate_camera(
+        CalibrationRequest(
+            images=tuple(images or ()),
+            session=session,
+            reading=reading,
+            method=method,
+            region=rule,
+            zoom=zoom,
+        )
     )
-    with progress_bar("measuring edges", sources.count) as bar:
-        try:
-            if bayer is None:
-                calibration = calibrate_psf(
-                    sources.images, method=method, region=rule, progress=bar.advance_to
-                )
-            else:
-                calibration = calibrate_mosaic(
-                    sources.images,
-                    bayer,
-                    reading.channel,
-                    method=method,
-                    region=rule,
-                    progress=bar.advance_to,
-                )
-        except ValueError as error:
-            raise CalibrationError(str(error)) from error
-    calibration = calibration.with_origin(replace(sources.origin, region=region))
+    calibration = found.calibration.with_origin(replace(found.origin, region=region))
     write_psf(out, calibration)
     if csv is not None:
         write_file(csv, edge_csv(calibration).encode("utf-8"))
-    _print_remarks(calibration)
-    if report is not None:
-        write_calibration_report(report, calibration, sources.load, sources.session)
+    if found.edges is not None:
+        print_psf_remarks(calibration)
+        if report is not None:
+            write_calibration_report(report, calibration, found.edges.load, found.edges.session)
     if json:
         print_json(json_object(calibration))
         return
@@ -191,35 +161,10 @@ def calibrate(
 def _region_rule(text: str | None) -> Callable[[EdgeImage], Region | None]:
     if text is None:
         return lambda _: None
+    from calibration.edges import Region
+
     if text == "centre":
         return lambda source: Region.centre(*source.frame)
-    try:
-        x, y, width, height = (int(part) for part in text.split(","))
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"expected centre or X,Y,W,H in px, got {text}", param_hint="--region"
-        ) from error
+    x, y, width, height = region_corner_and_size(text, "centre or X,Y,W,H in px")
     fixed = Region(x_px=x, y_px=y, width_px=width, height_px=height)
     return lambda _: fixed
-
-
-def _print_remarks(calibration: PsfCalibration) -> None:
-    used = calibration.edges_used
-    for flag, text in _REMARKS.items():
-        count = sum(flag in edge.flags for edge in used)
-        if count:
-            note(text.format(n=count, total=len(used)))
-    if calibration.rho is None and used:
-        share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
-        if share * _USUAL_RHO > _WORTH_SAYING:
-            note(
-                f"no diagonal edges tell the correlation rho: were it {_USUAL_RHO:g}, a width "
-                f"would be off by {100 * share * _USUAL_RHO:.1f} %, beyond its interval; add "
-                "diagonal edges"
-            )
-    trend = calibration.height_trend
-    if trend is not None and trend.is_drift:
-        note(
-            f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
-            "or the target is too rough for the nearest one; calibrate at one height or refocus"
-        )

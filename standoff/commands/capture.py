@@ -1,19 +1,16 @@
 """``standoff capture``: run a capture plan, or resume what was interrupted."""
 
+from __future__ import annotations
+
 import getpass
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acquisition.capture import CaptureProgress, Placement, RunOperator, RunSummary, run_plan
-from acquisition.devices import BenchDevices
-from acquisition.plan import PlanEntry, PlanEstimate, estimate_plan, load_plan, plan_entries
-from acquisition.session import MANIFEST_NAME
-from hil_mocks import SimulatedBench
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     ERRORS,
@@ -21,21 +18,19 @@ from standoff.terminal import (
     BenchFile,
     BenchKeys,
     Json,
-    Operator,
-    ScriptedOperator,
-    TerminalOperator,
-    flicker_warnings,
-    frame_shape_of,
     note,
-    preview_lines,
     print_json,
     print_table,
     progress_bar,
     read_bench,
     say,
-    time_text,
 )
-from standoff.workflows import open_bench, place_in_simulation
+
+if TYPE_CHECKING:
+    from acquisition.capture import CaptureProgress, Placement, RunSummary
+    from acquisition.plan import PlanEntry, PlanEstimate
+    from hil_mocks import SimulatedBench
+    from standoff.terminal import Operator
 
 __all__ = ["capture"]
 
@@ -75,6 +70,13 @@ def capture(
     A line typed meanwhile pauses it before the next capture; Ctrl-C ends it, and the same
     command resumes.
     """
+    from acquisition.bench import BenchDevices
+    from acquisition.capture import RunOperator, run_plan
+    from acquisition.plan import estimate_plan, load_plan, plan_entries
+    from acquisition.session import MANIFEST_NAME
+    from standoff.terminal import flicker_warnings, frame_shape_of, preview_lines
+    from standoff.workflows import open_bench
+
     config = read_bench(bench, settings)
     planned = load_plan(plan)
     entries = plan_entries(planned)
@@ -141,6 +143,8 @@ def _operator(
     opened: ExitStack, answers: Path | None, placements: int, *, needs_nobody: bool
 ) -> Operator:
     """Return who is asked; refuse if somebody has to be and nobody is there."""
+    from standoff.terminal import ScriptedOperator, TerminalOperator
+
     if answers is not None:
         if str(answers) == "-":
             return ScriptedOperator(_lines_of_stdin(), "the standard input")
@@ -169,6 +173,8 @@ def _placement(
     simulated: SimulatedBench | None, person: Operator, *, is_asked: bool
 ) -> Callable[[PlanEntry], Placement]:
     """Return what sees to it that a target lies there, asking the operator only where told."""
+    from standoff.workflows import place_in_simulation
+
     if simulated is None:
         return person.place if is_asked else lambda _: "ready"
     in_simulation = place_in_simulation(simulated)
@@ -182,6 +188,8 @@ def _placement(
 
 
 def _shown_on(bar: Bar) -> Callable[[CaptureProgress], None]:
+    from standoff.terminal import time_text
+
     def show(done: CaptureProgress) -> None:
         entry, record = done.entry, done.record
         bar.advance_to(
@@ -218,6 +226,8 @@ def _print_summary(out: Path, summary: RunSummary, *, json: bool) -> None:
 def _print_plan(
     entries: tuple[PlanEntry, ...], estimate: PlanEstimate, out: Path, *, json: bool
 ) -> None:
+    from standoff.terminal import preview_lines
+
     if json:
         print_json(
             {

@@ -1,24 +1,19 @@
 """``standoff compare``: has the lens moved? Two calibrations, or all of a camera over time."""
 
+from __future__ import annotations
+
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.reports import (
-    history_document,
-    history_sections,
-    ordered_history,
-    render_report,
-    versions,
-)
 from calibration.errors import CalibrationError
-from calibration.files import read_psf
-from calibration.psf import PsfCalibration, compare_psfs
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     Json,
+    check_options,
+    needs,
     note,
     print_json,
     print_table,
@@ -26,12 +21,17 @@ from standoff.terminal import (
     refuse_suffix,
     say,
 )
-from standoff.workflows import require_writable, write_page
+
+if TYPE_CHECKING:
+    from calibration.psf import PsfCalibration
 
 __all__ = ["compare"]
 
+_RULES = (needs("report", "history"),)
+
 
 def compare(
+    context: typer.Context,
     files: Annotated[
         list[Path],
         typer.Argument(
@@ -49,15 +49,17 @@ def compare(
     json: Json = False,
 ) -> None:
     """Say whether the PSF has changed between two calibrations, or show it over time."""
+    check_options(context, _RULES)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     refuse_overwriting([report], files)
     if history:
         _show_history(files, report, json)
         return
-    if report is not None:
-        raise typer.BadParameter("--report goes with --history")
     if len(files) != 2:
         raise typer.BadParameter(f"give two psf.json, got {len(files)}; or use --history")
+    from calibration.files import read_psf
+    from calibration.psf import compare_psfs
+
     first, second = (read_psf(path) for path in files)
     try:
         change = compare_psfs(first, second)
@@ -106,6 +108,15 @@ def compare(
 
 
 def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
+    from analysis.reports import (
+        history_document,
+        history_sections,
+        ordered_history,
+        render_report,
+        versions,
+    )
+    from standoff.workflows import require_writable, write_page
+
     require_writable([report])
     found = ordered_history(_calibrations(files))
     if report is not None:
@@ -129,6 +140,8 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
 
 def _calibrations(paths: list[Path]) -> list[tuple[str, PsfCalibration]]:
     """Read files, and every psf.json below folders; what cannot be read below one is noted."""
+    from calibration.files import read_psf
+
     found = []
     for path in paths:
         if not path.is_dir():

@@ -1,16 +1,18 @@
 """``standoff console``: the operator's web page over one bench."""
 
+from __future__ import annotations
+
 import json as json_format
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from urllib.parse import quote
 
 import typer
 
-from analysis.detectability import DetectabilityCurve, Observer
-from simulation import Model
+from analysis.choices import Observer
+from simulation.choices import Model
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import (
@@ -26,6 +28,9 @@ from standoff.terminal import (
     read_bench,
     say,
 )
+
+if TYPE_CHECKING:
+    from analysis.detectability import DetectabilityCurve
 
 __all__ = ["console"]
 

@@ -1,15 +1,18 @@
 """``standoff demo``: the whole chain on the simulated bench."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acquisition.plan import load_plan
-from simulation import MODELS
+from simulation.choices import MODELS
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import BenchKeys, Json, print_json, print_table, read_bench, say
-from standoff.workflows import DemoResult, run_demo
+
+if TYPE_CHECKING:
+    from standoff.workflows import DemoResult
 
 __all__ = ["demo"]
 
@@ -22,6 +25,9 @@ def demo(
     json: Json = False,
 ) -> None:
     """Capture, calibrate, simulate and report on the simulated bench, beside its truth."""
+    from acquisition.plan import load_plan
+    from standoff.workflows import run_demo
+
     config = read_bench(shipped_config("demo_bench.toml"), settings)
     result = run_demo(out, config, load_plan(shipped_config("demo_plan.toml")))
     if json:

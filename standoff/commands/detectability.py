@@ -1,41 +1,28 @@
 """``standoff detectability``: how a change's detectability falls with the change of distance."""
 
-import math
-from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, TypeVar, get_args
+from __future__ import annotations
 
-import numpy as np
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
 import typer
 
-from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX, Observer
-from analysis.detectability import (
-    ChangeSignal,
-    DetectabilityCurve,
-    DetectionTask,
-    GaussianSignal,
-    PatchSignal,
-    SweepWorkers,
-    curves_of,
-    sweep_images,
-)
-from analysis.reports import plot_detectability, png_bytes, svg_bytes
-from analysis.results_file import write_results
-from calibration.files import read_noise
-from simulation import MODELS, Model
-from standoff.commands.simulate import read_total_psf
+from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX
+from simulation.choices import MODELS, Model
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     Json,
     checked_zoom,
     print_json,
     print_table,
-    progress_bar,
     refuse_overwriting,
     refuse_suffix,
     say,
 )
-from standoff.workflows import expanded_images, read_grey, require_writable, write_file
+
+if TYPE_CHECKING:
+    from analysis.detectability import ChangeSignal, DetectabilityCurve
 
 __all__ = ["detectability"]
 
@@ -82,89 +69,73 @@ def detectability(
     refuse_overwriting([out], [*images, psf, signal])
     zoom_list = sorted(set(_numbers(zooms, "--zooms", least=1.0)))
     contrasts = _numbers(contrast, "--contrast")
-    observers = tuple(_chosen(observer, "--observer", get_args(Observer)))
+    observers = tuple(_chosen(observer, "--observer", OBSERVERS))
     models = tuple(_chosen(model, "--model", MODELS))
+    noises = None if noise.endswith(".json") else _numbers(noise, "--noise")
     if window % 2 == 0:
         raise typer.BadParameter(f"the window's side is odd, got {window}", param_hint="--window")
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
-    camera = None
-    if noise.endswith(".json"):
-        camera = read_noise(Path(noise)).capture_noise
-        noises = []
-    else:
-        noises = _numbers(noise, "--noise")
-    if signal is None:
-        change: ChangeSignal = GaussianSignal(sigma_px=signal_sigma)
-    else:
-        try:
-            change = PatchSignal(levels_dn=read_grey(signal))
-        except ValueError as error:
-            raise ApplicationError(f"{signal}: {error}") from error
+    change = _change(signal, signal_sigma)
     if 2 * change.reach_px / reference_zoom > window:
         raise typer.BadParameter(
             f"the change is wider than the window of {window} px; widen it", param_hint="--window"
         )
-    require_writable([out])
-    paths = expanded_images(images)
-    task = DetectionTask(
-        signal=change,
-        contrasts_dn=tuple(contrasts),
-        noises_dn=tuple(noises),
-        zooms=tuple(zoom_list),
-        models=models,
-        observers=observers,
-        reference_zoom=reference_zoom,
-        window_px=window,
+    from analysis.detectability import DetectionTask, SweepWorkers
+    from analysis.results_file import write_results
+    from calibration.documents import json_object
+    from calibration.files import read_noise
+    from standoff.workflows import (
+        CurvesRequest,
+        curve_figures,
+        expanded_images,
+        measure_curves,
+        require_writable,
     )
-    plan = task.plan(None if psf is None else read_total_psf(psf), len(paths))
-    with progress_bar("measuring images", len(paths)) as bar:
-        cells = sweep_images(
-            paths,
-            read_grey,
-            plan,
-            results=out.with_suffix(".cells.jsonl"),
-            workers=SweepWorkers(count=workers, scheduler=scheduler),
-            progress=bar.advance_to,
-        )
-    if camera is not None:
-        levels = np.array([cell.mean_dn for cell in cells])
-        noises = [math.sqrt(float(camera.variance_dn2(levels).mean()))]
-        task = replace(task, noises_dn=tuple(noises))
-    with progress_bar("working out d'", len(models)) as bar:
-        found = curves_of(cells, plan, task, bar.advance_to)
+
+    require_writable([out])
+    request = CurvesRequest(
+        images=tuple(expanded_images(images)),
+        psf=psf,
+        task=DetectionTask(
+            signal=change,
+            contrasts_dn=tuple(contrasts),
+            noises_dn=tuple(noises or ()),
+            zooms=tuple(zoom_list),
+            models=models,
+            observers=observers,
+            reference_zoom=reference_zoom,
+            window_px=window,
+        ),
+        noise=read_noise(Path(noise)).capture_noise if noises is None else None,
+        workers=SweepWorkers(count=workers, scheduler=scheduler),
+    )
+    found = measure_curves(request, out.with_suffix(".cells.jsonl"))
     if signal is not None:
         found = found.model_copy(update={"signal": signal.name})
     curves = found.curves
     write_results(out, found)
-    figures = _write_figures(out, curves, noises, contrasts)
+    figures = curve_figures(out, curves, contrasts[0])
     if json:
-        print_json({"out": str(out), "figures": [str(path) for path in figures], **found.as_json()})
+        print_json(
+            {"out": str(out), "figures": [str(path) for path in figures], **json_object(found)}
+        )
         return
     _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
     say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
 
 
-def _write_figures(
-    out: Path,
-    curves: list[DetectabilityCurve],
-    noises_dn: list[float],
-    contrasts_dn: list[float],
-) -> list[Path]:
-    by_noise = [curve for curve in curves if curve.contrast_dn == contrasts_dn[0]]
-    middle_dn = sorted(noises_dn)[len(noises_dn) // 2]
-    by_contrast = [curve for curve in curves if curve.noise_dn == middle_dn]
-    written = []
-    for name, figure in (
-        ("noise", plot_detectability(by_noise, "noise_dn")),
-        ("contrast", plot_detectability(by_contrast, "contrast_dn")),
-    ):
-        for suffix, data in ((".png", png_bytes(figure)), (".svg", svg_bytes(figure))):
-            path = out.with_name(f"{out.stem}-{name}{suffix}")
-            write_file(path, data)
-            written.append(path)
-    return written
+def _change(patch: Path | None, sigma_px: float) -> ChangeSignal:
+    from analysis.detectability import GaussianSignal, PatchSignal
+    from standoff.workflows import read_grey
+
+    if patch is None:
+        return GaussianSignal(sigma_px=sigma_px)
+    try:
+        return PatchSignal(levels_dn=read_grey(patch))
+    except ValueError as error:
+        raise ApplicationError(f"{patch}: {error}") from error
 
 
 def _print_curves(curves: list[DetectabilityCurve]) -> None:

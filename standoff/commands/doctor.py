@@ -6,14 +6,24 @@ from typing import Annotated
 
 import typer
 
-from acquisition.aravis import list_cameras
-from standoff.doctor import examine
-from standoff.terminal import BenchKeys, Json, print_json, print_table, read_bench, say
+from standoff.terminal import (
+    BenchKeys,
+    Json,
+    check_options,
+    needs,
+    print_json,
+    print_table,
+    read_bench,
+    say,
+)
 
 __all__ = ["cameras", "doctor"]
 
+_RULES = (needs("settings", "bench"),)
+
 
 def doctor(
+    context: typer.Context,
     *,
     bench: Annotated[
         Path | None, typer.Option("--bench", help="Bench file (TOML); absent: the computer alone.")
@@ -22,8 +32,9 @@ def doctor(
     json: Json = False,
 ) -> None:
     """Check that this computer, the camera and the stage are ready, and say what to do."""
-    if bench is None and settings:
-        raise typer.BadParameter("--set needs --bench")
+    check_options(context, _RULES)
+    from standoff.doctor import examine
+
     config = None if bench is None else read_bench(bench, settings)
     checks = examine(config, Path.cwd())
     failed = [check for check in checks if check.status == "fail"]
@@ -40,6 +51,8 @@ def doctor(
 
 def cameras(*, json: Json = False) -> None:
     """Search for GigE cameras; this BROADCASTS on every network interface of this computer."""
+    from acquisition.aravis import list_cameras
+
     found = list_cameras()
     if json:
         print_json({"cameras": [asdict(camera) for camera in found]})

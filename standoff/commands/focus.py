@@ -1,49 +1,55 @@
 """``standoff focus``: the live focus aid, and the focus sweep."""
 
-from pathlib import Path
-from typing import Annotated
+from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
 import typer
 
-from acquisition.bench import BenchConfig
-from acquisition.devices import Camera
-from acquisition.focus import FEWEST_POSITIONS, FocusMeasure, FocusOptions, FocusReading, Region
-from analysis.reports import plot_focus_sweep, png_bytes
-from calibration.files import read_noise
-from calibration.noise import level_noise
-from hil_mocks import SimulatedBench
+from acquisition.choices import FEWEST_POSITIONS, FocusMeasure
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     BenchFile,
     BenchKeys,
     Json,
+    Option,
+    check_options,
+    excludes,
+    needs,
     note,
+    place_target,
     print_json,
     read_bench,
     refuse_suffix,
+    region_corner_and_size,
     say,
 )
-from standoff.workflows import (
-    FocusSweep,
-    OpenBench,
-    OpenCamera,
-    open_bench,
-    opened_camera,
-    require_writable,
-    run_sweep,
-    watch_focus,
-    write_file,
-)
+
+if TYPE_CHECKING:
+    from acquisition.bench import BenchConfig
+    from acquisition.devices import Camera
+    from acquisition.focus import FocusOptions, FocusReading, Region
+    from standoff.workflows import FocusSweep, OpenBench, OpenCamera
 
 __all__ = ["focus"]
 
 _LIVE_FRAMES = 3
 _SIGMAS_95 = 1.96
 _CLIPPED = 0.01
+_EDGE_ORIENTATION_DEG = 5.0
+
+_RULES = (
+    *(needs(option, "sweep") for option in ("from_mm", "to_mm", "go", "out")),
+    excludes("sweep", "readings", because="--readings is for the live aid"),
+    needs("from_mm", "to_mm"),
+    needs("to_mm", "from_mm"),
+    excludes("sweep", Option("frames", (1,)), because="a sweep averages 2 frames or more"),
+)
 
 
 def focus(
+    context: typer.Context,
     *,
     bench: BenchFile,
     metric: Annotated[FocusMeasure, typer.Option(help="Focus measure.")] = "squared-gradient",
@@ -82,27 +88,22 @@ def focus(
 
     Ctrl-C ends the live aid, with status 0 once a value was shown; it stops a sweep.
     """
+    check_options(context, _RULES)
     refuse_suffix(out, "--out", {".png"})
-    if not sweep and (from_mm is not None or to_mm is not None or go or out is not None):
-        raise typer.BadParameter("--from, --to, --go and --out go with --sweep")
-    if sweep and readings is not None:
-        raise typer.BadParameter("--readings is for the live aid")
-    if (from_mm is None) != (to_mm is None):
-        raise typer.BadParameter("give both --from and --to, or neither")
     if from_mm is not None and to_mm is not None and not from_mm < to_mm:
         raise typer.BadParameter("--from is below --to")
-    if sweep and frames == 1:
-        raise typer.BadParameter("a sweep averages 2 frames or more", param_hint="--frames")
+    from standoff.workflows import (
+        SweepRequest,
+        open_bench,
+        opened_camera,
+        require_writable,
+        run_sweep,
+        watch_focus,
+    )
+
     require_writable([out])
     config = read_bench(bench, settings)
-    model = None if noise is None else level_noise(read_noise(noise).capture_noise)
-    options = FocusOptions(
-        measure=metric,
-        region=None if region is None else _region(region),
-        noise=None
-        if model is None
-        else lambda level_dn: float(model.variance_dn2(np.array([level_dn]))[0]),
-    )
+    options = _options(metric, region, noise)
     if not sweep:
         with opened_camera(config) as watched:
             _prepare(watched, target, options)
@@ -110,25 +111,66 @@ def focus(
             last = watch_focus(watched, options, smoothed=count + 1 - count % 2, readings=readings)
         _show_last(last, metric, json=json)
         return
+    request = SweepRequest(
+        heights_mm=None if from_mm is None or to_mm is None else (from_mm, to_mm),
+        steps=steps,
+        frames=frames or config.capture.frames_per_capture,
+        ends_at_peak=go,
+    )
     with open_bench(config) as opened:
         _prepare(opened, target, options)
-        found = run_sweep(
-            opened,
-            config,
-            options,
-            heights_mm=None if from_mm is None or to_mm is None else (from_mm, to_mm),
-            steps=steps,
-            frames=frames or config.capture.frames_per_capture,
-            go=go,
-        )
+        found = run_sweep(opened, config, options, request)
     _finish(found, config, metric, out, json=json)
+
+
+def _options(metric: FocusMeasure, region: str | None, noise: Path | None) -> FocusOptions:
+    import numpy as np
+
+    from acquisition.focus import FocusOptions
+    from calibration.files import read_noise
+    from calibration.noise import level_noise
+
+    model = None if noise is None else level_noise(read_noise(noise).capture_noise)
+    return FocusOptions(
+        measure=metric,
+        region=None if region is None else _region(region),
+        noise=None
+        if model is None
+        else lambda level_dn: float(model.variance_dn2(np.array([level_dn]))[0]),
+    )
+
+
+def _region(text: str) -> Region:
+    from acquisition.focus import Region
+
+    expected = "X,Y,W,H in px, 0 or more and at least 2 x 2"
+    x, y, width, height = region_corner_and_size(text, expected)
+    try:
+        return Region(x_px=x, y_px=y, width_px=width, height_px=height)
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"expected {expected}, got {text}", param_hint="--region"
+        ) from error
 
 
 def _prepare(opened: OpenBench | OpenCamera, target: str | None, options: FocusOptions) -> None:
     for warning in opened.warnings:
         note(warning)
-    _place(opened.simulated, target)
+    if target is not None:
+        place_target(opened.simulated, target, _EDGE_ORIENTATION_DEG)
     _require_region(options.region, opened.camera)
+
+
+def _require_region(region: Region | None, camera: Camera) -> None:
+    settings = camera.settings
+    if region is not None and (
+        region.x_px + region.width_px > settings.width_px
+        or region.y_px + region.height_px > settings.height_px
+    ):
+        raise typer.BadParameter(
+            f"it reaches beyond the frame of {settings.width_px} x {settings.height_px} px",
+            param_hint="--region",
+        )
 
 
 def _show_last(last: FocusReading, metric: FocusMeasure, *, json: bool) -> None:
@@ -152,6 +194,9 @@ def _finish(
     found: FocusSweep, config: BenchConfig, metric: FocusMeasure, out: Path | None, *, json: bool
 ) -> None:
     if out is not None:
+        from analysis.reports import plot_focus_sweep, png_bytes
+        from standoff.workflows import write_file
+
         heights, values, errs = found.columns()
         write_file(out, png_bytes(plot_focus_sweep(heights, values, errs, found.peak, metric)))
     if max(point.saturated_fraction for point in found.points) > _CLIPPED:
@@ -181,37 +226,3 @@ def _finish(
         say(f"surer than the stage stands ({config.stage.tolerance_mm:g} mm)")
     if out is not None:
         say(f"wrote {out}")
-
-
-def _region(text: str) -> Region:
-    try:
-        x, y, width, height = (int(part) for part in text.split(","))
-        return Region(x_px=x, y_px=y, width_px=width, height_px=height)
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"expected X,Y,W,H in px, 0 or more and at least 2 x 2, got {text}",
-            param_hint="--region",
-        ) from error
-
-
-def _require_region(region: Region | None, camera: Camera) -> None:
-    settings = camera.settings
-    if region is not None and (
-        region.x_px + region.width_px > settings.width_px
-        or region.y_px + region.height_px > settings.height_px
-    ):
-        raise typer.BadParameter(
-            f"it reaches beyond the frame of {settings.width_px} x {settings.height_px} px",
-            param_hint="--region",
-        )
-
-
-def _place(simulated: SimulatedBench | None, target: str | None) -> None:
-    if target is None:
-        return
-    if simulated is None:
-        raise typer.BadParameter("only a simulated bench is told its target", param_hint="--target")
-    try:
-        simulated.place(target, 5.0)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--target") from error

@@ -1,23 +1,14 @@
 """``standoff geometry``: scale, pupil offset, zooms, distortion and squareness of a session."""
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acquisition.session import Session
-from calibration.files import json_object, write_geometry
-from calibration.geometry import (
-    DEFAULT_BOARD,
-    CharucoBoard,
-    GeometryCalibration,
-    GeometryOptions,
-    calibrate_geometry,
-    geometry_captures,
-    geometry_records,
-    nominal_focal_px,
-)
+from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff.terminal import (
     Json,
     note,
@@ -27,7 +18,9 @@ from standoff.terminal import (
     refuse_overwriting,
     say,
 )
-from standoff.workflows import write_geometry_report
+
+if TYPE_CHECKING:
+    from calibration.geometry import CharucoBoard, GeometryCalibration
 
 __all__ = ["geometry"]
 
@@ -49,7 +42,7 @@ def geometry(
         typer.Option(
             metavar="COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]", help="The ChArUco board."
         ),
-    ] = str(DEFAULT_BOARD),
+    ] = DEFAULT_BOARD_TEXT,
     scale: Annotated[
         float | None,
         typer.Option(help="Scale in px/mm at the lowest height, measured by other means."),
@@ -62,6 +55,19 @@ def geometry(
 ) -> None:
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
     refuse_overwriting([out, report], [])
+    from acquisition.session import Session
+    from calibration.documents import json_object
+    from calibration.files import write_geometry
+    from calibration.geometry import (
+        CharucoBoard,
+        GeometryOptions,
+        calibrate_geometry,
+        geometry_captures,
+        geometry_records,
+        nominal_focal_px,
+    )
+    from standoff.workflows import write_geometry_report
+
     try:
         layout = CharucoBoard.from_text(board)
     except ValueError as error:

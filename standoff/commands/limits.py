@@ -1,15 +1,13 @@
 """``standoff limits``: how far the camera may be moved before changes are no longer found."""
 
+from __future__ import annotations
+
 import re
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.pose import PoseLimits, ViewingCamera, contrast_found_at, pose_limits
-from analysis.reports import plot_limits, png_bytes, svg_bytes
-from calibration.files import read_geometry
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     CurveContrast,
@@ -19,20 +17,35 @@ from standoff.terminal import (
     CurvesPath,
     Json,
     MinDprime,
+    check_options,
     checked_zoom,
     chosen_curve,
+    exactly_one,
+    needs,
     print_json,
     print_table,
     refuse_overwriting,
     refuse_suffix,
     say,
 )
-from standoff.workflows import require_writable, write_file
+
+if TYPE_CHECKING:
+    from analysis.pose import PoseLimits, ViewingCamera
 
 __all__ = ["limits"]
 
+_LIMITS = ("zoom", "is_zoom_beyond_curve", "tilt_deg", "zoom_by_tilt", "overlap_by_shift")
+
+_RULES = (
+    exactly_one("geometry", "focal_length_px"),
+    needs("focal_length_px", "image_size"),
+    needs("image_size", "focal_length_px"),
+    needs("at_tilt", "at_zoom"),
+)
+
 
 def limits(
+    context: typer.Context,
     *,
     curves: CurvesPath,
     min_dprime: MinDprime,
@@ -70,22 +83,28 @@ def limits(
     json: Json = False,
 ) -> None:
     """Say which distance ratio, tilt and shift keep d' above a threshold, at best."""
+    check_options(context, _RULES)
     refuse_suffix(plot, "--plot", {".png", ".svg"})
     refuse_overwriting([plot], [curves, geometry])
-    if at_tilt and at_zoom is None:
-        raise typer.BadParameter("--at-tilt goes with --at-zoom")
+    from analysis.pose import FollowupPose, contrast_found_at, pose_limits
+    from analysis.reports import plot_limits
+    from standoff.workflows import require_writable, write_figure
+
     camera = _camera(geometry, focal_length_px, image_size)
     require_writable([plot])
     curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
     found = pose_limits(curve, min_dprime, camera, reference_tilt, tilt_direction)
     least_dn = None
     if at_zoom is not None:
-        least_dn = contrast_found_at(
-            curve, min_dprime, camera, at_zoom, at_tilt, reference_tilt, tilt_direction
+        pose = FollowupPose(
+            zoom=at_zoom,
+            tilt_deg=at_tilt,
+            reference_tilt_deg=reference_tilt,
+            direction_deg=tilt_direction,
         )
+        least_dn = contrast_found_at(curve, min_dprime, camera, pose)
     if plot is not None:
-        figure = plot_limits(curve, found, min_dprime)
-        write_file(plot, svg_bytes(figure) if plot.suffix == ".svg" else png_bytes(figure))
+        write_figure(plot, plot_limits(found))
     if json:
         print_json(
             {
@@ -94,7 +113,7 @@ def limits(
                 "reference_tilt_deg": reference_tilt,
                 "tilt_direction_deg": tilt_direction,
                 "is_upper_bound": True,
-                **asdict(found),
+                **{name: getattr(found, name) for name in _LIMITS},
                 "at_zoom": at_zoom,
                 "at_tilt_deg": None if at_zoom is None else at_tilt,
                 "contrast_found_dn": least_dn,
@@ -113,9 +132,10 @@ def limits(
 def _camera(
     geometry: Path | None, focal_length_px: float | None, image_size: str | None
 ) -> ViewingCamera:
+    from analysis.pose import ViewingCamera
+    from calibration.files import read_geometry
+
     if geometry is not None:
-        if focal_length_px is not None or image_size is not None:
-            raise typer.BadParameter("give --geometry or --focal-length-px with --image-size")
         stored = read_geometry(geometry)
         focal, width, height = stored.focal_length_px, stored.width_px, stored.height_px
         if focal is None or width is None or height is None:
@@ -124,8 +144,8 @@ def _camera(
                 "--focal-length-px and --image-size"
             )
         return ViewingCamera(focal_length_px=focal, width_px=width, height_px=height)
-    if focal_length_px is None or image_size is None:
-        raise typer.BadParameter("give --geometry, or --focal-length-px and --image-size")
+    assert focal_length_px is not None
+    assert image_size is not None
     size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", image_size.strip().lower(), re.ASCII)
     if size is None:
         raise typer.BadParameter(f"--image-size is WxH in px, such as 780x580, not {image_size}")

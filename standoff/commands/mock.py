@@ -1,5 +1,7 @@
 """``standoff mock``: the simulated bench as a GigE camera, to practise without hardware."""
 
+from __future__ import annotations
+
 import json as json_format
 import os
 import select
@@ -9,16 +11,16 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hil_mocks.gige import checked_loopback_address
-from hil_mocks.practice_bench import HandStage, PracticeBench, StageEmulator
-from hil_mocks.stages import SerialStage, StageProtocol
+from hil_mocks.stages import StageProtocol
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import ERRORS, BenchKeys, Json, read_bench, say
-from standoff.workflows import PracticeCommandError, PracticeConsole
+
+if TYPE_CHECKING:
+    from hil_mocks.practice_bench import StageEmulator
 
 __all__ = ["mock"]
 
@@ -26,6 +28,8 @@ READ_BYTES = 4096
 
 
 def _checked_address(address: str) -> str:
+    from hil_mocks.gige import checked_loopback_address
+
     try:
         return checked_loopback_address(address)
     except ValueError as error:
@@ -54,6 +58,10 @@ def mock(
     Lines typed meanwhile change it: place TARGET [DEGREES], height MM, fault NAME=VALUE,
     fault none, restart, drop-control, status.
     """
+    from hil_mocks.practice_bench import HandStage, PracticeBench
+    from hil_mocks.stages import SerialStage
+    from standoff.workflows import PracticeCommandError, PracticeConsole
+
     config = read_bench(bench or shipped_config("simulated.toml"), settings)
     serial_stage = None if stage_protocol is None else SerialStage(stage_protocol)
     stage: StageEmulator = serial_stage or HandStage(config.stage.limits_mm)

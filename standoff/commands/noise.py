@@ -1,14 +1,12 @@
 """``standoff noise``: photon transfer and correction maps from dark and flat captures."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acquisition.session import Session
-from analysis.reports import render_noise_report
-from calibration.files import json_object, write_noise
-from calibration.noise import NoiseMeasurement, map_paths, measure_noise, noise_records
 from standoff.terminal import (
     Json,
     note,
@@ -19,7 +17,9 @@ from standoff.terminal import (
     refuse_suffix,
     say,
 )
-from standoff.workflows import require_writable, write_page
+
+if TYPE_CHECKING:
+    from calibration.noise import NoiseMeasurement
 
 __all__ = ["noise"]
 
@@ -34,6 +34,13 @@ def noise(
     json: Json = False,
 ) -> None:
     """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
+    from acquisition.session import Session
+    from analysis.reports import render_noise_report
+    from calibration.documents import json_object
+    from calibration.files import write_noise
+    from calibration.noise import map_paths, measure_noise, noise_records
+    from standoff.workflows import require_writable, write_page
+
     refuse_overwriting([out, report, *map_paths(out).values()], [])
     refuse_suffix(out, "--out", {".json"})
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})

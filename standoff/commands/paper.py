@@ -1,17 +1,14 @@
 """``standoff paper``: the paper's experiment on the simulated bench."""
 
 from pathlib import Path
+from statistics import median
 from typing import Annotated
 
-import numpy as np
 import typer
 
-from acquisition.plan import load_plan
-from analysis.validation import PAPER_TRAINING_STEPS, KernelBook, ValidationSettings
-from standoff.commands.validate import parse_models, print_tables
+from analysis.choices import PAPER_TRAINING_STEPS
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import BenchKeys, Json, print_json, read_bench, say
-from standoff.workflows import default_models, run_paper, short_bench
+from standoff.terminal import BenchKeys, Json, chosen_models, print_json, read_bench, say
 
 __all__ = ["paper"]
 
@@ -36,9 +33,15 @@ def paper(
     json: Json = False,
 ) -> None:
     """Repeat the paper's experiment on the simulated bench: Tables I and II, Figures 2 and 3."""
+    from acquisition.plan import load_plan
+    from analysis.validation import KernelBook, ValidationSettings
+    from calibration.documents import json_object
+    from standoff.terminal import print_validation
+    from standoff.workflows import default_models, run_paper, short_bench
+
     config = read_bench(shipped_config("paper_bench.toml"), settings)
     plan = "paper_validation_short.toml" if short else "paper_validation.toml"
-    chosen = default_models() if models is None else parse_models(models)
+    chosen = default_models() if models is None else chosen_models(models)
     result = run_paper(
         out,
         short_bench(config) if short else config,
@@ -53,11 +56,11 @@ def paper(
     )
     errors_px = result.registration_errors_px
     if json:
-        print_json({**result.validation.as_json(), "registration_errors_px": list(errors_px)})
+        print_json({**json_object(result.validation), "registration_errors_px": list(errors_px)})
         return
-    print_tables(result.validation)
+    print_validation(result.validation)
     say(
         "alignment beside the bench's truth: median error "
-        f"{np.median(errors_px):.4f} px, largest median of a pair {max(errors_px):.4f} px"
+        f"{median(errors_px):.4f} px, largest median of a pair {max(errors_px):.4f} px"
     )
     say(f"wrote {out / 'report.html'} and the tables and figures beside it")

@@ -1,22 +1,16 @@
 """``standoff pose``: whether a follow-up's pose allows the comparison, once or live."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
-from analysis.detectability import DetectabilityCurve
-from analysis.pose import Criterion, PoseQuality, PoseTracker, judge_pose
-from analysis.reports import plot_pose, png_bytes, svg_bytes
+from analysis.choices import Criterion
 from calibration.errors import CalibrationError
-from calibration.registration import Registration, register
-from hil_mocks import SimulatedBench
-from simulation import GaussianPsf
-from standoff.commands.simulate import read_total_psf
 from standoff.terminal import (
     BenchKeys,
     CurveContrast,
@@ -26,32 +20,43 @@ from standoff.terminal import (
     CurvesPath,
     Json,
     MinDprime,
+    check_options,
     chosen_curve,
+    exactly_one,
+    needs,
     note,
+    place_target,
     print_json,
     read_bench,
     refuse_overwriting,
     refuse_suffix,
     say,
 )
-from standoff.workflows import (
-    NamedFrame,
-    StreamSummary,
-    camera_frames,
-    folder_frames,
-    judge_stream,
-    opened_camera,
-    read_grey,
-    require_writable,
-    verdict_display,
-    verdict_facts,
-    write_file,
-)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from analysis.detectability import DetectabilityCurve
+    from analysis.pose import PoseQuality
+    from calibration.registration import Registration
+    from standoff.workflows import NamedFrame, StreamSummary
 
 __all__ = ["pose"]
 
+_RULES = (
+    exactly_one("followup", "stream", "bench"),
+    needs("target", "bench"),
+    needs("settings", "bench"),
+    needs("watch", "stream"),
+    needs("psf", "followup"),
+    needs("picture", "followup"),
+    needs("frames", "stream", "bench"),
+)
+
 
 def pose(
+    context: typer.Context,
     reference: Annotated[Path, typer.Argument(help="The earlier, nearer image.")],
     followup: Annotated[
         Path | None, typer.Argument(help="The image whose pose is judged, unless live.")
@@ -87,24 +92,16 @@ def pose(
     contrast: CurveContrast = None,
     json: Json = False,
 ) -> None:
-    """Accept or reject a follow-up's pose by the d' that it allows at every place.
+    """Accept or reject a follow-up's pose by the d' that it allows over the frame.
 
     Live (--stream or --bench) it follows the pose from frame to frame, and says for each one
     whether it would do and by which margin; Ctrl-C ends it with status 130.
     """
-    if [followup, stream, bench].count(None) != 2:
-        raise typer.BadParameter("give one of FOLLOWUP, --stream and --bench")
-    is_bench = bench is not None
-    if not is_bench and (target is not None or settings):
-        raise typer.BadParameter("--target and --set go with --bench")
-    if stream is None and watch:
-        raise typer.BadParameter("--watch goes with --stream")
-    if followup is None and (psf is not None or picture is not None):
-        raise typer.BadParameter("--psf and --picture go with FOLLOWUP")
-    if followup is not None and frames is not None:
-        raise typer.BadParameter("--frames goes with --stream and --bench")
+    check_options(context, _RULES)
     refuse_suffix(picture, "--picture", {".png", ".svg"})
     refuse_overwriting([picture], [reference, followup, curves, psf])
+    from standoff.workflows import read_grey, require_writable
+
     require_writable([picture])
     curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
     near = read_grey(reference)
@@ -115,20 +112,20 @@ def pose(
         "is_upper_bound": True,
     }
     if followup is not None:
-        total = None if psf is None else read_total_psf(psf)
-        found, quality = _judged(near, followup, total, curve, min_dprime, criterion)
+        found, quality = _judged(near, followup, psf, curve, min_dprime, criterion)
         if picture is not None:
-            figure = plot_pose(read_grey(followup), quality)
-            write_file(
-                picture, svg_bytes(figure) if picture.suffix == ".svg" else png_bytes(figure)
-            )
-        _show_one(found, quality, curve, picture, about, json=json)
+            _draw(picture, followup, quality)
+        _show_one(found, quality, picture, json=json)
         return
+    from analysis.pose import PoseTracker
+    from standoff.workflows import StreamSummary, judge_stream, verdict_display
+
     try:
         tracker = PoseTracker(near, curve, min_dprime, criterion)
     except (CalibrationError, ValueError) as error:
         raise CalibrationError(f"{reference}: {error}") from error
     summary = StreamSummary()
+    is_bench = bench is not None
     try:
         with (
             _frames(stream, bench, settings, target, is_watched=watch) as source,
@@ -150,6 +147,8 @@ def _frames(
     *,
     is_watched: bool,
 ) -> Iterator[Iterator[NamedFrame]]:
+    from standoff.workflows import camera_frames, folder_frames, opened_camera
+
     if stream is not None:
         if not stream.is_dir():
             raise typer.BadParameter(f"{stream} is no folder", param_hint="--stream")
@@ -159,76 +158,72 @@ def _frames(
             for warning in opened.warnings:
                 note(warning)
             if target is not None:
-                _place(opened.simulated, target)
+                place_target(opened.simulated, target)
             with camera_frames(opened) as source:
                 yield source
-
-
-def _place(simulated: SimulatedBench | None, target: str) -> None:
-    if simulated is None:
-        raise typer.BadParameter("only a simulated bench is told its target", param_hint="--target")
-    try:
-        simulated.place(target)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--target") from error
 
 
 def _judged(
     near: NDArray[np.float64],
     followup: Path,
-    psf: GaussianPsf | None,
+    psf: Path | None,
     curve: DetectabilityCurve,
     min_dprime: float,
     criterion: Criterion,
 ) -> tuple[Registration, PoseQuality]:
+    from analysis.pose import judge_pose
+    from calibration.registration import register
+    from standoff.workflows import read_grey, read_total_psf
+
+    total = None if psf is None else read_total_psf(psf)
     far = read_grey(followup)
     try:
-        found = register(near, far, psf)
+        found = register(near, far, total)
     except CalibrationError as error:
         raise CalibrationError(f"{followup}: {error}") from error
     sizes = (far.shape[1], far.shape[0]), (near.shape[1], near.shape[0])
     return found, judge_pose(found.matrix, *sizes, curve, min_dprime, criterion)
 
 
+def _draw(picture: Path, followup: Path, quality: PoseQuality) -> None:
+    from analysis.reports import plot_pose
+    from standoff.workflows import read_grey, write_figure
+
+    write_figure(picture, plot_pose(read_grey(followup), quality))
+
+
 def _show_one(
-    found: Registration,
-    quality: PoseQuality,
-    curve: DetectabilityCurve,
-    picture: Path | None,
-    about: dict[str, object],
-    *,
-    json: bool,
+    found: Registration, quality: PoseQuality, picture: Path | None, *, json: bool
 ) -> None:
+    curve = quality.curve
     if quality.beyond_curve:
         note(
             f"{100 * quality.beyond_curve:.0f} % of the overlap lies beyond the curve's zoom of "
             f"{curve.zoom[-1]:g}; its d' is taken as 0"
         )
-    facts = _facts(quality)
+    summary = quality.summary.model_copy(
+        update={
+            "registration_correlation": found.correlation,
+            "picture": None if picture is None else str(picture),
+        }
+    )
     if json:
-        print_json(
-            {
-                "is_accepted": quality.is_accepted,
-                **about,
-                **facts,
-                "homography": found.matrix.tolist(),
-                "registration_correlation": found.correlation,
-                "picture": None if picture is None else str(picture),
-            }
-        )
+        print_json(summary.model_dump(mode="json"))
         return
     say(
         f"{'accepted' if quality.is_accepted else 'rejected'}: {quality.criterion} d' "
         f"{quality.decisive_d_prime:.2f}, threshold {quality.min_d_prime:g} ({curve.name})"
     )
     say(
-        f"local zoom {facts['zoom_min']:.3f} to {facts['zoom_max']:.3f}, anisotropy up to "
-        f"{facts['anisotropy_max']:.3f}, overlap {100 * facts['overlap']:.0f} % of the follow-up"
+        f"local zoom {summary.zoom_min:.3f} to {summary.zoom_max:.3f}, anisotropy up to "
+        f"{summary.anisotropy_max:.3f}, overlap {100 * summary.overlap:.0f} % of the follow-up"
     )
     say("d' is an upper bound: registration, light, gloss, parallax and defocus only lower it")
 
 
 def _show_stream(summary: StreamSummary, about: dict[str, object], *, json: bool) -> None:
+    from standoff.workflows import verdict_facts
+
     assert summary.last is not None
     if json:
         print_json(
@@ -251,17 +246,3 @@ def _show_stream(summary: StreamSummary, about: dict[str, object], *, json: bool
         + ("" if rate is None else f"; between them {rate:.0f} frames a second")
     )
     say(f"last: {summary.last.reason}")
-
-
-def _facts(quality: PoseQuality) -> dict[str, float]:
-    sampling, inside = quality.sampling, quality.sampling.inside
-    return {
-        "dprime_decisive": quality.decisive_d_prime,
-        "dprime_min": float(np.nanmin(quality.d_prime)),
-        "dprime_max": float(np.nanmax(quality.d_prime)),
-        "zoom_min": float(sampling.best_zoom[inside].min()),
-        "zoom_max": float(sampling.worst_zoom[inside].max()),
-        "anisotropy_max": float(sampling.anisotropy[inside].max()),
-        "overlap": sampling.overlap,
-        "beyond_curve": quality.beyond_curve,
-    }

@@ -5,14 +5,7 @@ from typing import Annotated
 
 import typer
 
-from acquisition.session import Session, verify
 from standoff.terminal import Json, note, print_json, refuse_suffix, say
-from standoff.workflows import (
-    RESULTS_FOLDER,
-    make_folder,
-    require_writable,
-    write_session_report,
-)
 
 __all__ = ["report"]
 
@@ -26,6 +19,14 @@ def report(
     json: Json = False,
 ) -> None:
     """Write a report of a session and of what was worked out from it so far."""
+    from acquisition.session import Session, verify
+    from standoff.workflows import (
+        RESULTS_FOLDER,
+        make_folder,
+        require_writable,
+        write_session_report,
+    )
+
     refuse_suffix(out, "--out", {".html", ".htm", ".pdf"})
     session = Session(directory)
     results = make_folder(directory / RESULTS_FOLDER)

@@ -1,21 +1,19 @@
 """``standoff verify`` and ``standoff session``: check a capture session, and look after it."""
 
+from __future__ import annotations
+
 import getpass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from acquisition.errors import SessionError
-from acquisition.session import (
-    MANIFEST_NAME,
-    Session,
-    SessionCapture,
-    SessionNotes,
-    verify as verify_session,
-)
 from standoff.errors import ApplicationError
 from standoff.terminal import Json, note, print_json, print_table, say
+
+if TYPE_CHECKING:
+    from acquisition.session import Session, SessionCapture, SessionNotes
 
 __all__ = ["session", "verify"]
 
@@ -31,6 +29,8 @@ session = typer.Typer(
 
 def verify(directory: Directory, json: Json = False) -> None:
     """Check every file of a session against its journal."""
+    from acquisition.session import verify as verify_session
+
     report = verify_session(directory)
     superseded = [c for c in report.files if c.is_superseded and c.state in ("missing", "changed")]
     if json:
@@ -73,6 +73,8 @@ def list_sessions(
     json: Json = False,
 ) -> None:
     """List the sessions in a folder: what, who, when, how much of the plan is captured."""
+    from acquisition.session import MANIFEST_NAME, Session
+
     if not folder.is_dir():
         raise ApplicationError(f"{folder} is no folder; name the one that holds the sessions")
     manifests = [*folder.glob(MANIFEST_NAME), *sorted(folder.glob(f"*/{MANIFEST_NAME}"))]
@@ -108,6 +110,8 @@ def list_sessions(
 @session.command("show")
 def show(directory: Directory, json: Json = False) -> None:
     """Show the captures of a session, what was decided about them, and its notes."""
+    from acquisition.session import Session
+
     opened = Session(directory)
     captures = sorted(opened.captures, key=lambda capture: capture.record.index)
     notes = [event for event in opened.events if event.kind == "note"]
@@ -150,7 +154,7 @@ def exclude(
     who: Who = None,
 ) -> None:
     """Keep a capture out of calibration and analysis."""
-    SessionNotes(directory, operator=who or getpass.getuser()).exclude(index, reason)
+    _notes(directory, who).exclude(index, reason)
     say(f"{directory}: capture {index} is excluded: {reason}")
 
 
@@ -162,7 +166,7 @@ def include(
     who: Who = None,
 ) -> None:
     """Take an excluded capture back in."""
-    SessionNotes(directory, operator=who or getpass.getuser()).include(index, reason)
+    _notes(directory, who).include(index, reason)
     say(f"{directory}: capture {index} is used again")
 
 
@@ -173,8 +177,14 @@ def write_note(
     who: Who = None,
 ) -> None:
     """Write into the journal what a later reader should know."""
-    SessionNotes(directory, operator=who or getpass.getuser()).note(text)
+    _notes(directory, who).note(text)
     say(f"{directory}: noted")
+
+
+def _notes(directory: Path, who: str | None) -> SessionNotes:
+    from acquisition.session import SessionNotes
+
+    return SessionNotes(directory, operator=who or getpass.getuser())
 
 
 def _summary(opened: Session) -> dict[str, Any]:

@@ -1,22 +1,20 @@
 """``standoff sr-pairs``: aligned training pairs for super-resolution."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simulation import Model
-from standoff.commands.simulate import read_total_psf
+from simulation.choices import Model
 from standoff.errors import ApplicationError
 from standoff.terminal import Json, checked_zoom, note, print_json, progress_bar, say
-from standoff.workflows import (
-    SrDatasetSettings,
-    SrDatasetSummary,
-    expanded_images,
-    write_sr_dataset,
-)
+
+if TYPE_CHECKING:
+    from standoff.workflows import SrDatasetSummary
 
 __all__ = ["sr_pairs"]
 
@@ -53,6 +51,13 @@ def sr_pairs(
     json: Json = False,
 ) -> None:
     """Cut photographs into crops, each with its image from ZOOM times further away."""
+    from standoff.workflows import (
+        SrDatasetSettings,
+        expanded_images,
+        read_total_psf,
+        write_sr_dataset,
+    )
+
     settings = SrDatasetSettings(
         zoom=zoom,
         model=model,

@@ -1,19 +1,20 @@
 """``standoff stage``: the height stage by hand."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from acquisition.bench import BenchConfig, StageConfig
-from acquisition.devices import Stage
 from acquisition.errors import DeviceError, DeviceInUseError, StageNotHomedError
-from acquisition.stages import MotorStage, home_timeout_s, move_timeout_s
-from hil_mocks import SimulatedBench
 from standoff.terminal import BenchFile, BenchKeys, Json, note, print_json, read_bench, say
-from standoff.workflows import open_stage
+
+if TYPE_CHECKING:
+    from acquisition.bench import BenchConfig, StageConfig
+    from acquisition.devices import Stage
 
 __all__ = ["stage"]
 
@@ -58,6 +59,8 @@ def stage(
 def _act(
     opened: Stage, config: StageConfig, action: Action, height_mm: float | None, *, home: bool
 ) -> None:
+    from acquisition.stages import home_timeout_s, move_timeout_s
+
     if action == "home":
         opened.home(home_timeout_s(config))
     elif action == "move" and height_mm is not None:
@@ -74,8 +77,12 @@ def _act(
 @contextmanager
 def _opened(config: BenchConfig, action: Action) -> Iterator[Stage]:
     if config.stage.driver == "simulated":
+        from hil_mocks import SimulatedBench
+
         yield SimulatedBench(config).stage
         return
+    from standoff.workflows import open_stage
+
     first: Literal["nothing", "stop", "reset"] = "nothing"
     if action in ("stop", "unlock"):
         first = "stop" if action == "stop" else "reset"
@@ -91,6 +98,8 @@ def _opened(config: BenchConfig, action: Action) -> Iterator[Stage]:
 
 
 def _show(opened: Stage, action: Action, *, json: bool) -> None:
+    from acquisition.stages import MotorStage
+
     state = opened.state
     try:
         position_mm = opened.position_mm()

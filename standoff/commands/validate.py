@@ -5,24 +5,10 @@ from typing import Annotated
 
 import typer
 
-from acquisition.session import Session
-from analysis.validation import (
-    CACHE_VARIABLE,
-    PAPER_TRAINING_STEPS,
-    VALIDATION_MODELS,
-    KernelBook,
-    Validation,
-    ValidationModel,
-    ValidationSettings,
-    both_tables,
-    default_cache_folder,
-    is_learned,
-)
-from standoff.commands.simulate import read_total_psf
-from standoff.terminal import Json, print_json, print_table, say
-from standoff.workflows import default_models, run_validation
+from analysis.choices import CACHE_VARIABLE, PAPER_TRAINING_STEPS, VALIDATION_MODELS
+from standoff.terminal import Json, chosen_models, print_json, say
 
-__all__ = ["parse_models", "print_tables", "validate"]
+__all__ = ["validate"]
 
 
 def validate(
@@ -55,7 +41,22 @@ def validate(
     json: Json = False,
 ) -> None:
     """Say how well every model predicts the captured follow-ups of a session."""
-    chosen = default_models() if models is None else parse_models(models)
+    from acquisition.session import Session
+    from analysis.validation import (
+        KernelBook,
+        ValidationSettings,
+        default_cache_folder,
+        is_learned,
+    )
+    from calibration.documents import json_object
+    from standoff.terminal import print_validation
+    from standoff.workflows import (
+        default_models,
+        read_total_psf,
+        run_validation,
+    )
+
+    chosen = default_models() if models is None else chosen_models(models)
     if not any(map(is_learned, chosen)) and (steps is not None or seed or kernel_cache):
         raise typer.BadParameter("--steps, --seed and --kernel-cache go with a learned model")
     total = read_total_psf(psf)
@@ -71,27 +72,7 @@ def validate(
     )
     validation = run_validation(out, Session(session), total, str(psf), settings)
     if json:
-        print_json(validation.as_json())
+        print_json(json_object(validation))
         return
-    print_tables(validation)
+    print_validation(validation)
     say(f"wrote {out / 'report.html'} and the tables and figures beside it")
-
-
-def parse_models(text: str) -> tuple[ValidationModel, ...]:
-    """Names of models, separated by commas, in the order of the tables."""
-    names = [name.strip() for name in text.split(",")]
-    unknown = [name for name in names if name not in VALIDATION_MODELS]
-    if unknown or not names:
-        raise typer.BadParameter(
-            f"no model {unknown[0]!r}; there are {', '.join(VALIDATION_MODELS)}",
-            param_hint="--models",
-        )
-    return tuple(model for model in VALIDATION_MODELS if model in names)
-
-
-def print_tables(validation: Validation) -> None:
-    """Print both tables, the paper's rows below ours."""
-    for table in both_tables(validation):
-        print_table(
-            table.title, list(table.columns), [list(r) for r in (*table.rows, *table.paper)]
-        )

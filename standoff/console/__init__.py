@@ -1,6 +1,6 @@
 """The operator console: a web page over one bench, whose state lives in threads of its own.
 
-The keepers own the devices, `BenchHub` puts them together, viewers subscribe and send commands.
+The services own the devices, `BenchHub` puts them together, viewers subscribe and send commands.
 Nothing here waits for a viewer: a slow one is sent fewer pictures, a lost one changes nothing.
 """
 

@@ -39,7 +39,7 @@ def bench_checks(hub: BenchHub) -> tuple[Check, ...]:
     )
     checks.append(_device("camera", hub.camera.status, found))
     if settings is not None:
-        counts = hub.board.counts
+        counts = hub.frames.counts
         text = (
             f"{counts.complete} complete, {counts.incomplete} incomplete, {counts.lost} lost; "
             f"{counts.rate_hz:.1f} per second"

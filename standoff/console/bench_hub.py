@@ -4,29 +4,26 @@ import getpass
 import shutil
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Lock, Thread
 
 from acquisition.bench import BenchConfig
-from acquisition.capture import Placement
-from acquisition.devices import Camera, Stage
 from acquisition.errors import DeviceError
-from acquisition.plan import PlanEntry
 from standoff.console.devices import (
-    CameraKeeper,
-    FrameBoard,
-    PictureWatch,
-    PoseWatch,
-    StageKeeper,
+    CameraService,
+    FrameBroadcaster,
+    PictureMonitor,
+    PoseMonitor,
+    StageService,
     TrackerMaker,
 )
-from standoff.console.jobs import ControlDesk, JobDesk, PromptBoard, SessionRun
+from standoff.console.drivers import BenchDrivers
+from standoff.console.jobs import ControlArbiter, JobRunner, PromptQueue, SessionRun
 from standoff.console.plan_library import PlanLibrary
 from standoff.console.session_library import SessionLibrary
 
-__all__ = ["BenchDrivers", "BenchHub", "Notice"]
+__all__ = ["BenchHub", "Notice"]
 
 STOP_AGAIN_S = 0.3
 STOP_TRIES = 100
@@ -35,30 +32,6 @@ STOP_TRIES = 100
 CLOSE_TIMEOUT_S = 10.0
 NOTICES = 20
 DISK_PERIOD_S = 2.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchDrivers:
-    """How the devices of a bench are opened.
-
-    Parameters
-    ----------
-    open_camera
-        Opens and configures the camera.
-    open_stage
-        Opens the stage; its argument says that it was open before and may still move. The
-        second one puts a question to whoever moves a manual stage.
-    laid
-        Lays a target by itself, on a bench simulated in this process; else None.
-    clock, sleep
-        Seconds in which the devices live, and what lets some pass.
-    """
-
-    open_camera: Callable[[], Camera]
-    open_stage: Callable[[bool, Callable[[str], str]], Stage]
-    laid: Callable[[PlanEntry], Placement] | None = None
-    clock: Callable[[], float] = time.monotonic
-    sleep: Callable[[float], None] = time.sleep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,25 +71,23 @@ class BenchHub:
         self.bench = bench
         self.sessions = SessionLibrary(sessions)
         self.plans = PlanLibrary(plan_folders)
-        self.control = ControlDesk()
-        self.jobs = JobDesk(self.tell)
-        self.prompts = PromptBoard(self._check_job)
-        self.board = FrameBoard()
-        self.camera = CameraKeeper(drivers.open_camera, self.board, report=self.tell)
-        self.stage = StageKeeper(
+        self.control = ControlArbiter()
+        self.jobs = JobRunner(self.tell)
+        self.prompts = PromptQueue(self._check_job)
+        self.frames = FrameBroadcaster()
+        self.camera = CameraService(drivers.open_camera, self.frames, report=self.tell)
+        self.stage = StageService(
             lambda is_again: drivers.open_stage(is_again, self.prompts.ask),
             limits_mm=bench.stage.limits_mm,
         )
-        self.picture = PictureWatch(self.board)
-        self.pose = PoseWatch(self.board, make_tracker, report=self.tell)
+        self.picture = PictureMonitor(self.frames)
+        self.pose = PoseMonitor(self.frames, make_tracker, report=self.tell)
         self.run = SessionRun(
             bench,
             self.camera,
             self.stage,
             self.prompts,
-            laid=drivers.laid,
-            clock=drivers.clock,
-            sleep=drivers.sleep,
+            drivers=drivers,
         )
         self._lock = Lock()
         self._notices: deque[Notice] = deque(maxlen=NOTICES)

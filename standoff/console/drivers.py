@@ -1,12 +1,15 @@
 """Opens the devices of a bench file for the console, again and again where they get lost."""
 
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from acquisition.bench import BenchConfig
-from acquisition.devices import Stage
+from acquisition.capture import Placement
+from acquisition.devices import Camera, Stage
+from acquisition.plan import PlanEntry
 from hil_mocks import SimulatedBench
 from hil_mocks.clock import RealTimeClock
-from standoff.console.bench_hub import BenchDrivers
 from standoff.workflows import (
     open_camera,
     open_stage,
@@ -14,7 +17,31 @@ from standoff.workflows import (
     refuse_half_simulated,
 )
 
-__all__ = ["bench_drivers"]
+__all__ = ["BenchDrivers", "bench_drivers"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchDrivers:
+    """How the devices of a bench are opened.
+
+    Parameters
+    ----------
+    open_camera
+        Opens and configures the camera.
+    open_stage
+        Opens the stage; its argument says that it was open before and may still move. The
+        second one puts a question to whoever moves a manual stage.
+    laid
+        Lays a target by itself, on a bench simulated in this process; else None.
+    clock, sleep
+        Seconds in which the devices live, and what lets some pass.
+    """
+
+    open_camera: Callable[[], Camera]
+    open_stage: Callable[[bool, Callable[[str], str]], Stage]
+    laid: Callable[[PlanEntry], Placement] | None = None
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
 
 
 def bench_drivers(config: BenchConfig) -> BenchDrivers:

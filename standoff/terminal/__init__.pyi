@@ -17,14 +17,24 @@ from .operator_prompts import (
     TerminalOperator as TerminalOperator,
     what_to_place as what_to_place,
 )
+from .option_rules import (
+    Option as Option,
+    check_options as check_options,
+    exactly_one as exactly_one,
+    excludes as excludes,
+    needs as needs,
+)
 from .options import (
     BenchFile as BenchFile,
     BenchKeys as BenchKeys,
     Json as Json,
     checked_zoom as checked_zoom,
+    chosen_models as chosen_models,
+    place_target as place_target,
     read_bench as read_bench,
     refuse_overwriting as refuse_overwriting,
     refuse_suffix as refuse_suffix,
+    region_corner_and_size as region_corner_and_size,
 )
 from .output import (
     ERRORS as ERRORS,
@@ -41,7 +51,8 @@ from .plan_preview import (
     preview_lines as preview_lines,
     time_text as time_text,
 )
-from .psf_tables import print_psf as print_psf
+from .psf_tables import print_psf as print_psf, print_psf_remarks as print_psf_remarks
+from .validation_tables import print_validation as print_validation
 
 __all__ = [
     "ERRORS",
@@ -57,24 +68,34 @@ __all__ = [
     "LiveLine",
     "MinDprime",
     "Operator",
+    "Option",
     "ScriptedOperator",
     "TerminalOperator",
     "application",
+    "check_options",
     "checked_zoom",
     "chosen_curve",
+    "chosen_models",
     "drop_stale_code",
     "edge_csv",
+    "exactly_one",
+    "excludes",
     "flicker_warnings",
     "frame_shape_of",
+    "needs",
     "note",
+    "place_target",
     "preview_lines",
     "print_json",
     "print_psf",
+    "print_psf_remarks",
     "print_table",
+    "print_validation",
     "progress_bar",
     "read_bench",
     "refuse_overwriting",
     "refuse_suffix",
+    "region_corner_and_size",
     "run_application",
     "say",
     "time_text",

@@ -51,8 +51,8 @@ COMMANDS = {
 def application(arguments: list[str]) -> typer.Typer:
     """Return the application for a command line, with the command that it names.
 
-    Only that command is imported, as all of them with their libraries take seconds; where the
-    first argument names none, as for the help or a misspelt name, all are there.
+    Only that command is imported; where the first argument names none, as for the help or a
+    misspelt name, all are there.
     """
     app = typer.Typer(
         name="standoff",
@@ -66,8 +66,7 @@ def application(arguments: list[str]) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_show_help)
-    named = [name for name in arguments[:1] if name in COMMANDS]
-    for name in named or COMMANDS:
+    for name in _needed(arguments):
         command = _imported(COMMANDS[name])
         if isinstance(command, typer.Typer):
             app.add_typer(command)
@@ -76,8 +75,15 @@ def application(arguments: list[str]) -> typer.Typer:
     return app
 
 
-def _imported(place: str) -> Any:  # noqa: ANN401 - a function, or a group of them
-    module, name = place.split(":")
+def _needed(arguments: list[str]) -> list[str]:
+    first = arguments[:1]
+    if first == ["--version"]:
+        return []
+    return [name for name in first if name in COMMANDS] or list(COMMANDS)
+
+
+def _imported(path: str) -> Any:  # noqa: ANN401 - a function, or a group of them
+    module, name = path.split(":")
     return getattr(import_module(f"standoff.commands.{module}"), name)
 
 

@@ -1,18 +1,17 @@
 """Which curve of a curves.json a command means."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.detectability import (
-    AmbiguousCurveError,
-    CurveChoice,
-    DetectabilityCurve,
-    Observer,
-    read_curves,
-)
-from simulation import Model
+from analysis.choices import Observer
+from simulation.choices import Model
+
+if TYPE_CHECKING:
+    from analysis.detectability import DetectabilityCurve
 
 __all__ = [
     "CurveContrast",
@@ -49,6 +48,8 @@ def chosen_curve(
     ResultsFileError
         If the file cannot be read.
     """
+    from analysis.detectability import AmbiguousCurveError, CurveChoice, read_curves
+
     if not 0 < min_dprime < float("inf"):
         raise typer.BadParameter(
             f"a threshold is a number above 0, got {min_dprime:g}", param_hint="--min-dprime"

@@ -1,23 +1,31 @@
 """Options that several commands share, and how their values are checked."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acquisition.bench import BenchConfig, load_bench, parse_overrides
-from acquisition.errors import BenchConfigError
+from analysis.choices import VALIDATION_MODELS, ValidationModel
+
+if TYPE_CHECKING:
+    from acquisition.bench import BenchConfig
+    from hil_mocks import SimulatedBench
 
 __all__ = [
     "BenchFile",
     "BenchKeys",
     "Json",
     "checked_zoom",
+    "chosen_models",
+    "place_target",
     "read_bench",
     "refuse_overwriting",
     "refuse_suffix",
+    "region_corner_and_size",
 ]
 
 Json = Annotated[
@@ -38,6 +46,9 @@ def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
     BenchConfigError
         If the file itself cannot be read or holds a key or value that is not accepted.
     """
+    from acquisition.bench import load_bench, parse_overrides
+    from acquisition.errors import BenchConfigError
+
     if not settings:
         return load_bench(path)
     load_bench(path)
@@ -47,11 +58,46 @@ def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
         raise typer.BadParameter(str(error)) from error
 
 
+def place_target(
+    simulated: SimulatedBench | None, target: str, orientation_deg: float = 0.0
+) -> None:
+    """Place a target under the simulated camera, which a real one does not have."""
+    if simulated is None:
+        raise typer.BadParameter("only a simulated bench is told its target", param_hint="--target")
+    try:
+        simulated.place(target, orientation_deg)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--target") from error
+
+
 def checked_zoom(zoom: float | None) -> float | None:
     """Accept a zoom-out, which is finite and at least 1, or none."""
     if zoom is not None and not (math.isfinite(zoom) and zoom >= 1):
         raise typer.BadParameter(f"a zoom-out is a number of at least 1, got {zoom:g}")
     return zoom
+
+
+def chosen_models(text: str) -> tuple[ValidationModel, ...]:
+    """Names of models, separated by commas, in the order of the tables."""
+    names = [name.strip() for name in text.split(",")]
+    unknown = [name for name in names if name not in VALIDATION_MODELS]
+    if unknown:
+        raise typer.BadParameter(
+            f"no model {unknown[0]!r}; there are {', '.join(VALIDATION_MODELS)}",
+            param_hint="--models",
+        )
+    return tuple(model for model in VALIDATION_MODELS if model in names)
+
+
+def region_corner_and_size(text: str, expected: str) -> tuple[int, int, int, int]:
+    """Read ``X,Y,W,H`` in px; ``expected`` says in the error what there could have been."""
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"expected {expected}, got {text}", param_hint="--region"
+        ) from error
+    return x, y, width, height
 
 
 def refuse_overwriting(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:

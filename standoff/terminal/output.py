@@ -84,11 +84,11 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Print a table; the first column is text, which folds where room is short, others figures."""
     # Names of files and folders may hold brackets, which are no markup.
     table = Table(title=Text(title), title_justify="left", title_style="bold")
-    for place, column in enumerate(columns):
-        if place == 0:
+    for index, column in enumerate(columns):
+        if index == 0:
             table.add_column(Text(column), justify="left", overflow="fold")
         else:
-            widest = max((len(row[place]) for row in rows), default=0)
+            widest = max((len(row[index]) for row in rows), default=0)
             table.add_column(
                 Text(column), justify="right", no_wrap=True, min_width=max(widest, len(column))
             )

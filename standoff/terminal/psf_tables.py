@@ -2,11 +2,24 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from calibration.blind import is_clear
-from calibration.psf import Estimate, PsfCalibration
+from calibration.psf import Estimate, PsfCalibration, share_of_correlation
 from standoff.terminal.output import note, print_table, say
 
-__all__ = ["print_psf"]
+__all__ = ["print_psf", "print_psf_remarks"]
+
+_USUAL_RHO = 0.1
+_WORTH_SAYING = 0.002
+"""Of a width: what a correlation of that size may hide."""
+
+_REMARKS = {
+    "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
+    "and sigma comes out too small; switch sharpening off",
+    "jpeg": "{n} of {total} edges are from JPEG files, whose compression adds to the error",
+    "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF: read sigma as an equivalent",
+}
 
 
 def print_psf(calibration: PsfCalibration) -> None:
@@ -69,6 +82,29 @@ def print_psf(calibration: PsfCalibration) -> None:
         note(
             "one image cannot tell a soft scene from a soft lens; the intervals hold for a scene "
             "with edges sharper than a pixel; --method two-distance does better"
+        )
+
+
+def print_psf_remarks(calibration: PsfCalibration) -> None:
+    """Note what is amiss with the edges of a target, and what they do not tell."""
+    used = calibration.edges_used
+    for flag, text in _REMARKS.items():
+        count = sum(flag in edge.flags for edge in used)
+        if count:
+            note(text.format(n=count, total=len(used)))
+    if calibration.rho is None and used:
+        share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
+        if share * _USUAL_RHO > _WORTH_SAYING:
+            note(
+                f"no diagonal edges tell the correlation rho: were it {_USUAL_RHO:g}, a width "
+                f"would be off by {100 * share * _USUAL_RHO:.1f} %, beyond its interval; add "
+                "diagonal edges"
+            )
+    trend = calibration.height_trend
+    if trend is not None and trend.is_drift:
+        note(
+            f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
+            "or the target is too rough for the nearest one; calibrate at one height or refocus"
         )
 
 

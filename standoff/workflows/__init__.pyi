@@ -1,4 +1,17 @@
+from .camera_calibration import (
+    CalibrationRequest as CalibrationRequest,
+    calibrate_camera as calibrate_camera,
+)
+from .change_search import (
+    find_changes_of_files as find_changes_of_files,
+    write_change_pictures as write_change_pictures,
+)
 from .demo import DemoResult as DemoResult, run_demo as run_demo
+from .detectability_run import (
+    CurvesRequest as CurvesRequest,
+    curve_figures as curve_figures,
+    measure_curves as measure_curves,
+)
 from .devices import (
     OpenBench as OpenBench,
     open_bench as open_bench,
@@ -7,15 +20,12 @@ from .devices import (
     place_in_simulation as place_in_simulation,
     refuse_half_simulated as refuse_half_simulated,
 )
-from .edge_sources import (
-    Reading as Reading,
-    edge_image as edge_image,
-    from_files as from_files,
-    from_session as from_session,
-)
+from .edge_sources import Reading as Reading, edge_image as edge_image
+from .figure_files import write_figure as write_figure
 from .focus_runs import (
     FocusSweep as FocusSweep,
     OpenCamera as OpenCamera,
+    SweepRequest as SweepRequest,
     opened_camera as opened_camera,
     run_sweep as run_sweep,
     watch_focus as watch_focus,
@@ -23,10 +33,7 @@ from .focus_runs import (
 from .followup import (
     CaptureOptions as CaptureOptions,
     FollowUp as FollowUp,
-    captured as captured,
-    from_pose as from_pose,
     zoomed_out as zoomed_out,
-    zoomed_out_as_measured as zoomed_out_as_measured,
 )
 from .image_files import (
     ImageFile as ImageFile,
@@ -36,15 +43,14 @@ from .image_files import (
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
 )
-from .learned_followup import (
-    FoundKernel as FoundKernel,
-    found_kernel as found_kernel,
-    zoomed_out_by_kernel as zoomed_out_by_kernel,
-)
 from .paper import (
     place_errors_px as place_errors_px,
     run_paper as run_paper,
     short_bench as short_bench,
+)
+from .photograph_import import (
+    ImportSettings as ImportSettings,
+    import_into_session as import_into_session,
 )
 from .pose_stream import (
     NamedFrame as NamedFrame,
@@ -59,6 +65,7 @@ from .practice import (
     PracticeCommandError as PracticeCommandError,
     PracticeConsole as PracticeConsole,
 )
+from .psf_files import read_total_psf as read_total_psf
 from .reports import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     make_folder as make_folder,
@@ -68,8 +75,12 @@ from .reports import (
     write_geometry_report as write_geometry_report,
     write_page as write_page,
 )
-from .scene_calibration import calibrate_scenes as calibrate_scenes
 from .session_report import write_session_report as write_session_report
+from .simulated_photograph import (
+    FollowUpRequest as FollowUpRequest,
+    FoundKernel as FoundKernel,
+    simulate_photograph as simulate_photograph,
+)
 from .sr_dataset import (
     SrDatasetSettings as SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
@@ -82,12 +93,16 @@ from .validation_run import (
 
 __all__ = [
     "RESULTS_FOLDER",
+    "CalibrationRequest",
     "CaptureOptions",
+    "CurvesRequest",
     "DemoResult",
     "FocusSweep",
     "FollowUp",
+    "FollowUpRequest",
     "FoundKernel",
     "ImageFile",
+    "ImportSettings",
     "NamedFrame",
     "OpenBench",
     "OpenCamera",
@@ -97,19 +112,19 @@ __all__ = [
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
-    "calibrate_scenes",
+    "SweepRequest",
+    "calibrate_camera",
     "camera_frames",
-    "captured",
+    "curve_figures",
     "default_models",
     "edge_image",
     "expanded_images",
+    "find_changes_of_files",
     "folder_frames",
-    "found_kernel",
-    "from_files",
-    "from_pose",
-    "from_session",
+    "import_into_session",
     "judge_stream",
     "make_folder",
+    "measure_curves",
     "open_bench",
     "open_camera",
     "open_stage",
@@ -118,6 +133,7 @@ __all__ = [
     "place_in_simulation",
     "read_grey",
     "read_image",
+    "read_total_psf",
     "refuse_half_simulated",
     "require_writable",
     "run_demo",
@@ -125,10 +141,13 @@ __all__ = [
     "run_sweep",
     "run_validation",
     "short_bench",
+    "simulate_photograph",
     "verdict_display",
     "verdict_facts",
     "watch_focus",
     "write_calibration_report",
+    "write_change_pictures",
+    "write_figure",
     "write_file",
     "write_float_tiff",
     "write_geometry_report",
@@ -137,6 +156,4 @@ __all__ = [
     "write_session_report",
     "write_sr_dataset",
     "zoomed_out",
-    "zoomed_out_as_measured",
-    "zoomed_out_by_kernel",
 ]

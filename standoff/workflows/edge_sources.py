@@ -174,8 +174,8 @@ def _shown(image: NDArray[np.floating[Any]], reading: Reading) -> NDArray[np.flo
     if reading.pattern is None:
         return image
     shown = np.full(image.shape, np.nan)
-    for place in plane_places(reading.pattern):
-        if place.colour == reading.channel:
-            part = np.s_[place.first_y_px :: 2, place.first_x_px :: 2]
+    for plane in plane_places(reading.pattern):
+        if plane.colour == reading.channel:
+            part = np.s_[plane.first_y_px :: 2, plane.first_x_px :: 2]
             shown[part] = image[part]
     return shown

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from acquisition.bench import BenchConfig
-from acquisition.devices import BenchDevices, Camera
+from acquisition.bench import BenchConfig, BenchDevices
+from acquisition.devices import Camera
 from acquisition.focus import (
     FocusOptions,
     FocusPeak,
@@ -26,11 +26,24 @@ from hil_mocks import SimulatedBench
 from standoff.terminal import LiveLine, progress_bar
 from standoff.workflows.devices import OpenBench, open_bench, open_camera
 
-__all__ = ["FocusSweep", "OpenCamera", "opened_camera", "run_sweep", "watch_focus"]
+__all__ = ["FocusSweep", "OpenCamera", "SweepRequest", "opened_camera", "run_sweep", "watch_focus"]
 
 _REFINED_STEPS = 2
 _BAR_CELLS = 30
 _ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepRequest:
+    """A sweep: lowest and highest height, how many heights, and frames at each.
+
+    ``heights_mm`` None is the whole travel; with ``ends_at_peak`` the stage moves there at the end.
+    """
+
+    heights_mm: tuple[float, float] | None
+    steps: int
+    frames: int
+    ends_at_peak: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,14 +133,7 @@ def _reading_text(reading: FocusReading) -> str:
 
 
 def run_sweep(
-    opened: OpenBench,
-    config: BenchConfig,
-    options: FocusOptions,
-    *,
-    heights_mm: tuple[float, float] | None,
-    steps: int,
-    frames: int,
-    go: bool,
+    opened: OpenBench, config: BenchConfig, options: FocusOptions, request: SweepRequest
 ) -> FocusSweep:
     """Sweep from one height to another; without heights the whole travel first, then the best.
 
@@ -136,9 +142,9 @@ def run_sweep(
     DeviceError
         If a device fails or a height is outside the travel.
     """
-    low_mm, high_mm = heights_mm or opened.stage.limits_mm
-    passes = 1 if heights_mm is not None else 2
-    with progress_bar("sweeping", passes * steps) as bar:
+    low_mm, high_mm = request.heights_mm or opened.stage.limits_mm
+    passes = 1 if request.heights_mm is not None else 2
+    with progress_bar("sweeping", passes * request.steps) as bar:
         done = 0
 
         def show(point: FocusPoint) -> None:
@@ -154,9 +160,9 @@ def run_sweep(
                 BenchDevices(
                     config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock
                 ),
-                _positions(config, low_mm, high_mm, steps),
+                _positions(config, low_mm, high_mm, request.steps),
                 options,
-                frames=frames,
+                frames=request.frames,
                 progress=show,
             )
     found = FocusSweep(points=points, peak=None, why_not=None)
@@ -164,7 +170,7 @@ def run_sweep(
         peak = fit_focus_peak(*found.columns())
     except NoFocusPeakError as error:
         return FocusSweep(points=points, peak=None, why_not=str(error))
-    if go:
+    if request.ends_at_peak:
         opened.stage.move_to(round(peak.height_mm, 3), move_timeout_s(config.stage))
     return FocusSweep(points=points, peak=peak, why_not=None)
 
@@ -177,7 +183,7 @@ def _positions(config: BenchConfig, low_mm: float, high_mm: float, steps: int) -
 def _about_the_best(points: tuple[FocusPoint, ...]) -> tuple[float, float]:
     """The range of two steps on either side of the sharpest position."""
     ordered = sorted(points, key=lambda point: point.height_mm)
-    best = max(range(len(ordered)), key=lambda place: ordered[place].value)
+    best = max(range(len(ordered)), key=lambda index: ordered[index].value)
     low = ordered[max(best - _REFINED_STEPS, 0)].height_mm
     high = ordered[min(best + _REFINED_STEPS, len(ordered) - 1)].height_mm
     return low, high

@@ -101,9 +101,10 @@ def zoomed_out(
     if isinstance(psf, PsfField):
         if model != "matched":
             raise ValueError(f"model {model!r} takes one PSF for the whole frame")
+        pose = Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
         # The follow-up is the middle of the camera's frame.
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
-        return _from_pose(reference, grid.matrix, (grid.cols, grid.rows), psf, noise, origin_px)
+        return from_pose(reference, pose, psf, noise, origin_px=origin_px)
     image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
     own = None
     if noise is not None:
@@ -148,26 +149,19 @@ def from_pose(
     pose: Homography,
     psf: GaussianPsf | PsfField,
     noise: CaptureNoise | None = None,
+    *,
+    origin_px: tuple[float, float] | None = None,
 ) -> FollowUp:
     """Follow-up from any pose; the reference is taken to have ``noise``.
+
+    ``origin_px`` is that of the follow-up in the camera's frame, as ``simulate_pose`` takes it.
 
     Raises
     ------
     ValueError
         As ``simulate_pose``.
     """
-    return _from_pose(reference, pose.matrix, pose.size, psf, noise, None, pose.distortion_k1)
-
-
-def _from_pose(
-    reference: NDArray[np.generic],
-    matrix: NDArray[np.float64],
-    size: tuple[int, int],
-    psf: GaussianPsf | PsfField,
-    noise: CaptureNoise | None,
-    origin_px: tuple[float, float] | None,
-    distortion_k1: float = 0.0,
-) -> FollowUp:
+    size, matrix, distortion_k1 = pose.size, pose.matrix, pose.distortion_k1
     simulated = simulate_pose(
         reference, matrix, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import isfinite
 
 from hil_mocks.gige import GigeFaults
 from hil_mocks.practice_bench import HandStage, PracticeBench, StageEmulator
@@ -13,7 +14,14 @@ TRUTH_VALUES = {"true": True, "yes": True, "1": True, "false": False, "no": Fals
 
 
 class PracticeCommandError(ApplicationError):
-    """A line that the practice bench does not understand; nothing was done."""
+    """A line that the practice bench does not understand; nothing was done.
+
+    ``word`` is the part of the line that is at fault.
+    """
+
+    def __init__(self, text: str, word: str) -> None:
+        super().__init__(text)
+        self.word = word
 
 
 class PracticeConsole:
@@ -51,29 +59,30 @@ class PracticeConsole:
         command = self._commands.get(name)
         if command is None:
             raise PracticeCommandError(
-                f"unknown command {name}; there are {', '.join(self._commands)}"
+                f"unknown command {name}; there are {', '.join(self._commands)}", name
             )
         return command(words)
 
     def _place(self, words: list[str]) -> str:
         if not 1 <= len(words) <= 2:
-            raise PracticeCommandError("expected: place TARGET [DEGREES]")
+            raise PracticeCommandError("expected: place TARGET [DEGREES]", "place")
         orientation_deg = _number(words[1]) if len(words) == 2 else 0.0
         try:
             self._bench.place(words[0], orientation_deg)
         except ValueError as error:
-            raise PracticeCommandError(str(error)) from error
+            at_fault = words[0] if isfinite(orientation_deg) else words[1]
+            raise PracticeCommandError(str(error), at_fault) from error
         return self._status([])
 
     def _height(self, words: list[str]) -> str:
         if len(words) != 1:
-            raise PracticeCommandError("expected: height MM")
+            raise PracticeCommandError("expected: height MM", "height")
         if not isinstance(self._stage, HandStage):
-            raise PracticeCommandError("this bench's stage is moved over its serial port")
+            raise PracticeCommandError("this bench's stage is moved over its serial port", "height")
         try:
             self._stage.move_to(_number(words[0]))
         except ValueError as error:
-            raise PracticeCommandError(str(error)) from error
+            raise PracticeCommandError(str(error), words[0]) from error
         return self._status([])
 
     def _fault(self, words: list[str]) -> str:
@@ -115,33 +124,34 @@ def faults_from_words(faults: GigeFaults, words: list[str]) -> GigeFaults:
     if not words:
         raise PracticeCommandError(
             f"expected: fault NAME=VALUE ... or fault none; "
-            f"faults are {', '.join(GigeFaults.names())}"
+            f"faults are {', '.join(GigeFaults.names())}",
+            "fault",
         )
-    changes: dict[str, bool | int | float | frozenset[str]] = {}
     for word in words:
         name, equals, text = word.partition("=")
         if name not in GigeFaults.names() or not equals:
             raise PracticeCommandError(
-                f"{word}: expected NAME=VALUE; faults are {', '.join(GigeFaults.names())}"
+                f"{word}: expected NAME=VALUE; faults are {', '.join(GigeFaults.names())}", word
             )
-        changes[name] = _value(name, text, getattr(faults, name))
-    try:
-        return replace(faults, **changes)  # type: ignore[arg-type]  # checked against the defaults
-    except ValueError as error:
-        raise PracticeCommandError(str(error)) from error
+        try:
+            value = _value(name, text, getattr(faults, name))
+            faults = replace(faults, **{name: value})  # type: ignore[arg-type]  # of the default's type
+        except ValueError as error:
+            raise PracticeCommandError(str(error), word) from error
+    return faults
 
 
 def _value(name: str, text: str, like: object) -> bool | int | float | frozenset[str]:
     if isinstance(like, bool):
         if text.lower() not in TRUTH_VALUES:
-            raise PracticeCommandError(f"{name} is true or false, got {text}")
+            raise ValueError(f"{name} is true or false, got {text}")
         return TRUTH_VALUES[text.lower()]
     if isinstance(like, frozenset):
         return frozenset(part for part in text.split(",") if part)
     value = _number(text)
     if isinstance(like, int):
         if not value.is_integer():
-            raise PracticeCommandError(f"{name} is a whole number, got {text}")
+            raise ValueError(f"{name} is a whole number, got {text}")
         return int(value)
     return value
 
@@ -150,4 +160,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise PracticeCommandError(f"not a number: {text}") from error
+        raise PracticeCommandError(f"not a number: {text}", text) from error

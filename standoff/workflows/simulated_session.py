@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.capture import CaptureProgress, RunOperator, run_plan
-from acquisition.devices import BenchDevices
 from acquisition.plan import CapturePlan, plan_entries
 from standoff.errors import ApplicationError
 from standoff.terminal import progress_bar

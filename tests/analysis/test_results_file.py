@@ -7,13 +7,8 @@ import pytest
 from pydantic import Field
 
 from analysis.errors import ResultsFileError
-from analysis.results_file import (
-    InfiniteAsNull,
-    ResultsDocument,
-    StoredValues,
-    read_results,
-    write_results,
-)
+from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues, write_results
+from calibration.documents import json_object, read_document
 
 
 class Figures(StoredValues):
@@ -30,7 +25,7 @@ RESULTS = Results(figures=(Figures(psnr_db=inf, ssim=1.0), Figures(psnr_db=30.5,
 
 
 def read(path: Path) -> Results:
-    return read_results(path, Results, "results.json", "standoff test")
+    return read_document(path, Results, ResultsFileError, "write it with standoff test")
 
 
 def test_a_document_comes_back_as_it_was_written(tmp_path: Path) -> None:
@@ -50,7 +45,7 @@ def test_what_json_cannot_hold_is_null(tmp_path: Path) -> None:
 
 def test_what_a_later_version_adds_is_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
-    later = RESULTS.as_json() | {"provenance": {"version": "9"}}
+    later = json_object(RESULTS) | {"provenance": {"version": "9"}}
     later["figures"][0]["new"] = 1
     path.write_text(json.dumps(later))
     assert read(path) == RESULTS

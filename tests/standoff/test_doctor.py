@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import standoff.commands.doctor
+import acquisition.aravis
 import standoff.doctor
 from acquisition.aravis.camera import AravisCamera
 from acquisition.aravis.configuration import Bounds
@@ -224,10 +224,10 @@ def test_the_cameras_found_are_listed(command: Command, monkeypatch: pytest.Monk
         serial_number="S1",
         hardware_address="00:0f:31:00:00:01",
     )
-    monkeypatch.setattr(standoff.commands.doctor, "list_cameras", lambda: (found,))
+    monkeypatch.setattr(acquisition.aravis, "list_cameras", lambda: (found,))
     assert "10.0.0.7" in command("cameras").out
     assert json.loads(command("cameras", "--json").out)["cameras"][0]["model"] == "Manta G-046B"
-    monkeypatch.setattr(standoff.commands.doctor, "list_cameras", lambda: ())
+    monkeypatch.setattr(acquisition.aravis, "list_cameras", lambda: ())
     assert "no camera answered" in command("cameras").out
 
 
@@ -241,7 +241,7 @@ def test_nothing_but_the_command_that_says_so_searches(
     def never() -> tuple[FoundCamera, ...]:
         raise AssertionError("a search was made")
 
-    monkeypatch.setattr(standoff.commands.doctor, "list_cameras", never)
+    monkeypatch.setattr(acquisition.aravis, "list_cameras", never)
     assert command("doctor").status == 0
 
 

@@ -1,28 +1,32 @@
-from .camera_service import CameraKeeper as CameraKeeper
+from .camera_service import CameraService as CameraService
 from .device_status import DeviceStatus as DeviceStatus
-from .frame_broadcaster import FrameBoard as FrameBoard, FrameCounts as FrameCounts
+from .frame_broadcaster import FrameBroadcaster as FrameBroadcaster, FrameCounts as FrameCounts
 from .picture_encoder import PictureEncoder as PictureEncoder
 from .picture_monitor import (
     Levels as Levels,
     PictureFacts as PictureFacts,
-    PictureWatch as PictureWatch,
+    PictureMonitor as PictureMonitor,
 )
-from .pose_monitor import PoseView as PoseView, PoseWatch as PoseWatch, TrackerMaker as TrackerMaker
+from .pose_monitor import (
+    PoseMonitor as PoseMonitor,
+    PoseView as PoseView,
+    TrackerMaker as TrackerMaker,
+)
 from .pose_reference import tracker_maker as tracker_maker
-from .stage_service import StageKeeper as StageKeeper, StageView as StageView
+from .stage_service import StageService as StageService, StageView as StageView
 
 __all__ = [
-    "CameraKeeper",
+    "CameraService",
     "DeviceStatus",
-    "FrameBoard",
+    "FrameBroadcaster",
     "FrameCounts",
     "Levels",
     "PictureEncoder",
     "PictureFacts",
-    "PictureWatch",
+    "PictureMonitor",
+    "PoseMonitor",
     "PoseView",
-    "PoseWatch",
-    "StageKeeper",
+    "StageService",
     "StageView",
     "TrackerMaker",
     "tracker_maker",

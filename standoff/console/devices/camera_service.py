@@ -15,9 +15,9 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 from standoff.console.devices.device_status import DeviceStatus
-from standoff.console.devices.frame_broadcaster import FrameBoard
+from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 
-__all__ = ["CameraKeeper"]
+__all__ = ["CameraService"]
 
 RETRY_S = 1.0
 STALL_S = 1.0
@@ -37,14 +37,14 @@ ABSENT_REMEDY = (
 DRIVER_REMEDY = "Install it, then start the console again."
 
 
-class CameraKeeper:
-    """The camera's one thread: whoever wants frames looks at the board.
+class CameraService:
+    """The camera's one thread; it publishes every frame to the broadcaster.
 
     Parameters
     ----------
     open_camera
         Opens and configures it; tried again until it succeeds.
-    board
+    broadcaster
         Where every frame is shown.
     report
         Is told of settings that the camera did not take.
@@ -55,13 +55,13 @@ class CameraKeeper:
     def __init__(
         self,
         open_camera: Callable[[], Camera],
-        board: FrameBoard,
+        broadcaster: FrameBroadcaster,
         *,
         report: Callable[[str], None] = lambda _: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._open = open_camera
-        self._board = board
+        self._broadcaster = broadcaster
         self._report = report
         self._clock = clock
         self._camera: Camera | None = None
@@ -74,7 +74,7 @@ class CameraKeeper:
         self._turn = Lock()
         self._is_wished = Event()
         self._is_closing = Event()
-        self._thread = Thread(target=self._run, name="camera keeper", daemon=True)
+        self._thread = Thread(target=self._run, name="camera service", daemon=True)
 
     @property
     def status(self) -> DeviceStatus:
@@ -156,12 +156,12 @@ class CameraKeeper:
 
     def saw(self, frame: Frame, camera: Camera) -> None:
         """Show a frame, whoever fetched it."""
-        self._board.publish(frame, camera.settings)
+        self._broadcaster.publish(frame, camera.settings)
 
     def began(self, camera: Camera) -> None:
         """The stream runs."""
         self._settings, self._info = camera.settings, camera.info
-        self._board.stream_began()
+        self._broadcaster.stream_began()
         self._status = DeviceStatus(state="ready")
 
     def lost(self, error: DeviceError) -> None:
@@ -260,8 +260,8 @@ class CameraKeeper:
 class _LentCamera:
     """The `Camera` that a run is handed: the same, seen by everybody, and stoppable."""
 
-    def __init__(self, keeper: CameraKeeper, camera: Camera, check: Callable[[], None]) -> None:
-        self._keeper = keeper
+    def __init__(self, service: CameraService, camera: Camera, check: Callable[[], None]) -> None:
+        self._service = service
         self._camera = camera
         self._check = check
         self._has_turn = False
@@ -294,10 +294,10 @@ class _LentCamera:
             self._camera.start()
         except BaseException as error:
             if isinstance(error, DeviceDisconnectedError):
-                self._keeper.lost(error)
+                self._service.lost(error)
             self.give_back()
             raise
-        self._keeper.began(self._camera)
+        self._service.began(self._camera)
 
     def next_frame(self, timeout_s: float) -> Frame:
         """See `Camera.next_frame`."""
@@ -305,9 +305,9 @@ class _LentCamera:
         try:
             frame = self._camera.next_frame(timeout_s)
         except DeviceDisconnectedError as error:
-            self._keeper.lost(error)
+            self._service.lost(error)
             raise
-        self._keeper.saw(frame, self._camera)
+        self._service.saw(frame, self._camera)
         return frame
 
     def stop(self) -> None:
@@ -315,7 +315,7 @@ class _LentCamera:
         try:
             self._camera.stop()
         finally:
-            if self._keeper.status.is_ready:
+            if self._service.status.is_ready:
                 self.give_back()
 
     def statistics(self) -> StreamStatistics:
@@ -323,18 +323,18 @@ class _LentCamera:
         return self._camera.statistics()
 
     def close(self) -> None:
-        """Give it back; the keeper goes on with it."""
+        """Give it back; the service goes on with it."""
         self.give_back()
 
     def give_back(self) -> None:
         """Let the live stream go on; harmless twice."""
         if self._has_turn:
             self._has_turn = False
-            self._keeper.give_turn()
+            self._service.give_turn()
 
     def _take(self) -> None:
         if not self._has_turn:
-            self._keeper.take_turn()
+            self._service.take_turn()
             self._has_turn = True
 
     @contextmanager

@@ -8,7 +8,7 @@ from threading import Condition
 
 from acquisition.devices import CameraSettings, Frame, FrameImage
 
-__all__ = ["FrameBoard", "FrameCounts", "LiveFrame"]
+__all__ = ["FrameBroadcaster", "FrameCounts", "LiveFrame"]
 
 LAST_FRAME_ID = 65535
 """Block ids of GigE Vision are 16 bit; 0 is left out."""
@@ -42,7 +42,7 @@ class FrameCounts:
     rate_hz: float = 0.0
 
 
-class FrameBoard:
+class FrameBroadcaster:
     """Takes every frame from the thread that owns the camera and shows the newest.
 
     Parameters

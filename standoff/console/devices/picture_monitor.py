@@ -17,9 +17,9 @@ from acquisition.focus import (
     FocusTrace,
     Region,
 )
-from standoff.console.devices.frame_broadcaster import FrameBoard, LiveFrame
+from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
 
-__all__ = ["Levels", "PictureFacts", "PictureWatch", "levels_of"]
+__all__ = ["Levels", "PictureFacts", "PictureMonitor", "levels_of"]
 
 BINS = 128
 PERIOD_S = 0.04
@@ -67,17 +67,17 @@ def levels_of(image_dn: FrameImage, max_level_dn: int) -> Levels:
     )
 
 
-class PictureWatch:
+class PictureMonitor:
     """Looks at the newest frame in a thread of its own, and leaves out what it has no time for.
 
     Parameters
     ----------
-    board
+    broadcaster
         Where the frames are.
     """
 
-    def __init__(self, board: FrameBoard) -> None:
-        self._board = board
+    def __init__(self, broadcaster: FrameBroadcaster) -> None:
+        self._broadcaster = broadcaster
         self._lock = Lock()
         self._facts = PictureFacts()
         self._meter = FocusMeter(FocusOptions())
@@ -85,7 +85,7 @@ class PictureWatch:
         self._values: deque[float] = deque(maxlen=TRACE_VALUES)
         self._traced_s = 0.0
         self._is_closing = Event()
-        self._thread = Thread(target=self._run, name="picture watch", daemon=True)
+        self._thread = Thread(target=self._run, name="picture monitor", daemon=True)
 
     @property
     def facts(self) -> PictureFacts:
@@ -149,7 +149,7 @@ class PictureWatch:
     def _run(self) -> None:
         seen = 0
         while not self._is_closing.is_set():
-            frame = self._board.wait_newer(seen, 0.2)
+            frame = self._broadcaster.wait_newer(seen, 0.2)
             if frame is None:
                 continue
             seen = frame.sequence

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from analysis.pose import PoseTracker, PoseVerdict
 from calibration.errors import CalibrationError
-from standoff.console.devices.frame_broadcaster import FrameBoard
+from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 from standoff.errors import ApplicationError
 
-__all__ = ["PoseView", "PoseWatch", "TrackerMaker"]
+__all__ = ["PoseMonitor", "PoseView", "TrackerMaker"]
 
 TrackerMaker = Callable[[NDArray[np.generic]], PoseTracker]
 """Makes the tracker of a reference image of shape ``(rows, cols)``."""
@@ -35,12 +35,12 @@ class PoseView:
     verdict: PoseVerdict | None = None
 
 
-class PoseWatch:
+class PoseMonitor:
     """Follows the pose in a thread of its own, as fast as it can, once a reference is chosen.
 
     Parameters
     ----------
-    board
+    broadcaster
         Where the frames are.
     make_tracker
         None where no detectability curve says what is good enough.
@@ -50,19 +50,19 @@ class PoseWatch:
 
     def __init__(
         self,
-        board: FrameBoard,
+        broadcaster: FrameBroadcaster,
         make_tracker: TrackerMaker | None,
         *,
         report: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._board = board
+        self._broadcaster = broadcaster
         self._report = report
         self._make = make_tracker
         self._lock = Lock()
         self._tracker: PoseTracker | None = None
         self._view = PoseView(is_possible=make_tracker is not None)
         self._is_closing = Event()
-        self._thread = Thread(target=self._run, name="pose watch", daemon=True)
+        self._thread = Thread(target=self._run, name="pose monitor", daemon=True)
 
     @property
     def view(self) -> PoseView:
@@ -112,7 +112,7 @@ class PoseWatch:
             tracker, view = self._tracker, self._view
             if tracker is None:
                 continue
-            frame = self._board.wait_newer(seen, STALE_S)
+            frame = self._broadcaster.wait_newer(seen, STALE_S)
             verdict = None
             if frame is not None:
                 seen = frame.sequence

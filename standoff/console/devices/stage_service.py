@@ -14,7 +14,7 @@ from acquisition.errors import (
 )
 from standoff.console.devices.device_status import DeviceStatus
 
-__all__ = ["StageKeeper", "StageView"]
+__all__ = ["StageService", "StageView"]
 
 POLL_S = 0.2
 RETRY_S = 1.0
@@ -47,7 +47,7 @@ class StageView:
     warnings: tuple[str, ...] = ()
 
 
-class StageKeeper:
+class StageService:
     """The stage, read five times a second; a job borrows it, a stop comes from any thread.
 
     Parameters
@@ -74,7 +74,7 @@ class StageKeeper:
         self._info: DeviceInfo | None = None
         self._turn = Lock()
         self._is_closing = Event()
-        self._thread = Thread(target=self._run, name="stage keeper", daemon=True)
+        self._thread = Thread(target=self._run, name="stage service", daemon=True)
 
     @property
     def view(self) -> StageView:
@@ -219,8 +219,8 @@ class StageKeeper:
 class _LentStage:
     """The `Stage` that a job is handed: the same, shown to everybody, and stoppable."""
 
-    def __init__(self, keeper: StageKeeper, stage: Stage, check: Callable[[], None]) -> None:
-        self._keeper = keeper
+    def __init__(self, service: StageService, stage: Stage, check: Callable[[], None]) -> None:
+        self._service = service
         self._stage = stage
         self._check = check
 
@@ -242,22 +242,22 @@ class _LentStage:
     @property
     def state(self) -> StageState:
         """See `Stage.state`."""
-        with self._keeper.turn():
+        with self._service.turn():
             return self._stage.state
 
     def home(self, timeout_s: float) -> None:
         """See `Stage.home`."""
-        with self._keeper.doing("homing", None), self._stoppable():
+        with self._service.doing("homing", None), self._stoppable():
             self._stage.home(timeout_s)
 
     def move_to(self, height_mm: float, timeout_s: float) -> float:
         """See `Stage.move_to`."""
-        with self._keeper.doing("moving", height_mm), self._stoppable():
+        with self._service.doing("moving", height_mm), self._stoppable():
             return self._stage.move_to(height_mm, timeout_s)
 
     def position_mm(self) -> float:
         """See `Stage.position_mm`."""
-        with self._keeper.turn():
+        with self._service.turn():
             return self._stage.position_mm()
 
     def stop(self) -> None:
@@ -270,11 +270,11 @@ class _LentStage:
 
     def clear_alarm(self) -> None:
         """See `Stage.clear_alarm`."""
-        with self._keeper.turn():
+        with self._service.turn():
             self._stage.clear_alarm()
 
     def close(self) -> None:
-        """The keeper goes on with it."""
+        """The service goes on with it."""
 
     @contextmanager
     def _stoppable(self) -> Iterator[None]:

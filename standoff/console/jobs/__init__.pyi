@@ -1,6 +1,6 @@
-from .control_arbiter import ControlDesk as ControlDesk, ControlView as ControlView
-from .job_runner import BusyError as BusyError, Job as Job, JobDesk as JobDesk
-from .prompt_queue import Prompt as Prompt, PromptBoard as PromptBoard
+from .control_arbiter import ControlArbiter as ControlArbiter, ControlView as ControlView
+from .job_runner import BusyError as BusyError, Job as Job, JobRunner as JobRunner
+from .prompt_queue import Prompt as Prompt, PromptQueue as PromptQueue
 from .session_run import (
     PlanRow as PlanRow,
     RunView as RunView,
@@ -10,13 +10,13 @@ from .session_run import (
 
 __all__ = [
     "BusyError",
-    "ControlDesk",
+    "ControlArbiter",
     "ControlView",
     "Job",
-    "JobDesk",
+    "JobRunner",
     "PlanRow",
     "Prompt",
-    "PromptBoard",
+    "PromptQueue",
     "RunView",
     "SessionRun",
     "rows_of",

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from threading import Lock
 
-__all__ = ["ControlDesk", "ControlView"]
+__all__ = ["ControlArbiter", "ControlView"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +20,7 @@ class ControlView:
     viewers: int
 
 
-class ControlDesk:
+class ControlArbiter:
     """Keeps who is there and who holds control; a page that is lost keeps what it held."""
 
     def __init__(self) -> None:

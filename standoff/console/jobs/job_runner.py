@@ -6,11 +6,15 @@ from threading import Event, Lock, Thread
 from acquisition.errors import OperatorStopError
 from standoff.errors import REPORTED_ERRORS, ApplicationError
 
-__all__ = ["BusyError", "Job", "JobDesk"]
+__all__ = ["BusyError", "Job", "JobRunner"]
 
 
 class BusyError(ApplicationError):
-    """Something else is going on at the bench."""
+    """Something else is going on at the bench: ``job`` is its name."""
+
+    def __init__(self, job: str, text: str = "") -> None:
+        super().__init__(text or f"Not now: {job} is going on. Wait, or stop it.")
+        self.job = job
 
 
 class Job:
@@ -42,7 +46,7 @@ class Job:
             raise OperatorStopError("stopped by the operator")
 
 
-class JobDesk:
+class JobRunner:
     """Runs each job in a thread of its own, never two at once.
 
     Parameters
@@ -73,7 +77,7 @@ class JobDesk:
         with self._lock:
             busy = self.current
             if busy is not None:
-                raise BusyError(f"Not now: {busy.name} is going on. Wait, or stop it.")
+                raise BusyError(busy.name)
             job = Job(name)
             self._job = job
         Thread(target=self._run, args=(job, work), name=name, daemon=True).start()

@@ -8,7 +8,7 @@ from acquisition.capture import Placement, QualityFinding, Verdict
 from acquisition.plan import PlanEntry
 from standoff.terminal import what_to_place
 
-__all__ = ["Choice", "Prompt", "PromptBoard"]
+__all__ = ["Choice", "Prompt", "PromptQueue"]
 
 STOP_CHECK_S = 0.1
 
@@ -31,7 +31,7 @@ class Prompt:
     wants_text: bool = False
 
 
-class PromptBoard:
+class PromptQueue:
     """Shows one question at a time; the asking thread waits.
 
     Parameters

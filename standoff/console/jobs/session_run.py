@@ -1,20 +1,21 @@
 """A capture session under way: the runner in a job, the plan as a table, pause and retake."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Lock
 from typing import Literal
 
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.capture import CaptureProgress, Placement, RunOperator, run_plan
-from acquisition.devices import BenchDevices, Camera
+from acquisition.devices import Camera
 from acquisition.errors import DeviceError, OperatorStopError, SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session import MANIFEST_NAME, Session
-from standoff.console.devices import CameraKeeper, StageKeeper
+from standoff.console.devices import CameraService, StageService
+from standoff.console.drivers import BenchDrivers
 from standoff.console.jobs.job_runner import Job
-from standoff.console.jobs.prompt_queue import PromptBoard
+from standoff.console.jobs.prompt_queue import PromptQueue
 from standoff.errors import ApplicationError
 
 __all__ = ["PlanRow", "RunState", "RunView", "SessionRun", "rows_of", "session_bench"]
@@ -115,30 +116,26 @@ class SessionRun:
         Lend the devices.
     prompts
         Asks the operator.
-    laid
-        Lays a target by itself, on a bench that is simulated in this process; else None.
-    clock, sleep
-        Seconds in which the devices live, and what lets some pass.
+    drivers
+        Lay a simulated bench's targets, and tell the time in which the devices live.
     """
 
     def __init__(
         self,
         bench: BenchConfig,
-        camera: CameraKeeper,
-        stage: StageKeeper,
-        prompts: PromptBoard,
+        camera: CameraService,
+        stage: StageService,
+        prompts: PromptQueue,
         *,
-        laid: Callable[[PlanEntry], Placement] | None,
-        clock: Callable[[], float],
-        sleep: Callable[[float], None],
+        drivers: BenchDrivers,
     ) -> None:
         self._bench = bench
         self._camera = camera
         self._stage = stage
         self._prompts = prompts
-        self._laid = laid
-        self._clock = clock
-        self._sleep = sleep
+        self._laid = drivers.laid
+        self._clock = drivers.clock
+        self._sleep = drivers.sleep
         self._lock = Lock()
         self._view = RunView()
         self._may_go_on = Event()

@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from standoff.console.web.access import Access
 
-__all__ = ["OPEN_PATHS", "PAGE_POLICY", "REPORT_POLICY", "Gate"]
+__all__ = ["OPEN_PATHS", "PAGE_POLICY", "REPORT_POLICY", "AccessMiddleware"]
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -35,7 +35,7 @@ HEADERS = {
 FORBIDDEN, NOT_OURS = 4401, 4403
 
 
-class Gate:
+class AccessMiddleware:
     """ASGI middleware: lets in whom `Access` lets in.
 
     Parameters

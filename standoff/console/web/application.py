@@ -24,8 +24,8 @@ from standoff.console.devices import PictureEncoder
 from standoff.console.session_library import UnknownSessionError
 from standoff.console.web import messages
 from standoff.console.web.access import Access
-from standoff.console.web.access_middleware import REPORT_POLICY, Gate
-from standoff.console.web.command_handler import CommandDesk
+from standoff.console.web.access_middleware import REPORT_POLICY, AccessMiddleware
+from standoff.console.web.command_handler import CommandHandler
 from standoff.console.web.session_page import session_document
 from standoff.console.web.state_cache import StateCache
 from standoff.console.web.viewer import Viewer
@@ -64,7 +64,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
             WebSocketRoute("/live", _Sockets(hub).serve),
             Mount("/static", StaticFiles(directory=FOLDER / "static")),
         ],
-        middleware=[Middleware(Gate, access=access, refusal=pages.refusal())],
+        middleware=[Middleware(AccessMiddleware, access=access, refusal=pages.refusal())],
         exception_handlers={HTTPException: pages.fault},
     )
 
@@ -162,7 +162,7 @@ class _Sockets:
 
     def __init__(self, hub: BenchHub) -> None:
         self._hub = hub
-        self._desk = CommandDesk(hub)
+        self._handler = CommandHandler(hub)
         self._encoder = PictureEncoder()
         self._state = StateCache(hub)
         self._viewers: dict[str, Viewer] = {}
@@ -228,11 +228,11 @@ class _Sockets:
                 viewer.acknowledge(message)
                 return
             if isinstance(message, messages.Stop):
-                self._desk.carry_out(viewer.identity, message)  # not behind anything else
+                self._handler.carry_out(viewer.identity, message)  # not behind anything else
                 return
             loop = asyncio.get_running_loop()
             answer = await loop.run_in_executor(
-                self._worker, self._desk.carry_out, viewer.identity, message
+                self._worker, self._handler.carry_out, viewer.identity, message
             )
         except REPORTED_ERRORS as error:
             viewer.reply({"type": "refused", "text": str(error)})

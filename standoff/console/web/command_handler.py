@@ -18,7 +18,7 @@ from standoff.errors import ApplicationError
 from standoff.terminal import flicker_warnings
 from standoff.workflows import make_folder, write_session_report
 
-__all__ = ["CommandDesk", "NotInControlError"]
+__all__ = ["CommandHandler", "NotInControlError"]
 
 LEAST_REGION_PX = 8
 
@@ -27,7 +27,7 @@ class NotInControlError(ApplicationError):
     """Somebody else holds control; nothing was done."""
 
 
-class CommandDesk:
+class CommandHandler:
     """Carries out one message of a page after the other.
 
     Parameters
@@ -173,7 +173,7 @@ class CommandDesk:
                 raise DeviceDisconnectedError(f"{device.status.text}. {device.status.remedy}")
         rows_of(path, plan)
         if hub.jobs.current is not None:
-            raise BusyError(f"Not now: {hub.jobs.current.name} is going on. Wait, or stop it.")
+            raise BusyError(hub.jobs.current.name)
         make_folder(hub.sessions.folder)
         operator = hub.operator
 
@@ -200,7 +200,7 @@ class CommandDesk:
 
     def _pose_reference(self, message: messages.PoseReference) -> None:
         if message.session is None or message.index is None:
-            latest = self._hub.board.latest
+            latest = self._hub.frames.latest
             if latest is None:
                 raise ApplicationError("There is no picture yet.")
             self._hub.pose.choose("the picture taken just now", latest.image_dn)
@@ -215,4 +215,4 @@ class CommandDesk:
     def _refuse_while_capturing(self) -> None:
         job = self._hub.jobs.current
         if job is not None and self._hub.run.view.state in ("running", "paused"):
-            raise BusyError("The session sets exposure and gain while it runs.")
+            raise BusyError(job.name, "The session sets exposure and gain while it runs.")

@@ -55,7 +55,7 @@ def state_document(hub: BenchHub) -> Document:
         "camera": camera_document(
             hub.camera.status,
             hub.camera.settings,
-            hub.board.counts,
+            hub.frames.counts,
             hub.camera.statistics,
             name="" if hub.camera.info is None else hub.camera.info.model,
             warnings=hub.camera.warnings,

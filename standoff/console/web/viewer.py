@@ -35,7 +35,7 @@ class Viewer:
     socket
         Accepted connection.
     identity
-        Of the page, for the control desk.
+        Of the page, by which the control arbiter knows it.
     hub
         The bench.
     encoder
@@ -86,7 +86,7 @@ class Viewer:
         def woken() -> None:
             loop.call_soon_threadsafe(self._wake.set)
 
-        end = self._hub.board.subscribe(woken) if self._wants_pictures else lambda: None
+        end = self._hub.frames.subscribe(woken) if self._wants_pictures else lambda: None
         try:
             await self._send_on()
         except (WebSocketDisconnect, RuntimeError):
@@ -132,7 +132,7 @@ class Viewer:
             await self._socket.send_text(self._state.plan())
 
     def _may_send_picture(self, now_s: float, sent_s: float) -> bool:
-        latest = self._hub.board.latest
+        latest = self._hub.frames.latest
         if not self._wants_pictures or latest is None or latest.sequence == self._sent_sequence:
             return False
         if now_s - sent_s > ACK_TIMEOUT_S:
@@ -141,7 +141,7 @@ class Viewer:
         return len(self._in_flight) < IN_FLIGHT and now_s - sent_s >= 0.9 * PICTURE_PERIOD_S
 
     async def _send_picture(self) -> None:
-        latest = self._hub.board.latest
+        latest = self._hub.frames.latest
         if latest is None:
             return
         self._sent_sequence = latest.sequence

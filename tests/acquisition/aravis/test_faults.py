@@ -12,8 +12,8 @@ from acquisition.aravis.camera import AravisCamera
 from acquisition.aravis.connection import AravisConnection
 from acquisition.aravis.device import OpenedDevice, open_device
 from acquisition.averaging import average_frames
+from acquisition.bench import BenchDevices
 from acquisition.capture.runner import RunOperator, RunSummary, run_plan
-from acquisition.devices import BenchDevices
 from acquisition.errors import (
     CameraFeatureError,
     CaptureError,

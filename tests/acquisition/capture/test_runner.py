@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.capture.runner import CaptureProgress, Placement, RunOperator, RunSummary, run_plan
-from acquisition.devices import BenchDevices, Frame
+from acquisition.devices import Frame
 from acquisition.errors import (
     CaptureError,
     DeviceDisconnectedError,

@@ -23,9 +23,10 @@ from analysis.detectability.scenario import Scenario
 from analysis.detectability.sweep import scene_statistics
 from analysis.detectability.task import DetectionTask, curves_of
 from analysis.errors import NotDetectableError, ResultsFileError
-from analysis.reports.detectability import plot_detectability
 from analysis.reports.page import png_bytes, svg_bytes
+from analysis.reports.results import plot_detectability
 from analysis.results_file import write_results
+from calibration.documents import json_object
 from simulation import GaussianPsf, Model
 
 FloatArray = NDArray[np.float64]
@@ -224,7 +225,7 @@ def test_an_ambiguous_choice_says_what_tells_the_curves_apart(tmp_path: Path) ->
     assert file.chosen(CurveChoice(noise_dn=4.0)).observer == "cho"
 
 
-WHOLE = json.dumps(DetectabilityCurves(curves=[curve()]).as_json())
+WHOLE = json.dumps(json_object(DetectabilityCurves(curves=[curve()])))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import socket
 import threading
-from collections.abc import Iterator
 from time import monotonic
 from xml.etree import ElementTree
 
@@ -29,18 +28,6 @@ BURST = 50
 """So few fit into a socket's buffer: of more at once some are lost before they are read."""
 CCP = BootstrapAddress.CONTROL_PRIVILEGE
 HEARTBEAT = BootstrapAddress.HEARTBEAT_TIMEOUT
-
-
-@pytest.fixture
-def bench() -> Iterator[PracticeBench]:
-    with gige_bench() as bench:
-        yield bench
-
-
-@pytest.fixture
-def client(bench: PracticeBench) -> Iterator[RawClient]:
-    with RawClient(bench.camera.address) as client:
-        yield client
 
 
 def description_of(client: RawClient) -> bytes:

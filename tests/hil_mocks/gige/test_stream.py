@@ -1,6 +1,5 @@
 """The stream of the running device, read as bytes."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from time import monotonic
 
@@ -26,18 +25,6 @@ DO_NOT_FRAGMENT = 0x4000_0000
 """A machine that does other things too takes up to so many times as long."""
 
 PACKETS = -(-96 * 64 // 464)  # of a frame in packets of 500 bytes
-
-
-@pytest.fixture
-def bench() -> Iterator[PracticeBench]:
-    with gige_bench() as bench:
-        yield bench
-
-
-@pytest.fixture
-def client(bench: PracticeBench) -> Iterator[RawClient]:
-    with RawClient(bench.camera.address) as client:
-        yield client
 
 
 def expected_mono8(

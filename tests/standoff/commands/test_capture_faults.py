@@ -18,7 +18,7 @@ from typing import BinaryIO
 import pytest
 
 import standoff.cli
-import standoff.commands.capture
+import standoff.workflows
 from acquisition.bench import BenchConfig
 from acquisition.session.durable_write import atomic_write_hashed
 from acquisition.session.reader import Session, verify
@@ -87,7 +87,7 @@ def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
 
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     with monkeypatch.context() as patch:
-        patch.setattr(standoff.commands.capture, "open_bench", opened)
+        patch.setattr(standoff.workflows, "open_bench", opened)
         done = command(*words, "--yes")
     assert (done.status, done.out) == (1, "")
     [line] = [line for line in done.err.splitlines() if line.startswith("standoff:")]

@@ -161,7 +161,7 @@ def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_pa
     [
         ((), "2 curves fit; choose by --observer (hotelling, npw)"),
         (("--observer", "cho"), "no curve fits"),
-        (("--observer", "npw", "--at-tilt", "5"), "--at-tilt goes with --at-zoom"),
+        (("--observer", "npw", "--at-tilt", "5"), "--at-tilt needs --at-zoom"),
     ],
 )
 def test_an_ambiguous_curve_is_wrong_usage(
@@ -182,7 +182,7 @@ def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
     assert "contrasts from" not in done.out  # no pose was asked about
     twice = command(*asked, "--geometry", tmp_path / "geometry.json")
     assert twice.status == 2
-    assert "give --geometry or --focal-length-px with --image-size" in twice.err
+    assert "give one of --geometry and --focal-length-px" in twice.err
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,7 @@ def test_a_camera_that_cannot_be_is_wrong_usage(
 def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:
     done = command("limits", "--curves", curves_file, "--min-dprime", 3)
     assert done.status == 2
-    assert "give --geometry, or --focal-length-px and --image-size" in done.err
+    assert "give one of --geometry and --focal-length-px" in done.err
     done = command("limits", "--curves", curves_file, "--min-dprime", 0, *LIMITS)
     assert done.status == 2
     assert "a threshold is a number above 0" in done.err

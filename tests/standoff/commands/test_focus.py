@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.bench import load_bench
-from acquisition.devices import BenchDevices, Camera
+from acquisition.bench import BenchDevices, load_bench
+from acquisition.devices import Camera
 from acquisition.focus.live import FocusOptions, FocusPoint, focus_values, sweep_focus
 from acquisition.focus.measures import Region
 from acquisition.focus.sweep import fit_focus_peak

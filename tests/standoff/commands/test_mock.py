@@ -138,32 +138,33 @@ def test_a_line_places_a_target_and_moves_the_stand() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "fault"),
+    ("line", "word"),
     [
-        ("jump", "unknown command jump; there are place"),
-        ("place", "expected: place"),
-        ("place moon", "no target 'moon'"),
-        ("place edge north", "not a number: north"),
-        ("place edge nan", "finite"),
-        ("height", "expected: height"),
-        ("height 700", "120 to 620"),
-        ("height nan", "120 to 620"),
-        ("fault", "expected: fault"),
-        ("fault loss=1", "expected NAME=VALUE"),
-        ("fault packet_loss_rate=2", "from 0 to 1"),
-        ("fault packet_loss_rate=nan", "from 0 to 1"),
-        ("fault is_dead=maybe", "true or false"),
-        ("fault missing_rows=1.5", "whole number"),
-        ("fault missing_rows=inf", "whole number"),
-        ("fault missing_rows=many", "not a number: many"),
+        ("jump", "jump"),
+        ("place", "place"),
+        ("place moon", "moon"),
+        ("place edge north", "north"),
+        ("place edge nan", "nan"),
+        ("height", "height"),
+        ("height 700", "700"),
+        ("height nan", "nan"),
+        ("fault", "fault"),
+        ("fault loss=1", "loss=1"),
+        ("fault packet_loss_rate=2", "packet_loss_rate=2"),
+        ("fault packet_loss_rate=nan", "packet_loss_rate=nan"),
+        ("fault is_dead=maybe", "is_dead=maybe"),
+        ("fault missing_rows=1.5", "missing_rows=1.5"),
+        ("fault missing_rows=inf", "missing_rows=inf"),
+        ("fault missing_rows=many", "many"),
     ],
 )
-def test_a_line_that_is_not_understood_changes_nothing(line: str, fault: str) -> None:
+def test_a_line_that_is_not_understood_changes_nothing(line: str, word: str) -> None:
     stage = HandStage((120.0, 620.0))
     with gige_bench() as bench:
         console = PracticeConsole(bench, stage)
-        with pytest.raises(PracticeCommandError, match=fault):
+        with pytest.raises(PracticeCommandError) as refused:
             console.execute(line)
+        assert refused.value.word == word
         assert bench.camera.faults == GigeFaults()
         assert (bench.target, stage.true_height_mm) == ("edge", 370.0)
 
@@ -198,5 +199,6 @@ def test_whole_numbered_faults_and_a_lost_controller_are_set_by_lines() -> None:
 def test_a_stage_on_a_port_is_not_moved_by_hand() -> None:
     with SerialStage("grbl") as stage, gige_bench() as bench:
         console = PracticeConsole(bench, stage)
-        with pytest.raises(PracticeCommandError, match="moved over its serial port"):
+        with pytest.raises(PracticeCommandError) as refused:
             console.execute("height 200")
+        assert refused.value.word == "height"

@@ -18,7 +18,7 @@ def _homography_file(path: Path, matrix: object, size: object, **more: object) -
 def test_a_lens_that_distorts_bends_both_images(
     command: Command, psf_file: Path, tmp_path: Path
 ) -> None:
-    # A ramp's level is its place, which a blur leaves as it is. 20 px from the middle of the
+    # A ramp's level is its coordinate, which a blur leaves as it is. 20 px from the middle of the
     # follow-up is 20 / (1 + 0.04 (19.944 / 75)^2) = 19.944 px for an ideal lens, 29.915 px in the
     # reference, and is seen there at 29.915 (1 + 0.04 (29.915 / 75)^2) = 30.106 px.
     image = tmp_path / "ramp.tif"

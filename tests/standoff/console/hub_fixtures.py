@@ -52,7 +52,7 @@ def running_hub(folder: Path, **keys: object) -> Iterator[BenchHub]:
     hub = idle_hub(folder, **keys)
     hub.start()
     try:
-        wait_for(lambda: hub.board.latest is not None, "a picture")
+        wait_for(lambda: hub.frames.latest is not None, "a picture")
         wait_for(lambda: hub.stage.status.is_ready, "the stage")
         yield hub
     finally:

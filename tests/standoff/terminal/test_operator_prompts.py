@@ -78,7 +78,7 @@ def test_a_script_keeps_what_was_captured_and_waits_for_nobody(
     script.wait_if_asked()
     assert script.ask("Height, in mm") == "200.5"
     assert "Height, in mm:" in capsys.readouterr().err
-    with pytest.raises(ApplicationError, match=r"answers.txt has no answer left to: Height, in mm"):
+    with pytest.raises(ApplicationError):
         script.ask("Height, in mm")
 
 

@@ -1,3 +1,4 @@
+import errno
 from pathlib import Path
 from typing import Any
 
@@ -100,8 +101,8 @@ def test_a_file_with_damaged_bytes_gives_an_image_or_the_one_error(
 ) -> None:
     content = bytearray(data.draw(st.sampled_from(SAMPLES)))
     for _ in range(data.draw(st.integers(0, 4))):
-        place = data.draw(st.integers(0, len(content) - 1))
-        content[place] = data.draw(st.integers(0, 255))
+        index = data.draw(st.integers(0, len(content) - 1))
+        content[index] = data.draw(st.integers(0, 255))
     length = data.draw(st.integers(0, len(content)))
     path = tmp_path_factory.mktemp("fuzz") / "i.dat"
     path.write_bytes(bytes(content[:length]))
@@ -124,11 +125,13 @@ def test_a_failed_write_leaves_the_old_file(
     before = path.read_bytes()
 
     def full_disk(_: int) -> None:
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full_disk)
-    with pytest.raises(ImageFileError, match="No space left"):
+    with pytest.raises(ImageFileError) as refused:
         write_float_tiff(path, np.ones((4, 5), np.float32), "second")
+    assert isinstance(refused.value.__cause__, OSError)
+    assert refused.value.__cause__.errno == errno.ENOSPC
     assert path.read_bytes() == before
     assert sorted(tmp_path.iterdir()) == [path]
 
@@ -151,5 +154,6 @@ def test_an_opacity_plane_is_no_light_and_odd_types_are_read_as_numbers(tmp_path
 
 
 def test_a_mask_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ImageFileError, match=r"cannot write .*nowhere/m\.png: No such file"):
+    with pytest.raises(ImageFileError) as refused:
         write_mask(tmp_path / "nowhere" / "m.png", np.ones((4, 5), np.bool_))
+    assert str(tmp_path / "nowhere" / "m.png") in str(refused.value)

@@ -131,10 +131,10 @@ def test_the_newest_frame_is_given_and_incomplete_ones_are_left_out(bench_file: 
     [
         ((), "give one of FOLLOWUP, --stream and --bench"),
         (("--stream", "no-such"), "no-such is no folder"),
-        (("far.tif", "--frames", 3), "--frames goes with --stream"),
-        (("far.tif", "--watch"), "--watch goes with --stream"),
-        (("far.tif", "--target", "coins"), "--target and --set go with --bench"),
-        (("--stream", ".", "--picture", "map.png"), "--psf and --picture go with FOLLOWUP"),
+        (("far.tif", "--frames", 3), "--frames needs --stream or --bench"),
+        (("far.tif", "--watch"), "--watch needs --stream"),
+        (("far.tif", "--target", "coins"), "--target needs --bench"),
+        (("--stream", ".", "--picture", "map.png"), "--picture needs FOLLOWUP"),
     ],
 )
 def test_options_that_do_not_go_together_are_wrong_usage(

@@ -17,9 +17,9 @@ from hil_mocks import SimulatedBench
 from hil_mocks.camera import CameraFaults
 from hil_mocks.clock import RealTimeClock
 from hil_mocks.stage import StageFaults
-from standoff.console.devices.camera_service import CameraKeeper
-from standoff.console.devices.frame_broadcaster import FrameBoard
-from standoff.console.devices.stage_service import StageKeeper
+from standoff.console.devices.camera_service import CameraService
+from standoff.console.devices.frame_broadcaster import FrameBroadcaster
+from standoff.console.devices.stage_service import StageService
 from tests.standoff.console.hub_fixtures import small_bench, wait_for
 
 
@@ -44,35 +44,39 @@ def maker() -> CameraMaker:
 
 
 @pytest.fixture
-def board() -> FrameBoard:
-    return FrameBoard()
+def broadcaster() -> FrameBroadcaster:
+    return FrameBroadcaster()
 
 
 @pytest.fixture
-def camera(maker: CameraMaker, board: FrameBoard) -> Iterator[CameraKeeper]:
-    keeper = CameraKeeper(maker, board)
-    keeper.start()
-    yield keeper
-    keeper.close()
+def camera(maker: CameraMaker, broadcaster: FrameBroadcaster) -> Iterator[CameraService]:
+    service = CameraService(maker, broadcaster)
+    service.start()
+    yield service
+    service.close()
 
 
-def frames(board: FrameBoard) -> int:
-    return board.counts.complete
+def frames(broadcaster: FrameBroadcaster) -> int:
+    return broadcaster.counts.complete
 
 
-def test_a_camera_streams_until_it_is_closed(camera: CameraKeeper, board: FrameBoard) -> None:
-    wait_for(lambda: frames(board) > 3, "frames")
+def test_a_camera_streams_until_it_is_closed(
+    camera: CameraService, broadcaster: FrameBroadcaster
+) -> None:
+    wait_for(lambda: frames(broadcaster) > 3, "frames")
     assert camera.status.is_ready
     assert camera.info is not None
     camera.close()
-    before = frames(board)
+    before = frames(broadcaster)
     with pytest.raises(DeviceDisconnectedError), camera.lent():
         pass
-    assert frames(board) == before
+    assert frames(broadcaster) == before
 
 
-def test_exposure_and_gain_are_set_between_frames(camera: CameraKeeper, board: FrameBoard) -> None:
-    wait_for(lambda: frames(board) > 0, "frames")
+def test_exposure_and_gain_are_set_between_frames(
+    camera: CameraService, broadcaster: FrameBroadcaster
+) -> None:
+    wait_for(lambda: frames(broadcaster) > 0, "frames")
     camera.set_exposure_us(5000.0)
     camera.set_gain_db(3.0)
     wait_for(
@@ -85,38 +89,40 @@ def test_exposure_and_gain_are_set_between_frames(camera: CameraKeeper, board: F
 
 
 def test_a_setting_that_is_refused_is_told_and_the_stream_goes_on(
-    maker: CameraMaker, board: FrameBoard
+    maker: CameraMaker, broadcaster: FrameBroadcaster
 ) -> None:
     told: list[str] = []
-    keeper = CameraKeeper(maker, board, report=told.append)
-    keeper.start()
+    service = CameraService(maker, broadcaster, report=told.append)
+    service.start()
     try:
-        keeper.set_gain_db(90.0)
+        service.set_gain_db(90.0)
         wait_for(lambda: bool(told), "told")
         assert "0 to 31 dB" in told[0]
-        before = frames(board)
-        wait_for(lambda: frames(board) > before, "frames")
+        before = frames(broadcaster)
+        wait_for(lambda: frames(broadcaster) > before, "frames")
     finally:
-        keeper.close()
+        service.close()
 
 
 def test_a_lent_camera_is_the_borrowers_and_everybody_sees_its_frames(
-    camera: CameraKeeper, board: FrameBoard
+    camera: CameraService, broadcaster: FrameBroadcaster
 ) -> None:
-    wait_for(lambda: frames(board) > 0, "frames")
+    wait_for(lambda: frames(broadcaster) > 0, "frames")
     with camera.lent() as lent:
         lent.start()
-        before = frames(board)
+        before = frames(broadcaster)
         taken = [lent.next_frame(1.0).frame_id for _ in range(5)]
-        assert frames(board) == before + 5
+        assert frames(broadcaster) == before + 5
         assert taken == [1, 2, 3, 4, 5]
         lent.stop()
-        wait_for(lambda: frames(board) > before + 6, "the live stream between two captures")
-    wait_for(lambda: frames(board) > before + 12, "the live stream afterwards")
+        wait_for(lambda: frames(broadcaster) > before + 6, "the live stream between two captures")
+    wait_for(lambda: frames(broadcaster) > before + 12, "the live stream afterwards")
 
 
-def test_a_stop_ends_what_the_borrower_does(camera: CameraKeeper, board: FrameBoard) -> None:
-    wait_for(lambda: frames(board) > 0, "frames")
+def test_a_stop_ends_what_the_borrower_does(
+    camera: CameraService, broadcaster: FrameBroadcaster
+) -> None:
+    wait_for(lambda: frames(broadcaster) > 0, "frames")
     stop = Event()
 
     def check() -> None:
@@ -129,14 +135,14 @@ def test_a_stop_ends_what_the_borrower_does(camera: CameraKeeper, board: FrameBo
         stop.set()
         with pytest.raises(OperatorStopError):
             lent.next_frame(1.0)
-    before = frames(board)
-    wait_for(lambda: frames(board) > before, "the live stream")
+    before = frames(broadcaster)
+    wait_for(lambda: frames(broadcaster) > before, "the live stream")
 
 
 def test_a_lost_camera_is_shown_and_opened_again_with_its_exposure(
-    camera: CameraKeeper, board: FrameBoard, maker: CameraMaker
+    camera: CameraService, broadcaster: FrameBroadcaster, maker: CameraMaker
 ) -> None:
-    wait_for(lambda: frames(board) > 0, "frames")
+    wait_for(lambda: frames(broadcaster) > 0, "frames")
     camera.set_exposure_us(4000.0)
     wait_for(lambda: getattr(camera.settings, "exposure_us", 0) == 4000.0, "exposure")
     maker.is_unplugged = True
@@ -147,13 +153,15 @@ def test_a_lost_camera_is_shown_and_opened_again_with_its_exposure(
         pass
     maker.is_unplugged = False
     wait_for(lambda: camera.status.is_ready, "ready")
-    before = frames(board)
-    wait_for(lambda: frames(board) > before, "frames")
+    before = frames(broadcaster)
+    wait_for(lambda: frames(broadcaster) > before, "frames")
     assert getattr(camera.settings, "exposure_us", 0) == 4000.0
     assert len(maker.opened) == 2
 
 
-def test_a_stream_that_broke_off_in_a_run_is_the_runs_to_begin_again(board: FrameBoard) -> None:
+def test_a_stream_that_broke_off_in_a_run_is_the_runs_to_begin_again(
+    broadcaster: FrameBroadcaster,
+) -> None:
     bench = SimulatedBench(small_bench(), clock=RealTimeClock())
     breaks = Event()
 
@@ -171,26 +179,26 @@ def test_a_stream_that_broke_off_in_a_run_is_the_runs_to_begin_again(board: Fram
             return bench.camera.next_frame(timeout_s)
 
     camera: Camera = Breaking()  # type: ignore[assignment]  # hands everything else on
-    keeper = CameraKeeper(lambda: camera, board)
-    keeper.start()
+    service = CameraService(lambda: camera, broadcaster)
+    service.start()
     try:
-        wait_for(lambda: frames(board) > 0, "frames")
-        with keeper.lent() as lent:
+        wait_for(lambda: frames(broadcaster) > 0, "frames")
+        with service.lent() as lent:
             lent.start()
             lent.next_frame(1.0)
             breaks.set()
             with pytest.raises(StreamInterruptedError):
                 lent.next_frame(1.0)
-            assert keeper.status.state == "lost"
+            assert service.status.state == "lost"
             lent.stop()
             lent.start()
-            assert keeper.status.is_ready
+            assert service.status.is_ready
             assert lent.next_frame(1.0).is_complete
             lent.stop()
-        before = frames(board)
-        wait_for(lambda: frames(board) > before, "the live stream")
+        before = frames(broadcaster)
+        wait_for(lambda: frames(broadcaster) > before, "the live stream")
     finally:
-        keeper.close()
+        service.close()
 
 
 class StageMaker:
@@ -209,49 +217,49 @@ class StageMaker:
 
 
 @pytest.fixture
-def slow_stage() -> Iterator[tuple[StageMaker, StageKeeper]]:
+def slow_stage() -> Iterator[tuple[StageMaker, StageService]]:
     maker = StageMaker(stage__feed_mm_per_min=6000.0)
-    keeper = StageKeeper(maker, limits_mm=(120.0, 620.0))
-    keeper.start()
-    wait_for(lambda: keeper.status.is_ready, "the stage")
-    yield maker, keeper
-    keeper.close()
+    service = StageService(maker, limits_mm=(120.0, 620.0))
+    service.start()
+    wait_for(lambda: service.status.is_ready, "the stage")
+    yield maker, service
+    service.close()
 
 
 @pytest.mark.slow
 def test_a_stage_is_homed_and_moved_and_shown_meanwhile(
-    slow_stage: tuple[StageMaker, StageKeeper],
+    slow_stage: tuple[StageMaker, StageService],
 ) -> None:
-    _, keeper = slow_stage
-    assert keeper.view.height_mm is None
-    stage = keeper.lent()
+    _, service = slow_stage
+    assert service.view.height_mm is None
+    stage = service.lent()
     stage.home(60.0)
     seen: set[str] = set()
     heights: set[float | None] = set()
     mover = Thread(target=stage.move_to, args=(320.0, 60.0))
     mover.start()
     while mover.is_alive():
-        seen.add(keeper.view.state)
-        heights.add(keeper.view.height_mm)
+        seen.add(service.view.state)
+        heights.add(service.view.height_mm)
         mover.join(0.02)
     assert "moving" in seen
     assert len(heights) > 2
-    wait_for(lambda: keeper.view.height_mm == 320.0, "read back")
-    assert (keeper.view.state, keeper.view.is_homed) == ("idle", True)
+    wait_for(lambda: service.view.height_mm == 320.0, "read back")
+    assert (service.view.state, service.view.is_homed) == ("idle", True)
 
 
 @pytest.mark.slow
 def test_a_stop_from_another_thread_ends_a_move_as_a_stop(
-    slow_stage: tuple[StageMaker, StageKeeper],
+    slow_stage: tuple[StageMaker, StageService],
 ) -> None:
-    _, keeper = slow_stage
+    _, service = slow_stage
     stop = Event()
 
     def check() -> None:
         if stop.is_set():
             raise OperatorStopError("stopped by the operator")
 
-    stage = keeper.lent(check)
+    stage = service.lent(check)
     stage.home(60.0)
     ended: list[BaseException] = []
 
@@ -263,30 +271,30 @@ def test_a_stop_from_another_thread_ends_a_move_as_a_stop(
 
     mover = Thread(target=move)
     mover.start()
-    wait_for(lambda: (keeper.view.height_mm or 0.0) > 150.0, "under way")
+    wait_for(lambda: (service.view.height_mm or 0.0) > 150.0, "under way")
     stop.set()
-    keeper.stop()
+    service.stop()
     mover.join(30)
     assert isinstance(ended[0], OperatorStopError)
-    height_mm = keeper.view.height_mm
+    height_mm = service.view.height_mm
     assert height_mm is not None
     assert 150.0 < height_mm < 600.0
-    assert keeper.view.is_homed
+    assert service.view.is_homed
 
 
 def test_a_stage_without_its_cable_is_shown_and_opened_again_with_a_stop_first(
-    slow_stage: tuple[StageMaker, StageKeeper],
+    slow_stage: tuple[StageMaker, StageService],
 ) -> None:
-    maker, keeper = slow_stage
+    maker, service = slow_stage
     maker.stage.faults = StageFaults(unplugged=True)
-    wait_for(lambda: keeper.status.state == "lost", "lost")
-    assert "runs on to its target" in keeper.status.remedy
+    wait_for(lambda: service.status.state == "lost", "lost")
+    assert "runs on to its target" in service.status.remedy
     with pytest.raises(DeviceDisconnectedError):
-        keeper.lent()
+        service.lent()
     with pytest.raises(DeviceDisconnectedError):
-        keeper.stop()
+        service.stop()
     maker.stage.faults = StageFaults()
-    wait_for(lambda: keeper.status.is_ready, "ready again")
+    wait_for(lambda: service.status.is_ready, "ready again")
     assert maker.opened == [False, True]
 
 
@@ -294,10 +302,10 @@ def test_a_stage_that_was_never_there_says_what_to_do(tmp_path: Path) -> None:
     def absent(_: bool) -> Stage:
         raise DeviceDisconnectedError("no such port")
 
-    keeper = StageKeeper(absent, limits_mm=(0.0, 1.0))
-    keeper.start()
+    service = StageService(absent, limits_mm=(0.0, 1.0))
+    service.start()
     try:
-        wait_for(lambda: keeper.status.state == "lost", "lost")
-        assert "port in the bench file" in keeper.status.remedy
+        wait_for(lambda: service.status.state == "lost", "lost")
+        assert "port in the bench file" in service.status.remedy
     finally:
-        keeper.close()
+        service.close()

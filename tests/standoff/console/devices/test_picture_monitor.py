@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from analysis.pose.tracker import PoseVerdict
-from standoff.console.devices.frame_broadcaster import FrameBoard, LiveFrame
-from standoff.console.devices.picture_monitor import PictureWatch
-from standoff.console.devices.pose_monitor import PoseWatch
+from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
+from standoff.console.devices.picture_monitor import PictureMonitor
+from standoff.console.devices.pose_monitor import PoseMonitor
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.standoff.console.hub_fixtures import DEADLINE_S, wait_for
 
@@ -34,19 +34,19 @@ def live(sequence: int, rows: int, cols: int) -> LiveFrame:
 
 
 def test_focus_is_measured_anew_when_the_frames_change_their_size() -> None:
-    watch = PictureWatch(FrameBoard())
+    monitor = PictureMonitor(FrameBroadcaster())
     for sequence in range(3):
-        watch.look(live(sequence, 40, 60))
-    assert watch.facts.focus is not None
-    assert len(watch.facts.trace) == 2  # a pair of frames gives a value
-    watch.look(live(3, 60, 40))
-    assert watch.facts.levels is not None
-    assert watch.facts.levels.counts.sum() == 2400
+        monitor.look(live(sequence, 40, 60))
+    assert monitor.facts.focus is not None
+    assert len(monitor.facts.trace) == 2  # a pair of frames gives a value
+    monitor.look(live(3, 60, 40))
+    assert monitor.facts.levels is not None
+    assert monitor.facts.levels.counts.sum() == 2400
     for sequence in range(4, 6):
-        watch.look(live(sequence, 60, 40))
-    assert watch.facts.focus is not None
-    assert len(watch.facts.trace) == 1  # of the new size alone
-    watch.close()  # though it never began
+        monitor.look(live(sequence, 60, 40))
+    assert monitor.facts.focus is not None
+    assert len(monitor.facts.trace) == 1  # of the new size alone
+    monitor.close()  # though it never began
 
 
 def test_without_new_pictures_there_is_no_verdict_on_the_pose(
@@ -58,19 +58,19 @@ def test_without_new_pictures_there_is_no_verdict_on_the_pose(
 
     monkeypatch.setattr("standoff.console.devices.pose_monitor.PERIOD_S", 0.001)
     monkeypatch.setattr("standoff.console.devices.pose_monitor.STALE_S", DEADLINE_S)
-    board = FrameBoard()
-    watch = PoseWatch(board, lambda _: Accepting())  # type: ignore[arg-type,return-value]  # stands for a tracker
-    watch.start()
+    broadcaster = FrameBroadcaster()
+    monitor = PoseMonitor(broadcaster, lambda _: Accepting())  # type: ignore[arg-type,return-value]  # stands for a tracker
+    monitor.start()
     try:
-        watch.choose("before", np.zeros((4, 6), np.uint16))
-        board.publish(frame(700, 1), SETTINGS)
-        wait_for(lambda: watch.view.verdict is not None, "a verdict")
+        monitor.choose("before", np.zeros((4, 6), np.uint16))
+        broadcaster.publish(frame(700, 1), SETTINGS)
+        wait_for(lambda: monitor.view.verdict is not None, "a verdict")
         monkeypatch.setattr("standoff.console.devices.pose_monitor.STALE_S", 0.01)
-        board.publish(frame(700, 2), SETTINGS)  # the last one
-        wait_for(lambda: watch.view.verdict is None, "no verdict on an old picture")
-        assert watch.view.reference == "before"
+        broadcaster.publish(frame(700, 2), SETTINGS)  # the last one
+        wait_for(lambda: monitor.view.verdict is None, "no verdict on an old picture")
+        assert monitor.view.reference == "before"
     finally:
-        watch.close()
+        monitor.close()
 
 
 def test_a_verdict_on_the_last_reference_is_not_shown_for_the_next(
@@ -78,30 +78,30 @@ def test_a_verdict_on_the_last_reference_is_not_shown_for_the_next(
 ) -> None:
     class ChoosesAnother:
         def update(self, _: NDArray[np.generic]) -> PoseVerdict:
-            if watch.view.reference == "first":
-                watch.choose("second", np.zeros((4, 6), np.uint16))
+            if monitor.view.reference == "first":
+                monitor.choose("second", np.zeros((4, 6), np.uint16))
                 judged.append("first")
             return ACCEPTED
 
     judged: list[str] = []
     monkeypatch.setattr("standoff.console.devices.pose_monitor.PERIOD_S", 0.001)
     monkeypatch.setattr("standoff.console.devices.pose_monitor.STALE_S", DEADLINE_S)
-    board = FrameBoard()
-    watch = PoseWatch(board, lambda _: ChoosesAnother())  # type: ignore[arg-type,return-value]  # stands for a tracker
-    watch.choose("first", np.zeros((4, 6), np.uint16))
-    watch.start()
+    broadcaster = FrameBroadcaster()
+    monitor = PoseMonitor(broadcaster, lambda _: ChoosesAnother())  # type: ignore[arg-type,return-value]  # stands for a tracker
+    monitor.choose("first", np.zeros((4, 6), np.uint16))
+    monitor.start()
     try:
-        board.publish(frame(700, 1), SETTINGS)
+        broadcaster.publish(frame(700, 1), SETTINGS)
         wait_for(lambda: bool(judged), "the first one judged")
-        assert (watch.view.reference, watch.view.verdict) == ("second", None)
-        board.publish(frame(700, 2), SETTINGS)
-        wait_for(lambda: watch.view.verdict is not None, "a verdict on the second")
-        assert watch.view.reference == "second"
+        assert (monitor.view.reference, monitor.view.verdict) == ("second", None)
+        broadcaster.publish(frame(700, 2), SETTINGS)
+        wait_for(lambda: monitor.view.verdict is not None, "a verdict on the second")
+        assert monitor.view.reference == "second"
     finally:
         monkeypatch.setattr("standoff.console.devices.pose_monitor.STALE_S", 0.01)
-        board.publish(frame(700, 3), SETTINGS)
-        watch.close()
+        broadcaster.publish(frame(700, 3), SETTINGS)
+        monitor.close()
 
 
 def test_a_watch_that_never_began_may_be_closed() -> None:
-    PoseWatch(FrameBoard(), None).close()
+    PoseMonitor(FrameBroadcaster(), None).close()

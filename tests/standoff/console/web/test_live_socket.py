@@ -140,7 +140,7 @@ def test_levels_and_picture_come_with_the_first_frame(hub: BenchHub) -> None:
             # Levels are looked for at every other state at least: none without a picture.
             seen = [socket.receive_json()["type"] for _ in range(5)]
             assert set(seen) == {"state", "plan"}
-            hub.board.publish(frame(np.full((48, 64), 700, np.uint16), 1), SETTINGS)
+            hub.frames.publish(frame(np.full((48, 64), 700, np.uint16), 1), SETTINGS)
             texts: list[dict[str, Any]] = []
             pictures: list[bytes] = []
             while not (pictures and any(text["type"] == "levels" for text in texts)):

@@ -13,7 +13,7 @@ from starlette.testclient import TestClient, WebSocketTestSession
 
 from standoff.console.web import messages
 from standoff.console.web.application import console_app
-from standoff.console.web.command_handler import CommandDesk
+from standoff.console.web.command_handler import CommandHandler
 from standoff.console.web.messages import MessageError, parse_message
 from standoff.errors import REPORTED_ERRORS
 from tests.standoff.console.hub_fixtures import idle_hub
@@ -87,7 +87,7 @@ def test_no_message_of_the_holder_raises_anything_unexpected(
     hub.control.join("me", "Ada")
     try:
         message = parse_message(json.dumps(sent))
-        CommandDesk(hub).carry_out("me", message)
+        CommandHandler(hub).carry_out("me", message)
     except REPORTED_ERRORS:
         return
     finally:

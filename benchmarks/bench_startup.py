@@ -1,0 +1,54 @@
+"""Processor time of a command line that computes nothing, beside a bare ``import numpy``.
+
+Run with ``python -m benchmarks.bench_startup``. Every figure is of whole processes, from start to
+exit, the shortest of several; the peer is one that imports numpy and ends.
+"""
+
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.timing import shortest_s
+
+CHECKOUT = Path(__file__).parents[1]
+LINES = (["--version"], ["--help"], ["verify", "--help"], ["simulate", "--help"])
+
+
+def children_s() -> float:
+    """Processor time of all processes that ended, in seconds."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def started(words: list[str]) -> Callable[[], object]:
+    """What runs a process of Python to its end."""
+    return partial(
+        subprocess.run,
+        [sys.executable, *words],
+        cwd=CHECKOUT,
+        stdout=subprocess.DEVNULL,
+        check=True,
+    )
+
+
+def main() -> None:
+    with Recorder.of(
+        bench_parser(__doc__).parse_args(), "startup", packages=("numpy", "typer")
+    ) as record:
+        works = [started(["-c", "import numpy"]), *(started(["-m", "standoff", *w]) for w in LINES)]
+        peer_s, *ours_s = shortest_s(works, record.pick(20.0, 1.0), clock=children_s)
+        for words, time_s in zip(LINES, ours_s, strict=True):
+            name = " ".join(["standoff", *words])
+            record.say(
+                f"{name}: {1e3 * time_s:.0f} ms, {time_s / peer_s:.1f} times import numpy "
+                f"({1e3 * peer_s:.0f} ms)"
+            )
+            record.figure(name, 1e3 * time_s, "ms", peer="import numpy", peer_value=1e3 * peer_s)
+
+
+if __name__ == "__main__":
+    main()

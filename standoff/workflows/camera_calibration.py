@@ -1,0 +1,162 @@
+"""Calibrates a camera's PSF: from edges, from the edges of a scene, or from two distances."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquisition.session import Session
+from calibration.blind import calibrate_from_distances, calibrate_from_scene
+from calibration.choices import CalibrationMethod
+from calibration.edges import EdgeImage, Region
+from calibration.errors import CalibrationError
+from calibration.files import PsfOrigin
+from calibration.psf import (
+    PsfCalibration,
+    calibrate_mosaic,
+    calibrate_psf,
+    capture_images,
+    scene_records,
+)
+from standoff.terminal import note, progress_bar
+from standoff.workflows.edge_sources import (
+    EdgeSources,
+    Reading,
+    from_files,
+    from_session,
+    origin_of,
+)
+
+__all__ = ["CalibratedCamera", "CalibrationRequest", "calibrate_camera"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationRequest:
+    """Photographs or a session, how to read them, and how to get the PSF from them.
+
+    ``region`` gives the part of an image to use, None for all of it; ``zoom`` is the ratio of two
+    photographs' distances where it is known.
+    """
+
+    images: tuple[Path, ...]
+    session: Path | None
+    reading: Reading
+    method: CalibrationMethod
+    region: Callable[[EdgeImage], Region | None]
+    zoom: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibratedCamera:
+    """The PSF, the camera it is of, and the photographs of an edge target where it is from one."""
+
+    calibration: PsfCalibration
+    origin: PsfOrigin
+    edges: EdgeSources | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Scenes:
+    """Photographs by scene, the nearest of each first, and what is known of the camera."""
+
+    series: tuple[tuple[EdgeImage, ...], ...]
+    origin: PsfOrigin
+
+    @property
+    def images(self) -> list[EdgeImage]:
+        """All photographs, scene by scene."""
+        return [image for scene in self.series for image in scene]
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs of the nearest photograph of a scene with a further one."""
+        return sum(len(scene) - 1 for scene in self.series)
+
+
+def calibrate_camera(request: CalibrationRequest) -> CalibratedCamera:
+    """Measure the PSF, with a bar on stderr.
+
+    Raises
+    ------
+    CalibrationError
+        If the photographs do not tell it.
+    """
+    calibrate = _METHODS[request.method]
+    try:
+        return calibrate(request)
+    except ValueError as error:
+        raise CalibrationError(str(error)) from error
+
+
+def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
+    assert request.method == "all-angles" or request.method == "paper"
+    reading = request.reading
+    sources = (
+        from_files(request.images, reading)
+        if request.session is None
+        else from_session(Session(request.session), reading)
+    )
+    with progress_bar("measuring edges", sources.count) as bar:
+        if reading.pattern is None:
+            calibration = calibrate_psf(
+                sources.images,
+                method=request.method,
+                region=request.region,
+                progress=bar.advance_to,
+            )
+        else:
+            calibration = calibrate_mosaic(
+                sources.images,
+                reading.pattern,
+                reading.channel,
+                method=request.method,
+                region=request.region,
+                progress=bar.advance_to,
+            )
+    return CalibratedCamera(calibration=calibration, origin=sources.origin, edges=sources)
+
+
+def _from_scene(request: CalibrationRequest) -> CalibratedCamera:
+    scenes = _scenes(request)
+    with progress_bar("measuring edges", len(scenes.images)) as bar:
+        calibration = calibrate_from_scene(
+            scenes.images, region=request.region, progress=bar.advance_to
+        )
+    return CalibratedCamera(calibration=calibration, origin=scenes.origin)
+
+
+def _from_distances(request: CalibrationRequest) -> CalibratedCamera:
+    scenes = _scenes(request)
+    if any(scene[0].noise is None for scene in scenes.series):
+        note("the noise of the photographs is not known and reads as blur; give --noise")
+    with progress_bar("comparing distances", scenes.pairs) as bar:
+        calibration = calibrate_from_distances(
+            scenes.series, zoom=request.zoom, region=request.region, progress=bar.advance_to
+        )
+    return CalibratedCamera(calibration=calibration, origin=scenes.origin)
+
+
+def _scenes(request: CalibrationRequest) -> _Scenes:
+    reading = request.reading
+    if request.session is None:
+        sources = from_files(request.images, reading)
+        return _Scenes(series=(tuple(sources.images),), origin=sources.origin)
+    session = Session(request.session)
+    records = scene_records(session)
+    series = tuple(
+        tuple(
+            capture_images(
+                session, scene, correction=reading.correction, frame_noise=reading.frame_noise
+            )
+        )
+        for scene in records
+    )
+    origin = origin_of(session, [record for scene in records for record in scene])
+    return _Scenes(series=series, origin=origin)
+
+
+_METHODS: dict[CalibrationMethod, Callable[[CalibrationRequest], CalibratedCamera]] = {
+    "all-angles": _from_edges,
+    "paper": _from_edges,
+    "single-image": _from_scene,
+    "two-distance": _from_distances,
+}

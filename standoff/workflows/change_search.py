@@ -1,0 +1,62 @@
+"""Finds what changed between two photograph files, and writes the maps of it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from analysis.changes import ChangeOptions, ChangeResult, find_changes
+from analysis.errors import AnalysisError
+from analysis.reports import plot_changes
+from calibration.errors import CalibrationError
+from simulation import GaussianPsf
+from standoff.workflows.figure_files import write_figure
+from standoff.workflows.image_files import read_grey, write_float_tiff, write_mask
+
+__all__ = ["find_changes_of_files", "write_change_pictures"]
+
+
+def find_changes_of_files(
+    reference: Path,
+    followup: Path,
+    psf: GaussianPsf,
+    options: ChangeOptions,
+) -> ChangeResult:
+    """Align two photographs and compare them.
+
+    Raises
+    ------
+    ImageFileError
+        If a photograph cannot be read.
+    AnalysisError, CalibrationError
+        If they cannot be compared or aligned; the message names the follow-up.
+    """
+    near, far = read_grey(reference), read_grey(followup)
+    try:
+        return find_changes(near, far, psf, options)
+    except CalibrationError as error:
+        raise CalibrationError(f"{followup}: {error}") from error
+    except AnalysisError as error:
+        raise AnalysisError(f"{followup}: {error}") from error
+
+
+def write_change_pictures(out: Path, name: str, found: ChangeResult) -> None:
+    """Write the maps and the figure into the folder ``out``; ``name`` is the follow-up's.
+
+    Raises
+    ------
+    ApplicationError
+        If a file cannot be written.
+    """
+    error_dn = np.where(found.valid, np.sqrt(found.variance_dn2), 0.0)
+    for kind, image in (
+        ("difference", found.difference_dn),
+        ("plain-difference", found.plain_difference_dn),
+        ("pose-difference", found.pose_difference_dn),
+        ("uncertainty", error_dn),
+        ("significance", found.significance),
+    ):
+        description = f"standoff changes: {kind} of {name}"
+        write_float_tiff(out / f"{kind}.tif", image.astype(np.float32), description)
+    write_mask(out / "changes.png", found.is_change)
+    write_mask(out / "compared.png", found.valid)
+    write_figure(out / "changes-figure.png", plot_changes(found))

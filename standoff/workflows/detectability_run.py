@@ -1,0 +1,96 @@
+"""Measures curves of d' against zoom on many photographs, and draws them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.detectability import (
+    DetectabilityCurve,
+    DetectabilityCurves,
+    DetectionTask,
+    SweepWorkers,
+    curves_of,
+    sweep_images,
+)
+from analysis.reports import plot_detectability
+from simulation.capture_noise import CaptureNoise
+from standoff.terminal import progress_bar
+from standoff.workflows.figure_files import write_figure
+from standoff.workflows.image_files import read_grey
+from standoff.workflows.psf_files import read_total_psf
+
+__all__ = ["CurvesRequest", "curve_figures", "measure_curves"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurvesRequest:
+    """The photographs, what is to be found in them, and who does the work.
+
+    ``noise`` is that of a camera, in place of the task's: then the one at the mean level of the
+    photographs counts.
+    """
+
+    images: tuple[Path, ...]
+    psf: Path | None
+    task: DetectionTask
+    noise: CaptureNoise | None
+    workers: SweepWorkers
+
+
+def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves:
+    """Measure the photographs and work out the curves, with bars on stderr.
+
+    ``results`` takes what was measured on each; an interrupted run goes on from it.
+
+    Raises
+    ------
+    ApplicationError, AnalysisError, CalibrationError
+        If a photograph, the PSF or the results cannot be read.
+    """
+    task = request.task
+    psf = None if request.psf is None else read_total_psf(request.psf)
+    plan = task.plan(psf, len(request.images))
+    with progress_bar("measuring images", len(request.images)) as bar:
+        cells = sweep_images(
+            request.images,
+            read_grey,
+            plan,
+            results=results,
+            workers=request.workers,
+            progress=bar.advance_to,
+        )
+    if request.noise is not None:
+        levels = np.array([cell.mean_dn for cell in cells])
+        noise_dn = math.sqrt(float(request.noise.variance_dn2(levels).mean()))
+        task = replace(task, noises_dn=(noise_dn,))
+    with progress_bar("working out d'", len(task.models)) as bar:
+        return curves_of(cells, plan, task, bar.advance_to)
+
+
+def curve_figures(
+    out: Path, curves: Sequence[DetectabilityCurve], contrast_dn: float
+) -> list[Path]:
+    """Draw the curves beside ``out``: by noise at one contrast, by contrast at the middle noise.
+
+    Raises
+    ------
+    ApplicationError
+        If a file cannot be written.
+    """
+    noises_dn = sorted({curve.noise_dn for curve in curves})
+    middle_dn = noises_dn[len(noises_dn) // 2]
+    by_noise = [curve for curve in curves if curve.contrast_dn == contrast_dn]
+    by_contrast = [curve for curve in curves if curve.noise_dn == middle_dn]
+    written = []
+    for name, figure in (
+        ("noise", plot_detectability(by_noise, "noise_dn")),
+        ("contrast", plot_detectability(by_contrast, "contrast_dn")),
+    ):
+        for suffix in (".png", ".svg"):
+            path = out.with_name(f"{out.stem}-{name}{suffix}")
+            write_figure(path, figure)
+            written.append(path)
+    return written

@@ -1,0 +1,21 @@
+"""Writes figures, as PNG or SVG, whole or not at all."""
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from analysis.reports import png_bytes, svg_bytes
+from standoff.workflows.reports import write_file
+
+__all__ = ["write_figure"]
+
+
+def write_figure(path: Path, figure: Figure) -> None:
+    """Write a figure: as SVG where the file's suffix says so, else as PNG.
+
+    Raises
+    ------
+    ApplicationError
+        If the file cannot be written.
+    """
+    write_file(path, svg_bytes(figure) if path.suffix.lower() == ".svg" else png_bytes(figure))

@@ -1,0 +1,61 @@
+"""What a command takes from a psf.json, with a note on what is left aside."""
+
+from pathlib import Path
+
+from calibration.files import read_psf
+from calibration.psf import PsfCalibration
+from simulation import GaussianPsf, Model, PsfField
+from standoff.terminal import note
+
+__all__ = ["frame_psf", "read_total_psf"]
+
+
+def read_total_psf(path: Path) -> GaussianPsf:
+    """Read the total PSF of a psf.json, with a note where its correlation is taken as none.
+
+    Raises
+    ------
+    PsfFileError
+        If the file cannot be read or lacks a width.
+    """
+    return _total_psf(read_psf(path), path)
+
+
+def frame_psf(path: Path, frame: tuple[int, int] | None, model: Model) -> GaussianPsf | PsfField:
+    """Read the PSF of a psf.json: its field where the model and the frames allow it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    frame
+        Width and height in px of photograph and follow-up; None where they differ.
+    model
+        The capture model that takes the PSF.
+
+    Raises
+    ------
+    PsfFileError
+        If the file cannot be read or lacks a width.
+    """
+    stored = read_psf(path)
+    field = stored.total_field(str(path))
+    if field is None:
+        return _total_psf(stored, path)
+    if model != "matched":
+        note(f"{path}: model {model} takes the PSF of the whole frame, not its field")
+    elif frame != (field.width_px, field.height_px):
+        note(
+            f"{path}: its field belongs to frames of {field.width_px} x {field.height_px} px; "
+            "the PSF of the whole frame is taken"
+        )
+    else:
+        return field
+    return _total_psf(stored, path)
+
+
+def _total_psf(stored: PsfCalibration, path: Path) -> GaussianPsf:
+    total = stored.total_psf(str(path))
+    if stored.rho is None:
+        note(f"{path}: rho is null (no diagonal edges); taken as 0, an axis-aligned PSF")
+    return total

@@ -1,0 +1,185 @@
+"""A photograph file's follow-up, by whichever model and with whatever the camera adds."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.validation import KernelCache, default_cache_folder
+from calibration.files import read_correction, read_homography, read_psf
+from calibration.psf import luma_plane
+from calibration.registration import Homography
+from simulation import SamplingGrid
+from simulation.choices import GaussianForm, KernelModel, Model, Sampler
+from simulation.kernelgan import (
+    EstimatedKernel,
+    KernelGanError,
+    KernelGanSettings,
+    estimate_kernel,
+    kernel_operator,
+)
+from simulation.resampling import reference_shape
+from standoff.errors import ApplicationError
+from standoff.terminal import note, progress_bar
+from standoff.workflows.followup import (
+    CaptureOptions,
+    FollowUp,
+    captured,
+    followup_by,
+    from_pose,
+    zoomed_out,
+    zoomed_out_as_measured,
+)
+from standoff.workflows.image_files import read_image
+from standoff.workflows.psf_files import frame_psf
+
+__all__ = ["FollowUpRequest", "FoundKernel", "SimulatedPhotograph", "simulate_photograph"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowUpRequest:
+    """A photograph, the pose of its follow-up and how to simulate it.
+
+    The pose is ``zoom`` or the H.json ``homography``. The PSF is taken as a Gaussian, or as the
+    transfer function that edges showed (``is_measured``). ``correct`` is the noise.json whose maps
+    are taken off the photograph first. The last four are for models that learn their kernel.
+    """
+
+    image: Path
+    model: Model | KernelModel
+    camera: CaptureOptions
+    zoom: float | None = None
+    homography: Path | None = None
+    psf: Path | None = None
+    is_measured: bool = False
+    gaussian: GaussianForm = "transfer"
+    correct: Path | None = None
+    steps: int
+    is_centre_crop: bool = False
+    sampler: Sampler = "exact"
+    kernel_cache: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundKernel:
+    """A kernel, and where it is stored."""
+
+    kernel: EstimatedKernel
+    path: Path
+    is_from_cache: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedPhotograph:
+    """The image as the camera delivers it, what it was made from, and the learned kernel."""
+
+    image: NDArray[np.float32]
+    followup: FollowUp
+    kernel: FoundKernel | None
+
+
+def simulate_photograph(request: FollowUpRequest) -> SimulatedPhotograph:
+    """Simulate the follow-up of a photograph.
+
+    Raises
+    ------
+    ApplicationError
+        If an image cannot be read, the model does not allow the pose, or the levels leave float32.
+    CalibrationError
+        If the PSF, the homography or the maps cannot be read.
+    """
+    pose = None if request.homography is None else read_homography(request.homography)
+    reference = _reference(request.image, request.correct)
+    kernel = None
+    try:
+        if request.model == "kernelgan" or request.model == "gaussian-kernelgan":
+            kernel = _kernel(reference, request, request.model)
+            followup = _by_kernel(reference, request, kernel.kernel)
+        elif pose is not None:
+            followup = _from_pose(reference, request, pose)
+        else:
+            followup = _zoomed_out(reference, request, request.model)
+        with np.errstate(over="ignore"):  # levels beyond float32 are refused below
+            image = captured(followup, request.camera).astype(np.float32, copy=False)
+    except ValueError as error:
+        raise ApplicationError(f"{request.homography or request.image}: {error}") from error
+    if not np.all(np.isfinite(image)):
+        raise ApplicationError(
+            f"{request.image}: the follow-up's levels leave float32; lower --exposure"
+        )
+    return SimulatedPhotograph(image=image, followup=followup, kernel=kernel)
+
+
+def _reference(image: Path, correct: Path | None) -> NDArray[np.generic]:
+    file = read_image(image)
+    if correct is None:
+        return file.colour_planes
+    if file.is_colour:
+        raise ApplicationError(f"{image}: the maps are of a grey camera, this is in colour")
+    maps = read_correction(correct)
+    try:
+        return maps.correct(file.colour_planes)
+    except ValueError as error:
+        raise ApplicationError(f"{image}: {error}") from error
+
+
+def _kernel(
+    reference: NDArray[np.generic], request: FollowUpRequest, model: KernelModel
+) -> FoundKernel:
+    """Return the kernel of a photograph, trained with a bar on stderr unless it is stored."""
+    settings = KernelGanSettings(
+        zoom=_zoom(request),
+        model=model,
+        steps=request.steps,
+        seed=request.camera.seed,
+        is_centre_crop=request.is_centre_crop,
+    )
+    grey = luma_plane(reference)
+    cache = KernelCache(request.kernel_cache or default_cache_folder())
+    path = cache.path(grey, settings)
+    stored = cache.load(grey, settings)
+    if stored is not None:
+        note(f"kernel taken from {path}")
+        return FoundKernel(kernel=stored, path=path, is_from_cache=True)
+    try:
+        with progress_bar(f"training {model}", settings.steps) as bar:
+            kernel = estimate_kernel(grey, settings, bar.advance_to)
+    except KernelGanError as error:
+        raise ApplicationError(str(error)) from error
+    cache.store(grey, settings, kernel)
+    return FoundKernel(kernel=kernel, path=path, is_from_cache=False)
+
+
+def _by_kernel(
+    reference: NDArray[np.generic], request: FollowUpRequest, kernel: EstimatedKernel
+) -> FollowUp:
+    shape = reference_shape(reference)
+    grid = SamplingGrid.centred(shape, _zoom(request))
+    operator = kernel_operator(shape, grid, kernel, request.sampler)
+    return followup_by(reference, operator, request.camera.noise)
+
+
+def _from_pose(
+    reference: NDArray[np.generic], request: FollowUpRequest, pose: Homography
+) -> FollowUp:
+    assert request.psf is not None
+    frame = (reference.shape[1], reference.shape[0])
+    psf = frame_psf(request.psf, frame if pose.size == frame else None, "matched")
+    return from_pose(reference, pose, psf, request.camera.noise)
+
+
+def _zoomed_out(reference: NDArray[np.generic], request: FollowUpRequest, model: Model) -> FollowUp:
+    zoom, noise = _zoom(request), request.camera.noise
+    if request.psf is None:
+        return zoomed_out(reference, zoom, None, model, noise)
+    if request.is_measured:
+        transfer = read_psf(request.psf).measured_transfer(str(request.psf))
+        return zoomed_out_as_measured(reference, zoom, transfer, noise)
+    psf = frame_psf(request.psf, (reference.shape[1], reference.shape[0]), model)
+    return zoomed_out(reference, zoom, psf, model, noise, gaussian=request.gaussian)
+
+
+def _zoom(request: FollowUpRequest) -> float:
+    assert request.zoom is not None
+    return request.zoom

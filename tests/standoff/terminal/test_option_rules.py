@@ -1,0 +1,87 @@
+"""Rules on options, on a small command; and those of all commands, on their parameters."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+import pytest
+import typer
+
+from standoff.terminal.app import COMMANDS, application
+from standoff.terminal.option_rules import (
+    Option,
+    OptionRule,
+    check_options,
+    exactly_one,
+    excludes,
+    needs,
+)
+
+
+def said(rule: OptionRule, *arguments: str) -> str | None:
+    """What a command with a few options says about these arguments; None where it takes them."""
+    app = typer.Typer()
+
+    @app.command()
+    def command(
+        context: typer.Context,
+        images: Annotated[list[Path] | None, typer.Argument()] = None,
+        *,
+        session: Path | None = None,
+        mode: str = "plain",
+        count: int = 1,
+        is_quick: Annotated[bool, typer.Option("--quick")] = False,
+        keys: Annotated[list[str] | None, typer.Option("--set")] = None,
+    ) -> None:
+        check_options(context, [rule])
+
+    try:
+        app(list(arguments), standalone_mode=False)
+    except typer.BadParameter as refused:
+        return refused.message
+    return None
+
+
+def test_one_of_the_options_that_are_needed_is_enough() -> None:
+    rule = needs("is_quick", "session", Option("mode", ("fast", "rough")))
+    assert said(rule) is None
+    assert said(rule, "--session", "s") is None
+    assert said(rule, "--quick", "--session", "s") is None
+    assert said(rule, "--quick", "--mode", "rough") is None
+    asked = "--quick needs --session or --mode fast or rough"
+    assert said(rule, "--quick") == said(rule, "--quick", "--mode", "other") == asked
+
+
+def test_options_that_exclude_each_other_are_named_with_the_reason() -> None:
+    rule = excludes("images", "keys", "is_quick", because="they are slow")
+    assert said(rule, "a.tif") is None
+    assert said(rule, "--set", "a=1", "--quick") is None
+    assert said(rule, "a.tif", "--quick") == "IMAGES does not go with --quick: they are slow"
+    assert (
+        said(rule, "a.tif", "--set", "a=1", "--quick")
+        == "IMAGES does not go with --set or --quick: they are slow"
+    )
+
+
+def test_neither_none_nor_two_of_the_options_will_do() -> None:
+    rule = exactly_one("images", "session")
+    assert said(rule, "a.tif") is None
+    assert said(rule, "--session", "s") is None
+    assert said(rule) == said(rule, "a.tif", "--session", "s")
+    assert said(rule) == "give one of IMAGES and --session, and only one"
+
+
+@pytest.mark.parametrize("arguments", [("--count", "1"), ("--mode", "plain"), ()])
+def test_an_option_with_its_default_is_not_given(arguments: tuple[str, ...]) -> None:
+    for name in ("count", "mode", "keys", "images"):
+        assert said(needs(name, "session"), *arguments) is None
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "session"])
+def test_the_rules_of_a_command_name_its_own_parameters(name: str) -> None:
+    module = import_module(f"standoff.commands.{COMMANDS[name].split(':')[0]}")
+    command: Any = typer.main.get_command(application([name]))
+    parameters = {one.name for one in command.commands[name].params}
+    rules: tuple[OptionRule, ...] = getattr(module, "_RULES", ())
+    if name != "cameras":  # beside doctor, whose rules they are
+        assert {option.name for rule in rules for option in rule.options} <= parameters
