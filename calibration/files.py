@@ -1,4 +1,4 @@
-"""Reads and writes psf.json, noise.json, geometry.json and H.json: nothing else does."""
+"""Reading and writing psf.json, noise.json, geometry.json and H.json; no other module does it."""
 
 import json
 from pathlib import Path
@@ -51,7 +51,7 @@ Document = TypeVar("Document", bound=BaseModel)
 
 
 def json_object(document: BaseModel) -> dict[str, Any]:
-    """Return the content of a document's file as plain lists, numbers and text."""
+    """Return a document as it is written to its file: plain lists, numbers and strings."""
     return document.model_dump(mode="json", by_alias=True)
 
 
@@ -82,16 +82,16 @@ def read_document(
     path
         The file.
     model
-        Names its schema as the default of the field ``schema_name``, whose alias is ``schema``.
+        Its field ``schema_name``, with the alias ``schema``, has the name of the schema as default.
     failure
         The error to raise.
     remedy
-        What to do about a file of another schema.
+        What to do about a file with another schema.
 
     Raises
     ------
     DocumentError
-        As ``failure``, if the file cannot be read, is of another schema or does not fit the model.
+        As ``failure``, if the file cannot be read, has another schema or does not fit the model.
     """
     source = str(path)
     schema = model.model_fields["schema_name"].default
@@ -136,7 +136,7 @@ def read_psf(path: Path) -> PsfCalibration:
     Raises
     ------
     PsfFileError
-        If it cannot be read, is of another schema or holds values that are not numbers.
+        If it cannot be read, has another schema or contains values that are not numbers.
     """
     return read_document(path, PsfCalibration, PsfFileError, "write it with standoff calibrate")
 
@@ -158,7 +158,7 @@ def read_geometry(path: Path) -> GeometryCalibration:
     Raises
     ------
     GeometryFileError
-        If it cannot be read, is of another schema or lacks a value.
+        If it cannot be read, has another schema or lacks a value.
     """
     return read_document(
         path, GeometryCalibration, GeometryFileError, "write it with standoff geometry"
@@ -182,9 +182,9 @@ def read_homography(path: Path) -> Homography:
     Raises
     ------
     HomographyFileError
-        If it cannot be read, is of another schema, or its matrix, size or distortion is none.
+        If it cannot be read, has another schema, or its matrix, size or distortion is not valid.
     """
-    return read_document(path, Homography, HomographyFileError, "name an H.json")
+    return read_document(path, Homography, HomographyFileError, "give an H.json")
 
 
 def read_noise(path: Path) -> NoiseCalibration:
@@ -193,13 +193,13 @@ def read_noise(path: Path) -> NoiseCalibration:
     Raises
     ------
     NoiseFileError
-        If it cannot be read, is of another schema, or lacks a value.
+        If it cannot be read, has another schema or lacks a value.
     """
-    return read_document(path, NoiseCalibration, NoiseFileError, "name a noise.json")
+    return read_document(path, NoiseCalibration, NoiseFileError, "give a noise.json")
 
 
 def write_noise(path: Path, noise: NoiseMeasurement) -> NoiseCalibration:
-    """Write the maps, then noise.json, each whole or not at all; return what it holds.
+    """Write the maps, then noise.json, each whole or not at all; return the document written.
 
     Raises
     ------
@@ -217,6 +217,6 @@ def read_correction(path: Path) -> CorrectionMaps:
     Raises
     ------
     NoiseFileError
-        If it or a map cannot be read, or a map is not the one it was written with.
+        If the file or a map cannot be read, or a map is not the one it was written with.
     """
     return read_map_files(path, read_noise(path))
