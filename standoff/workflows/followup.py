@@ -19,11 +19,11 @@ from simulation import (
     zoom_operator,
     zoom_out,
 )
+from simulation.arrays import FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
 from simulation.pose import pose_noise_gain
 from simulation.resampling import GaussianForm, reference_shape
-from simulation.zoom import FloatImage
 
 __all__ = [
     "CaptureOptions",
