@@ -18,7 +18,6 @@ __all__ = [
     "DetectionTask",
     "GaussianPsf",
     "Session",
-    "__version__",
     "calibrate_psf",
     "d_prime_curves",
     "find_changes",
