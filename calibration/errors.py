@@ -83,13 +83,20 @@ class HomographyFileError(DocumentError):
 class NoEdgeError(CalibrationError):
     """No usable edge was found.
 
-    ``found`` is the number of edges found, ``flags`` the flags for which they were rejected.
+    ``subject`` names the photograph, or says how many there are; ``found`` is the number of edges
+    found, ``flags`` the flags for which they were rejected.
     """
 
     def __init__(
-        self, message: str, *, found: int = 0, flags: frozenset[str] = frozenset()
+        self,
+        message: str,
+        *,
+        subject: str = "",
+        found: int = 0,
+        flags: frozenset[str] = frozenset(),
     ) -> None:
         super().__init__(message)
+        self.subject = subject
         self.found = found
         self.flags = flags
 

@@ -35,6 +35,13 @@ class SrPair:
     high: AnyArray
     low: FloatImage
 
+    def __repr__(self) -> str:
+        (rows, cols), (low_rows, low_cols) = self.high.shape[:2], self.low.shape[:2]
+        return (
+            f"SrPair({cols} x {rows} and {low_cols} x {low_rows} px, "
+            f"top_px={self.top_px}, left_px={self.left_px})"
+        )
+
 
 def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
     """First pixels of crops along one axis: every ``stride_px``, the last one at the border.

@@ -15,7 +15,7 @@ Four models. All are linear, noise-free and separable up to the correlation of t
     square (``docs/theory-lmmse.md``); takes any transfer function through ``lmmse_operator``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Self
 
@@ -80,6 +80,13 @@ class ZoomOperator:
     """A zoom-out ready to be applied to images of one size: its stages, first to last."""
 
     stages: tuple[SeparableSum, ...]
+
+    def __repr__(self) -> str:
+        (first_y, first_x), (last_y, last_x) = self.stages[0].terms[0], self.stages[-1].terms[0]
+        return (
+            f"ZoomOperator({first_x.columns} x {first_y.columns} to "
+            f"{last_x.rows} x {last_y.rows} px)"
+        )
 
     def apply(self, image: FloatImage) -> FloatImage:
         """Return the follow-up of ``image``, shape (rows, cols), float32 or float64."""
@@ -322,7 +329,7 @@ def _needed(psf: GaussianPsf | None, model: Model) -> GaussianPsf:
 class BlurredSpline:
     """Coefficients of the quintic spline through a blurred image, shape ``(rows, cols)``."""
 
-    coefficients: FloatArray
+    coefficients: FloatArray = field(repr=False)
 
     @classmethod
     def of(cls, image: AnyArray, psf: GaussianPsf, zoom: float) -> Self:

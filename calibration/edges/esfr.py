@@ -6,7 +6,7 @@ Fourier transform are sums in closed form, so no bin, window or difference blurs
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import cos, exp, log, pi, sin, sqrt
 
 import numpy as np
@@ -87,8 +87,8 @@ class EdgeSfr:
     so far below 1 cy/px.
     """
 
-    place_px: FloatArray
-    weight: FloatArray
+    place_px: FloatArray = field(repr=False)
+    weight: FloatArray = field(repr=False)
     knot_px: float
     reach_px: float
     tail_px: float

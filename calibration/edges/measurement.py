@@ -1,7 +1,7 @@
 """Every straight edge of one photograph, measured: width, contrast by frequency, roughness."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 from typing import Literal
 
@@ -76,13 +76,13 @@ class EdgeImage:
     """
 
     name: str
-    image_dn: FloatArray
+    image_dn: FloatArray = field(repr=False)
     capture: int | None = None
     height_mm: float | None = None
     noise: LevelNoise | None = None
     saturation_dn: float | None = None
     is_jpeg: bool = False
-    clipped: BoolArray | None = None
+    clipped: BoolArray | None = field(default=None, repr=False)
     pitch_px: int = 1
     first_x_px: int = 0
     first_y_px: int = 0

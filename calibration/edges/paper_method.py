@@ -9,7 +9,7 @@ variance, with h = 1/4 px: +5.1 % at sigma 0.5 px, +1.3 % at 1 px.
 """
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
@@ -29,8 +29,8 @@ _FEWEST_BINS = 8
 class LineSpread:
     """Line spread function in bins of ``BIN_PX``; shape ``(n,)`` each."""
 
-    place_px: FloatArray
-    value_per_px: FloatArray
+    place_px: FloatArray = field(repr=False)
+    value_per_px: FloatArray = field(repr=False)
 
 
 def line_spread(samples: EdgeSamples) -> LineSpread:

@@ -1,6 +1,6 @@
 """The raw pixels around a fitted edge by their distance from it, and how rough the edge is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import cos, pi, sin, sqrt
 
 import numpy as np
@@ -25,9 +25,9 @@ class EdgeSamples:
     along the edge. ``levels_dn`` are the pixels as they are.
     """
 
-    distance_px: FloatArray
-    along_px: FloatArray
-    levels_dn: FloatArray
+    distance_px: FloatArray = field(repr=False)
+    along_px: FloatArray = field(repr=False)
+    levels_dn: FloatArray = field(repr=False)
     low_dn: float
     high_dn: float
     normal_rad: float

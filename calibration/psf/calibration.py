@@ -234,7 +234,7 @@ def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
         return NoEdgeError(
-            f"{where}: no straight edge found; photograph a sharp dark-to-white edge"
+            f"{where}: no straight edge found; photograph a sharp dark-to-white edge", subject=where
         )
     flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
@@ -245,6 +245,7 @@ def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
     reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in sorted(flags))
     return NoEdgeError(
         f"{where}: none of the {len(edges)} edges can be used ({reasons})",
+        subject=where,
         found=len(edges),
         flags=flags,
     )

@@ -1,6 +1,6 @@
 """Where KernelGAN looks: crops of an image, drawn where its gradient is strong."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import floor
 from typing import Self
 
@@ -32,10 +32,10 @@ class CropPicker:
     the positions of the kernel's first tap in it, along either axis.
     """
 
-    image: FloatArray
+    image: FloatArray = field(repr=False)
     side_px: int
-    taps: IntArray
-    cumulative: FloatArray
+    taps: IntArray = field(repr=False)
+    cumulative: FloatArray = field(repr=False)
 
     @classmethod
     def of_image(cls, image: FloatArray, zoom: float, kernel_size: int) -> Self:

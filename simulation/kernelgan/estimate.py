@@ -84,6 +84,10 @@ class EstimatedKernel:
         if not abs(float(self.weights.sum()) - 1.0) < 1e-6:
             raise ValueError(f"a kernel's weights add up to 1, got {self.weights.sum()}")
 
+    def __repr__(self) -> str:
+        (xx, xy), (_, yy) = self.covariance_px2.tolist()
+        return f"EstimatedKernel(covariance {xx=:.4g}, {xy=:.4g}, {yy=:.4g} px^2)"
+
     @property
     def centre_px(self) -> tuple[float, float]:
         """Centre of mass (y, x) against the kernel's middle."""

@@ -69,6 +69,13 @@ class SimulatedPose:
     nearer: BoolArray
     outside: BoolArray
 
+    def __repr__(self) -> str:
+        rows, cols = self.image.shape[:2]
+        return (
+            f"SimulatedPose({cols} x {rows} px, {self.outside.mean():.1%} outside the reference, "
+            f"{self.nearer.mean():.1%} less sharp than it should be)"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedBlur:

@@ -1,7 +1,7 @@
 """A PSF that changes over the frame."""
 
 from dataclasses import dataclass
-from math import hypot, isqrt
+from math import hypot, isqrt, sqrt
 
 import numpy as np
 
@@ -69,6 +69,13 @@ class PsfField:
                 f"the covariance is not positive definite at ({x_px[0, col]:.0f}, "
                 f"{y_px[row, 0]:.0f}) px: least eigenvalue {least[row, col]:.3g} px^2"
             )
+
+    def __repr__(self) -> str:
+        (xx, _), (_, yy) = self.covariance_px2(*self.centre_px).tolist()
+        return (
+            f"PsfField({self.width_px} x {self.height_px} px, degree {self.degree}, "
+            f"in the centre sigma_x_px={sqrt(xx):.4g}, sigma_y_px={sqrt(yy):.4g})"
+        )
 
     @property
     def degree(self) -> int:

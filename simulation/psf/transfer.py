@@ -106,6 +106,9 @@ class SampledTransfer:
         object.__setattr__(self, "freq_cy_per_px", tuple(freq.tolist()))
         object.__setattr__(self, "values", tuple((value / value[0]).tolist()))
 
+    def __repr__(self) -> str:
+        return f"SampledTransfer({len(self.values)} values to {self.freq_cy_per_px[-1]:g} cy/px)"
+
     def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
         """Return the transfer at frequencies in cycles per pixel."""
         curve = PchipInterpolator(self.freq_cy_per_px, self.values, extrapolate=False)

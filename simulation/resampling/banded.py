@@ -123,6 +123,9 @@ class BandedMatrix:
         weights[row, column - starts[row]] = matrix.data
         return cls(starts, weights, columns)
 
+    def __repr__(self) -> str:
+        return f"BandedMatrix({self.rows} x {self.columns}, band {self.weights.shape[1]})"
+
     @property
     def rows(self) -> int:
         """Number of rows."""

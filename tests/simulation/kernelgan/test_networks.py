@@ -12,7 +12,7 @@ from torch.nn import functional  # noqa: E402
 
 from simulation.kernelgan.crops import CropPicker, nearest_positions  # noqa: E402
 from simulation.kernelgan.discriminator import PatchDiscriminator  # noqa: E402
-from simulation.kernelgan.errors import KernelGanError
+from simulation.kernelgan.errors import KernelGanError  # noqa: E402
 from simulation.kernelgan.generator import (  # noqa: E402
     DeepLinearGenerator,
     GaussianGenerator,
