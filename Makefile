@@ -39,7 +39,7 @@ bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 
 MINUTES ?= 10
-fuzz: $(FULL)  ## Search for input that crashes a reader, by the clock.
+fuzz: $(FULL)  ## Search with new input for what crashes a reader or breaks a property, by the clock.
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
 clean:

@@ -1,7 +1,10 @@
-"""Devices and capture sessions.
+"""Devices and capture sessions; what reads a session is exported here.
 
-What reads a session, and every error, is exported here. Whoever drives devices or writes
-sessions imports the module: ``acquisition.devices``, ``acquisition.capture.runner``, ...
+>>> from acquisition import Session
+>>> session = Session("sessions/today")
+
+Devices, plans and errors are imported from their own modules and rooms: ``acquisition.devices``,
+``acquisition.errors``, ``acquisition.capture`` and so on.
 """
 
 import lazy_loader as lazy

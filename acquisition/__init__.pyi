@@ -1,68 +1,19 @@
-from .errors import (
-    BenchConfigError as BenchConfigError,
-    CameraFeatureError as CameraFeatureError,
-    CaptureError as CaptureError,
-    DeviceDisconnectedError as DeviceDisconnectedError,
-    DeviceError as DeviceError,
-    DeviceInUseError as DeviceInUseError,
-    DeviceProtocolError as DeviceProtocolError,
-    DeviceResetError as DeviceResetError,
-    DeviceTimeoutError as DeviceTimeoutError,
-    DriverMissingError as DriverMissingError,
-    OperatorStopError as OperatorStopError,
-    PlanError as PlanError,
-    SessionError as SessionError,
-    StageAlarmError as StageAlarmError,
-    StageLimitError as StageLimitError,
-    StageNotHomedError as StageNotHomedError,
-    StreamInterruptedError as StreamInterruptedError,
-)
-from .plan import (
-    CaptureKind as CaptureKind,
-    CapturePlan as CapturePlan,
-    PlanEntry as PlanEntry,
-    load_plan as load_plan,
-    plan_entries as plan_entries,
-)
-from .session.capture_file import CaptureImages as CaptureImages, read_capture as read_capture
-from .session.reader import (
-    FileCheck as FileCheck,
+from .errors import SessionError as SessionError
+from .session import (
+    CaptureImages as CaptureImages,
+    CaptureRecord as CaptureRecord,
     Session as Session,
     SessionCapture as SessionCapture,
-    VerifyReport as VerifyReport,
+    read_capture as read_capture,
     verify as verify,
 )
-from .session.record import CaptureRecord as CaptureRecord
 
 __all__ = [
-    "BenchConfigError",
-    "CameraFeatureError",
-    "CaptureError",
     "CaptureImages",
-    "CaptureKind",
-    "CapturePlan",
     "CaptureRecord",
-    "DeviceDisconnectedError",
-    "DeviceError",
-    "DeviceInUseError",
-    "DeviceProtocolError",
-    "DeviceResetError",
-    "DeviceTimeoutError",
-    "DriverMissingError",
-    "FileCheck",
-    "OperatorStopError",
-    "PlanEntry",
-    "PlanError",
     "Session",
     "SessionCapture",
     "SessionError",
-    "StageAlarmError",
-    "StageLimitError",
-    "StageNotHomedError",
-    "StreamInterruptedError",
-    "VerifyReport",
-    "load_plan",
-    "plan_entries",
     "read_capture",
     "verify",
 ]

@@ -117,19 +117,18 @@ class _Tally:
 
     def failure(self, reason: str) -> CaptureError:
         """Give the error that tells the count and the reason."""
-        faults = ", ".join(
-            f"{count} {what}"
-            for count, what in (
-                (self.incomplete, "incomplete"),
-                (self.repeated, "with a repeated id"),
-                (self.misshapen, "of the wrong shape"),
-            )
-            if count
-        )
+        counts = {
+            "incomplete": self.incomplete,
+            "with a repeated id": self.repeated,
+            "of the wrong shape": self.misshapen,
+        }
+        refused = {what: count for what, count in counts.items() if count}
+        faults = ", ".join(f"{count} {what}" for what, count in refused.items())
         return CaptureError(
             f"only {self.good} of {self.asked} frames: {reason}" + (f" ({faults})" * bool(faults)),
             frames_complete=self.good,
             frames_asked=self.asked,
+            frames_refused=refused,
         )
 
 

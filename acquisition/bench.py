@@ -1,18 +1,23 @@
-"""The bench file: what differs between benches, checked key by key."""
+"""The bench: its file, checked key by key, the address of its camera, and its opened devices."""
 
 import ipaddress
 import re
 import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, DeviceError
 from acquisition.untrusted import parse_toml
 
 __all__ = [
     "BenchConfig",
+    "BenchDevices",
     "CameraConfig",
     "CaptureConfig",
     "OpticsConfig",
@@ -22,6 +27,7 @@ __all__ = [
     "load_bench",
     "parse_overrides",
     "resolve_address",
+    "validation_keys",
     "validation_lines",
 ]
 
@@ -29,51 +35,6 @@ _HOST_NAME = re.compile(
     r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?(\.[A-Za-z0-9-]{1,63})*"
 )
 """Of labels of 63 characters at most (RFC 1035, section 2.3.4): Python resolves no longer one."""
-
-
-def address_fault(text: str) -> str | None:
-    """Say why ``text`` cannot name one camera; None where it can.
-
-    An IPv4 address that is not one host's (broadcast, multicast, 0.0.0.0) is a fault: a GigE
-    Vision command sent there would reach every camera in the network.
-    """
-    try:
-        address = ipaddress.ip_address(text)
-    except ValueError:
-        if _HOST_NAME.fullmatch(text) and not text.replace(".", "").isdigit():
-            return None
-        return f"{text!r} is neither an IPv4 address nor a host name"
-    if address.version != 4:
-        return f"{text} is an IPv6 address; GigE Vision has IPv4 only"
-    if address.is_multicast or address.is_unspecified or address.is_reserved:
-        return f"{text} is not the address of one camera"
-    return None
-
-
-def resolve_address(address: str) -> str:
-    """Return the IPv4 address of a camera that is given by address or host name.
-
-    Raises
-    ------
-    DeviceError
-        If it names no single host, or the name is not known.
-    """
-    fault = address_fault(address)
-    if fault is not None:
-        raise DeviceError(f"camera.address: {fault}")
-    try:
-        found = socket.getaddrinfo(address, None, socket.AF_INET, socket.SOCK_DGRAM)
-    except OSError as error:
-        raise DeviceError(
-            f"camera.address: the host name {address!r} is not known ({error.strerror}); "
-            "give the camera's IP address"
-        ) from error
-    resolved = str(found[0][4][0])
-    fault = address_fault(resolved)
-    if fault is not None:
-        raise DeviceError(f"camera.address: {address!r} stands for {fault}")
-    return resolved
-
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -234,6 +195,20 @@ class BenchConfig(_Section):
     simulated: SimulatedConfig | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchDevices:
+    """Camera and stage of a bench, opened and configured after ``config``.
+
+    ``clock`` gives the monotonic seconds in which both live, and ``sleep`` lets some pass.
+    """
+
+    config: BenchConfig
+    camera: Camera
+    stage: Stage
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+
+
 def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:
     """Read a bench file, with single keys replaced by ``overrides`` (``"camera.gain_db": 3``).
 
@@ -246,19 +221,23 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
     try:
         table = parse_toml(path.read_bytes())
     except OSError as error:
-        raise BenchConfigError(f"bench file {path}: {error.strerror}") from error
+        raise BenchConfigError(f"bench file {path}: {error.strerror}", path=path) from error
     except ValueError as error:
-        raise BenchConfigError(f"bench file {path}: not valid TOML: {error}") from error
+        raise BenchConfigError(f"bench file {path}: not valid TOML: {error}", path=path) from error
     for key, value in (overrides or {}).items():
         section, _, name = key.partition(".")
         keys = table.setdefault(section, {})
         if not isinstance(keys, dict):
-            raise BenchConfigError(f"bench file {path}: {section} is not a table of keys")
+            raise BenchConfigError(
+                f"bench file {path}: {section} is not a table of keys", path=path, keys=(section,)
+            )
         keys[name] = value
     try:
         return BenchConfig.model_validate(table)
     except ValidationError as error:
-        raise BenchConfigError(f"bench file {path}: {validation_lines(error)}") from error
+        raise BenchConfigError(
+            f"bench file {path}: {validation_lines(error)}", path=path, keys=validation_keys(error)
+        ) from error
 
 
 def parse_overrides(settings: list[str]) -> dict[str, Any]:
@@ -275,12 +254,15 @@ def parse_overrides(settings: list[str]) -> dict[str, Any]:
         section, dot, name = key.strip().partition(".")
         model = BenchConfig.model_fields.get(section)
         if not (equals and dot and model):
-            raise BenchConfigError(f"--set {setting}: expected section.key=value of a bench file")
+            raise BenchConfigError(
+                f"--set {setting}: expected section.key=value of a bench file", keys=(key.strip(),)
+            )
         known = _section_keys(section)
         if name not in known:
             raise BenchConfigError(
                 f"--set {setting}: unknown bench key {key.strip()}; "
-                f"{section} has {', '.join(known)}"
+                f"{section} has {', '.join(known)}",
+                keys=(key.strip(),),
             )
         try:
             value = parse_toml(f"value = {text}")["value"]
@@ -293,11 +275,59 @@ def parse_overrides(settings: list[str]) -> dict[str, Any]:
 def validation_lines(error: ValidationError) -> str:
     """One line that names each key at fault and what is wrong with it."""
     parts = []
-    for fault in error.errors():
-        key = ".".join(str(place) for place in fault["loc"])
+    for fault, key in zip(error.errors(), validation_keys(error), strict=True):
         what = "unknown key" if fault["type"] == "extra_forbidden" else fault["msg"]
         parts.append(f"{key}: {what}" if key else what)
     return "; ".join(parts)
+
+
+def validation_keys(error: ValidationError) -> tuple[str, ...]:
+    """The key of each fault, dotted; empty where the whole is at fault."""
+    return tuple(".".join(str(part) for part in fault["loc"]) for fault in error.errors())
+
+
+def address_fault(text: str) -> str | None:
+    """Say why ``text`` cannot name one camera; None where it can.
+
+    An IPv4 address that is not one host's (broadcast, multicast, 0.0.0.0) is a fault: a GigE
+    Vision command sent there would reach every camera in the network.
+    """
+    try:
+        address = ipaddress.ip_address(text)
+    except ValueError:
+        if _HOST_NAME.fullmatch(text) and not text.replace(".", "").isdigit():
+            return None
+        return f"{text!r} is neither an IPv4 address nor a host name"
+    if address.version != 4:
+        return f"{text} is an IPv6 address; GigE Vision has IPv4 only"
+    if address.is_multicast or address.is_unspecified or address.is_reserved:
+        return f"{text} is not the address of one camera"
+    return None
+
+
+def resolve_address(address: str) -> str:
+    """Return the IPv4 address of a camera that is given by address or host name.
+
+    Raises
+    ------
+    DeviceError
+        If it names no single host, or the name is not known.
+    """
+    fault = address_fault(address)
+    if fault is not None:
+        raise DeviceError(f"camera.address: {fault}")
+    try:
+        found = socket.getaddrinfo(address, None, socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise DeviceError(
+            f"camera.address: the host name {address!r} is not known ({error.strerror}); "
+            "give the camera's IP address"
+        ) from error
+    resolved = str(found[0][4][0])
+    fault = address_fault(resolved)
+    if fault is not None:
+        raise DeviceError(f"camera.address: {address!r} stands for {fault}")
+    return resolved
 
 
 def _section_keys(section: str) -> list[str]:

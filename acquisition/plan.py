@@ -1,4 +1,4 @@
-"""The capture plan: which targets, orientations and heights, in the order the operator works."""
+"""The capture plan: targets, orientations and heights in the order of work, and what it takes."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from acquisition.bench import BenchConfig, validation_lines
+from acquisition.bench import BenchConfig, validation_keys, validation_lines
 from acquisition.choices import CaptureKind
 from acquisition.errors import PlanError
 from acquisition.untrusted import parse_toml
@@ -38,6 +38,11 @@ HEIGHT_DECIMALS = 3
 """Heights are told apart to 0.001 mm, as file names write them."""
 
 MAX_HEIGHTS = 10_000
+RAMP_S = 0.3
+"""Speeding up and slowing down of one move."""
+
+OVERHEAD_S = 0.25
+"""Starting and stopping the stream, reading the stage twice, storing the capture."""
 
 
 def _expand_heights(value: object) -> object:
@@ -98,17 +103,20 @@ Heights = Annotated[
     Field(min_length=1, max_length=MAX_HEIGHTS),
     AfterValidator(_check_heights),
 ]
+
 Orientations = Annotated[
     tuple[Annotated[float, Field(ge=0, lt=360)], ...],
     Field(min_length=1),
     AfterValidator(_check_orientations),
 ]
+
 Exposures = Annotated[
     tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...],
     BeforeValidator(_as_ladder),
     Field(min_length=1, max_length=1000),
     AfterValidator(_check_exposures),
 ]
+
 Text = Annotated[str, Field(max_length=200), AfterValidator(_check_text)]
 
 
@@ -199,6 +207,19 @@ class PlanEntry:
         return f"{self.index:04d}_{self.kind}-{orientation}_h{self.height_mm:08.3f}mm"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanEstimate:
+    """Captures, placements by the operator, seconds without them, and bytes.
+
+    ``bytes_`` is None where the size of a frame is not known.
+    """
+
+    captures: int
+    placements: int
+    seconds: float
+    bytes_: int | None
+
+
 def load_plan(path: Path) -> CapturePlan:
     """Read a plan file.
 
@@ -211,9 +232,9 @@ def load_plan(path: Path) -> CapturePlan:
     try:
         table = parse_toml(path.read_bytes())
     except OSError as error:
-        raise PlanError(f"plan file {path}: {error.strerror}") from error
+        raise PlanError(f"plan file {path}: {error.strerror}", path=path) from error
     except ValueError as error:
-        raise PlanError(f"plan file {path}: not valid TOML: {error}") from error
+        raise PlanError(f"plan file {path}: not valid TOML: {error}", path=path) from error
     return parse_plan(table, source=f"plan file {path}")
 
 
@@ -222,7 +243,9 @@ def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
     try:
         return CapturePlan.model_validate(table)
     except ValidationError as error:
-        raise PlanError(f"{source}: {validation_lines(error)}") from error
+        raise PlanError(
+            f"{source}: {validation_lines(error)}", keys=validation_keys(error)
+        ) from error
 
 
 def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
@@ -252,40 +275,6 @@ def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
         )
         for index, (target, orientation_deg, height_mm, repeat, exposure_us) in enumerate(poses)
     )
-
-
-def _series(plan: CapturePlan, target: PlanTarget) -> Iterator[tuple[float, int, float | None]]:
-    """Heights, repeats and exposures of one orientation of a target."""
-    heights_mm = sorted(
-        target.heights_mm or plan.heights_mm or (), reverse=plan.order == "descending"
-    )
-    exposures_us = target.exposure_us or (None,)
-    for height_mm in heights_mm:
-        for repeat in range(plan.repeats):
-            for exposure_us in exposures_us:
-                yield height_mm, repeat, exposure_us
-    if plan.drift_check:
-        yield heights_mm[0], plan.repeats, exposures_us[0]
-
-
-RAMP_S = 0.3
-"""Speeding up and slowing down of one move."""
-
-OVERHEAD_S = 0.25
-"""Starting and stopping the stream, reading the stage twice, storing the capture."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanEstimate:
-    """Captures, placements by the operator, seconds without them, and bytes.
-
-    ``bytes_`` is None where the size of a frame is not known.
-    """
-
-    captures: int
-    placements: int
-    seconds: float
-    bytes_: int | None
 
 
 def bytes_per_pixel(frames: int, *, keep_frames: bool) -> int:
@@ -334,3 +323,17 @@ def estimate_plan(
         per_capture = math.prod(frame_shape) * bytes_per_pixel(frames, keep_frames=plan.keep_frames)
         size = len(entries) * per_capture
     return PlanEstimate(captures=len(entries), placements=placements, seconds=seconds, bytes_=size)
+
+
+def _series(plan: CapturePlan, target: PlanTarget) -> Iterator[tuple[float, int, float | None]]:
+    """Heights, repeats and exposures of one orientation of a target."""
+    heights_mm = sorted(
+        target.heights_mm or plan.heights_mm or (), reverse=plan.order == "descending"
+    )
+    exposures_us = target.exposure_us or (None,)
+    for height_mm in heights_mm:
+        for repeat in range(plan.repeats):
+            for exposure_us in exposures_us:
+                yield height_mm, repeat, exposure_us
+    if plan.drift_check:
+        yield heights_mm[0], plan.repeats, exposures_us[0]

@@ -1,4 +1,4 @@
-"""JSON and TOML from files that others wrote: whatever is wrong with it is a ``ValueError``."""
+"""JSON, TOML and TIFF files that others wrote: whatever is wrong with one is a ``ValueError``."""
 
 import json
 import struct
@@ -16,6 +16,7 @@ __all__ = ["TiffDamageError", "TiffPages", "parse_json", "parse_toml", "read_tif
 LARGEST_RATIO = 2000
 """No compression of TIFF gains more; a page that would be larger has a damaged size."""
 
+_TOO_DEEP = "its brackets are nested too deeply"
 # What tifffile and its codecs raise over files with flipped bytes, found by fuzzing.
 _DAMAGE = (
     tifffile.TiffFileError,
@@ -42,6 +43,35 @@ class TiffPages:
 
     images: tuple[NDArray[Any], ...]
     info: str | None
+
+
+def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks what it needs
+    """Read one JSON document.
+
+    Raises
+    ------
+    ValueError
+        If it is none, not UTF-8, or nested deeper than the parser goes.
+    """
+    try:
+        return json.loads(text if isinstance(text, str) else text.decode("utf-8"))
+    except RecursionError as error:
+        raise ValueError(_TOO_DEEP) from error
+
+
+def parse_toml(text: str | bytes) -> dict[str, Any]:
+    """Read one TOML document.
+
+    Raises
+    ------
+    ValueError
+        If it is none, not UTF-8, nested deeper than the parser goes, or holds a number of
+        thousands of digits.
+    """
+    try:
+        return tomllib.loads(text if isinstance(text, str) else text.decode("utf-8"))
+    except RecursionError as error:
+        raise ValueError(_TOO_DEEP) from error
 
 
 def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
@@ -72,35 +102,3 @@ def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, file_bytes: int) -> ND
     if pixels.shape != page.shape:
         raise TiffDamageError(f"cut short: {pixels.shape} of {page.shape} pixels")
     return pixels
-
-
-_TOO_DEEP = "its brackets are nested too deeply"
-
-
-def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks what it needs
-    """Read one JSON document.
-
-    Raises
-    ------
-    ValueError
-        If it is none, not UTF-8, or nested deeper than the parser goes.
-    """
-    try:
-        return json.loads(text if isinstance(text, str) else text.decode("utf-8"))
-    except RecursionError as error:
-        raise ValueError(_TOO_DEEP) from error
-
-
-def parse_toml(text: str | bytes) -> dict[str, Any]:
-    """Read one TOML document.
-
-    Raises
-    ------
-    ValueError
-        If it is none, not UTF-8, nested deeper than the parser goes, or holds a number of
-        thousands of digits.
-    """
-    try:
-        return tomllib.loads(text if isinstance(text, str) else text.decode("utf-8"))
-    except RecursionError as error:
-        raise ValueError(_TOO_DEEP) from error

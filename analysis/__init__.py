@@ -1,4 +1,7 @@
-"""Metrics, comparison with captures, and reports."""
+"""What simulations are worth and what they allow: validation, detectability, pose, changes.
+
+Reports of all of it are in ``analysis.reports``.
+"""
 
 import lazy_loader as lazy
 

@@ -1,11 +1,54 @@
 """What can go wrong when results are compared and reported."""
 
-__all__ = ["AnalysisError", "ResultsFileError"]
+from calibration.errors import DocumentError
+
+__all__ = [
+    "AnalysisError",
+    "BeyondCurveError",
+    "NotDetectableError",
+    "OverlapError",
+    "ResultsFileError",
+    "SoftFollowupError",
+]
 
 
 class AnalysisError(Exception):
     """The captures or results do not allow the analysis that was asked for."""
 
 
-class ResultsFileError(AnalysisError):
-    """A results file cannot be read or written."""
+class BeyondCurveError(AnalysisError):
+    """A zoom that a curve of d' does not reach; ``largest_zoom`` is the curve's last."""
+
+    def __init__(self, message: str, *, zoom: float, largest_zoom: float) -> None:
+        super().__init__(message)
+        self.zoom = zoom
+        self.largest_zoom = largest_zoom
+
+
+class NotDetectableError(AnalysisError):
+    """A change is not detectable as asked: at a zoom a curve's ``d_prime`` is too low."""
+
+    def __init__(self, message: str, *, zoom: float, d_prime: float) -> None:
+        super().__init__(message)
+        self.zoom = zoom
+        self.d_prime = d_prime
+
+
+class OverlapError(AnalysisError):
+    """Two images share too little; ``shared_px`` is what they do share."""
+
+    def __init__(self, message: str, *, shared_px: int) -> None:
+        super().__init__(message)
+        self.shared_px = shared_px
+
+
+class SoftFollowupError(AnalysisError):
+    """A follow-up is softer than simulated, by a blur of width ``blur_px``."""
+
+    def __init__(self, message: str, *, blur_px: float) -> None:
+        super().__init__(message)
+        self.blur_px = blur_px
+
+
+class ResultsFileError(AnalysisError, DocumentError):
+    """A results file cannot be read or written, or does not hold what is needed of it."""

@@ -1,34 +1,43 @@
-"""Writes results as one JSON document, whole or not at all."""
+"""JSON documents of results: each is made, written and read as one pydantic model."""
 
-import json
-from collections.abc import Mapping
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from acquisition.session import atomic_write
+from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
+
 from analysis.errors import ResultsFileError
+from calibration.documents import write_document
 
-__all__ = ["finite_or_null", "write_results"]
+__all__ = ["InfiniteAsNull", "ResultsDocument", "StoredValues", "write_results"]
+
+InfiniteAsNull = Annotated[
+    float,
+    AllowInfNan(),
+    BeforeValidator(lambda value: inf if value is None else value),
+    PlainSerializer(lambda value: value if isfinite(value) else None, when_used="json"),
+]
+"""A number that may be infinite, which JSON cannot hold: there it is null."""
 
 
-def write_results(path: Path, document: Mapping[str, Any]) -> None:
-    """Write the document, whole or not at all.
+class StoredValues(BaseModel):
+    """Values of a document; what a later version adds is passed over."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+class ResultsDocument(StoredValues):
+    """A whole document; subclasses state its schema, with a default."""
+
+    schema_name: str = Field(alias="schema")
+
+
+def write_results(path: Path, document: ResultsDocument) -> None:
+    """Write a document, whole or not at all.
 
     Raises
     ------
     ResultsFileError
         If the file cannot be written.
     """
-    try:
-        atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
-
-
-def finite_or_null(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Null for what JSON cannot hold: the PSNR of equal images."""
-    return {
-        name: None if isinstance(value, float) and not isfinite(value) else value
-        for name, value in values.items()
-    }
+    write_document(path, document, ResultsFileError)

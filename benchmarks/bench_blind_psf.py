@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, bench_parser
 from calibration.blind import (
-    CLEAREST_SNR,
     calibrate_from_distances,
     calibrate_from_scene,
+    is_clear,
 )
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
@@ -83,7 +83,7 @@ def judge_lens(record: Recorder, lens_px: tuple[float, float]) -> None:
             continue
         by_edges = ratios(alone, truth_px)
         columns["single-image"].extend(by_edges)
-        clear = sum(edge.fit.snr >= CLEAREST_SNR for edge in alone.edges)
+        clear = sum(is_clear(edge) for edge in alone.edges)
         record.say(f"{line} {by_edges[0]:7.3f} {by_edges[1]:7.3f} {clear:6d}")
     for method, values in columns.items():
         error = 100 * float(np.median(np.abs(np.array(values) - 1)))

@@ -20,7 +20,7 @@ from acquisition.bench import BenchConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
-from acquisition.session import Session, SessionWriter
+from acquisition.session import Session, SessionWriter, Take
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import Work, medians_s
 
@@ -150,12 +150,14 @@ def store(session: SessionWriter, entry: PlanEntry, averaged: AveragedFrames) ->
     now = datetime.now(UTC)
     session.add_capture(
         entry,
-        averaged,
-        settings=SETTINGS,
-        height_mm=entry.height_mm,
-        focus_value=0.1,
-        started=now,
-        finished=now,
+        Take(
+            averaged=averaged,
+            settings=SETTINGS,
+            height_mm=entry.height_mm,
+            focus_value=0.1,
+            started=now,
+            finished=now,
+        ),
     )
 
 
@@ -199,7 +201,7 @@ def measure(record: Recorder, directory: Path) -> None:
                 is_warm=True,  # the plan holds no entry to warm up with
             )
         plain = next(Path(folder).glob("plain*.tif"))
-        reader = Session.open(path)
+        reader = Session(path)
         capture = reader.records[0]
         compare(
             record,

@@ -19,11 +19,16 @@ from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
 from acquisition.bench import load_bench
-from analysis.change_roc import Roc, roc_of
-from analysis.changes import ChangeResult, find_changes, significance_threshold
-from analysis.reports import plot_change_roc, png_bytes
+from analysis.changes import (
+    ChangeOptions,
+    ChangeResult,
+    find_changes,
+    significance_threshold,
+)
+from analysis.reports import png_bytes
+from benchmarks.change_roc import Roc, plot_change_roc, roc_of
 from benchmarks.harness import Recorder, bench_parser
-from calibration.registration import register, register_distorted
+from calibration.registration import DistortedPose, register
 from hil_mocks.scene import BenchTruth
 from standoff.shipped_configs import shipped_config
 from tests.analysis.changed_scenes import (
@@ -47,12 +52,8 @@ LENS_K1 = -0.01
 
 
 def found(truth: BenchTruth, pair: BenchPair) -> ChangeResult:
-    psf = bench_psf(truth)
-    noise = bench_noise(truth, FRAMES_AVERAGED)
-    pose = register_distorted(pair.reference, pair.followup, psf).pose
-    return find_changes(
-        pair.reference, pair.followup, pose.matrix, psf, noise, distortion_k1=pose.k1
-    )
+    options = ChangeOptions(noise=bench_noise(truth, FRAMES_AVERAGED))
+    return find_changes(pair.reference, pair.followup, bench_psf(truth), options)
 
 
 def parts(pair: BenchPair, result: ChangeResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -146,18 +147,25 @@ def through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]
     psf, noise = bench_psf(truth), bench_noise(truth, FRAMES_AVERAGED)
     flagged, by_homography, frames = 0, 0, 0
     for number, target in enumerate(targets):
-        for pose in POSES:
+        for tilt in POSES:
             pair = bench_pair(
                 truth,
                 target,
-                far_pose(truth, 1.5, **pose),
+                far_pose(truth, 1.5, **tilt),
                 seed=20000 + number,
                 frames_averaged=FRAMES_AVERAGED,
                 **(SPOTS | {"contrast": 0.0}),
             )
             flagged += int(found(truth, pair).is_change.sum())
             matrix = register(pair.reference, pair.followup, psf).matrix
-            plain = find_changes(pair.reference, pair.followup, matrix, psf, noise)
+            pose = DistortedPose(
+                matrix=matrix,
+                k1=0.0,
+                reference_shape=(pair.reference.shape[0], pair.reference.shape[1]),
+                followup_shape=(pair.followup.shape[0], pair.followup.shape[1]),
+            )
+            options = ChangeOptions(pose=pose, noise=noise)
+            plain = find_changes(pair.reference, pair.followup, psf, options)
             by_homography += int(plain.is_change.sum())
             frames += 1
     record.figure(

@@ -50,7 +50,7 @@ def trials_for_one_per_cent(d_prime: float) -> float:
 def analytic(scene: FloatArray, zoom: float) -> dict[str, float]:
     scenario = Scenario(psf=PSF)
     artefact = scene_artefact(scene, scenario, "matched", zoom)
-    changes = local_changes(SPOT, PSF, "matched", zoom)
+    changes = local_changes(SPOT, Scenario(psf=PSF), "matched", zoom)
     return {
         name: CONTRAST_DN * one.value for name, one in d_primes(changes, artefact, NOISE_DN).items()
     }
@@ -95,7 +95,7 @@ def frame_trial_s(scene: FloatArray, zoom: float) -> float:
 
 def prepared(scene: FloatArray, zoom: float) -> tuple[LocalChange, list[FloatArray], FloatArray]:
     artefact = scene_artefact(scene, Scenario(psf=PSF), "matched", zoom)
-    change = local_changes(SPOT, PSF, "matched", zoom)[0]
+    change = local_changes(SPOT, Scenario(psf=PSF), "matched", zoom)[0]
     covariance = WindowCovariance(
         NOISE_DN**2, change.up_y, change.up_x, artefact.autocovariance_dn2
     )

@@ -47,15 +47,9 @@ def exact_edge(parameters: Array, x: Array, y: Array) -> Array:
 
 def naive_fit(image: Array, segment: EdgeSegment) -> float:
     """Optical width by scipy, from the start that ``fit_edge`` has."""
-    sigma_px, half_length = segment.sigma_px, segment.length_px / 2
-    x, y, values, across = band_pixels(
-        image,
-        segment.x_px,
-        segment.y_px,
-        segment.normal_rad,
-        min(band_half_width(sigma_px), segment.clearance_px),
-        half_length,
-    )
+    sigma_px = segment.sigma_px
+    half_width = min(band_half_width(sigma_px), segment.clearance_px)
+    x, y, values, across, _, _ = band_pixels(image, segment.line, half_width)
     low, high = side_level(values, -across, sigma_px), side_level(values, across, sigma_px)
     start = np.array([segment.normal_rad, 0.0, 0.0, np.log(sigma_px), low, high])
     scale = np.array([0.01, 0.1, 1e-4, 0.1, high - low, high - low])

@@ -21,7 +21,6 @@ from calibration.geometry import (
     GeometryCalibration,
     GeometryCapture,
     GeometryOptions,
-    Measured,
     calibrate_geometry,
 )
 from calibration.registration import homography_pose, match_features, zoom_at_centre
@@ -152,7 +151,7 @@ def compare(record: Recorder, cases: int, width_px: int) -> None:
         start = time.perf_counter()
         found = calibrated(case)
         own_s = time.perf_counter() - start
-        truth, pupil = case.truth, found.pupil
+        truth = case.truth
         start = time.perf_counter()
         try:
             peer_mm, peer_zoom = peer_pupil_mm(case)
@@ -162,21 +161,21 @@ def compare(record: Recorder, cases: int, width_px: int) -> None:
         true_mm = truth.camera.pupil_offset_mm
         lowest = found.heights_mm[0]
         zoom_err = max(
-            abs(pupil.zoom(lowest, h)[0] / truth.zoom(lowest, h) - 1) for h in found.heights_mm
+            abs(found.zoom(lowest, h) / truth.zoom(lowest, h) - 1) for h in found.heights_mm
         )
-        scales = found.scales or ()
+        scales = found.scale_px_per_mm or ()
         scale_err = max(
-            abs(s.value / truth.scale_px_per_mm(h) - 1)
-            for h, s in zip(found.heights_mm, scales, strict=True)
+            abs(scale / truth.scale_px_per_mm(h) - 1)
+            for h, scale in zip(found.heights_mm, scales, strict=True)
         )
-        tilt = np.array([m.value if m else np.nan for m in (found.tilt_x_deg, found.tilt_y_deg)])
+        tilt = np.array([found.tilt_x_deg, found.tilt_y_deg], dtype=np.float64)
         # Camera turn zero: the bench's tilt axes are those of the image.
         tilt_err = float(np.hypot(*(tilt - case.tilt_deg)))
-        k1 = found.k1.value if found.k1 else np.nan
-        err_mm = pupil.pupil_offset_mm - true_mm
+        k1 = np.nan if found.k1 is None else found.k1
+        err_mm, pupil_err_mm = found.pupil_offset_mm - true_mm, found.pupil_offset_err_mm or np.nan
         record.say(
             f"{case.target:9} {len(found.captures):2} {err_mm:+10.4f}"
-            f" +- {pupil.pupil_offset_err_mm:.4f}"
+            f" +- {pupil_err_mm:.4f}"
             f" {peer_mm - true_mm:+11.3f} {zoom_err:9.1e} {peer_zoom:10.1e} {scale_err:10.1e}"
             f" {100 * (k1 - case.k1) / 0.01:+10.2f} {tilt_err:15.4f} {own_s:6.1f} {peer_s:8.1f}",
         )
@@ -184,16 +183,16 @@ def compare(record: Recorder, cases: int, width_px: int) -> None:
         peer_zooms.append(peer_zoom)
         own_mm.append(abs(err_mm))
         off_mm.append(abs(peer_mm - true_mm))
-        sigmas.setdefault("pupil", []).append(err_mm / pupil.pupil_offset_err_mm)
-        for name, measured, true in (
-            ("k1", found.k1, case.k1),
-            ("k2", found.k2, 0.0),
-            ("tilt x", found.tilt_x_deg, case.tilt_deg[0]),
-            ("tilt y", found.tilt_y_deg, case.tilt_deg[1]),
-            ("principal x", found.principal_px and found.principal_px[0], 0.0),
+        sigmas.setdefault("pupil", []).append(err_mm / pupil_err_mm)
+        for name, value, err, true in (
+            ("k1", found.k1, found.k1_err, case.k1),
+            ("k2", found.k2, found.k2_err, 0.0),
+            ("tilt x", found.tilt_x_deg, found.tilt_x_err_deg, case.tilt_deg[0]),
+            ("tilt y", found.tilt_y_deg, found.tilt_y_err_deg, case.tilt_deg[1]),
+            ("principal x", found.principal_x_px, found.principal_x_err_px, 0.0),
         ):
-            if isinstance(measured, Measured):
-                sigmas.setdefault(name, []).append((measured.value - true) / measured.err)
+            if value is not None and err is not None:
+                sigmas.setdefault(name, []).append((value - true) / err)
     for name, values in sigmas.items():
         within = np.abs(values) < 1.96
         record.figure(f"error of {name} over its standard error", float(np.std(values)), "se")

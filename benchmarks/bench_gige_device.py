@@ -26,14 +26,16 @@ from hil_mocks.gige import (
     FrameRequest,
     PacketFormat,
     RegisterWrite,
-    encode_command,
-    encode_write_memory,
-    encode_write_registers,
     features_of,
-    parse_packet,
     wire_bytes,
 )
 from hil_mocks.practice_bench import PracticeBench
+from tests.hil_mocks.gige_wire import (
+    encode_command,
+    encode_write_memory,
+    encode_write_registers,
+    parse_packet,
+)
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"
 ADDRESS = "127.61.1.1"

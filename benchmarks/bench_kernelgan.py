@@ -147,7 +147,7 @@ def by_edges(sigma_px: float, seed: int) -> Variances:
         TABLE_SHAPE, sigma_px, seed, discs_per_px=0.003, is_square=True, radius_min_px=12.0
     )
     calibration = calibrate_from_scene([EdgeImage(name="squares", image_dn=TOP_DN * image)])
-    return _between(calibration.covariance_px2)
+    return _between(calibration.total.covariance_px2)
 
 
 def by_distances(sigma_px: float, seed: int) -> Variances:

@@ -58,7 +58,7 @@ def sample(kind: str, frames: Pair, exposure_us: float) -> LevelSample:
     stack = np.stack(frames).astype(np.float64)
     return LevelSample(
         kind="dark" if kind == "dark" else "flat",
-        name=kind,
+        capture=kind,
         mean_dn=float(stack.mean()),
         variance_dn2=float(stack.var(axis=0, ddof=1).mean()),
         pixels=stack[0].size,

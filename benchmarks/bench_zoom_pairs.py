@@ -21,8 +21,13 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.optimize import minimize
 
-from analysis.comparison import mean_metrics
-from analysis.validation import ImageMetrics, compare_images, process_for_comparison, scaled_up
+from analysis.validation import (
+    ImageMetrics,
+    compare_images,
+    mean_metrics,
+    process_for_comparison,
+    scaled_up,
+)
 from benchmarks.harness import Recorder, bench_parser
 from calibration.psf import luma_plane
 from simulation import GaussianPsf, Model, zoom_out

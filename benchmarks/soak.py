@@ -23,8 +23,8 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from acquisition.bench import BenchConfig, load_bench
-from acquisition.capture import run_plan
+from acquisition.bench import BenchConfig, BenchDevices, load_bench
+from acquisition.capture import RunOperator, run_plan
 from acquisition.errors import DeviceError, DeviceTimeoutError, StageAlarmError
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.session import Session, verify
@@ -166,12 +166,9 @@ def take_session(folder: Path, config: BenchConfig, plan: CapturePlan, tally: Ta
             with open_bench(config) as devices:
                 run_plan(
                     folder,
-                    plan=plan,
-                    bench=config,
-                    camera=devices.camera,
-                    stage=devices.stage,
-                    operator="soak",
-                    place=lambda _: "ready",
+                    plan,
+                    BenchDevices(config=config, camera=devices.camera, stage=devices.stage),
+                    RunOperator(name="soak", place=lambda _: "ready"),
                 )
             break
         except DeviceError as error:
@@ -180,7 +177,7 @@ def take_session(folder: Path, config: BenchConfig, plan: CapturePlan, tally: Ta
             time.sleep(0.5)
             if isinstance(error, StageAlarmError | DeviceTimeoutError):
                 unlock(config, tally)
-    session = Session.open(folder)
+    session = Session(folder)
     wanted = {entry.index for entry in session.entries}
     kept = {record.index for record in session.records}
     tally.lost += len(wanted - kept) + (not verify(folder).is_ok)

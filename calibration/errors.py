@@ -1,15 +1,42 @@
 """What can go wrong between photographs and a calibration."""
 
+from typing import Literal
+
 __all__ = [
     "CalibrationError",
+    "DocumentError",
     "GeometryError",
     "GeometryFileError",
+    "GeometryReason",
     "HomographyFileError",
     "NoEdgeError",
     "NoiseError",
     "NoiseFileError",
+    "NoiseReason",
+    "PairError",
+    "PairReason",
     "PsfFileError",
     "RegistrationError",
+    "RegistrationReason",
+]
+
+GeometryReason = Literal[
+    "no_captures", "several_sizes", "one_height", "not_matched", "heights_reversed", "nothing_left"
+]
+RegistrationReason = Literal[
+    "no_detail",
+    "no_board",
+    "no_matches",
+    "no_common_pose",
+    "inside_out",
+    "nearer",
+    "little_overlap",
+    "unlike",
+    "not_settled",
+    "no_lens",
+    "low_correlation",
+    "contradiction",
+    "uncertain",
 ]
 
 
@@ -17,33 +44,120 @@ class CalibrationError(Exception):
     """The photographs or files do not allow the measurement that was asked for."""
 
 
+class DocumentError(CalibrationError):
+    """A file cannot be read or written, or does not hold what is needed of it.
+
+    ``source`` names the file, ``key`` the value at fault in dotted form (``edges.0.snr``); it is
+    None where the fault is not in a value.
+    """
+
+    def __init__(self, message: str, *, source: str | None = None, key: str | None = None) -> None:
+        super().__init__(message)
+        self.source = source
+        self.key = key
+
+
 class GeometryError(CalibrationError):
-    """The captures do not tell the geometry of camera and stage."""
+    """The captures do not tell the geometry of camera and stage.
+
+    ``reason`` says what is wrong, ``subject`` names the capture or target where it is one.
+    """
+
+    def __init__(
+        self, message: str, *, reason: GeometryReason | None = None, subject: str | None = None
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.subject = subject
 
 
-class GeometryFileError(CalibrationError):
+class GeometryFileError(DocumentError):
     """A geometry.json cannot be read or written, or lacks a value that is needed."""
 
 
-class HomographyFileError(CalibrationError):
-    """An H.json cannot be read, or lacks a value that is needed."""
+class HomographyFileError(DocumentError):
+    """An H.json cannot be read or written, or lacks a value that is needed."""
 
 
 class NoEdgeError(CalibrationError):
-    """No edge that may count was found."""
+    """No edge that may count was found.
+
+    ``found`` is the number of edges there are, ``flags`` are those for which they do not count.
+    """
+
+    def __init__(
+        self, message: str, *, found: int = 0, flags: frozenset[str] = frozenset()
+    ) -> None:
+        super().__init__(message)
+        self.found = found
+        self.flags = flags
+
+
+NoiseReason = Literal["no_dark", "no_flat", "settings", "levels", "no_gain"]
+"""What captures lack: darks, flats, one gain and format for all, levels, a rising variance."""
 
 
 class NoiseError(CalibrationError):
-    """Dark and flat captures do not tell a camera's noise."""
+    """Dark and flat captures do not tell a camera's noise.
+
+    ``saturated`` is the number of flats that could not be used because they are clipped.
+    """
+
+    def __init__(self, message: str, *, reason: NoiseReason, saturated: int = 0) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.saturated = saturated
 
 
-class NoiseFileError(CalibrationError):
+class NoiseFileError(DocumentError):
     """A noise.json cannot be read, or lacks a value that is needed."""
 
 
-class PsfFileError(CalibrationError):
+PairReason = Literal[
+    "no_pair", "saturated", "not_aligned", "little_overlap", "one_distance", "sharp"
+]
+"""``sharp``: the far photograph is no softer than the near one."""
+
+
+class PairError(CalibrationError):
+    """Photographs of a scene from two distances do not tell the PSF.
+
+    ``photographs`` names those that ``reason`` is about, where they are known.
+    """
+
+    def __init__(
+        self, message: str, *, reason: PairReason, photographs: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.photographs = photographs
+
+
+class PsfFileError(DocumentError):
     """A psf.json cannot be read or written, or lacks a value that is needed."""
 
 
 class RegistrationError(CalibrationError):
-    """Two images could not be aligned well enough to be compared."""
+    """Two images could not be aligned well enough to be compared.
+
+    ``reason`` says which requirement failed, ``at_fault`` which image where it is one alone. What
+    was found is a ``count`` of features, matches or corners, a ``correlation``, or an ``error_px``;
+    None where the reason has no such figure.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        reason: RegistrationReason | None = None,
+        at_fault: Literal["reference", "followup"] | None = None,
+        count: int | None = None,
+        correlation: float | None = None,
+        error_px: float | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.at_fault = at_fault
+        self.count = count
+        self.correlation = correlation
+        self.error_px = error_px

@@ -1,48 +1,25 @@
-"""Reads and writes psf.json, noise.json and geometry.json, reads H.json: nothing else does."""
+"""Reads and writes psf.json, noise.json, geometry.json and H.json: nothing else does."""
 
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import ValidationError
-
-from acquisition.session import atomic_write
-from acquisition.untrusted import parse_json
+from calibration.documents import json_object, read_document, write_document
 from calibration.errors import (
-    CalibrationError,
     GeometryFileError,
     HomographyFileError,
     NoiseFileError,
     PsfFileError,
 )
-from calibration.geometry import (
-    GEOMETRY_SCHEMA,
-    GeometryCalibration,
-    StoredGeometry,
-    geometry_document,
-)
+from calibration.geometry import GEOMETRY_SCHEMA, GeometryCalibration
 from calibration.noise import (
     NOISE_SCHEMA,
     CorrectionMaps,
     NoiseCalibration,
-    noise_document,
+    NoiseMeasurement,
     read_map_files,
     write_map_files,
 )
-from calibration.psf import (
-    PSF_SCHEMA,
-    PsfCalibration,
-    PsfOrigin,
-    StoredEdge,
-    StoredField,
-    StoredPsf,
-    psf_document,
-)
-from simulation.capture_noise import CaptureNoise
+from calibration.psf import PSF_SCHEMA, PsfCalibration, PsfOrigin
+from calibration.registration import HOMOGRAPHY_SCHEMA, Homography
 
 __all__ = [
     "GEOMETRY_SCHEMA",
@@ -50,43 +27,33 @@ __all__ = [
     "NOISE_SCHEMA",
     "PSF_SCHEMA",
     "PsfOrigin",
-    "StoredEdge",
-    "StoredField",
-    "StoredGeometry",
-    "StoredHomography",
-    "StoredPsf",
-    "geometry_document",
-    "noise_document",
-    "psf_document",
+    "json_object",
     "read_correction",
+    "read_document",
     "read_geometry",
     "read_homography",
     "read_noise",
     "read_psf",
+    "write_document",
     "write_geometry",
+    "write_homography",
     "write_noise",
     "write_psf",
 ]
 
-HOMOGRAPHY_SCHEMA = "standoff.homography/1"
 
-
-def write_psf(path: Path, calibration: PsfCalibration, origin: PsfOrigin | None = None) -> None:
-    """Write psf.json, whole or not at all; ``origin`` says of which camera, and when.
+def write_psf(path: Path, calibration: PsfCalibration) -> None:
+    """Write psf.json, whole or not at all.
 
     Raises
     ------
     PsfFileError
         If the file cannot be written.
     """
-    text = json.dumps(psf_document(calibration, origin), indent=1, allow_nan=False) + "\n"
-    try:
-        atomic_write(path, text.encode("utf-8"))
-    except OSError as error:
-        raise PsfFileError(f"cannot write {path}: {error.strerror}") from error
+    write_document(path, calibration, PsfFileError)
 
 
-def read_psf(path: Path) -> StoredPsf:
+def read_psf(path: Path) -> PsfCalibration:
     """Read a psf.json.
 
     Raises
@@ -94,11 +61,7 @@ def read_psf(path: Path) -> StoredPsf:
     PsfFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    document = _document(path, PSF_SCHEMA, PsfFileError, "write it with standoff calibrate")
-    try:
-        return StoredPsf.model_validate(document)
-    except ValidationError as error:
-        raise PsfFileError(f"{path}: {_first_fault(error.errors())}") from error
+    return read_document(path, PsfCalibration, PsfFileError, "write it with standoff calibrate")
 
 
 def write_geometry(path: Path, geometry: GeometryCalibration) -> None:
@@ -109,14 +72,10 @@ def write_geometry(path: Path, geometry: GeometryCalibration) -> None:
     GeometryFileError
         If the file cannot be written.
     """
-    text = json.dumps(geometry_document(geometry), indent=1, allow_nan=False) + "\n"
-    try:
-        atomic_write(path, text.encode("utf-8"))
-    except OSError as error:
-        raise GeometryFileError(f"cannot write {path}: {error.strerror}") from error
+    write_document(path, geometry, GeometryFileError)
 
 
-def read_geometry(path: Path) -> StoredGeometry:
+def read_geometry(path: Path) -> GeometryCalibration:
     """Read a geometry.json.
 
     Raises
@@ -124,45 +83,45 @@ def read_geometry(path: Path) -> StoredGeometry:
     GeometryFileError
         If it cannot be read, is of another schema or lacks a value.
     """
-    document = _document(
-        path, GEOMETRY_SCHEMA, GeometryFileError, "write it with standoff geometry"
+    return read_document(
+        path, GeometryCalibration, GeometryFileError, "write it with standoff geometry"
     )
-    try:
-        return StoredGeometry.model_validate(document)
-    except ValidationError as error:
-        raise GeometryFileError(f"{path}: {_first_fault(error.errors())}") from error
 
 
-def read_noise(path: Path) -> CaptureNoise:
-    """Read the noise model of a noise.json.
+def write_homography(path: Path, homography: Homography) -> None:
+    """Write an H.json, whole or not at all.
+
+    Raises
+    ------
+    HomographyFileError
+        If the file cannot be written.
+    """
+    write_document(path, homography, HomographyFileError)
+
+
+def read_homography(path: Path) -> Homography:
+    """Read an H.json.
+
+    Raises
+    ------
+    HomographyFileError
+        If it cannot be read, is of another schema, or its matrix, size or distortion is none.
+    """
+    return read_document(path, Homography, HomographyFileError, "name an H.json")
+
+
+def read_noise(path: Path) -> NoiseCalibration:
+    """Read a noise.json.
 
     Raises
     ------
     NoiseFileError
         If it cannot be read, is of another schema, or lacks a value.
     """
-    document = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json")
-    values = {}
-    for name in ("gain_e_per_dn", "read_noise_e", "black_level_dn", "frames_averaged"):
-        value = document.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise NoiseFileError(f"{path}: {name} is {value!r}, expected a number between -1 and 1")
-        try:
-            values[name] = float(value)
-        except OverflowError as error:
-            raise NoiseFileError(f"{path}: {name} is beyond all numbers") from error
-    try:
-        return CaptureNoise(
-            gain_e_per_dn=values["gain_e_per_dn"],
-            read_noise_e=values["read_noise_e"],
-            black_level_dn=values["black_level_dn"],
-            frames_averaged=_whole(values["frames_averaged"]),
-        )
-    except ValueError as error:
-        raise NoiseFileError(f"{path}: {error}") from error
+    return read_document(path, NoiseCalibration, NoiseFileError, "name a noise.json")
 
 
-def write_noise(path: Path, noise: NoiseCalibration) -> dict[str, Any]:
+def write_noise(path: Path, noise: NoiseMeasurement) -> NoiseCalibration:
     """Write the maps, then noise.json, each whole or not at all; return what it holds.
 
     Raises
@@ -170,12 +129,9 @@ def write_noise(path: Path, noise: NoiseCalibration) -> dict[str, Any]:
     NoiseFileError
         If a file cannot be written.
     """
-    document = noise_document(noise, write_map_files(path, noise.maps))
-    try:
-        atomic_write(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise NoiseFileError(f"cannot write {path}: {error.strerror}") from error
-    return document
+    written = noise.calibration.model_copy(update={"maps": write_map_files(path, noise.maps)})
+    write_document(path, written, NoiseFileError)
+    return written
 
 
 def read_correction(path: Path) -> CorrectionMaps:
@@ -186,81 +142,4 @@ def read_correction(path: Path) -> CorrectionMaps:
     NoiseFileError
         If it or a map cannot be read, or a map is not the one it was written with.
     """
-    listed = _document(path, NOISE_SCHEMA, NoiseFileError, "name a noise.json").get("maps")
-    return read_map_files(path, listed, read_noise(path).black_level_dn)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StoredHomography:
-    """What an H.json holds.
-
-    ``matrix``, shape (3, 3), takes follow-up pixel centres (x, y, 1) to reference pixel centres;
-    ``width_px`` and ``height_px`` are the follow-up's. With a radial distortion the matrix
-    is that of ideal pixels.
-    """
-
-    matrix: NDArray[np.float64]
-    width_px: int
-    height_px: int
-    distortion_k1: float = 0.0
-
-
-def read_homography(path: Path) -> StoredHomography:
-    """Read an H.json.
-
-    Raises
-    ------
-    HomographyFileError
-        If it cannot be read, is of another schema, or its matrix, size or distortion is none.
-    """
-    document = _document(path, HOMOGRAPHY_SCHEMA, HomographyFileError, "name an H.json")
-    matrix, size = document.get("matrix"), document.get("size")
-    try:
-        values = np.array(matrix, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise HomographyFileError(f"{path}: matrix is not 3 x 3 numbers") from error
-    if values.shape != (3, 3) or not np.all(np.isfinite(values)):
-        raise HomographyFileError(f"{path}: matrix is not 3 x 3 finite numbers")
-    distortion_k1 = document.get("distortion_k1", 0.0)
-    is_number = isinstance(distortion_k1, int | float) and not isinstance(distortion_k1, bool)
-    if not (is_number and abs(distortion_k1) < 1):
-        raise HomographyFileError(
-            f"{path}: distortion_k1 is {distortion_k1!r}, expected a number between -1 and 1"
-        )
-    match size:
-        case [int(width), int(height)] if width > 0 and height > 0:
-            return StoredHomography(
-                matrix=values,
-                width_px=width,
-                height_px=height,
-                distortion_k1=float(distortion_k1),
-            )
-    raise HomographyFileError(f"{path}: size is {size!r}, expected [width, height] in px")
-
-
-def _whole(value: float) -> int:
-    if not np.isfinite(value) or value != int(value):
-        raise ValueError(f"frames_averaged is {value}, expected a whole number")
-    return int(value)
-
-
-def _document(
-    path: Path, schema: str, failure: type[CalibrationError], remedy: str
-) -> dict[str, Any]:
-    """Read a JSON object and check its schema."""
-    try:
-        document = parse_json(path.read_bytes())
-    except OSError as error:
-        raise failure(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        name = schema.removeprefix("standoff.").partition("/")[0]
-        raise failure(f"{path}: not a {name}.json: {error}") from error
-    found = document.get("schema") if isinstance(document, dict) else None
-    if found != schema:
-        raise failure(f"{path}: schema is {found!r}, expected {schema!r}; {remedy}")
-    return dict(document)
-
-
-def _first_fault(faults: Sequence[Any]) -> str:
-    place = ".".join(str(part) for part in faults[0]["loc"])
-    return f"{place}: {faults[0]['msg']}"
+    return read_map_files(path, read_noise(path))

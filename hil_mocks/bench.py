@@ -2,20 +2,17 @@
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from acquisition.bench import BenchConfig
-from acquisition.errors import BenchConfigError
 from hil_mocks.camera import SimulatedCamera
 from hil_mocks.clock import SimulatedClock
-from hil_mocks.scene import TARGETS, BenchTruth, CameraPose, scene_of
+from hil_mocks.scene import CameraPose
 from hil_mocks.stage import SimulatedStage
+from hil_mocks.target_bench import TargetBench
 
 __all__ = ["SimulatedBench"]
 
 
-class SimulatedBench:
+class SimulatedBench(TargetBench):
     """A camera that looks down from a stage on a target that an operator exchanges.
 
     The camera sees the stage's *true* height. To begin with, black and white paper lie there,
@@ -35,61 +32,24 @@ class SimulatedBench:
     """
 
     def __init__(self, config: BenchConfig, *, clock: SimulatedClock | None = None) -> None:
-        if config.simulated is None:
-            raise BenchConfigError("the bench has no [simulated] section")
-        self.truth = BenchTruth(config)
+        super().__init__(config)
+        settings = self.truth.settings
         self.clock = SimulatedClock() if clock is None else clock
         self.stage = SimulatedStage(config.stage, clock=self.clock)
         self.camera = SimulatedCamera(
             config.camera,
             sensor=self.truth.sensor,
             look=self._look,
-            shape=(config.simulated.height_px, config.simulated.width_px),
+            shape=(settings.height_px, settings.width_px),
             clock=self.clock,
-            seed=config.simulated.seed,
+            seed=settings.seed,
         )
-        self._target = "edge"
-        self._orientation_deg = 0.0
         self._mounting = CameraPose(height_mm=0.0)
-
-    @property
-    def targets(self) -> tuple[str, ...]:
-        """Names that `place` takes."""
-        return tuple(TARGETS)
-
-    @property
-    def target(self) -> str:
-        """What lies under the camera."""
-        return self._target
-
-    @property
-    def orientation_deg(self) -> float:
-        """How the target is turned, from +x towards +y."""
-        return self._orientation_deg
 
     @property
     def pose(self) -> CameraPose:
         """Where the camera truly is."""
         return replace(self._mounting, height_mm=self.stage.true_height_mm)
-
-    def place(self, target: str, orientation_deg: float = 0.0) -> None:
-        """Lay a target under the camera, as an operator would.
-
-        Parameters
-        ----------
-        target
-            One of `targets`.
-        orientation_deg
-            Turn from +x towards +y (y is down) about the optical axis; for ``edge`` the
-            direction of the edge line.
-
-        Raises
-        ------
-        ValueError
-            If there is no such target; the message lists them.
-        """
-        scene_of(target)
-        self._target, self._orientation_deg = target, orientation_deg
 
     def mount(
         self,
@@ -109,6 +69,3 @@ class SimulatedBench:
             tilt_x_deg=tilt_x_deg,
             tilt_y_deg=tilt_y_deg,
         )
-
-    def _look(self) -> NDArray[np.float32]:
-        return self.truth.irradiance(self._target, self._orientation_deg, self.pose)

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
-from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeoutError
+from acquisition.errors import (
+    CameraFeatureError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceTimeoutError,
+)
 from hil_mocks.clock import SimulatedClock
 from hil_mocks.scene import MONO8_SHIFT, PIXEL_FORMATS, Sensor
 
@@ -103,9 +108,10 @@ class SimulatedCamera:
         seed: int,
     ) -> None:
         if config.pixel_format not in PIXEL_FORMATS:
-            raise DeviceError(
+            raise CameraFeatureError(
                 f"the simulated camera has no pixel format {config.pixel_format!r}; "
-                f"it has {', '.join(PIXEL_FORMATS)}"
+                f"it has {', '.join(PIXEL_FORMATS)}",
+                feature="PixelFormat",
             )
         self.faults = CameraFaults()
         self._sensor = sensor
@@ -193,7 +199,9 @@ class SimulatedCamera:
         period_s = self._period_s()
         if fate == "lost" or period_s > timeout_s:
             self._clock.advance(timeout_s)
-            raise DeviceTimeoutError(f"no frame from the simulated camera within {timeout_s} s")
+            raise DeviceTimeoutError(
+                f"no frame from the simulated camera within {timeout_s} s", timeout_s=timeout_s
+            )
         self._clock.advance(period_s)
         return self._frame(index, is_complete=fate == "complete")
 

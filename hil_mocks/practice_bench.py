@@ -2,18 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import isfinite
-from threading import Lock
 from types import TracebackType
 from typing import Protocol, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from acquisition.bench import BenchConfig
-from acquisition.errors import BenchConfigError
 from hil_mocks.gige import ETHERNET_MTU_BYTES, BenchFrameSource, GigeDevice
-from hil_mocks.scene import TARGETS, BenchTruth, CameraPose, scene_of
+from hil_mocks.scene import CameraPose
+from hil_mocks.target_bench import TargetBench
 
 __all__ = ["HandStage", "PracticeBench", "StageEmulator"]
 
@@ -38,7 +33,7 @@ class HandStage:
     Parameters
     ----------
     limits_mm
-        Its lowest and highest place.
+        Its lowest and highest height.
     """
 
     def __init__(self, limits_mm: tuple[float, float]) -> None:
@@ -76,7 +71,7 @@ HEIGHT_STEP_MM = 0.001
 """Heights are rounded to it: a stage that trembles by less does not cost a rendering a frame."""
 
 
-class PracticeBench:
+class PracticeBench(TargetBench):
     """A GigE camera that looks down from a stage on a target that an operator exchanges.
 
     To begin with, black and white paper lie there, their edge horizontal. The first frame after
@@ -112,17 +107,13 @@ class PracticeBench:
         bayer_order: str | None = None,
         link_mtu_bytes: int = ETHERNET_MTU_BYTES,
     ) -> None:
-        if config.simulated is None:
-            raise BenchConfigError("the bench has no [simulated] section")
-        self.truth = BenchTruth(config)
+        super().__init__(config)
         self._height_mm = height_mm
-        self._lock = Lock()
-        self._target, self._orientation_deg = "edge", 0.0
         self._mounting = CameraPose(height_mm=0.0)
         self.source = BenchFrameSource(
             self.truth.sensor,
             self._look,
-            seed=config.simulated.seed,
+            seed=self.truth.settings.seed,
             bayer_order=bayer_order,
         )
         self.camera = GigeDevice(
@@ -134,40 +125,11 @@ class PracticeBench:
         )
 
     @property
-    def targets(self) -> tuple[str, ...]:
-        """Names that `place` takes."""
-        return tuple(TARGETS)
-
-    @property
-    def target(self) -> str:
-        """What lies under the camera."""
-        return self._target
-
-    @property
-    def orientation_deg(self) -> float:
-        """How the target is turned, from +x towards +y."""
-        return self._orientation_deg
-
-    @property
     def pose(self) -> CameraPose:
         """Where the camera truly is, its height to a micrometre and above the plane."""
         height_mm = round(self._height_mm() / HEIGHT_STEP_MM) * HEIGHT_STEP_MM
         lowest_mm = NEAREST_MM - self.truth.camera.pupil_offset_mm
         return replace(self._mounting, height_mm=max(height_mm, lowest_mm))
-
-    def place(self, target: str, orientation_deg: float = 0.0) -> None:
-        """Lay a target under the camera; see `SimulatedBench.place`.
-
-        Raises
-        ------
-        ValueError
-            If there is no such target (the message lists them), or no such angle.
-        """
-        scene_of(target)
-        if not isfinite(orientation_deg):
-            raise ValueError(f"a target is turned by a finite angle, got {orientation_deg}")
-        with self._lock:
-            self._target, self._orientation_deg = target, orientation_deg
 
     def __enter__(self) -> Self:
         self.camera.open()
@@ -180,7 +142,3 @@ class PracticeBench:
         trace: TracebackType | None,
     ) -> None:
         self.camera.close()
-
-    def _look(self) -> NDArray[np.float32]:
-        with self._lock:
-            return self.truth.irradiance(self._target, self._orientation_deg, self.pose)

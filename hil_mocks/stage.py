@@ -7,10 +7,11 @@ from acquisition.bench import StageConfig
 from acquisition.devices import DeviceInfo, StageState
 from acquisition.errors import (
     DeviceDisconnectedError,
-    DeviceError,
     DeviceTimeoutError,
+    StageAlarmError,
     StageLimitError,
     StageNotHomedError,
+    StageStoppedError,
 )
 from hil_mocks.clock import SimulatedClock
 
@@ -130,7 +131,8 @@ class SimulatedStage:
             self._clock.advance(timeout_s)
         if self.faults.home_switch_missing or not self._travel(switch, timeout_s):
             raise DeviceTimeoutError(
-                f"the simulated stage found no reference switch within {timeout_s} s"
+                f"the simulated stage found no reference switch within {timeout_s} s",
+                timeout_s=timeout_s,
             )
         self._came_up = self._approaches_upwards
         self._is_homed = True
@@ -143,11 +145,15 @@ class SimulatedStage:
         low, high = self.limits_mm
         if not (isfinite(height_mm) and low <= height_mm <= high):
             raise StageLimitError(
-                f"{height_mm} mm is outside the travel of the simulated stage, {low} to {high} mm"
+                f"{height_mm} mm is outside the travel of the simulated stage, {low} to {high} mm",
+                height_mm=height_mm,
+                limits_mm=self.limits_mm,
             )
         if self.faults.alarm is not None:
             self._alarm = self.faults.alarm
-            raise DeviceError(f"the simulated stage is in alarm: {self._alarm}")
+            raise StageAlarmError(
+                f"the simulated stage is in alarm: {self._alarm}", code=self._alarm
+            )
         target = self._steps_at(height_mm)
         left_s = timeout_s
         self._is_stop_wanted = False
@@ -156,7 +162,8 @@ class SimulatedStage:
             if not self._travel(stop, left_s):
                 raise DeviceTimeoutError(
                     f"the simulated stage did not reach {height_mm} mm within {timeout_s} s; "
-                    f"it was stopped at {self.position_mm():.3f} mm"
+                    f"it was stopped at {self.position_mm():.3f} mm",
+                    timeout_s=timeout_s,
                 )
             left_s -= self._clock.now_s - started_s
         self._settle(target, height_mm, left_s, timeout_s)
@@ -239,8 +246,10 @@ class SimulatedStage:
                 left_s -= part_s
                 if self._is_stop_wanted:
                     at_mm = self._steps / STEPS_PER_MM
-                    raise DeviceError(
-                        f"the simulated stage stopped at {at_mm:.3f} mm, as it was told to"
+                    raise StageStoppedError(
+                        f"the simulated stage stopped at {at_mm:.3f} mm, as it was told to",
+                        is_asked=True,
+                        height_mm=at_mm,
                     )
                 if left_s <= 0:
                     return False
@@ -256,15 +265,17 @@ class SimulatedStage:
             self._clock.advance(max(left_s, 0.0))
             raise DeviceTimeoutError(
                 f"the simulated stage did not settle at {height_mm} mm within {timeout_s} s; "
-                f"it stands at {self.position_mm():.3f} mm"
+                f"it stands at {self.position_mm():.3f} mm",
+                timeout_s=timeout_s,
             )
         self._clock.advance(self._config.settle_s)
 
     def _check_ready(self) -> None:
         self._check_answers()
         if self._alarm is not None:
-            raise DeviceError(
-                f"the simulated stage is in alarm: {self._alarm}; clear the alarm, then home"
+            raise StageAlarmError(
+                f"the simulated stage is in alarm: {self._alarm}; clear the alarm, then home",
+                code=self._alarm,
             )
 
     def _check_answers(self) -> None:

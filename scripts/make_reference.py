@@ -22,19 +22,24 @@ from acquisition.bench import (
 )
 from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.session import CaptureRecord, EventKind, Manifest
-from analysis.detectability import CurvesFile, DetectabilityCurve
-from calibration.geometry import StoredGeometry, StoredGeometryCapture, StoredZoom
-from calibration.psf import (
-    StoredCamera,
-    StoredCurve,
-    StoredEdge,
-    StoredField,
-    StoredHeight,
-    StoredHeightTrend,
-    StoredPsf,
-    StoredTransfer,
+from analysis.detectability import DetectabilityCurve, DetectabilityCurves
+from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
+from calibration.geometry import (
+    CaptureGeometry,
+    ExcludedCapture,
+    GeometryCalibration,
+    HeightZoom,
 )
-from simulation.capture_noise import CaptureNoise
+from calibration.noise import LevelSample, MapFile, NoiseCalibration
+from calibration.psf import (
+    CameraIdentity,
+    ColourPsf,
+    FieldFit,
+    HeightGroup,
+    HeightTrend,
+    PairWidths,
+    PsfCalibration,
+)
 from standoff.terminal import application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
@@ -111,31 +116,33 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
         'Schema `standoff.psf/1`. Written by `calibrate`; sigma without a prefix is total. "-" as '
         "default: the key must be there, though it may be null where its type says so.",
         (
-            StoredPsf,
-            StoredEdge,
-            StoredField,
-            StoredHeightTrend,
-            StoredHeight,
-            StoredTransfer,
-            StoredCurve,
-            StoredCamera,
+            PsfCalibration,
+            EdgeMeasurement,
+            FieldFit,
+            HeightTrend,
+            HeightGroup,
+            MeasuredTransfer,
+            AxisTransfer,
+            CameraIdentity,
+            ColourPsf,
+            PairWidths,
         ),
     ),
     (
         "noise.json",
-        "Schema `standoff.noise/1`. Written by `noise`; what a reader needs. Each figure has a key "
-        "that ends in `_err`, and `maps` names the dark, flat and defect maps beside it.",
-        (CaptureNoise,),
+        "Schema `standoff.noise/1`. Written by `noise`, with the dark, flat and defect maps beside "
+        "it.",
+        (NoiseCalibration, MapFile, LevelSample),
     ),
     (
         "geometry.json",
         "Schema `standoff.geometry/1`. Written by `geometry`.",
-        (StoredGeometry, StoredZoom, StoredGeometryCapture),
+        (GeometryCalibration, HeightZoom, CaptureGeometry, ExcludedCapture),
     ),
     (
         "curves.json",
         "Schema `standoff.detectability/1`. Written by `detectability`.",
-        (CurvesFile, DetectabilityCurve),
+        (DetectabilityCurves, DetectabilityCurve),
     ),
     (
         "session.json",
@@ -177,6 +184,8 @@ def _model(model: type) -> list[str]:
     rows = ["| key | type | default | |", "| --- | --- | --- | --- |"]
     if issubclass(model, BaseModel):
         for name, field in model.model_fields.items():
+            if field.exclude:  # not kept in a file
+                continue
             default = "-" if field.is_required() else f"`{_default(field)}`"
             rows.append(
                 f"| `{field.alias or name}` | {_cell(_type(field.annotation))} | {_cell(default)} "

@@ -1,5 +1,11 @@
-"""The application: command line and demo."""
+"""A bench camera's PSF, scenes from further away, and how detectable a change still is.
+
+The functions here take an array or the path of a file; ``docs/library.md`` shows them at work.
+Nothing is loaded before it is used.
+"""
+
+import lazy_loader as lazy
 
 __version__ = "0.1.0"
 
-__all__ = ["__version__"]
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

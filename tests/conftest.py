@@ -1,18 +1,18 @@
-"""Hypothesis for every folder: no deadlines, and on a build machine the same examples each time.
+"""Hypothesis for every folder: the same examples in every run, and no deadlines.
 
-At the desk the search goes on with new examples; what it finds gets an ``@example``.
+``make fuzz`` searches on with new examples; what it finds gets an ``@example``.
 """
-
-import os
 
 import pytest
 from hypothesis import settings
 
-from standoff.terminal.compiled_cache import drop_stale_code
+from standoff.terminal import drop_stale_code
 
-settings.register_profile("desk", deadline=None)
-settings.register_profile("build", deadline=None, derandomize=True)
-settings.load_profile("build" if os.environ.get("CI") else "desk")
+SEARCH_PROFILE = "search"
+
+settings.register_profile("fixed", deadline=None, derandomize=True)
+settings.register_profile(SEARCH_PROFILE, deadline=None, derandomize=False)
+settings.load_profile("fixed")
 
 
 def pytest_configure(config: pytest.Config) -> None:

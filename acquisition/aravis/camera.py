@@ -234,7 +234,9 @@ class AravisCamera:
                     "packets larger than the network takes"
                 )
             if now_s >= deadline_s:
-                raise DeviceTimeoutError(f"no frame from the camera within {timeout_s:g} s")
+                raise DeviceTimeoutError(
+                    f"no frame from the camera within {timeout_s:g} s", timeout_s=timeout_s
+                )
 
     def stop(self) -> None:
         """See `Camera.stop`; a camera whose stream was interrupted is stopped already.

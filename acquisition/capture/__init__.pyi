@@ -3,6 +3,7 @@ from .quality import QualityFinding as QualityFinding, check_capture as check_ca
 from .runner import (
     CaptureProgress as CaptureProgress,
     Placement as Placement,
+    RunOperator as RunOperator,
     RunSummary as RunSummary,
     Verdict as Verdict,
     run_plan as run_plan,
@@ -12,6 +13,7 @@ __all__ = [
     "CaptureProgress",
     "Placement",
     "QualityFinding",
+    "RunOperator",
     "RunSummary",
     "Verdict",
     "check_capture",

@@ -1,4 +1,4 @@
-"""Whether a capture is good enough to keep: light, motion between its frames, focus."""
+"""Whether a capture is good enough to keep: light, motion, focus, and drift since the first one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,9 +18,50 @@ __all__ = [
     "estimate_motion",
 ]
 
+Problem = Literal["saturated", "under-exposed", "motion", "focus"]
+SATURATED_FRACTION_WARN, SATURATED_FRACTION_RETAKE = 1e-4, 1e-2
+BRIGHT_FRACTION_WARN, BRIGHT_FRACTION_RETAKE = 0.10, 0.03
+"""Of the range above the black level, which the brightest 0.5 % of the pixels should reach."""
+
+MOTION_WARN_PX, MOTION_RETAKE_PX = 0.1, 0.3
+"""0.1 px of trembling adds 1 % to a PSF width of 0.7 px."""
+
+FOCUS_WARN, FOCUS_RETAKE = 0.7, 0.4
+"""Of the focus value of the capture that is nearest in height."""
+
+LEAST_FOCUS_VALUE = 1e-5
+"""Below it there is nothing in the picture to be sharp."""
+
+LEAST_PIXELS = 500
+SIGNIFICANT = 4.0
+CLIPPED_FROM = 0.97
 LEVEL_LIMIT = 0.01
 SHIFT_LIMIT_PX = 0.1
 RANK_LIMIT = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QualityFinding:
+    """One thing that is not as it should be, in a sentence for the operator."""
+
+    problem: Problem
+    text: str
+    asks_retake: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionEstimate:
+    """Variance of the picture's position between frames, along its gradients, in px^2."""
+
+    variance_px2: float
+    variance_err_px2: float
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square displacement; 0 where none is significant."""
+        if self.variance_px2 <= SIGNIFICANT * self.variance_err_px2:
+            return 0.0
+        return float(np.sqrt(self.variance_px2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,81 +90,6 @@ class Drift:
             f"since the first capture the light changed by {100 * self.level:+.2f} %, the picture "
             f"moved by {self.shift_px:.2f} px{advice}"
         )
-
-
-def drift_between(
-    first_dn: NDArray[np.floating], last_dn: NDArray[np.floating], *, black_level_dn: float
-) -> Drift:
-    """Measure the drift from one mean image to another of the same pose.
-
-    The shift is the least-squares solution of ``last = first - g . d`` after the change of light
-    is taken out: right for shifts below a pixel, too small beyond. Along a straight edge nothing
-    can be seen to move; there the shift is that across it.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
-    """
-    if first_dn.shape != last_dn.shape:
-        raise ValueError(f"images of {first_dn.shape} and {last_dn.shape} are not of one pose")
-    first = np.asarray(first_dn, dtype=np.float64) - black_level_dn
-    last = np.asarray(last_dn, dtype=np.float64) - black_level_dn
-    energy = float(np.vdot(first, first))
-    ratio = float(np.vdot(first, last)) / energy if energy > 0 else 1.0
-    down, across = np.gradient((first + last / ratio if ratio > 0 else 2 * first) / 2)
-    change = (last / ratio if ratio > 0 else last) - first
-    normal = np.array(
-        [[np.vdot(across, across), np.vdot(across, down)], [0.0, np.vdot(down, down)]]
-    )
-    normal[1, 0] = normal[0, 1]
-    right = -np.array([np.vdot(across, change), np.vdot(down, change)])
-    shift = np.linalg.pinv(normal, rcond=RANK_LIMIT, hermitian=True) @ right
-    return Drift(level=ratio - 1.0, shift_x_px=float(shift[0]), shift_y_px=float(shift[1]))
-
-
-Problem = Literal["saturated", "under-exposed", "motion", "focus"]
-
-SATURATED_FRACTION_WARN, SATURATED_FRACTION_RETAKE = 1e-4, 1e-2
-BRIGHT_FRACTION_WARN, BRIGHT_FRACTION_RETAKE = 0.10, 0.03
-"""Of the range above the black level, which the brightest 0.5 % of the pixels should reach."""
-
-MOTION_WARN_PX, MOTION_RETAKE_PX = 0.1, 0.3
-"""0.1 px of trembling adds 1 % to a PSF width of 0.7 px."""
-
-FOCUS_WARN, FOCUS_RETAKE = 0.7, 0.4
-"""Of the focus value of the capture that is nearest in height."""
-
-LEAST_FOCUS_VALUE = 1e-5
-"""Below it there is nothing in the picture to be sharp."""
-
-LEAST_PIXELS = 500
-SIGNIFICANT = 4.0
-CLIPPED_FROM = 0.97
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class QualityFinding:
-    """One thing that is not as it should be, in a sentence for the operator."""
-
-    problem: Problem
-    text: str
-    asks_retake: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionEstimate:
-    """Variance of the picture's place between frames, along its gradients, in px^2."""
-
-    variance_px2: float
-    variance_err_px2: float
-
-    @property
-    def rms_px(self) -> float:
-        """Root mean square displacement; 0 where none is significant."""
-        if self.variance_px2 <= SIGNIFICANT * self.variance_err_px2:
-            return 0.0
-        return float(np.sqrt(self.variance_px2))
 
 
 def check_capture(
@@ -196,6 +162,37 @@ def estimate_motion(
         variance_px2=float(coefficients[3]) / gradient_scale_dn2,
         variance_err_px2=error / gradient_scale_dn2,
     )
+
+
+def drift_between(
+    first_dn: NDArray[np.floating], last_dn: NDArray[np.floating], *, black_level_dn: float
+) -> Drift:
+    """Measure the drift from one mean image to another of the same pose.
+
+    The shift is the least-squares solution of ``last = first - g . d`` after the change of light
+    is taken out: right for shifts below a pixel, too small beyond. Along a straight edge nothing
+    can be seen to move; there the shift is that across it.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+    """
+    if first_dn.shape != last_dn.shape:
+        raise ValueError(f"images of {first_dn.shape} and {last_dn.shape} are not of one pose")
+    first = np.asarray(first_dn, dtype=np.float64) - black_level_dn
+    last = np.asarray(last_dn, dtype=np.float64) - black_level_dn
+    energy = float(np.vdot(first, first))
+    ratio = float(np.vdot(first, last)) / energy if energy > 0 else 1.0
+    down, across = np.gradient((first + last / ratio if ratio > 0 else 2 * first) / 2)
+    change = (last / ratio if ratio > 0 else last) - first
+    normal = np.array(
+        [[np.vdot(across, across), np.vdot(across, down)], [0.0, np.vdot(down, down)]]
+    )
+    normal[1, 0] = normal[0, 1]
+    right = -np.array([np.vdot(across, change), np.vdot(down, change)])
+    shift = np.linalg.pinv(normal, rcond=RANK_LIMIT, hermitian=True) @ right
+    return Drift(level=ratio - 1.0, shift_x_px=float(shift[0]), shift_y_px=float(shift[1]))
 
 
 def _saturation(images: CaptureImages) -> QualityFinding | None:

@@ -1,16 +1,14 @@
 """Run a capture plan: place, move, average, store; the same call resumes what was broken off."""
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchDevices
 from acquisition.capture.quality import QualityFinding, check_capture, drift_between
 from acquisition.capture.step import CaptureStep
-from acquisition.devices import Camera, Stage
+from acquisition.devices import Stage
 from acquisition.errors import (
     DeviceError,
     OperatorStopError,
@@ -20,17 +18,17 @@ from acquisition.errors import (
 )
 from acquisition.plan import CapturePlan, PlanEntry, bytes_per_pixel, plan_entries
 from acquisition.session import (
+    SYSTEM_STAMPS,
     CaptureImages,
     CaptureRecord,
     SessionWriter,
+    Stamps,
     camera_snapshot,
-    new_uid,
     read_capture,
     stage_snapshot,
-    utc_now,
 )
 
-__all__ = ["CaptureProgress", "Placement", "RunSummary", "Verdict", "run_plan"]
+__all__ = ["CaptureProgress", "Placement", "RunOperator", "RunSummary", "Verdict", "run_plan"]
 
 Placement = Literal["ready", "skip"]
 Verdict = Literal["keep", "retake"]
@@ -62,32 +60,14 @@ class RunSummary:
     skipped: int
 
 
-def run_plan(
-    path: Path,
-    *,
-    plan: CapturePlan,
-    bench: BenchConfig,
-    camera: Camera,
-    stage: Stage,
-    operator: str,
-    place: Callable[[PlanEntry], Placement],
-    progress: Callable[[CaptureProgress], None] = lambda _: None,
-    review: Callable[[PlanEntry, tuple[QualityFinding, ...]], Verdict] = lambda *_: "keep",
-    before_capture: Callable[[], None] = lambda: None,
-    retake: Sequence[int] = (),
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-    utc_now: Callable[[], datetime] = utc_now,
-    new_uid: Callable[[], str] = new_uid,
-) -> RunSummary:
-    """Capture every entry of the plan that the session at ``path`` does not have whole.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOperator:
+    """Who attends a run, what they are asked and what they are told.
 
     Parameters
     ----------
-    path
-        New or empty directory, or the session to resume.
-    camera, stage
-        Opened and configured after ``bench``; the stage is homed where it is not.
+    name
+        For the session and its journal.
     place
         Is asked when target or orientation changes, and at the first capture of a run; it
         returns once the operator has set it up, or ``"skip"`` to leave that target and
@@ -99,10 +79,34 @@ def run_plan(
         keeps is stored with the finding as a note in the journal, as all findings are.
     before_capture
         Is called before each capture, and may wait: the stage is at rest then.
+    """
+
+    name: str
+    place: Callable[[PlanEntry], Placement]
+    progress: Callable[[CaptureProgress], None] = lambda _: None
+    review: Callable[[PlanEntry, tuple[QualityFinding, ...]], Verdict] = lambda *_: "keep"
+    before_capture: Callable[[], None] = lambda: None
+
+
+def run_plan(
+    path: Path,
+    plan: CapturePlan,
+    devices: BenchDevices,
+    operator: RunOperator,
+    *,
+    retake: Sequence[int] = (),
+    stamps: Stamps = SYSTEM_STAMPS,
+) -> RunSummary:
+    """Capture every entry of the plan that the session at ``path`` does not have whole.
+
+    Parameters
+    ----------
+    path
+        New or empty directory, or the session to resume.
+    devices
+        The stage is homed where it is not.
     retake
         Indices whose captures are void from now on and taken again.
-    clock, sleep
-        Monotonic time in seconds, and what waits for some.
 
     Raises
     ------
@@ -116,31 +120,21 @@ def run_plan(
         devices may raise. A capture whose stream broke off is begun once more, from
         its first frame; the journal has an ``error`` of that, too.
     """
+    stage = devices.stage
     _refuse_beyond_travel(plan, stage)
     with SessionWriter(
         path,
         plan=plan,
-        bench=bench,
-        devices={"camera": camera_snapshot(camera), "stage": stage_snapshot(stage)},
-        operator=operator,
-        utc_now=utc_now,
-        new_uid=new_uid,
+        bench=devices.config,
+        devices={"camera": camera_snapshot(devices.camera), "stage": stage_snapshot(stage)},
+        operator=operator.name,
+        stamps=stamps,
     ) as session:
         for index in retake:
-            session.retake(index, "asked for by the operator", operator)
-        run = _Run(session, plan, bench, camera, operator, clock)
-        step = CaptureStep(
-            plan=plan,
-            bench=bench,
-            camera=camera,
-            stage=stage,
-            interrupted=run.journal_interruption,
-            clock=clock,
-            sleep=sleep,
-            utc_now=utc_now,
-        )
+            session.retake(index, "asked for by the operator", operator.name)
+        run = _Run(session, plan, devices, operator, stamps)
         try:
-            return run.capture_all(step, place, progress, review, before_capture)
+            return run.capture_all()
         except (KeyboardInterrupt, SystemExit, OperatorStopError) as interrupt:
             try:
                 stage.stop()
@@ -170,61 +164,56 @@ class _Run:
         self,
         session: SessionWriter,
         plan: CapturePlan,
-        bench: BenchConfig,
-        camera: Camera,
-        operator: str,
-        clock: Callable[[], float],
+        devices: BenchDevices,
+        operator: RunOperator,
+        stamps: Stamps,
     ) -> None:
         self.index: int | None = None
         self._session = session
         self._plan = plan
-        self._bench = bench
-        self._camera = camera
+        self._bench = devices.config
+        self._camera = devices.camera
         self._operator = operator
-        self._clock = clock
+        self._clock = devices.clock
+        self._step = CaptureStep(
+            plan, devices, interrupted=self._journal_interruption, utc_now=stamps.utc_now
+        )
         self._records = [c.record for c in session.captures if not c.is_superseded]
         self._locked_us = self._exposures_found()
 
-    def capture_all(
-        self,
-        step: CaptureStep,
-        place: Callable[[PlanEntry], Placement],
-        progress: Callable[[CaptureProgress], None],
-        review: Callable[[PlanEntry, tuple[QualityFinding, ...]], Verdict],
-        before_capture: Callable[[], None],
-    ) -> RunSummary:
+    def capture_all(self) -> RunSummary:
         """Capture what is pending, then park the stage where the bench says so."""
         pending = self._session.pending_entries()
         planned = len(self._session.entries)
         captured = skipped = 0
         worked_s = 0.0
         if pending:
-            self._require_space(len(pending), step.frames_asked)
+            self._require_space(len(pending), self._step.frames_asked)
         placed: tuple[str, str, float] | None = None
         placement: Placement = "ready"
         for entry in pending:
             self.index = entry.index
             if entry.placement != placed:
-                placement = place(entry)
+                placement = self._operator.place(entry)
                 placed = entry.placement
-                step.forget_approach()
+                self._step.forget_approach()
             if placement == "skip":
                 self._session.journal("skip", {"index": entry.index})
                 skipped += 1
                 continue
-            before_capture()
+            self._operator.before_capture()
             began_s = self._clock()
-            taken = self._take(step, entry)
+            taken = self._take(entry)
             worked_s += self._clock() - began_s
             while (
                 any(f.asks_retake for f in taken.findings)
-                and review(entry, taken.findings) == "retake"
+                and self._operator.review(entry, taken.findings) == "retake"
             ):
-                self._session.retake(entry.index, taken.findings[0].text, self._operator)
+                self._session.retake(entry.index, taken.findings[0].text, self._operator.name)
                 self._records.remove(taken.record)
-                taken = self._take(step, entry)
+                taken = self._take(entry)
             captured += 1
-            progress(
+            self._operator.progress(
                 CaptureProgress(
                     captured=planned - len(pending) + captured,
                     planned=planned,
@@ -237,12 +226,12 @@ class _Run:
             )
         self.index = None
         if captured and self._bench.stage.park_mm is not None:
-            step.park(self._bench.stage.park_mm)
+            self._step.park(self._bench.stage.park_mm)
         return RunSummary(
             captured=captured, already_captured=planned - len(pending), skipped=skipped
         )
 
-    def journal_interruption(self, entry: PlanEntry, error: StreamInterruptedError) -> None:
+    def _journal_interruption(self, entry: PlanEntry, error: StreamInterruptedError) -> None:
         """Journal that a stream broke off and its capture is begun once more."""
         self._session.journal(
             "error",
@@ -259,31 +248,21 @@ class _Run:
         pixels = settings.width_px * settings.height_px
         self._session.require_space(captures * per_pixel * pixels)
 
-    def _take(self, step: CaptureStep, entry: PlanEntry) -> _Taken:
+    def _take(self, entry: PlanEntry) -> _Taken:
         """Capture an entry, store it, and journal what is to be said about it."""
-        exposed = step.capture(entry, self._exposure_us(entry))
-        settings = self._camera.settings
-        record = self._session.add_capture(
-            entry,
-            exposed.averaged,
-            settings=settings,
-            height_mm=exposed.height_mm,
-            focus_value=exposed.focus_value,
-            started=exposed.started,
-            finished=exposed.finished,
-            raw_frames=exposed.raw_frames,
-        )
+        take = self._step.capture(entry, self._exposure_us(entry))
+        record = self._session.add_capture(entry, take)
         if entry.exposure_us is None:
-            self._locked_us.setdefault((entry.kind, entry.target), settings.exposure_us)
+            self._locked_us.setdefault((entry.kind, entry.target), take.settings.exposure_us)
         images = CaptureImages(
-            mean_dn=exposed.averaged.mean_dn,
-            variance_dn2=exposed.averaged.variance_dn2,
+            mean_dn=take.averaged.mean_dn,
+            variance_dn2=take.averaged.variance_dn2,
             record=record,
         )
         findings = check_capture(images, self._records)
         remarks = self._drift_remarks(entry, images)
         for text in (*(f"{f.problem}: {f.text}" for f in findings), *remarks):
-            facts = {"index": entry.index, "capture": record.uid, "operator": self._operator}
+            facts = {"index": entry.index, "capture": record.uid, "operator": self._operator.name}
             self._session.journal("note", {"text": text, **facts})
         self._records.append(record)
         return _Taken(record=record, findings=findings, remarks=remarks)
@@ -334,7 +313,9 @@ def _refuse_beyond_travel(plan: CapturePlan, stage: Stage) -> None:
         if not low_mm <= entry.height_mm <= high_mm:
             raise StageLimitError(
                 f"the plan asks for a height of {entry.height_mm:g} mm (capture {entry.index}), "
-                f"the stage goes from {low_mm:g} to {high_mm:g} mm; nothing moved"
+                f"the stage goes from {low_mm:g} to {high_mm:g} mm; nothing moved",
+                height_mm=entry.height_mm,
+                limits_mm=stage.limits_mm,
             )
 
 

@@ -1,37 +1,25 @@
 """One capture at the bench: approach the height, settle, expose, average, read the height back."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
 
 from acquisition.averaging import AveragedFrames, average_frames
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchDevices
 from acquisition.capture.auto_exposure import next_exposure
-from acquisition.devices import Camera, FrameImage, Stage
-from acquisition.errors import CaptureError, DeviceError, StreamInterruptedError
+from acquisition.devices import FrameImage
+from acquisition.errors import CaptureError, DeviceError, StageStoppedError, StreamInterruptedError
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry
+from acquisition.session import Take
 from acquisition.stages import home_timeout_s, move_timeout_s
 
-__all__ = ["CaptureStep", "Exposed"]
+__all__ = ["CaptureStep"]
 
 SHORTEST_EXPOSURE_US = 50.0
 EXPOSURE_TRIALS = 8
 BRIGHT_PERCENTILE = 99.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exposed:
-    """One average, where and when it was made, and its focus value."""
-
-    averaged: AveragedFrames
-    raw_frames: list[FrameImage]
-    height_mm: float
-    focus_value: float | None
-    started: datetime
-    finished: datetime
 
 
 class CaptureStep:
@@ -41,30 +29,25 @@ class CaptureStep:
     ----------
     interrupted
         Is told of a stream that broke off; the capture is then begun once more.
-    clock, sleep
-        Monotonic seconds, and what waits for some.
     """
 
     def __init__(
         self,
-        *,
         plan: CapturePlan,
-        bench: BenchConfig,
-        camera: Camera,
-        stage: Stage,
+        devices: BenchDevices,
+        *,
         interrupted: Callable[[PlanEntry, StreamInterruptedError], None],
-        clock: Callable[[], float],
-        sleep: Callable[[float], None],
         utc_now: Callable[[], datetime],
     ) -> None:
+        bench = devices.config
         self.frames_asked = plan.frames_per_capture or bench.capture.frames_per_capture
         self._plan = plan
         self._bench = bench
-        self._camera = camera
-        self._stage = stage
+        self._camera = devices.camera
+        self._stage = devices.stage
         self._interrupted = interrupted
-        self._clock = clock
-        self._sleep = sleep
+        self._clock = devices.clock
+        self._sleep = devices.sleep
         self._utc_now = utc_now
         self._approached_mm: float | None = None
         self._exposure_us = bench.camera.exposure_us
@@ -73,7 +56,7 @@ class CaptureStep:
         """Approach the next height anew, even if it is the last one."""
         self._approached_mm = None
 
-    def capture(self, entry: PlanEntry, exposure_us: float | None) -> Exposed:
+    def capture(self, entry: PlanEntry, exposure_us: float | None) -> Take:
         """Capture an entry, at its exposure or, if None, at the one found to suit.
 
         Raises
@@ -97,8 +80,9 @@ class CaptureStep:
             started, averaged, raw_frames, finished = self._expose()
         # Asked after the exposure: a stage that moved or crept away spoils the capture.
         self._require_still()
-        return Exposed(
+        return Take(
             averaged=averaged,
+            settings=self._camera.settings,
             raw_frames=raw_frames,
             height_mm=self._checked(entry.height_mm, self._stage.position_mm()),
             focus_value=None if entry.kind in ("flat", "dark") else self._focus_value(averaged),
@@ -180,8 +164,10 @@ class CaptureStep:
         tolerance_mm = self._bench.stage.tolerance_mm
         # The negation also refuses NaN. A nanometre forgives decimal fractions, not stages.
         if not abs(read_back_mm - asked_mm) <= tolerance_mm + 1e-6:
-            raise DeviceError(
+            raise StageStoppedError(
                 f"the stage stands at {read_back_mm:.3f} mm, not at {asked_mm:.3f} mm "
-                f"(tolerance {tolerance_mm:g} mm); home it and run again"
+                f"(tolerance {tolerance_mm:g} mm); home it and run again",
+                is_asked=False,
+                height_mm=read_back_mm,
             )
         return read_back_mm

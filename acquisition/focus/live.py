@@ -1,6 +1,5 @@
 """Focus values of a running camera, and of a camera that a stage carries through the focus."""
 
-import time
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -11,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.averaging import average_frames
-from acquisition.bench import StageConfig
-from acquisition.devices import Camera, Frame, FrameImage, Stage
+from acquisition.bench import BenchDevices
+from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
 from acquisition.focus.measures import FocusMeasure, Region, focus_value
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
@@ -33,88 +32,10 @@ _WAITING_S = 1e-3
 _WAITING_FRAMES = 64
 """As many as a driver may hold ready; a camera that is faster than this loop does not block it."""
 
-
-def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
-    """Stream, and give the newest complete frame each time one is asked for, until closed.
-
-    Frames that came meanwhile are left out. The stream is stopped when the iterator is closed.
-
-    Raises
-    ------
-    DeviceError
-        If the camera fails; a stream that broke off is begun once more.
-    """
-    settings = camera.settings
-    timeout_s = max(1.0, _FRAME_PERIODS / settings.frame_rate_hz, 3e-6 * settings.exposure_us)
-    camera.start()
-    try:
-        while True:
-            frame = _newest(camera, timeout_s)
-            if frame.is_complete:
-                yield frame
-    finally:
-        camera.stop()
-
-
-def _newest(camera: Camera, timeout_s: float) -> Frame:
-    try:
-        newest = camera.next_frame(timeout_s)
-    except StreamInterruptedError:
-        camera.start()
-        newest = camera.next_frame(timeout_s)
-    for _ in range(_WAITING_FRAMES):
-        try:
-            frame = camera.next_frame(_WAITING_S)
-        except StreamInterruptedError:
-            camera.start()
-            break
-        except DeviceTimeoutError:
-            break
-        if frame.is_complete:
-            newest = frame
-    return newest
-
-
+_PAIRS = 8
 Levels = NDArray[np.integer[Any] | np.floating[Any]]
-
-
-def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
-    """Temporal variance of one frame, in DN^2, averaged over the pixels of two frames.
-
-    The light of the second frame is scaled to that of the first, so that flicker does not count.
-    What moved between the frames does: over several pairs, the smallest value is the noise.
-
-    Parameters
-    ----------
-    first_dn, second_dn
-        Frames of the same shape ``(rows, cols)``, of the same scene.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
-    """
-    if first_dn.shape != second_dn.shape:
-        raise ValueError(f"frames of {first_dn.shape} and {second_dn.shape}")
-    pixels = first_dn.size
-    means = cv2.mean(first_dn)[0], cv2.mean(second_dn)[0]
-    # Sums of squares above black, without copies of the frames.
-    first, second = (
-        cv2.norm(frame, cv2.NORM_L2SQR) - pixels * black_level_dn * (2 * mean - black_level_dn)
-        for frame, mean in zip((first_dn, second_dn), means, strict=True)
-    )
-    apart = cv2.norm(first_dn, second_dn, cv2.NORM_L2SQR)
-    light = (means[0] - black_level_dn, means[1] - black_level_dn)
-    scale = light[0] / light[1] if min(light) > 0 else 1.0
-    product = 0.5 * (first + second - apart)
-    left = first + scale**2 * second - 2 * scale * product
-    return max(left / pixels / (1.0 + scale**2), 0.0)
-
-
 NoiseModel = Callable[[float], float]
 """Temporal variance of one frame in DN^2 at a mean level in DN."""
-
-_PAIRS = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,36 +60,6 @@ class FocusPoint:
     err: float
     level_dn: float
     saturated_fraction: float
-
-
-def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None, None]:
-    """Stream, and give the focus value of every complete frame until closed.
-
-    Without a noise model the noise is taken from pairs of following frames: the smallest of the
-    last eight, as motion can only add to it; the first frame then gives no value. The stream is
-    stopped when the iterator is closed.
-
-    Raises
-    ------
-    ValueError
-        If the region reaches beyond the frame.
-    DeviceError
-        If the camera fails; a stream that broke off is begun once more.
-    """
-    settings = camera.settings
-    timeout_s = max(1.0, _FRAME_PERIODS / settings.frame_rate_hz, 3e-6 * settings.exposure_us)
-    meter = FocusMeter(options)
-    camera.start()
-    try:
-        while True:
-            frame = _next(camera, timeout_s)
-            if not frame.is_complete:
-                continue
-            value = meter.add(frame.image_dn, settings.black_level_dn)
-            if value is not None:
-                yield value
-    finally:
-        camera.stop()
 
 
 class FocusMeter:
@@ -215,16 +106,64 @@ class FocusMeter:
         )
 
 
+def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
+    """Stream, and give the newest complete frame each time one is asked for, until closed.
+
+    Frames that came meanwhile are left out. The stream is stopped when the iterator is closed.
+
+    Raises
+    ------
+    DeviceError
+        If the camera fails; a stream that broke off is begun once more.
+    """
+    timeout_s = _frame_timeout_s(camera)
+    camera.start()
+    try:
+        while True:
+            frame = _newest(camera, timeout_s)
+            if frame.is_complete:
+                yield frame
+    finally:
+        camera.stop()
+
+
+def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None, None]:
+    """Stream, and give the focus value of every complete frame until closed.
+
+    Without a noise model the noise is taken from pairs of following frames: the smallest of the
+    last eight, as motion can only add to it; the first frame then gives no value. The stream is
+    stopped when the iterator is closed.
+
+    Raises
+    ------
+    ValueError
+        If the region reaches beyond the frame.
+    DeviceError
+        If the camera fails; a stream that broke off is begun once more.
+    """
+    timeout_s = _frame_timeout_s(camera)
+    black_level_dn = camera.settings.black_level_dn
+    meter = FocusMeter(options)
+    camera.start()
+    try:
+        while True:
+            frame = _next(camera, timeout_s)
+            if not frame.is_complete:
+                continue
+            value = meter.add(frame.image_dn, black_level_dn)
+            if value is not None:
+                yield value
+    finally:
+        camera.stop()
+
+
 def sweep_focus(
-    camera: Camera,
-    stage: Stage,
+    devices: BenchDevices,
     heights_mm: Sequence[float],
     options: FocusOptions,
     *,
     frames: int,
-    stage_config: StageConfig,
     progress: Callable[[FocusPoint], None] = lambda _: None,
-    clock: Callable[[], float] = time.monotonic,
 ) -> tuple[FocusPoint, ...]:
     """Go to each height in turn and measure the focus value of the mean of ``frames`` frames.
 
@@ -247,6 +186,7 @@ def sweep_focus(
     DeviceError
         If a device fails; on that, and on Ctrl-C, the stage is stopped.
     """
+    stage, stage_config = devices.stage, devices.config.stage
     for height_mm in heights_mm:
         refuse_beyond_limits(height_mm, stage.limits_mm)
     points = []
@@ -255,7 +195,7 @@ def sweep_focus(
             stage.home(home_timeout_s(stage_config))
         for height_mm in heights_mm:
             read_back_mm = stage.move_to(height_mm, move_timeout_s(stage_config))
-            point = _point(camera, read_back_mm, options, frames, clock)
+            point = _point(devices, read_back_mm, options, frames)
             points.append(point)
             progress(point)
     except BaseException as error:
@@ -267,14 +207,71 @@ def sweep_focus(
     return tuple(points)
 
 
-def _point(
-    camera: Camera,
-    height_mm: float,
-    options: FocusOptions,
-    frames: int,
-    clock: Callable[[], float],
-) -> FocusPoint:
+def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
+    """Temporal variance of one frame, in DN^2, averaged over the pixels of two frames.
+
+    The light of the second frame is scaled to that of the first, so that flicker does not count.
+    What moved between the frames does: over several pairs, the smallest value is the noise.
+
+    Parameters
+    ----------
+    first_dn, second_dn
+        Frames of the same shape ``(rows, cols)``, of the same scene.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+    """
+    if first_dn.shape != second_dn.shape:
+        raise ValueError(f"frames of {first_dn.shape} and {second_dn.shape}")
+    pixels = first_dn.size
+    means = cv2.mean(first_dn)[0], cv2.mean(second_dn)[0]
+    # Sums of squares above black, without copies of the frames.
+    first, second = (
+        cv2.norm(frame, cv2.NORM_L2SQR) - pixels * black_level_dn * (2 * mean - black_level_dn)
+        for frame, mean in zip((first_dn, second_dn), means, strict=True)
+    )
+    apart = cv2.norm(first_dn, second_dn, cv2.NORM_L2SQR)
+    light = (means[0] - black_level_dn, means[1] - black_level_dn)
+    scale = light[0] / light[1] if min(light) > 0 else 1.0
+    product = 0.5 * (first + second - apart)
+    left = first + scale**2 * second - 2 * scale * product
+    return max(left / pixels / (1.0 + scale**2), 0.0)
+
+
+def _frame_timeout_s(camera: Camera) -> float:
     settings = camera.settings
+    return max(1.0, _FRAME_PERIODS / settings.frame_rate_hz, 3e-6 * settings.exposure_us)
+
+
+def _newest(camera: Camera, timeout_s: float) -> Frame:
+    newest = _next(camera, timeout_s)
+    for _ in range(_WAITING_FRAMES):
+        try:
+            frame = camera.next_frame(_WAITING_S)
+        except StreamInterruptedError:
+            camera.start()
+            break
+        except DeviceTimeoutError:
+            break
+        if frame.is_complete:
+            newest = frame
+    return newest
+
+
+def _next(camera: Camera, timeout_s: float) -> Frame:
+    try:
+        return camera.next_frame(timeout_s)
+    except StreamInterruptedError:
+        camera.start()
+        return camera.next_frame(timeout_s)
+
+
+def _point(
+    devices: BenchDevices, height_mm: float, options: FocusOptions, frames: int
+) -> FocusPoint:
+    settings = devices.camera.settings
     singles: list[float] = []
 
     def measure(image_dn: FrameImage) -> None:
@@ -286,7 +283,7 @@ def _point(
             )
         )
 
-    averaged = average_frames(camera, frames, keep_frame=measure, clock=clock)
+    averaged = average_frames(devices.camera, frames, keep_frame=measure, clock=devices.clock)
     whole = averaged.mean_dn
     mean = whole if options.region is None else options.region.cut(whole)
     variance = averaged.variance_dn2
@@ -307,11 +304,3 @@ def _point(
         level_dn=level_dn,
         saturated_fraction=averaged.saturated_pixels / whole.size,
     )
-
-
-def _next(camera: Camera, timeout_s: float) -> Frame:
-    try:
-        return camera.next_frame(timeout_s)
-    except StreamInterruptedError:
-        camera.start()
-        return camera.next_frame(timeout_s)

@@ -119,9 +119,9 @@ class FocusTrace:
         """Slope over the window, where it stands out of the noise."""
         if len(recent) < _FEWEST:
             return "steady"
-        place = np.arange(len(recent)) - 0.5 * (len(recent) - 1)
-        slope = float(place @ np.array(recent) / (place @ place))
+        steps = np.arange(len(recent)) - 0.5 * (len(recent) - 1)
+        slope = float(steps @ np.array(recent) / (steps @ steps))
         level = max(noise, _LEAST_NOISE * max(abs(v) for v in recent), 1e-300)
-        if abs(slope) <= _SIGMAS * level / float(np.sqrt(place @ place)):
+        if abs(slope) <= _SIGMAS * level / float(np.sqrt(steps @ steps)):
             return "steady"
         return "rising" if slope > 0 else "falling"

@@ -1,6 +1,10 @@
 from .capture_file import CaptureImages as CaptureImages, read_capture as read_capture
 from .durable_write import atomic_write as atomic_write
-from .journal import EventKind as EventKind, new_uid as new_uid, utc_now as utc_now
+from .journal import (
+    SYSTEM_STAMPS as SYSTEM_STAMPS,
+    EventKind as EventKind,
+    Stamps as Stamps,
+)
 from .manifest import (
     MANIFEST_NAME as MANIFEST_NAME,
     Manifest as Manifest,
@@ -16,25 +20,28 @@ from .reader import (
     verify as verify,
 )
 from .record import CaptureRecord as CaptureRecord
+from .take import Photograph as Photograph, Take as Take
 from .writer import SessionWriter as SessionWriter
 
 __all__ = [
     "JOURNAL_NAME",
     "MANIFEST_NAME",
+    "SYSTEM_STAMPS",
     "CaptureImages",
     "CaptureRecord",
     "EventKind",
     "Manifest",
+    "Photograph",
     "Session",
     "SessionCapture",
     "SessionNotes",
     "SessionWriter",
+    "Stamps",
+    "Take",
     "atomic_write",
     "camera_snapshot",
     "file_sha256",
-    "new_uid",
     "read_capture",
     "stage_snapshot",
-    "utc_now",
     "verify",
 ]

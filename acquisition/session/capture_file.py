@@ -85,9 +85,13 @@ def parse_capture(data: bytes, *, source: str) -> CaptureImages:
         tiff = read_tiff(data)
         document = parse_json(tiff.info) if tiff.info is not None else None
     except ValueError as error:
-        raise SessionError(f"{source}: not a readable TIFF file: {error}") from error
+        raise SessionError(
+            f"{source}: not a readable TIFF file: {error}", fault="damaged"
+        ) from error
     if not isinstance(document, dict) or len(tiff.images) not in (1, 2):
-        raise SessionError(f"{source}: a TIFF file, but not a capture of a session")
+        raise SessionError(
+            f"{source}: a TIFF file, but not a capture of a session", fault="not a session"
+        )
     record = CaptureRecord.from_json(document, source=source)
     mean_dn, *variances = [np.asarray(page, dtype=np.float32) for page in tiff.images]
     try:
@@ -95,7 +99,7 @@ def parse_capture(data: bytes, *, source: str) -> CaptureImages:
             mean_dn=mean_dn, variance_dn2=variances[0] if variances else None, record=record
         )
     except ValueError as error:
-        raise SessionError(f"{source}: {error}") from error
+        raise SessionError(f"{source}: {error}", fault="damaged") from error
 
 
 def read_capture(path: Path) -> CaptureImages:
@@ -109,7 +113,7 @@ def read_capture(path: Path) -> CaptureImages:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise SessionError(f"capture file {path}: {error.strerror}") from error
+        raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
     return parse_capture(data, source=f"capture file {path}")
 
 

@@ -22,40 +22,15 @@ except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 __all__ = [
+    "SYSTEM_STAMPS",
     "EventKind",
     "JournalEvent",
     "JournalReading",
     "JournalWriter",
+    "Stamps",
     "lock_exclusively",
-    "new_uid",
     "read_journal",
-    "utc_now",
 ]
-
-
-def lock_exclusively(descriptor: int) -> None:
-    """Take the lock of an open file; closing the descriptor, or death, gives it back.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds it.
-    """
-    if fcntl is not None:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return
-    import msvcrt  # exists on Windows alone
-
-    # A byte far behind the end: Windows bars even readers from a locked part of a file.
-    place = os.lseek(descriptor, 0, os.SEEK_CUR)
-    try:
-        os.lseek(descriptor, 1 << 40, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-    except PermissionError as error:
-        raise BlockingIOError(error.errno, "the file is locked") from error
-    finally:
-        os.lseek(descriptor, place, os.SEEK_SET)
-
 
 EventKind = Literal[
     "start",
@@ -133,45 +108,23 @@ class JournalReading:
         )
 
 
-def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReading:
-    r"""Read a journal as far as it is sound.
-
-    Every line was made durable before the next was begun, so that a power cut can hurt the
-    last line only: there, whatever does not parse is cut short and ignored. No event's text is
-    the beginning of another's, so a last line that parses is whole even without its ``\n``.
-    A bad line anywhere before is damage.
-
-    Raises
-    ------
-    SessionError
-        If a line before the last is damaged; the message names it.
-    """
-    lines = io.BytesIO(data).readlines()
-    events: list[JournalEvent] = []
-    sound_bytes = 0
-    for number, line in enumerate(lines, start=1):
-        try:
-            events.append(JournalEvent.from_line(line))
-        except ValueError as error:
-            if number == len(lines):
-                break
-            raise SessionError(
-                f"{source}, line {number}: damaged ({error}); restore the file from a copy"
-            ) from error
-        sound_bytes += len(line)
-    return JournalReading(
-        events=tuple(events), sound_bytes=sound_bytes, torn_tail=data[sound_bytes:]
-    )
-
-
-def utc_now() -> datetime:
-    """The computer's clock."""
+def _utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-def new_uid() -> str:
-    """A fresh random identity."""
+def _new_uid() -> str:
     return uuid.uuid4().hex
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stamps:
+    """Where time stamps and identities come from: the computer's clock, and chance."""
+
+    utc_now: Callable[[], datetime] = _utc_now
+    new_uid: Callable[[], str] = _new_uid
+
+
+SYSTEM_STAMPS = Stamps()
 
 
 class JournalWriter:
@@ -186,16 +139,15 @@ class JournalWriter:
         If another process holds the journal, or it is damaged or cannot be written.
     """
 
-    def __init__(
-        self, path: Path, *, utc_now: Callable[[], datetime], new_uid: Callable[[], str]
-    ) -> None:
+    def __init__(self, path: Path, stamps: Stamps = SYSTEM_STAMPS) -> None:
         self._path = path
-        self._utc_now = utc_now
-        self._new_uid = new_uid
+        self._stamps = stamps
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         except OSError as error:
-            raise SessionError(f"journal {path}: {error.strerror}") from error
+            raise SessionError(
+                f"journal {path}: {error.strerror}", fault="unwritable", path=path
+            ) from error
         try:
             self._lock()
             self.events = self._mend()
@@ -215,8 +167,8 @@ class JournalWriter:
         """
         event = JournalEvent(
             kind=kind,
-            utc=utc_text(self._utc_now()),
-            uid=self._new_uid() if uid is None else uid,
+            utc=utc_text(self._stamps.utc_now()),
+            uid=self._stamps.new_uid() if uid is None else uid,
             facts=dict(facts),
         )
         self._write(event.to_line())
@@ -246,7 +198,9 @@ class JournalWriter:
         except BlockingIOError as error:
             raise SessionError(
                 f"session {self._path.parent} is in use by another process; "
-                "wait for it to end, or stop it"
+                "wait for it to end, or stop it",
+                fault="in use",
+                path=self._path.parent,
             ) from error
 
     def _mend(self) -> tuple[JournalEvent, ...]:
@@ -278,6 +232,65 @@ class JournalWriter:
                 error.add_note(f"taking back the half-written line failed too: {second}")
             if isinstance(error, OSError):
                 raise SessionError(
-                    f"journal {self._path}: {error.strerror}; free the disk and run again"
+                    f"journal {self._path}: {error.strerror}; free the disk and run again",
+                    fault="unwritable",
+                    path=self._path,
                 ) from error
             raise
+
+
+def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReading:
+    r"""Read a journal as far as it is sound.
+
+    Every line was made durable before the next was begun, so that a power cut can hurt the
+    last line only: there, whatever does not parse is cut short and ignored. No event's text is
+    the beginning of another's, so a last line that parses is whole even without its ``\n``.
+    A bad line anywhere before is damage.
+
+    Raises
+    ------
+    SessionError
+        If a line before the last is damaged; the message names it.
+    """
+    lines = io.BytesIO(data).readlines()
+    events: list[JournalEvent] = []
+    sound_bytes = 0
+    for number, line in enumerate(lines, start=1):
+        try:
+            events.append(JournalEvent.from_line(line))
+        except ValueError as error:
+            if number == len(lines):
+                break
+            raise SessionError(
+                f"{source}, line {number}: damaged ({error}); restore the file from a copy",
+                fault="damaged",
+                line=number,
+            ) from error
+        sound_bytes += len(line)
+    return JournalReading(
+        events=tuple(events), sound_bytes=sound_bytes, torn_tail=data[sound_bytes:]
+    )
+
+
+def lock_exclusively(descriptor: int) -> None:
+    """Take the lock of an open file; closing the descriptor, or death, gives it back.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process holds it.
+    """
+    if fcntl is not None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return
+    import msvcrt  # exists on Windows alone
+
+    # A byte far behind the end: Windows bars even readers from a locked part of a file.
+    position = os.lseek(descriptor, 0, os.SEEK_CUR)
+    try:
+        os.lseek(descriptor, 1 << 40, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    except PermissionError as error:
+        raise BlockingIOError(error.errno, "the file is locked") from error
+    finally:
+        os.lseek(descriptor, position, os.SEEK_SET)

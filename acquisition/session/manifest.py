@@ -1,4 +1,4 @@
-"""session.json: what a session was made with, fixed when it was made."""
+"""session.json: what a session was made with, fixed when it was made, and who the devices were."""
 
 import json
 import platform
@@ -17,44 +17,7 @@ from acquisition.untrusted import parse_json
 
 __all__ = ["MANIFEST_NAME", "Manifest", "camera_snapshot", "software_versions", "stage_snapshot"]
 
-
-def camera_snapshot(camera: Camera) -> dict[str, Any]:
-    """Identity and settings of the camera, as read back from it.
-
-    Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us,
-    ``Gain`` in dB, ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
-    """
-    settings = camera.settings
-    return {
-        **_identity(camera.info),
-        "Width": settings.width_px,
-        "Height": settings.height_px,
-        "PixelFormat": settings.pixel_format,
-        "ExposureTime": settings.exposure_us,
-        "Gain": settings.gain_db,
-        "AcquisitionFrameRate": settings.frame_rate_hz,
-        "BlackLevel": settings.black_level_dn,
-        **settings.features,
-    }
-
-
-def stage_snapshot(stage: Stage) -> dict[str, Any]:
-    """Identity and travel of the stage."""
-    return {**_identity(stage.info), "limits_mm": list(stage.limits_mm)}
-
-
-def _identity(info: DeviceInfo) -> dict[str, Any]:
-    return {
-        "driver": info.driver,
-        "DeviceVendorName": info.vendor,
-        "DeviceModelName": info.model,
-        "DeviceSerialNumber": info.serial_number,
-        "DeviceFirmwareVersion": info.firmware,
-    }
-
-
 MANIFEST_NAME = "session.json"
-
 _SCHEMA = "standoff.session/1"
 _IDENTITY_KEYS = ("driver", "DeviceVendorName", "DeviceModelName", "DeviceSerialNumber")
 _KEYS = ("schema", "uid", "created_utc", "operator", "plan", "bench", "devices", "software")
@@ -103,15 +66,17 @@ class Manifest:
         try:
             document = parse_json(data)
         except ValueError as error:
-            raise SessionError(f"{source}: damaged ({error}); restore it from a copy") from error
+            raise SessionError(
+                f"{source}: damaged ({error}); restore it from a copy", fault="damaged"
+            ) from error
         if not isinstance(document, dict) or document.get("schema") != _SCHEMA:
-            raise SessionError(f"{source}: not of schema {_SCHEMA}")
+            raise SessionError(f"{source}: not of schema {_SCHEMA}", keys=("schema",))
         if set(document) != set(_KEYS):
-            odd = ", ".join(sorted(set(document) ^ set(_KEYS)))
-            raise SessionError(f"{source}: missing or unknown key: {odd}")
+            odd = tuple(sorted(set(document) ^ set(_KEYS)))
+            raise SessionError(f"{source}: missing or unknown key: {', '.join(odd)}", keys=odd)
         for key in ("plan", "bench", "devices", "software"):
             if not isinstance(document[key], dict):
-                raise SessionError(f"{source}: {key} is not a table")
+                raise SessionError(f"{source}: {key} is not a table", keys=(key,))
         return cls(
             uid=str(document["uid"]),
             created_utc=str(document["created_utc"]),
@@ -127,16 +92,41 @@ class Manifest:
         plan: CapturePlan,
         bench: Mapping[str, Any],
         devices: Mapping[str, Mapping[str, Any]],
-    ) -> list[str]:
-        """What another run would change: plan keys, bench keys, and which devices they are.
+    ) -> dict[str, str]:
+        """What another run would change, by key: of the plan, the bench, the devices' identities.
 
         A bench key that the session is older than counts as its default.
         """
-        return [
-            *_differences("plan", self.plan.to_json(), plan.to_json()),
-            *_differences("bench", _with_defaults(self.bench), bench),
-            *_differences("devices", _identities(self.devices), _identities(devices)),
-        ]
+        return {
+            **_differences("plan", self.plan.to_json(), plan.to_json()),
+            **_differences("bench", _with_defaults(self.bench), bench),
+            **_differences("devices", _identities(self.devices), _identities(devices)),
+        }
+
+
+def camera_snapshot(camera: Camera) -> dict[str, Any]:
+    """Identity and settings of the camera, as read back from it.
+
+    Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us,
+    ``Gain`` in dB, ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
+    """
+    settings = camera.settings
+    return {
+        **_identity(camera.info),
+        "Width": settings.width_px,
+        "Height": settings.height_px,
+        "PixelFormat": settings.pixel_format,
+        "ExposureTime": settings.exposure_us,
+        "Gain": settings.gain_db,
+        "AcquisitionFrameRate": settings.frame_rate_hz,
+        "BlackLevel": settings.black_level_dn,
+        **settings.features,
+    }
+
+
+def stage_snapshot(stage: Stage) -> dict[str, Any]:
+    """Identity and travel of the stage."""
+    return {**_identity(stage.info), "limits_mm": list(stage.limits_mm)}
 
 
 def software_versions() -> dict[str, str]:
@@ -148,6 +138,16 @@ def software_versions() -> dict[str, str]:
         except PackageNotFoundError:
             versions[package] = "not installed"
     return versions
+
+
+def _identity(info: DeviceInfo) -> dict[str, Any]:
+    return {
+        "driver": info.driver,
+        "DeviceVendorName": info.vendor,
+        "DeviceModelName": info.model,
+        "DeviceSerialNumber": info.serial_number,
+        "DeviceFirmwareVersion": info.firmware,
+    }
 
 
 def _with_defaults(bench: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -165,21 +165,19 @@ def _identities(devices: Mapping[str, object]) -> dict[str, Any]:
     }
 
 
-def _differences(path: str, old: object, new: object) -> list[str]:
+def _differences(path: str, old: object, new: object) -> dict[str, str]:
+    """Key by key, what was and what is now."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
-        keys = [*old, *(key for key in new if key not in old)]
-        return [
-            line
-            for key in keys
-            for line in _differences(f"{path}.{key}", old.get(key), new.get(key))
-        ]
-    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return [
-            line
-            for number, pair in enumerate(zip(old, new, strict=True))
-            for line in _differences(f"{path}.{number}", *pair)
-        ]
-    return [] if old == new else [f"{path} was {_brief(old)}, now {_brief(new)}"]
+        pairs = {key: (old.get(key), new.get(key)) for key in (*old, *new)}
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        pairs = {str(number): pair for number, pair in enumerate(zip(old, new, strict=True))}
+    else:
+        return {} if old == new else {path: f"was {_brief(old)}, now {_brief(new)}"}
+    return {
+        deeper: text
+        for key, pair in pairs.items()
+        for deeper, text in _differences(f"{path}.{key}", *pair).items()
+    }
 
 
 def _brief(value: object) -> str:

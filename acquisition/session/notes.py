@@ -1,11 +1,15 @@
 """An operator's decisions about a session: exclude a capture, take it back in, retake it, note."""
 
-from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import EventKind, JournalEvent, JournalWriter, new_uid, utc_now
+from acquisition.session.journal import (
+    SYSTEM_STAMPS,
+    EventKind,
+    JournalEvent,
+    JournalWriter,
+    Stamps,
+)
 from acquisition.session.reader import JOURNAL_NAME, Session, captures_of, current_capture
 
 __all__ = ["SessionNotes"]
@@ -27,13 +31,11 @@ class SessionNotes:
         path: Path,
         *,
         operator: str,
-        utc_now: Callable[[], datetime] = utc_now,
-        new_uid: Callable[[], str] = new_uid,
+        stamps: Stamps = SYSTEM_STAMPS,
     ) -> None:
         self._path = path
         self._operator = operator
-        self._utc_now = utc_now
-        self._new_uid = new_uid
+        self._stamps = stamps
 
     def exclude(self, index: int, reason: str) -> JournalEvent:
         """Keep the capture of an entry out of calibration and analysis."""
@@ -53,17 +55,19 @@ class SessionNotes:
             return journal.append("note", {"text": text, "operator": self._operator})
 
     def _open(self) -> JournalWriter:
-        Session.open(self._path)  # a mistyped path must not become a new journal
-        return JournalWriter(
-            self._path / JOURNAL_NAME, utc_now=self._utc_now, new_uid=self._new_uid
-        )
+        Session(self._path)  # a mistyped path must not become a new journal
+        return JournalWriter(self._path / JOURNAL_NAME, self._stamps)
 
     def _decide(self, kind: EventKind, index: int, reason: str) -> JournalEvent:
         with self._open() as journal:
             captures = captures_of(journal.events, source=str(self._path / JOURNAL_NAME))
             capture = current_capture(captures, index, self._path)
             if kind == "include" and capture.excluded_because is None:
-                raise SessionError(f"capture {index} of {self._path} is not excluded")
+                raise SessionError(
+                    f"capture {index} of {self._path} is not excluded",
+                    fault="no capture",
+                    path=self._path,
+                )
             key = "supersedes" if kind == "retake" else "capture"
             facts = {"index": index, key: capture.record.uid}
             return journal.append(kind, {**facts, "reason": reason, "operator": self._operator})

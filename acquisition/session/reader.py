@@ -1,10 +1,13 @@
 """Read a capture session: what was planned, what was captured, and whether the files are whole."""
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
+from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
@@ -50,45 +53,85 @@ class SessionCapture:
         return not self.is_superseded and self.excluded_because is None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
     """A capture session as its journal tells it; nothing on the disk is changed by reading.
 
-    ``captures`` holds every journaled capture in order of time, marked; ``remarks`` what was
-    odd about the journal.
+    Opening reads session.json and the journal; capture files are read by `load` only.
+
+    Parameters
+    ----------
+    path
+        Directory of the session.
+
+    Raises
+    ------
+    SessionError
+        If it is no session, or its session.json or journal is damaged.
     """
 
-    path: Path
-    manifest: Manifest
-    events: tuple[JournalEvent, ...]
-    captures: tuple[SessionCapture, ...]
-    remarks: tuple[str, ...]
-
-    @classmethod
-    def open(cls, path: Path) -> Self:
-        """Read session.json and the journal; capture files are read by ``load`` only.
-
-        Raises
-        ------
-        SessionError
-            If ``path`` is no session, or its session.json or journal is damaged.
-        """
-        manifest_path = path / MANIFEST_NAME
+    def __init__(self, path: str | PathLike[str]) -> None:
+        if not isinstance(path, str | PathLike):
+            raise TypeError(
+                f"Session takes the directory of a session, as str or Path, got {path!r:.80}"
+            )
+        self._path = Path(path)
+        manifest_path = self._path / MANIFEST_NAME
         if not manifest_path.is_file():
             raise SessionError(
-                f"{path} is not a capture session (it has no {MANIFEST_NAME}); "
-                "name the directory that a capture run wrote"
+                f"{self._path} is not a capture session (it has no {MANIFEST_NAME}); "
+                "name the directory that a capture run wrote",
+                fault="not a session",
+                path=self._path,
             )
-        manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
-        journal_path = path / JOURNAL_NAME
-        reading = read_journal(_read(journal_path), source=str(journal_path))
-        return cls(
-            path=path,
-            manifest=manifest,
-            events=reading.events,
-            captures=captures_of(reading.events, source=str(journal_path)),
-            remarks=() if reading.remark is None else (reading.remark,),
-        )
+        self._manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
+        journal_path = self._path / JOURNAL_NAME
+        self._journal = read_journal(_read(journal_path), source=str(journal_path))
+        self._captures = captures_of(self._journal.events, source=str(journal_path))
+
+    def __repr__(self) -> str:
+        return f"Session({str(self._path)!r}: {self._kinds_text()})"
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "session": str(self._path),
+            "plan": self.plan.name,
+            "captures": self._kinds_text(),
+            "complete": "yes" if self.is_complete else "no",
+        }
+        cells = (f"<tr><th>{key}</th><td>{escape(text)}</td></tr>" for key, text in rows.items())
+        return f"<table>{''.join(cells)}</table>"
+
+    def _kinds_text(self) -> str:
+        """Number of captures to use, by kind."""
+        kinds = Counter(record.kind for record in self.records)
+        by_kind = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        noun = "capture" if kinds.total() == 1 else "captures"
+        return f"{kinds.total()} {noun}" + (f" ({by_kind})" if by_kind else "")
+
+    @property
+    def path(self) -> Path:
+        """Its directory."""
+        return self._path
+
+    @property
+    def manifest(self) -> Manifest:
+        """What it was made with, as session.json has it."""
+        return self._manifest
+
+    @property
+    def events(self) -> tuple[JournalEvent, ...]:
+        """The journal, in order of time."""
+        return self._journal.events
+
+    @property
+    def captures(self) -> tuple[SessionCapture, ...]:
+        """Every journaled capture in order of time, marked superseded and excluded."""
+        return self._captures
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was odd about the journal."""
+        return () if self._journal.remark is None else (self._journal.remark,)
 
     @property
     def plan(self) -> CapturePlan:
@@ -135,7 +178,9 @@ class Session:
         if hashlib.sha256(data).hexdigest() != record.sha256:
             raise SessionError(
                 f"{path} is not the file that was captured (its sha256 differs); "
-                "restore it from a copy, or retake the capture"
+                "restore it from a copy, or retake the capture",
+                fault="changed",
+                path=path,
             )
         images = parse_capture(data, source=str(path))
         return CaptureImages(
@@ -180,7 +225,7 @@ def verify(path: Path) -> VerifyReport:
     SessionError
         If ``path`` is no session, or its session.json or journal is damaged.
     """
-    session = Session.open(path)
+    session = Session(path)
     checks = [_check_manifest(session)]
     known = set()
     for capture in session.captures:
@@ -220,7 +265,7 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
     for number, event in enumerate(events, start=1):
         here = f"{source}, line {number}"
         if event.kind == "capture":
-            record = CaptureRecord.from_json(_table(event, "record", here), source=here)
+            record = _record(event, here, number)
             if record.index in latest:
                 superseded.add(latest[record.index])
             latest[record.index] = record.uid
@@ -228,7 +273,11 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
         elif event.kind in ("retake", "exclude", "include"):
             uid = str(event.facts.get("supersedes" if event.kind == "retake" else "capture"))
             if uid not in records:
-                raise SessionError(f"{here}: {event.kind} of {uid!r}, which was never captured")
+                raise SessionError(
+                    f"{here}: {event.kind} of {uid!r}, which was never captured",
+                    fault="no capture",
+                    line=number,
+                )
             if event.kind == "retake":
                 superseded.add(uid)
             elif event.kind == "exclude":
@@ -254,7 +303,9 @@ def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) 
     for capture in captures:
         if capture.record.index == index and not capture.is_superseded:
             return capture
-    raise SessionError(f"session {path} has no capture of index {index}")
+    raise SessionError(
+        f"session {path} has no capture of index {index}", fault="no capture", path=path
+    )
 
 
 def file_sha256(path: Path) -> str:
@@ -281,7 +332,7 @@ def _file_state(path: Path, sha256: str | None) -> FileState:
     try:
         return "ok" if file_sha256(path) == sha256 else "changed"
     except OSError as error:
-        raise SessionError(f"{path}: {error.strerror}") from error
+        raise SessionError(f"{path}: {error.strerror}", path=path) from error
 
 
 def _check_manifest(session: Session) -> FileCheck:
@@ -292,15 +343,22 @@ def _check_manifest(session: Session) -> FileCheck:
     return FileCheck(file=MANIFEST_NAME, state=_file_state(session.path / MANIFEST_NAME, expected))
 
 
-def _table(event: JournalEvent, key: str, here: str) -> Mapping[str, object]:
-    value = event.facts.get(key)
-    if not isinstance(value, dict):
-        raise SessionError(f"{here}: {event.kind} without {key}")
-    return value
+def _record(event: JournalEvent, here: str, number: int) -> CaptureRecord:
+    document = event.facts.get("record")
+    if not isinstance(document, dict):
+        raise SessionError(
+            f"{here}: {event.kind} without record", fault="damaged", line=number, keys=("record",)
+        )
+    try:
+        return CaptureRecord.from_json(document, source=here)
+    except SessionError as error:
+        raise SessionError(str(error), fault="damaged", line=number, keys=error.keys) from error
 
 
 def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise SessionError(f"{path}: {error.strerror}; restore it from a copy") from error
+        raise SessionError(
+            f"{path}: {error.strerror}; restore it from a copy", path=path
+        ) from error

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from acquisition.bench import validation_lines
+from acquisition.bench import validation_keys, validation_lines
 from acquisition.errors import SessionError
 from acquisition.plan import CaptureKind
 
@@ -100,7 +100,11 @@ class CaptureRecord:
             # pydantic's strict mode takes a dataclass from JSON text, not from a dict.
             return _adapter().validate_json(json.dumps(document))
         except ValidationError as error:
-            raise SessionError(f"{source}: {validation_lines(error)}") from error
+            raise SessionError(
+                f"{source}: {validation_lines(error)}",
+                fault="damaged",
+                keys=validation_keys(error),
+            ) from error
 
 
 def utc_text(moment: datetime) -> str:

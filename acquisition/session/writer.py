@@ -3,9 +3,8 @@
 import hashlib
 import shutil
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,14 +12,19 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchConfig
-from acquisition.devices import CameraSettings, FrameImage
+from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session.capture_file import CaptureImages, write_capture, write_frames
 from acquisition.session.durable_write import PART_SUFFIX, atomic_write, atomic_write_hashed
-from acquisition.session.journal import EventKind, JournalEvent, JournalWriter, new_uid, utc_now
+from acquisition.session.journal import (
+    SYSTEM_STAMPS,
+    EventKind,
+    JournalEvent,
+    JournalWriter,
+    Stamps,
+)
 from acquisition.session.manifest import MANIFEST_NAME, Manifest, software_versions
 from acquisition.session.reader import (
     JOURNAL_NAME,
@@ -30,6 +34,7 @@ from acquisition.session.reader import (
     is_intact,
 )
 from acquisition.session.record import CaptureRecord, utc_text
+from acquisition.session.take import Photograph, Take
 
 __all__ = ["SessionWriter"]
 
@@ -51,7 +56,7 @@ class SessionWriter:
         The bench; None for photographs that come from elsewhere.
     devices
         Snapshots under ``camera`` and ``stage``, as far as there are devices.
-    utc_now, new_uid
+    stamps
         Where time stamps and identities come from.
 
     Raises
@@ -69,16 +74,14 @@ class SessionWriter:
         bench: BenchConfig | None,
         devices: Mapping[str, Mapping[str, Any]],
         operator: str,
-        utc_now: Callable[[], datetime] = utc_now,
-        new_uid: Callable[[], str] = new_uid,
+        stamps: Stamps = SYSTEM_STAMPS,
     ) -> None:
         self.path = path
         self.plan = plan
         self.entries = plan_entries(plan)
-        self._utc_now = utc_now
-        self._new_uid = new_uid
+        self._stamps = stamps
         _prepare_directory(path)
-        self._journal = JournalWriter(path / JOURNAL_NAME, utc_now=utc_now, new_uid=new_uid)
+        self._journal = JournalWriter(path / JOURNAL_NAME, stamps)
         try:
             self._takes = Counter(capture.record.index for capture in self.captures)
             self._begin({} if bench is None else bench.model_dump(mode="json"), devices, operator)
@@ -115,7 +118,9 @@ class SessionWriter:
         if free_bytes < needed_bytes + SPARE_BYTES:
             raise SessionError(
                 f"the disk of {self.path} has {free_bytes / 1e6:.0f} MB free, the captures take "
-                f"{(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free the disk and run again"
+                f"{(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free the disk and run again",
+                fault="unwritable",
+                path=self.path,
             )
 
     def journal(self, kind: EventKind, facts: Mapping[str, Any]) -> JournalEvent:
@@ -134,43 +139,18 @@ class SessionWriter:
         facts = {"index": index, "supersedes": void, "reason": reason, "operator": operator}
         self._journal.append("retake", facts)
 
-    def add_capture(
-        self,
-        entry: PlanEntry,
-        averaged: AveragedFrames,
-        *,
-        settings: CameraSettings,
-        height_mm: float,
-        focus_value: float | None,
-        started: datetime,
-        finished: datetime,
-        scale_px_per_mm: float | None = None,
-        raw_frames: Sequence[FrameImage] = (),
-    ) -> CaptureRecord:
+    def add_capture(self, entry: PlanEntry, take: Take) -> CaptureRecord:
         """Store one capture; when this returns it is on the disk and journaled.
-
-        Parameters
-        ----------
-        settings
-            The camera's, as read back, for exposure, gain, format and black level.
-        height_mm
-            As read back from the stage, never the one asked for.
-        raw_frames
-            Frames to store beside it; none if empty.
 
         Raises
         ------
         SessionError
             If it cannot be written; the capture then does not exist.
         """
+        averaged, settings = take.averaged, take.settings
         record = CaptureRecord(
-            index=entry.index,
-            uid=self._new_uid(),
-            kind=entry.kind,
-            target=entry.target,
-            orientation_deg=entry.orientation_deg,
-            height_asked_mm=entry.height_mm,
-            height_mm=height_mm,
+            **self._identity(entry),
+            height_mm=take.height_mm,
             frames_used=averaged.frames_used,
             incomplete_frames=averaged.incomplete_frames,
             resent_packets=averaged.resent_packets,
@@ -182,32 +162,18 @@ class SessionWriter:
             pixel_format=settings.pixel_format,
             black_level_dn=settings.black_level_dn,
             max_level_dn=settings.max_level_dn,
-            started_utc=utc_text(started),
-            finished_utc=utc_text(finished),
+            started_utc=utc_text(take.started),
+            finished_utc=utc_text(take.finished),
             first_timestamp_ns=averaged.first_timestamp_ns,
             last_timestamp_ns=averaged.last_timestamp_ns,
-            focus_value=focus_value,
-            scale_px_per_mm=scale_px_per_mm,
-            file=self._file(entry, "captures"),
-            frames_file=self._file(entry, "frames") if raw_frames else None,
-            frames_sha256=None,
-            sha256=None,
+            focus_value=take.focus_value,
+            scale_px_per_mm=take.scale_px_per_mm,
+            frames_file=self._file(entry, "frames") if take.raw_frames else None,
         )
-        return self._store(record, averaged.mean_dn, averaged.variance_dn2, raw_frames)
+        return self._store(record, averaged.mean_dn, averaged.variance_dn2, take.raw_frames)
 
-    def add_photograph(
-        self,
-        entry: PlanEntry,
-        image_dn: NDArray[np.float32],
-        *,
-        pixel_format: str,
-        max_level_dn: float,
-        black_level_dn: float = 0.0,
-        exposure_us: float | None = None,
-        gain_db: float | None = None,
-        scale_px_per_mm: float | None = None,
-    ) -> CaptureRecord:
-        """Store a single foreign photograph as a capture of one frame, without a variance.
+    def add_photograph(self, entry: PlanEntry, photograph: Photograph) -> CaptureRecord:
+        """Store a photograph as a capture of one frame, without a variance.
 
         Its height is the entry's, on the word of whoever imports it.
 
@@ -216,36 +182,29 @@ class SessionWriter:
         SessionError
             If it cannot be written; the capture then does not exist.
         """
-        now = utc_text(self._utc_now())
+        image_dn = photograph.image_dn
+        now = utc_text(self._stamps.utc_now())
         record = CaptureRecord(
-            index=entry.index,
-            uid=self._new_uid(),
-            kind=entry.kind,
-            target=entry.target,
-            orientation_deg=entry.orientation_deg,
-            height_asked_mm=entry.height_mm,
+            **self._identity(entry),
             height_mm=entry.height_mm,
             frames_used=1,
             incomplete_frames=0,
             resent_packets=0,
-            saturated_pixels=int(np.count_nonzero(image_dn >= max_level_dn)),
+            saturated_pixels=int(np.count_nonzero(image_dn >= photograph.max_level_dn)),
             min_dn=float(image_dn.min()),
             max_dn=float(image_dn.max()),
-            exposure_us=exposure_us,
-            gain_db=gain_db,
-            pixel_format=pixel_format,
-            black_level_dn=black_level_dn,
-            max_level_dn=max_level_dn,
+            exposure_us=photograph.exposure_us,
+            gain_db=photograph.gain_db,
+            pixel_format=photograph.pixel_format,
+            black_level_dn=photograph.black_level_dn,
+            max_level_dn=photograph.max_level_dn,
             started_utc=now,
             finished_utc=now,
             first_timestamp_ns=None,
             last_timestamp_ns=None,
             focus_value=None,
-            scale_px_per_mm=scale_px_per_mm,
-            file=self._file(entry, "captures"),
+            scale_px_per_mm=photograph.scale_px_per_mm,
             frames_file=None,
-            frames_sha256=None,
-            sha256=None,
         )
         return self._store(record, image_dn, None, ())
 
@@ -278,15 +237,23 @@ class SessionWriter:
             differences = old.differences(self.plan, bench, devices)
             if differences:
                 raise SessionError(
-                    f"session {self.path} was made otherwise: {'; '.join(differences)}; "
-                    "go back to that, or begin a new directory"
+                    f"session {self.path} was made otherwise: "
+                    f"{'; '.join(f'{key} {text}' for key, text in differences.items())}; "
+                    "go back to that, or begin a new directory",
+                    fault="made otherwise",
+                    path=self.path,
+                    keys=tuple(differences),
                 )
         else:
             if self._journal.events:
-                raise SessionError(f"{path} is gone but the journal is not empty; restore it")
+                raise SessionError(
+                    f"{path} is gone but the journal is not empty; restore it",
+                    fault="damaged",
+                    path=path,
+                )
             data = Manifest(
-                uid=self._new_uid(),
-                created_utc=utc_text(self._utc_now()),
+                uid=self._stamps.new_uid(),
+                created_utc=utc_text(self._stamps.utc_now()),
                 operator=operator,
                 plan=self.plan,
                 bench=bench,
@@ -303,6 +270,20 @@ class SessionWriter:
             digest = hashlib.sha256(data).hexdigest()
             self._journal.append("start", {**facts, "session_sha256": digest})
             self._journal.append("plan", {"name": self.plan.name, "captures": len(self.entries)})
+
+    def _identity(self, entry: PlanEntry) -> dict[str, Any]:
+        """What a new record has from its entry; its hashes are not known yet."""
+        return {
+            "index": entry.index,
+            "uid": self._stamps.new_uid(),
+            "kind": entry.kind,
+            "target": entry.target,
+            "orientation_deg": entry.orientation_deg,
+            "height_asked_mm": entry.height_mm,
+            "file": self._file(entry, "captures"),
+            "frames_sha256": None,
+            "sha256": None,
+        }
 
     def _file(self, entry: PlanEntry, folder: str) -> str:
         """Name a file that no journaled capture has: a later take of an entry is numbered."""
@@ -345,12 +326,16 @@ def _prepare_directory(path: Path) -> None:
     beginning = {JOURNAL_NAME, MANIFEST_NAME + PART_SUFFIX}
     if MANIFEST_NAME not in present and not present <= beginning:
         raise SessionError(
-            f"{path} holds files but is not a capture session; name a new or empty directory"
+            f"{path} holds files but is not a capture session; name a new or empty directory",
+            fault="not a session",
+            path=path,
         )
 
 
 def _write_failure(path: Path, error: OSError) -> SessionError:
     return SessionError(
         f"session {path} cannot be written: {error.strerror or error}; "
-        "see to the disk and run the same command again"
+        "see to the disk and run the same command again",
+        fault="unwritable",
+        path=path,
     )

@@ -1,4 +1,5 @@
 from .manual import ManualStage as ManualStage
+from .motor import MotorStage as MotorStage
 from .serial_link import SerialLink as SerialLink, open_serial_port as open_serial_port
 from .travel import (
     home_timeout_s as home_timeout_s,
@@ -8,6 +9,7 @@ from .travel import (
 
 __all__ = [
     "ManualStage",
+    "MotorStage",
     "SerialLink",
     "home_timeout_s",
     "move_timeout_s",

@@ -1,4 +1,4 @@
-"""Lines over a serial port: time limits, silence, lengths, and the log of the wire."""
+"""The serial line of a stage: lines with time limits and a log, over a port opened exclusively."""
 
 import errno
 from collections import deque
@@ -25,117 +25,6 @@ READ_SLICE_S = 0.02
 """How long one read waits for its first byte."""
 
 WRITE_TIMEOUT_S = 1.0
-
-
-class SerialPort:
-    """An open port; pyserial's errors become ours."""
-
-    def __init__(self, port: serial.Serial) -> None:
-        self._port = port
-
-    def read(self) -> bytes:
-        """Return what is there, waiting a moment for the first byte; nothing is no error.
-
-        Raises
-        ------
-        DeviceDisconnectedError
-            If the port is gone.
-        """
-        try:
-            first: bytes = self._port.read(1)
-        except (OSError, TypeError) as error:  # pyserial: TypeError when closed in mid-read
-            raise self._gone() from error
-        return first + self.read_waiting() if first else b""
-
-    def read_waiting(self) -> bytes:
-        """Return what is there, without waiting.
-
-        Raises
-        ------
-        DeviceDisconnectedError
-            If the port is gone.
-        """
-        try:
-            waiting = self._port.in_waiting
-            return self._port.read(waiting) if waiting else b""
-        except (OSError, TypeError) as error:
-            raise self._gone() from error
-
-    def write(self, data: bytes) -> None:
-        """Write all of it.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If the port does not take it.
-        DeviceDisconnectedError
-            If the port is gone.
-        """
-        try:
-            self._port.write(data)
-        except serial.SerialTimeoutException as error:
-            raise DeviceTimeoutError(
-                f"the serial port {self._port.port} takes no data; unplug it and plug it in again"
-            ) from error
-        except OSError as error:
-            raise self._gone() from error
-
-    def close(self) -> None:
-        """Give the port back; closing twice is harmless."""
-        self._port.close()
-
-    def _gone(self) -> DeviceDisconnectedError:
-        return DeviceDisconnectedError(
-            f"the serial port {self._port.port} is gone; check cable and power. "
-            "A stage in mid-move runs on to its target"
-        )
-
-
-def open_serial_port(
-    path: str,
-    baud_rate: int,
-    *,
-    read_slice_s: float = READ_SLICE_S,
-    write_timeout_s: float = WRITE_TIMEOUT_S,
-) -> SerialPort:
-    """Open a port exclusively, 8 data bits, no parity, 1 stop bit.
-
-    Opening resets Arduino boards (DTR).
-
-    Raises
-    ------
-    DeviceDisconnectedError
-        If the port is missing, not ours to open, or not a serial port.
-    DeviceInUseError
-        If another program has it.
-    """
-    try:
-        return SerialPort(
-            serial.Serial(
-                path,
-                baud_rate,
-                timeout=read_slice_s,
-                write_timeout=write_timeout_s,
-                exclusive=True,
-            )
-        )
-    except (OSError, ValueError) as error:
-        number = error.errno if isinstance(error, OSError) else None
-        if number in (errno.EAGAIN, errno.EBUSY):
-            raise DeviceInUseError(
-                f"serial port {path}: another program uses it; end that program"
-            ) from error
-        raise DeviceDisconnectedError(f"serial port {path}: {_why(number, error)}") from error
-
-
-def _why(number: int | None, error: Exception) -> str:
-    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return "there is no such port; check cable and power, and stage.port in the bench file"
-    if number in (errno.EACCES, errno.EPERM):
-        return "no permission; add yourself to the group of the port, often dialout, and log in"
-    return f"cannot be opened: {error}"
-
-
 MAX_LINE_BYTES = 1024
 """No message of the protocols we speak is longer."""
 
@@ -220,7 +109,9 @@ class SerialLink:
         while not self._lines:
             self._receive()
             if not self._lines and self._clock() >= deadline:
-                raise DeviceTimeoutError(f"{self.name} did not answer within {timeout_s:g} s")
+                raise DeviceTimeoutError(
+                    f"{self.name} did not answer within {timeout_s:g} s", timeout_s=timeout_s
+                )
         return self._lines.popleft()
 
     def waiting_lines(self) -> list[bytes]:
@@ -302,6 +193,70 @@ class SerialLink:
             raise DeviceDisconnectedError(f"{self.name} is closed")
 
 
+class SerialPort:
+    """An open port; pyserial's errors become ours."""
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port = port
+
+    def read(self) -> bytes:
+        """Return what is there, waiting a moment for the first byte; nothing is no error.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        try:
+            first: bytes = self._port.read(1)
+        except (OSError, TypeError) as error:  # pyserial: TypeError when closed in mid-read
+            raise self._gone() from error
+        return first + self.read_waiting() if first else b""
+
+    def read_waiting(self) -> bytes:
+        """Return what is there, without waiting.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        try:
+            waiting = self._port.in_waiting
+            return self._port.read(waiting) if waiting else b""
+        except (OSError, TypeError) as error:
+            raise self._gone() from error
+
+    def write(self, data: bytes) -> None:
+        """Write all of it.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If the port does not take it.
+        DeviceDisconnectedError
+            If the port is gone.
+        """
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            raise DeviceTimeoutError(
+                f"the serial port {self._port.port} takes no data; unplug it and plug it in again"
+            ) from error
+        except OSError as error:
+            raise self._gone() from error
+
+    def close(self) -> None:
+        """Give the port back; closing twice is harmless."""
+        self._port.close()
+
+    def _gone(self) -> DeviceDisconnectedError:
+        return DeviceDisconnectedError(
+            f"the serial port {self._port.port} is gone; check cable and power. "
+            "A stage in mid-move runs on to its target"
+        )
+
+
 def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
     """Open port and wire log.
 
@@ -315,7 +270,9 @@ def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
     try:
         log = WireLog(Path(config.wire_log)) if config.wire_log else None
     except OSError as error:
-        raise BenchConfigError(f"stage.wire_log {config.wire_log}: {error.strerror}") from error
+        raise BenchConfigError(
+            f"stage.wire_log {config.wire_log}: {error.strerror}", keys=("stage.wire_log",)
+        ) from error
     try:
         port = open_serial_port(config.port or "", config.baud_rate)
     except BaseException:
@@ -323,3 +280,48 @@ def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
             log.close()
         raise
     return SerialLink(port, name=f"{name} on {config.port}", clock=monotonic, log=log)
+
+
+def open_serial_port(
+    path: str,
+    baud_rate: int,
+    *,
+    read_slice_s: float = READ_SLICE_S,
+    write_timeout_s: float = WRITE_TIMEOUT_S,
+) -> SerialPort:
+    """Open a port exclusively, 8 data bits, no parity, 1 stop bit.
+
+    Opening resets Arduino boards (DTR).
+
+    Raises
+    ------
+    DeviceDisconnectedError
+        If the port is missing, not ours to open, or not a serial port.
+    DeviceInUseError
+        If another program has it.
+    """
+    try:
+        return SerialPort(
+            serial.Serial(
+                path,
+                baud_rate,
+                timeout=read_slice_s,
+                write_timeout=write_timeout_s,
+                exclusive=True,
+            )
+        )
+    except (OSError, ValueError) as error:
+        number = error.errno if isinstance(error, OSError) else None
+        if number in (errno.EAGAIN, errno.EBUSY):
+            raise DeviceInUseError(
+                f"serial port {path}: another program uses it; end that program"
+            ) from error
+        raise DeviceDisconnectedError(f"serial port {path}: {_why(number, error)}") from error
+
+
+def _why(number: int | None, error: Exception) -> str:
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return "there is no such port; check cable and power, and stage.port in the bench file"
+    if number in (errno.EACCES, errno.EPERM):
+        return "no permission; add yourself to the group of the port, often dialout, and log in"
+    return f"cannot be opened: {error}"

@@ -20,7 +20,9 @@ def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> No
     if not (isfinite(height_mm) and low_mm <= height_mm <= high_mm):
         raise StageLimitError(
             f"the stage goes from {low_mm:g} to {high_mm:g} mm, not to {height_mm:g} mm; "
-            "nothing moved"
+            "nothing moved",
+            height_mm=height_mm,
+            limits_mm=limits_mm,
         )
 
 

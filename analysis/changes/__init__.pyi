@@ -1,15 +1,20 @@
+from .document import ChangeSummary as ChangeSummary, read_changes as read_changes
 from .filter import (
     FALSE_ALARMS as FALSE_ALARMS,
+    ChangeOptions as ChangeOptions,
     ChangeResult as ChangeResult,
-    FloatArray as FloatArray,
     find_changes as find_changes,
     significance_threshold as significance_threshold,
 )
+from .plot import changes_figure as changes_figure
 
 __all__ = [
     "FALSE_ALARMS",
+    "ChangeOptions",
     "ChangeResult",
-    "FloatArray",
+    "ChangeSummary",
+    "changes_figure",
     "find_changes",
+    "read_changes",
     "significance_threshold",
 ]

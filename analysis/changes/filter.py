@@ -6,6 +6,7 @@ is fitted and taken out; what remains is compared with its uncertainty.
 
 from dataclasses import dataclass
 from math import exp, pi, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +14,22 @@ from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from analysis.changes.uncertainty import DifferenceVariance, extra_blur, fit_variance
+from analysis.changes.document import ChangeSummary
+from analysis.changes.uncertainty import extra_blur, fit_variance
 from analysis.choices import FALSE_ALARMS
-from analysis.errors import AnalysisError
-from calibration.registration import DistortedPose
+from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
+from calibration.registration import DistortedPose, register_distorted
 from simulation import GaussianPsf, simulate_pose
 from simulation.capture_noise import CaptureNoise
 from simulation.pose import pose_noise_gain
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = [
     "FALSE_ALARMS",
     "SOFTNESS_LIMIT_PX2",
+    "ChangeOptions",
     "ChangeResult",
     "find_changes",
     "significance_threshold",
@@ -53,132 +59,179 @@ _LEAST_PIXELS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChangeOptions:
+    """How two photographs are compared, where not as usual.
+
+    Parameters
+    ----------
+    pose
+        Of the follow-up in the reference; None registers them, with the lens's distortion.
+    noise
+        Of both captures; None fits it.
+    false_alarms
+        Pixels flagged by chance, expected in a frame.
+    """
+
+    pose: DistortedPose | None = None
+    noise: CaptureNoise | None = None
+    false_alarms: float = FALSE_ALARMS
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class ChangeResult:
     """Images on the follow-up's pixels, shape ``(rows, cols)`` each; 0 where not ``valid``.
 
     Parameters
     ----------
+    summary
+        What the comparison found, in figures.
+    followup_dn
+        The follow-up itself.
     difference_dn
         Follow-up minus the simulated one in the follow-up's light.
     plain_difference_dn
         Follow-up minus the reference merely resampled, in the same light.
     pose_difference_dn
         The part of the plain difference that the pose explains.
+    variance_dn2
+        Of the difference.
     significance
         Smoothed difference over its standard deviation.
     is_change
-        Where the significance exceeds ``threshold`` in absolute value.
+        Where the significance exceeds the threshold in absolute value.
     valid
         Pixels that both images show and that the reference resolves.
-    uncertainty
-        Of the difference, and what it is made of.
-    threshold
-        In standard deviations, from the false alarms allowed.
-    extra_blur_px2, extra_blur_err_px2
-        Variance by which the follow-up is softer than simulated, and its standard error;
-        negative: sharper.
-    gain
-        Mean of the fitted gain of light.
     """
 
+    summary: ChangeSummary
+    followup_dn: FloatArray
     difference_dn: FloatArray
     plain_difference_dn: FloatArray
     pose_difference_dn: FloatArray
+    variance_dn2: FloatArray
     significance: FloatArray
     is_change: NDArray[np.bool_]
     valid: NDArray[np.bool_]
-    uncertainty: DifferenceVariance
-    threshold: float
-    extra_blur_px2: float
-    extra_blur_err_px2: float
-    gain: float
+
+    def __repr__(self) -> str:
+        found = self.summary
+        return (
+            f"<ChangeResult: {found.changed_px} of {found.compared_px} px changed, beyond "
+            f"{found.threshold_sd:.2f} standard deviations, zoom {found.zoom:.3f}>"
+        )
+
+    def plot(self) -> "Figure":
+        """Return a figure of the follow-up with its changes, both differences, significance."""
+        from analysis.changes.plot import changes_figure  # matplotlib, for whoever looks
+
+        return changes_figure(self)
 
 
 def find_changes(
-    reference_dn: FloatArray,
-    followup_dn: FloatArray,
-    matrix: FloatArray,
+    reference: NDArray[np.generic],
+    followup: NDArray[np.generic],
     psf: GaussianPsf,
-    noise: CaptureNoise | None = None,
-    *,
-    distortion_k1: float = 0.0,
-    false_alarms: float = FALSE_ALARMS,
+    options: ChangeOptions | None = None,
 ) -> ChangeResult:
-    """Compare a follow-up with what its pose alone would make of the reference.
+    """Say what changed between two photographs that the change of pose does not explain.
 
     Parameters
     ----------
-    reference_dn, followup_dn
-        Grey, shape ``(rows, cols)``.
-    matrix
-        Shape (3, 3): follow-up pixel centres to reference pixel centres, both without distortion.
+    reference, followup
+        Grey, shape ``(rows, cols)``; the follow-up is the later one, from further away.
     psf
         Total PSF of the camera.
-    noise
-        Of both captures; without it the noise is fitted.
-    distortion_k1
-        Of the lens that took both, as in ``simulate_pose``.
-    false_alarms
-        Pixels flagged by chance, expected in a frame.
+    options
+        Pose, noise and the false alarms allowed, where not as usual.
 
     Raises
     ------
+    RegistrationError
+        If no pose is given and the two cannot be aligned.
+    OverlapError
+        If the images share too little.
+    SoftFollowupError
+        If the follow-up is softer than simulated.
     AnalysisError
-        If the images share too little, or the follow-up is softer than simulated.
+        If the pose is none of a plane in front of the camera.
     """
-    rows, cols = followup_dn.shape
+    options = options or ChangeOptions()
+    near, far = (np.asarray(image, dtype=np.float64) for image in (reference, followup))
+    pose, k1_err = options.pose, None
+    if pose is None:
+        aligned = register_distorted(near, far, psf)
+        pose, k1_err = aligned.pose, aligned.k1_err
+    seen, valid = _simulated(near, far, psf, pose)
+    gain, offset = _light(seen, far, valid)
+    expected = gain * seen + offset
+    difference = np.where(valid, far - expected, 0.0)
+    blur = extra_blur(expected, far, valid)
+    if blur.value_px2 - _SURE * blur.err_px2 > SOFTNESS_LIMIT_PX2:
+        raise SoftFollowupError(
+            f"the follow-up is softer than simulated by {sqrt(blur.value_px2):.2f} px (defocus or "
+            "motion): changes cannot be told from blur; take it again",
+            blur_px=sqrt(blur.value_px2),
+        )
+    variance = None
+    if options.noise is not None:
+        own = pose_noise_gain(
+            pose.matrix, _shape(near), (far.shape[1], far.shape[0]), psf, distortion_k1=pose.k1
+        )
+        noise = options.noise
+        variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
+    uncertainty = fit_variance(difference, expected, valid, variance)
+    significance = _significance(difference / np.sqrt(uncertainty.variance_dn2), valid)
+    threshold = significance_threshold(options.false_alarms / int(valid.sum()))
+    is_change = np.abs(significance) > threshold
+    resampled = gain * _resampled(near, pose) + offset
+    return ChangeResult(
+        summary=ChangeSummary(
+            homography=pose.matrix.tolist(),
+            distortion_k1=pose.k1,
+            distortion_k1_err=k1_err,
+            zoom=pose.zoom,
+            changed_px=int(is_change.sum()),
+            compared_px=int(valid.sum()),
+            threshold_sd=threshold,
+            false_alarms_px=options.false_alarms,
+            gain=float(gain[valid].mean()),
+            extra_blur_px2=blur.value_px2,
+            extra_blur_err_px2=blur.err_px2,
+            noise_factor=uncertainty.noise_factor,
+            is_noise_known=options.noise is not None,
+            registration_err_px=uncertainty.registration_err_px,
+            width_err_px2=uncertainty.width_err_px2,
+        ),
+        followup_dn=far,
+        difference_dn=difference,
+        plain_difference_dn=np.where(valid, far - resampled, 0.0),
+        pose_difference_dn=np.where(valid, expected - resampled, 0.0),
+        variance_dn2=uncertainty.variance_dn2,
+        significance=significance,
+        is_change=is_change,
+        valid=valid,
+    )
+
+
+def _simulated(
+    near: FloatArray, far: FloatArray, psf: GaussianPsf, pose: DistortedPose
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The follow-up as its pose alone would make it, and the pixels that may be compared."""
     try:
         simulated = simulate_pose(
-            reference_dn, matrix, (cols, rows), psf, distortion_k1=distortion_k1
+            near, pose.matrix, (far.shape[1], far.shape[0]), psf, distortion_k1=pose.k1
         )
     except ValueError as error:
         raise AnalysisError(str(error)) from error
-    seen = np.asarray(simulated.image, dtype=np.float64)
     valid = binary_erosion(
         ~simulated.outside & ~simulated.nearer, iterations=_BORDER_PX, border_value=0
     )
     if int(valid.sum()) < _LEAST_PIXELS:
-        raise AnalysisError(
-            "the images share too little that the reference resolves as well as the follow-up"
+        raise OverlapError(
+            "the images share too little that the reference resolves as well as the follow-up",
+            shared_px=int(valid.sum()),
         )
-    gain, offset = _light(seen, followup_dn, valid)
-    expected = gain * seen + offset
-    difference = np.where(valid, followup_dn - expected, 0.0)
-    blur = extra_blur(expected, followup_dn, valid)
-    if blur.value_px2 - _SURE * blur.err_px2 > SOFTNESS_LIMIT_PX2:
-        raise AnalysisError(
-            f"the follow-up is softer than simulated by {sqrt(blur.value_px2):.2f} px (defocus or "
-            "motion): changes cannot be told from blur; take it again"
-        )
-    variance = None
-    if noise is not None:
-        own = pose_noise_gain(
-            matrix, _shape(reference_dn), (cols, rows), psf, distortion_k1=distortion_k1
-        )
-        variance = noise.variance_dn2(followup_dn) + gain**2 * own * noise.variance_dn2(seen)
-    uncertainty = fit_variance(difference, expected, valid, variance)
-    significance = _significance(difference / np.sqrt(uncertainty.variance_dn2), valid)
-    threshold = significance_threshold(false_alarms / int(valid.sum()))
-    pose = DistortedPose(
-        matrix=matrix,
-        k1=distortion_k1,
-        reference_shape=_shape(reference_dn),
-        followup_shape=(rows, cols),
-    )
-    resampled = gain * _resampled(reference_dn, pose) + offset
-    return ChangeResult(
-        difference_dn=difference,
-        plain_difference_dn=np.where(valid, followup_dn - resampled, 0.0),
-        pose_difference_dn=np.where(valid, expected - resampled, 0.0),
-        significance=significance,
-        is_change=np.abs(significance) > threshold,
-        valid=np.asarray(valid),
-        uncertainty=uncertainty,
-        threshold=threshold,
-        extra_blur_px2=blur.value_px2,
-        extra_blur_err_px2=blur.err_px2,
-        gain=float(gain[valid].mean()),
-    )
+    return np.asarray(simulated.image, dtype=np.float64), np.asarray(valid)
 
 
 def _light(

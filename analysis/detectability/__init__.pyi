@@ -3,30 +3,20 @@ from .covariance import WindowCovariance as WindowCovariance
 from .curves import (
     AmbiguousCurveError as AmbiguousCurveError,
     CurveChoice as CurveChoice,
-    CurvesFile as CurvesFile,
     DetectabilityCurve as DetectabilityCurve,
-    curves_document as curves_document,
+    DetectabilityCurves as DetectabilityCurves,
     d_prime_between as d_prime_between,
     read_curves as read_curves,
-    write_curves as write_curves,
 )
-from .dprime import (
-    Scenario as Scenario,
-    d_prime_curves as d_prime_curves,
-    d_primes as d_primes,
-    scene_artefact as scene_artefact,
-)
-from .local import (
-    WINDOW_PX as WINDOW_PX,
-    LocalChange as LocalChange,
-    local_changes as local_changes,
-)
+from .dprime import d_primes as d_primes, scene_artefact as scene_artefact
+from .local import LocalChange as LocalChange, local_changes as local_changes
 from .observers import (
     OBSERVERS as OBSERVERS,
     Observer as Observer,
     observer_templates as observer_templates,
 )
-from .pair import REFERENCE_ZOOM as REFERENCE_ZOOM, compared_pair as compared_pair
+from .pair import compared_pair as compared_pair
+from .scenario import Scenario as Scenario
 from .signal import (
     ChangeSignal as ChangeSignal,
     GaussianSignal as GaussianSignal,
@@ -35,20 +25,25 @@ from .signal import (
 from .sweep import (
     SceneStatistics as SceneStatistics,
     SweepPlan as SweepPlan,
+    SweepWorkers as SweepWorkers,
     sweep_images as sweep_images,
     tiles_per_side as tiles_per_side,
+)
+from .task import (
+    DetectionTask as DetectionTask,
+    curves_of as curves_of,
+    d_prime_curves as d_prime_curves,
 )
 
 __all__ = [
     "OBSERVERS",
-    "REFERENCE_ZOOM",
-    "WINDOW_PX",
     "AmbiguousCurveError",
     "ArtefactTiles",
     "ChangeSignal",
     "CurveChoice",
-    "CurvesFile",
     "DetectabilityCurve",
+    "DetectabilityCurves",
+    "DetectionTask",
     "GaussianSignal",
     "LocalChange",
     "Observer",
@@ -56,9 +51,10 @@ __all__ = [
     "Scenario",
     "SceneStatistics",
     "SweepPlan",
+    "SweepWorkers",
     "WindowCovariance",
     "compared_pair",
-    "curves_document",
+    "curves_of",
     "d_prime_between",
     "d_prime_curves",
     "d_primes",
@@ -68,5 +64,4 @@ __all__ = [
     "scene_artefact",
     "sweep_images",
     "tiles_per_side",
-    "write_curves",
 ]

@@ -1,31 +1,29 @@
 """curves.json: d' against zoom, what it holds, how it is read, and which curve is meant."""
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from acquisition.untrusted import parse_json
 from analysis.detectability.observers import Observer
-from analysis.errors import AnalysisError, ResultsFileError
-from analysis.results_file import write_results
+from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
+from analysis.results_file import ResultsDocument, StoredValues
+from calibration.documents import read_document
 from simulation import Model
 
 __all__ = [
     "CURVES_SCHEMA",
     "AmbiguousCurveError",
     "CurveChoice",
-    "CurvesFile",
     "DetectabilityCurve",
-    "curves_document",
+    "DetectabilityCurves",
     "d_prime_between",
     "read_curves",
-    "write_curves",
 ]
 
-CURVES_SCHEMA = "standoff.detectability/1"
+CURVES_SCHEMA: Final = "standoff.detectability/1"
 
 _NOTE = (
     "Every d' is an upper bound: sampling, sharpness, noise and the artefact of the alignment are "
@@ -35,13 +33,34 @@ _NOTE = (
 
 
 class AmbiguousCurveError(AnalysisError, ValueError):
-    """More than one curve, or none, is meant by a choice."""
+    """More than one curve, or none, is meant by a choice.
+
+    ``fitting`` are the curves that fit, ``open_choices`` what tells them apart, by its name.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        fitting: tuple["DetectabilityCurve", ...],
+        open_choices: dict[str, tuple[str | float, ...]],
+    ) -> None:
+        super().__init__(message)
+        self.fitting = fitting
+        self.open_choices = open_choices
 
 
-class DetectabilityCurve(BaseModel):
+class CurveChoice(StoredValues):
+    """Which curve of a file is meant; None leaves it open."""
+
+    model: Model | None = None
+    observer: Observer | None = None
+    noise_dn: float | None = None
+    contrast_dn: float | None = None
+
+
+class DetectabilityCurve(StoredValues):
     """d' against zoom for one model, observer, noise and contrast; an upper bound."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
     model: Model
     observer: Observer
@@ -64,6 +83,20 @@ class DetectabilityCurve(BaseModel):
         if min(*self.dprime, *self.dprime_low, *self.dprime_high) < 0:
             raise ValueError("d' and its interval must be 0 or more")
         return self
+
+    def __repr__(self) -> str:
+        first, last = (f"{self.dprime[k]:.3g} at zoom {self.zoom[k]:g}" for k in (0, -1))
+        return f"<d' of {self.name}: {first}, {last}>"
+
+    @property
+    def choice(self) -> CurveChoice:
+        """What tells it from the other curves of a file."""
+        return CurveChoice(
+            model=self.model,
+            observer=self.observer,
+            noise_dn=self.noise_dn,
+            contrast_dn=self.contrast_dn,
+        )
 
     @property
     def name(self) -> str:
@@ -102,33 +135,35 @@ class DetectabilityCurve(BaseModel):
 
         Raises
         ------
-        AnalysisError
+        NotDetectableError
             If d' is 0 there: no contrast will do.
         """
         d_prime = float(self.d_prime_at(zoom))
         if d_prime == 0:
-            raise AnalysisError(f"d' is 0 at zoom {zoom:.3g}: no contrast is found there")
+            raise NotDetectableError(
+                f"d' is 0 at zoom {zoom:.3g}: no contrast is found there", zoom=zoom, d_prime=0.0
+            )
         return self.contrast_dn * min_dprime / d_prime
 
 
-class CurveChoice(BaseModel):
-    """Which curve of a file is meant; None leaves it open."""
+class DetectabilityCurves(ResultsDocument):
+    """Curves of several models, observers, noises and contrasts: the document of curves.json.
 
-    model_config = ConfigDict(frozen=True)
+    ``images`` to ``signal`` say what the curves were worked out from; None where that is not known.
+    """
 
-    model: Model | None = None
-    observer: Observer | None = None
-    noise_dn: float | None = None
-    contrast_dn: float | None = None
-
-
-class CurvesFile(BaseModel):
-    """What a curves.json holds."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
-
-    schema_name: Literal["standoff.detectability/1"] = Field(alias="schema")
+    schema_name: Literal["standoff.detectability/1"] = Field(default=CURVES_SCHEMA, alias="schema")
+    note: str = _NOTE
+    images: int | None = None
+    reference_zoom: float | None = None
+    window_px: int | None = None
+    signal: str | None = None
     curves: list[DetectabilityCurve] = Field(min_length=1)
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(dict.fromkeys(f"{one.model} {one.observer}" for one in self.curves))
+        zooms = self.curves[0].zoom
+        return f"<{len(self.curves)} curves of d', zoom {zooms[0]:g} to {zooms[-1]:g}: {kinds}>"
 
     def chosen(self, choice: CurveChoice) -> DetectabilityCurve:
         """Return the one curve that is meant.
@@ -147,18 +182,21 @@ class CurvesFile(BaseModel):
         if len(fitting) == 1:
             return fitting[0]
         among = fitting or self.curves
-        open_keys = [
-            f"--{name.removesuffix('_dn')} ({', '.join(map(_shown, values))})"
+        open_choices = {
+            name: values
             for name in CurveChoice.model_fields
-            if len(values := sorted({getattr(curve, name) for curve in among})) > 1
+            if len(values := tuple(sorted({getattr(curve, name) for curve in among}))) > 1
+        }
+        told = [
+            f"--{name.removesuffix('_dn')} ({', '.join(map(_shown, values))})"
+            for name, values in open_choices.items()
         ]
-        if not fitting:
-            raise AmbiguousCurveError(
-                f"no curve fits; there are {'; '.join(curve.name for curve in self.curves[:8])}"
-            )
-        raise AmbiguousCurveError(
-            f"{len(fitting)} curves fit; choose by {' and '.join(open_keys) or 'another file'}"
+        message = (
+            f"{len(fitting)} curves fit; choose by {' and '.join(told) or 'another file'}"
+            if fitting
+            else f"no curve fits; there are {'; '.join(curve.name for curve in self.curves[:8])}"
         )
+        raise AmbiguousCurveError(message, fitting=tuple(fitting), open_choices=open_choices)
 
 
 def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> NDArray[np.float64]:
@@ -187,7 +225,7 @@ def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> N
     return np.asarray(np.where(np.isin(within, nodes), straight, 1 / reciprocal))
 
 
-def read_curves(path: Path) -> CurvesFile:
+def read_curves(path: Path) -> DetectabilityCurves:
     """Read a curves.json.
 
     Raises
@@ -195,45 +233,9 @@ def read_curves(path: Path) -> CurvesFile:
     ResultsFileError
         If it cannot be read, is of another schema or holds values that are not numbers.
     """
-    try:
-        document = parse_json(path.read_bytes())
-    except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ResultsFileError(f"{path}: not a curves.json: {error}") from error
-    found = document.get("schema") if isinstance(document, dict) else None
-    if found != CURVES_SCHEMA:
-        raise ResultsFileError(
-            f"{path}: schema is {found!r}, expected {CURVES_SCHEMA!r}; write it with standoff "
-            "detectability"
-        )
-    try:
-        return CurvesFile.model_validate(document)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        place = ".".join(str(part) for part in fault["loc"])
-        raise ResultsFileError(f"{path}: {place}: {fault['msg']}") from error
-
-
-def curves_document(curves: list[DetectabilityCurve], **about: object) -> dict[str, object]:
-    """Content of a curves.json; ``about`` is added for the reader's sake."""
-    return {
-        "schema": CURVES_SCHEMA,
-        "note": _NOTE,
-        **about,
-        "curves": [curve.model_dump() for curve in curves],
-    }
-
-
-def write_curves(path: Path, document: dict[str, object]) -> None:
-    """Write a curves.json, whole or not at all.
-
-    Raises
-    ------
-    ResultsFileError
-        If the file cannot be written.
-    """
-    write_results(path, document)
+    return read_document(
+        path, DetectabilityCurves, ResultsFileError, "write it with standoff detectability"
+    )
 
 
 def _agrees(value: object, wanted: object) -> bool:

@@ -6,17 +6,14 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.choices import WINDOW_PX
-from analysis.detectability.pair import REFERENCE_ZOOM, compared_pair, frame_size_px
+from analysis.detectability.pair import compared_pair, frame_size_px
+from analysis.detectability.scenario import Scenario
 from analysis.detectability.signal import ChangeSignal, signal_offsets_px
-from simulation import GaussianPsf, Model
+from simulation import Model
 
-__all__ = ["POSITIONS", "WINDOW_PX", "LocalChange", "local_changes"]
+__all__ = ["LocalChange", "local_changes"]
 
 FloatArray = NDArray[np.float64]
-
-POSITIONS = 6
-"""Places of the signal against the pixel grids; d' over them scatters by 2 % at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -42,45 +39,33 @@ class LocalChange:
 
 
 def local_changes(
-    signal: ChangeSignal,
-    psf: GaussianPsf | None,
-    model: Model,
-    zoom: float,
-    *,
-    reference_zoom: float = REFERENCE_ZOOM,
-    window_px: int = WINDOW_PX,
-    positions: int = POSITIONS,
+    signal: ChangeSignal, scenario: Scenario, model: Model, zoom: float
 ) -> tuple[LocalChange, ...]:
-    """Work out what is left of a signal at several places against the pixel grids.
+    """Work out what is left of a signal at several positions against the pixel grids.
 
     Parameters
     ----------
     signal
         On the grid of c.
-    psf, model, zoom, reference_zoom
-        As in ``compared_pair``.
-    window_px
-        Side of the window, odd.
-    positions
-        Number of places.
+    scenario, model, zoom
+        How the two images come about.
 
     Raises
     ------
     ValueError
-        If the window is even or the signal wider than it.
+        If the signal is wider than the window.
     """
-    if window_px % 2 == 0 or window_px < 5:
-        raise ValueError(f"the window's side must be odd and at least 5 px, got {window_px}")
+    window_px, reference_zoom = scenario.window_px, scenario.reference_zoom
     if 2 * signal.reach_px / reference_zoom > window_px:
         raise ValueError(
             f"a signal of {2 * signal.reach_px / reference_zoom:.0f} px on the reference is wider "
             f"than the window of {window_px} px"
         )
     period_px = reference_zoom * zoom
-    offsets = signal_offsets_px(positions, period_px)
+    offsets = signal_offsets_px(scenario.positions, period_px)
     farthest = signal.reach_px + 4 * ceil(period_px)
-    side = frame_size_px(psf, farthest, window_px, zoom, reference_zoom)
-    pair = compared_pair((side, side), psf, model, zoom, reference_zoom)
+    side = frame_size_px(scenario.psf, farthest, window_px, zoom, reference_zoom)
+    pair = compared_pair((side, side), scenario.psf, model, zoom, reference_zoom)
     up_y, up_x = pair.up_y.dense(), pair.up_x.dense()
     places_y, places_x = pair.reference_grid.rows_px, pair.reference_grid.cols_px
     changes = []

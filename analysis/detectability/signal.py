@@ -1,6 +1,5 @@
 """What is to be found: a Gaussian spot or a patch of an image, on the grid of c, contrast 1."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from math import ceil
 from typing import Protocol
@@ -31,8 +30,8 @@ class ChangeSignal(Protocol):
         ...
 
     @property
-    def key(self) -> Hashable:
-        """What tells this signal from others."""
+    def name(self) -> str:
+        """What kind of signal it is."""
         ...
 
     def image(self, side_px: int, offset_px: tuple[int, int]) -> FloatArray:
@@ -62,9 +61,9 @@ class GaussianSignal:
         return float(_REACH_SIGMAS * self.sigma_px)
 
     @property
-    def key(self) -> Hashable:
-        """What tells this signal from others."""
-        return ("gaussian", self.sigma_px)
+    def name(self) -> str:
+        """What kind of signal it is."""
+        return "gaussian"
 
     def image(self, side_px: int, offset_px: tuple[int, int]) -> FloatArray:
         """Signal of contrast 1 in a square image, ``(y, x)`` off its middle pixel."""
@@ -109,9 +108,9 @@ class PatchSignal:
         return None
 
     @property
-    def key(self) -> Hashable:
-        """What tells this signal from others."""
-        return ("patch", self.levels_dn.shape, self.levels_dn.tobytes())
+    def name(self) -> str:
+        """What kind of signal it is."""
+        return "patch"
 
     def image(self, side_px: int, offset_px: tuple[int, int]) -> FloatArray:
         """Signal of contrast 1 in a square image, ``(y, x)`` off its middle pixel."""

@@ -23,11 +23,19 @@ from numpy.typing import NDArray
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from analysis.detectability.artefact import ArtefactTiles
-from analysis.detectability.dprime import Scenario, scene_artefact
+from analysis.detectability.dprime import scene_artefact
+from analysis.detectability.scenario import Scenario
 from analysis.errors import AnalysisError, ResultsFileError
 from simulation import Model
 
-__all__ = ["SceneStatistics", "SweepPlan", "sweep_images", "tiles_per_side"]
+__all__ = [
+    "SceneStatistics",
+    "SweepPlan",
+    "SweepWorkers",
+    "scene_statistics",
+    "sweep_images",
+    "tiles_per_side",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -82,14 +90,58 @@ def tiles_per_side(images: int) -> int:
     return ceil(sqrt(_TILES_WANTED / images)) if images < _TILES_WANTED else 1
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepWorkers:
+    """Who measures the images: so many processes here, or a Dask cluster.
+
+    Parameters
+    ----------
+    count
+        Processes on this machine; 1 works in this one.
+    scheduler
+        Address of a Dask scheduler, ``tcp://host:port``, in place of ``count``.
+    """
+
+    count: int = 1
+    scheduler: str | None = None
+
+
+def scene_statistics(scene_dn: FloatArray, plan: SweepPlan) -> SceneStatistics:
+    """Measure one image: the artefact of every model and zoom of a plan.
+
+    Parameters
+    ----------
+    scene_dn
+        The image c, grey, shape ``(rows, cols)``, finite.
+    plan
+        What is measured.
+
+    Raises
+    ------
+    ValueError
+        If the image is too small for a zoom and the window.
+    """
+    n = plan.scenario.window_px
+    products, pixels = [], []
+    for model in plan.models:
+        tiles = [
+            scene_artefact(scene_dn, plan.scenario, model, zoom, plan.tiles_per_side)
+            for zoom in plan.zooms
+        ]
+        products.append([one.products_dn2[:, :n] for one in tiles])
+        pixels.append([one.pixels for one in tiles])
+    return SceneStatistics(
+        mean_dn=float(scene_dn.mean()), products_dn2=np.array(products), pixels=np.array(pixels)
+    )
+
+
 def sweep_images(
     paths: Sequence[Path],
     load: Callable[[Path], FloatArray],
     plan: SweepPlan,
     *,
     results: Path | None = None,
-    workers: int = 1,
-    scheduler: str | None = None,
+    workers: SweepWorkers | None = None,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[SceneStatistics]:
     """Measure every image, in the order of ``paths``; finished cells are not measured again.
@@ -97,7 +149,7 @@ def sweep_images(
     Parameters
     ----------
     paths
-        Image files; with a scheduler, its workers must find them under the same names.
+        Image files; a cluster's workers must find them under the same names.
     load
         Grey image of a file; a function that a worker process can import.
     plan
@@ -105,9 +157,7 @@ def sweep_images(
     results
         File that finished cells are appended to.
     workers
-        Processes on this machine; 1 works in this one.
-    scheduler
-        Address of a Dask scheduler, ``tcp://host:port``, in place of ``workers``.
+        Who measures; None for this process.
     progress
         Called with the number of finished images.
 
@@ -125,7 +175,7 @@ def sweep_images(
     done = len(set(keys)) - len(missing)
     progress(done)
     if missing:
-        with _backend(workers, scheduler) as jobs:
+        with _backend(workers or SweepWorkers()) as jobs:
             found = Parallel(n_jobs=jobs, return_as="generator")(
                 delayed(_measured)(path, load, plan) for _, path in missing
             )
@@ -139,28 +189,17 @@ def sweep_images(
 
 def _measured(path: Path, load: Callable[[Path], FloatArray], plan: SweepPlan) -> SceneStatistics:
     scene_dn = load(path)
-    n = plan.scenario.window_px
-    products, pixels = [], []
     try:
-        for model in plan.models:
-            tiles = [
-                scene_artefact(scene_dn, plan.scenario, model, zoom, plan.tiles_per_side)
-                for zoom in plan.zooms
-            ]
-            products.append([one.products_dn2[:, :n] for one in tiles])
-            pixels.append([one.pixels for one in tiles])
+        return scene_statistics(scene_dn, plan)
     except ValueError as error:
         raise AnalysisError(f"{path}: {error}") from error
-    return SceneStatistics(
-        mean_dn=float(scene_dn.mean()), products_dn2=np.array(products), pixels=np.array(pixels)
-    )
 
 
 def _cell_key(path: Path, plan: SweepPlan) -> str:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=str(path)) from error
     return hashlib.sha256(plan.key.encode() + hashlib.sha256(content).digest()).hexdigest()
 
 
@@ -193,9 +232,11 @@ def _read_cells(path: Path | None) -> dict[str, SceneStatistics]:
             for line in lines
         }
     except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}") from error
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=str(path)) from error
     except (ValueError, KeyError, TypeError) as error:
-        raise ResultsFileError(f"{path}: holds no finished cells: {error}; delete it") from error
+        raise ResultsFileError(
+            f"{path}: holds no finished cells: {error}; delete it", source=str(path)
+        ) from error
 
 
 def _array(stored: dict[str, Any]) -> FloatArray:
@@ -211,15 +252,18 @@ def _append(path: Path | None, line: dict[str, Any]) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise ResultsFileError(f"cannot write {path}: {error.strerror}") from error
+        raise ResultsFileError(
+            f"cannot write {path}: {error.strerror}", source=str(path)
+        ) from error
 
 
 @contextmanager
-def _backend(workers: int, scheduler: str | None) -> Iterator[int]:
+def _backend(workers: SweepWorkers) -> Iterator[int]:
     """Choose joblib's backend; yields the number of jobs, -1 for all that a cluster has."""
+    scheduler = workers.scheduler
     if scheduler is None:
         with parallel_config(backend="loky", inner_max_num_threads=1):
-            yield workers
+            yield workers.count
         return
     try:
         from distributed import Client

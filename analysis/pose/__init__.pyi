@@ -3,14 +3,21 @@ from .limits import (
     contrast_found_at as contrast_found_at,
     pose_limits as pose_limits,
 )
-from .quality import Criterion as Criterion, PoseQuality as PoseQuality, judge_pose as judge_pose
+from .quality import (
+    Criterion as Criterion,
+    PoseQuality as PoseQuality,
+    PoseSummary as PoseSummary,
+    judge_pose as judge_pose,
+)
 from .tracker import PoseTracker as PoseTracker, PoseVerdict as PoseVerdict
-from .viewing_camera import ViewingCamera as ViewingCamera
+from .viewing_camera import FollowupPose as FollowupPose, ViewingCamera as ViewingCamera
 
 __all__ = [
     "Criterion",
+    "FollowupPose",
     "PoseLimits",
     "PoseQuality",
+    "PoseSummary",
     "PoseTracker",
     "PoseVerdict",
     "ViewingCamera",

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.detectability import DetectabilityCurve
-from analysis.errors import AnalysisError
+from analysis.errors import BeyondCurveError, NotDetectableError
 from analysis.pose.local_sampling import sampled_places
-from analysis.pose.viewing_camera import ViewingCamera
+from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
 
 __all__ = ["PoseLimits", "contrast_found_at", "pose_limits", "shift_overlap", "worst_zoom"]
 
@@ -124,7 +124,7 @@ _TILTS_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0)
 _SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class PoseLimits:
     """Movement that keeps d' at the threshold or above, everywhere in the overlap.
 
@@ -149,6 +149,11 @@ class PoseLimits:
     tilt_deg: float | None
     zoom_by_tilt: tuple[tuple[float, float | None], ...]
     overlap_by_shift: tuple[tuple[float, float], ...]
+
+    def __repr__(self) -> str:
+        more = " and more" if self.is_zoom_beyond_curve else ""
+        tilt = "no tilt" if self.tilt_deg is None else f"tilt up to {self.tilt_deg:.1f} degrees"
+        return f"<PoseLimits: zoom up to {self.zoom:.3f}{more}, {tilt}>"
 
 
 def pose_limits(
@@ -175,15 +180,17 @@ def pose_limits(
 
     Raises
     ------
-    AnalysisError
+    NotDetectableError
         If d' is below the threshold even at equal poses.
     """
     allowed = curve.largest_zoom(min_d_prime)
     if allowed is None:
-        raise AnalysisError(
+        raise NotDetectableError(
             f"d' is {curve.dprime[0]:.3g} at zoom {curve.zoom[0]:g} already, below "
             f"{min_d_prime:g}: lower --min-dprime, average more frames or look for a larger "
-            "contrast"
+            "contrast",
+            zoom=curve.zoom[0],
+            d_prime=curve.dprime[0],
         )
     # A follow-up that leans like its reference is the easiest; in any direction, an upright one.
     start = 0.0 if direction_deg is None else abs(reference_tilt_deg)
@@ -218,23 +225,26 @@ def contrast_found_at(
     curve: DetectabilityCurve,
     min_d_prime: float,
     camera: ViewingCamera,
-    zoom: float,
-    tilt_deg: float = 0.0,
-    reference_tilt_deg: float = 0.0,
-    direction_deg: float | None = None,
+    pose: FollowupPose,
 ) -> float:
-    """Least contrast in DN that is still found at a pose, at its worst place.
+    """Least contrast in DN that is still found at a pose, where it samples most coarsely.
 
     Raises
     ------
-    AnalysisError
+    BeyondCurveError
         If the pose's local zoom lies beyond the curve.
+    NotDetectableError
+        If d' is 0 there.
     """
-    local = worst_zoom(camera, zoom, tilt_deg, reference_tilt_deg, direction_deg)
+    local = worst_zoom(
+        camera, pose.zoom, pose.tilt_deg, pose.reference_tilt_deg, pose.direction_deg
+    )
     if local > curve.zoom[-1] + 1e-9:
-        raise AnalysisError(
+        raise BeyondCurveError(
             f"the pose's local zoom of {local:.3g} lies beyond the curve's {curve.zoom[-1]:g}; "
-            "run standoff detectability with larger --zooms"
+            "run standoff detectability with larger --zooms",
+            zoom=local,
+            largest_zoom=curve.zoom[-1],
         )
     return curve.contrast_found(local, min_d_prime)
 

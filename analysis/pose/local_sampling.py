@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.pose import project, projection_depth, projection_slopes
+
 __all__ = ["LocalSampling", "local_sampling", "sampled_places"]
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +64,7 @@ def local_sampling(
     width, height = followup_size
     x, y = np.meshgrid(_places(width, step_px), _places(height, step_px))
     h = np.asarray(matrix, dtype=np.float64)
-    depth = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+    depth = projection_depth(h, x, y)
     if not (np.all(depth > 0) or np.all(depth < 0)):
         raise ValueError("the horizon of the plane lies in the follow-up's frame")
     ref_x, ref_y, worst, best = sampled_places(h, x, y)
@@ -92,12 +94,9 @@ def sampled_places(
         Follow-up pixels, of a shape that broadcasts against the leading axes.
     """
     h = np.moveaxis(matrix, (-2, -1), (0, 1))
-    depth = h[2, 0] * x + h[2, 1] * y + h[2, 2]
-    ref_x = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / depth
-    ref_y = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / depth
+    ref_x, ref_y = project(h, x, y)
     # A = d p / d u, as in docs/theory-pose.md.
-    a, b = (h[0, 0] - ref_x * h[2, 0]) / depth, (h[0, 1] - ref_x * h[2, 1]) / depth
-    c, d = (h[1, 0] - ref_y * h[2, 0]) / depth, (h[1, 1] - ref_y * h[2, 1]) / depth
+    a, b, c, d = projection_slopes(h, x, y)
     # Singular values of a 2 x 2 matrix: half the sum and half the difference of two lengths.
     turning, shearing = np.hypot(a + d, c - b), np.hypot(a - d, c + b)
     return ref_x, ref_y, (turning + shearing) / 2, np.abs(turning - shearing) / 2

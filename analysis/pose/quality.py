@@ -6,24 +6,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.choices import Criterion
-from analysis.detectability import DetectabilityCurve
-from analysis.errors import AnalysisError
+from analysis.detectability import CurveChoice, DetectabilityCurve
+from analysis.errors import AnalysisError, OverlapError
 from analysis.pose.local_sampling import LocalSampling, local_sampling
+from analysis.results_file import StoredValues
 
-__all__ = ["QUANTILE", "Criterion", "PoseQuality", "judge_pose"]
+__all__ = ["QUANTILE", "Criterion", "PoseQuality", "PoseSummary", "judge_pose"]
 
 FloatArray = NDArray[np.float64]
+_Row3 = tuple[float, float, float]
 
 QUANTILE = 0.05
 """Share of the overlap that may lie below the threshold by criterion ``quantile``."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseSummary(StoredValues):
+    """A verdict on a pose in figures: what ``standoff pose --json`` prints.
+
+    Parameters
+    ----------
+    is_accepted, criterion, min_dprime, curve
+        The verdict, and what it was judged by.
+    is_upper_bound
+        Every d' is one.
+    dprime_decisive, dprime_min, dprime_max
+        What the criterion looked at; the least and the largest d' of the overlap.
+    zoom_min, zoom_max, anisotropy_max
+        Of the local sampling in the overlap.
+    overlap
+        Share of the follow-up that the reference covers.
+    beyond_curve
+        Share of the overlap whose local zoom the curve does not reach.
+    homography, registration_correlation
+        The pose, and how well the images agreed on it where they were registered.
+    picture
+        Name of the map that was drawn.
+    """
+
+    is_accepted: bool
+    criterion: Criterion
+    min_dprime: float
+    curve: CurveChoice
+    is_upper_bound: bool = True
+    dprime_decisive: float
+    dprime_min: float
+    dprime_max: float
+    zoom_min: float
+    zoom_max: float
+    anisotropy_max: float
+    overlap: float
+    beyond_curve: float
+    homography: tuple[_Row3, _Row3, _Row3]
+    registration_correlation: float | None = None
+    picture: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PoseQuality:
     """Verdict on a pose.
 
     Parameters
     ----------
+    matrix, curve
+        The pose and the curve it was judged by.
     sampling
         Where the follow-up samples the reference how densely.
     d_prime
@@ -37,6 +82,8 @@ class PoseQuality:
         Share of the overlap whose local zoom the curve does not reach.
     """
 
+    matrix: FloatArray
+    curve: DetectabilityCurve
     sampling: LocalSampling
     d_prime: FloatArray
     decisive_d_prime: float
@@ -48,6 +95,33 @@ class PoseQuality:
     def is_accepted(self) -> bool:
         """Whether d' reaches the threshold by the criterion."""
         return self.decisive_d_prime >= self.min_d_prime
+
+    def __repr__(self) -> str:
+        verdict = "accepted" if self.is_accepted else "rejected"
+        return (
+            f"<PoseQuality: {verdict}, {self.criterion} d' {self.decisive_d_prime:.2f}, "
+            f"threshold {self.min_d_prime:g}>"
+        )
+
+    @property
+    def summary(self) -> PoseSummary:
+        """The verdict in figures."""
+        inside = self.sampling.inside
+        return PoseSummary(
+            is_accepted=self.is_accepted,
+            criterion=self.criterion,
+            min_dprime=self.min_d_prime,
+            curve=self.curve.choice,
+            dprime_decisive=self.decisive_d_prime,
+            dprime_min=float(np.nanmin(self.d_prime)),
+            dprime_max=float(np.nanmax(self.d_prime)),
+            zoom_min=float(self.sampling.best_zoom[inside].min()),
+            zoom_max=float(self.sampling.worst_zoom[inside].max()),
+            anisotropy_max=float(self.sampling.anisotropy[inside].max()),
+            overlap=self.sampling.overlap,
+            beyond_curve=self.beyond_curve,
+            homography=self.matrix.tolist(),
+        )
 
 
 def judge_pose(
@@ -76,15 +150,17 @@ def judge_pose(
 
     Raises
     ------
+    OverlapError
+        If the follow-up sees nothing of the reference.
     AnalysisError
-        If the follow-up sees nothing of the reference, or its plane's horizon.
+        If it sees the plane's horizon.
     """
     try:
         sampling = local_sampling(matrix, followup_size, reference_size)
     except ValueError as error:
         raise AnalysisError(str(error)) from error
     if not sampling.inside.any():
-        raise AnalysisError("the follow-up sees nothing of the reference")
+        raise OverlapError("the follow-up sees nothing of the reference", shared_px=0)
     known = curve.d_prime_at(sampling.worst_zoom)
     is_beyond = np.isnan(known)
     # Whatever d' is there, it is below the curve's last value and not known to be enough.
@@ -92,6 +168,8 @@ def judge_pose(
     seen = d_prime[sampling.inside]
     decisive = seen.min() if criterion == "min" else np.quantile(seen, QUANTILE, method="lower")
     return PoseQuality(
+        matrix=matrix,
+        curve=curve,
         sampling=sampling,
         d_prime=np.where(sampling.inside, d_prime, np.nan),
         decisive_d_prime=float(decisive),

@@ -5,9 +5,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ViewingCamera"]
+__all__ = ["FollowupPose", "ViewingCamera"]
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowupPose:
+    """Where a follow-up is taken from, beside its reference; both look at the plane's origin.
+
+    Parameters
+    ----------
+    zoom
+        Ratio of its distance to the reference's.
+    tilt_deg, reference_tilt_deg
+        Angles between the optical axis and the plane's normal; the reference leans along x.
+    direction_deg
+        Where the follow-up leans, from the reference's lean; None for the worst direction.
+    """
+
+    zoom: float = 1.0
+    tilt_deg: float = 0.0
+    reference_tilt_deg: float = 0.0
+    direction_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

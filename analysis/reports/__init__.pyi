@@ -4,7 +4,7 @@ from .bench import (
     noise_section as noise_section,
     stage_section as stage_section,
 )
-from .changes import plot_change_roc as plot_change_roc, plot_changes as plot_changes
+from .changes import plot_changes as plot_changes
 from .detectability import plot_detectability as plot_detectability
 from .focus import plot_focus_sweep as plot_focus_sweep
 from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
@@ -30,9 +30,15 @@ from .psf_history import (
 )
 from .session import render_session_report as render_session_report, versions as versions
 from .validation import render_validation as render_validation
-from .validation_plots import plot_curves as plot_curves, plot_images as plot_images
+from .validation_plots import (
+    MODEL_COLOURS as MODEL_COLOURS,
+    plot_curves as plot_curves,
+    plot_furthest as plot_furthest,
+    plot_images as plot_images,
+)
 
 __all__ = [
+    "MODEL_COLOURS",
     "ReportSection",
     "calibration_sections",
     "calibration_verdicts",
@@ -47,11 +53,11 @@ __all__ = [
     "new_figure",
     "noise_section",
     "ordered_history",
-    "plot_change_roc",
     "plot_changes",
     "plot_curves",
     "plot_detectability",
     "plot_focus_sweep",
+    "plot_furthest",
     "plot_images",
     "plot_limits",
     "plot_pose",

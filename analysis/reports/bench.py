@@ -16,8 +16,8 @@ from analysis.reports.page import (
     new_figure,
 )
 from calibration.edges import REJECTING_FLAGS
-from calibration.files import StoredPsf
 from calibration.noise import LevelNoise, fit_level_noise
+from calibration.psf import PsfCalibration
 
 __all__ = [
     "NoiseSample",
@@ -147,7 +147,7 @@ def captures_section(session: Session) -> ReportSection:
     )
 
 
-def noise_section(session: Session, psf: StoredPsf | None) -> ReportSection | None:
+def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection | None:
     """Say how noisy single frames are and what averaging gains; None where nothing tells it.
 
     Raises
@@ -229,7 +229,7 @@ def _noise_sample(session: Session) -> NoiseSample | None:
     return None
 
 
-def _averaging(psf: StoredPsf | None, frames: int) -> tuple[str, ...]:
+def _averaging(psf: PsfCalibration | None, frames: int) -> tuple[str, ...]:
     """What is left of a frame's noise in the mean, by what the edge fits leave over."""
     if psf is None:
         return ()

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from analysis.comparison_plots import MODEL_COLOURS
 from analysis.detectability import DetectabilityCurve, d_prime_between
 from analysis.reports.page import in_report_style, new_figure
+from analysis.reports.validation_plots import MODEL_COLOURS
 
 __all__ = ["OBSERVER_NAMES", "draw_curve", "plot_detectability"]
 

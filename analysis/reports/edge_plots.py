@@ -4,17 +4,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from analysis.reports.page import in_report_style, new_figure
-from calibration.edges import edge_profile
-from calibration.files import StoredEdge, StoredPsf
+from calibration.edges import EdgeMeasurement, edge_profile
+from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
 
 __all__ = [
-    "ORIENTATION_COLOURS",
     "plot_edges",
     "plot_profile",
     "plot_widths_by_angle",
@@ -22,8 +20,6 @@ __all__ = [
 
 Image = NDArray[np.floating[Any]]
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-ORIENTATION_COLOURS = {"vertical": "#0072B2", "horizontal": "#D55E00", "diagonal": "#009E73"}
 REJECTED_COLOUR = "#CC79A7"
 _INK = "#1b1f24"
 
@@ -33,7 +29,9 @@ _PROFILE_BIN_PX = 0.25
 
 
 @in_report_style
-def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset[str]) -> Figure:
+def plot_edges(
+    image_dn: Image, edges: Sequence[EdgeMeasurement], rejected: frozenset[str]
+) -> Figure:
     """Draw the measured edges on their photograph; rejected ones dashed."""
     rows, cols = image_dn.shape
     image_dn = _filled(image_dn)
@@ -65,7 +63,7 @@ def plot_edges(image_dn: Image, edges: Sequence[StoredEdge], rejected: frozenset
 
 
 @in_report_style
-def plot_profile(image_dn: Image, edge: StoredEdge) -> Figure:
+def plot_profile(image_dn: Image, edge: EdgeMeasurement) -> Figure:
     """Plot one edge: its pixels by distance, the fitted edge, and what is left between them."""
     distances, values, low, high = _edge_pixels(image_dn, edge)
     levels = (values - low) / (high - low)
@@ -106,63 +104,12 @@ def plot_profile(image_dn: Image, edge: StoredEdge) -> Figure:
 
 
 @in_report_style
-def plot_widths_by_angle(psf: StoredPsf, rejected: frozenset[str]) -> Figure:
+def plot_widths_by_angle(psf: PsfCalibration, rejected: frozenset[str]) -> Figure:
     """Plot the width across every edge against its angle, with the fitted covariance."""
     figure = new_figure(6.4, 3.4)
-    axes = figure.subplots()
-    _draw_widths(axes, psf, rejected, [edge.angle_deg for edge in psf.edges])
-    angles = np.linspace(0, 180, 361)
-    normal = np.deg2rad(angles + 90)
-    nx, ny = np.cos(normal), np.sin(normal)
-    for matrix, name, style in (
-        (psf.covariance_px2, "total", "-"),
-        (psf.optical_covariance_px2, "optical", "--"),
-    ):
-        if matrix is not None:
-            (xx, xy), (_, yy) = matrix
-            width = np.sqrt(np.maximum(xx * nx**2 + 2 * xy * nx * ny + yy * ny**2, 0))
-            axes.plot(angles, width, style, color=_INK, linewidth=1, label=f"{name} covariance")
-    axes.set(
-        xlim=(0, 180),
-        xticks=range(0, 181, 30),
-        xlabel="direction of the edge against +x / deg",
-        ylabel="sigma across the edge / px",
-    )
+    draw_widths_by_angle(figure.subplots(), psf, rejected)
     figure.legend(loc="outside upper center", ncols=3, fontsize=8)
     return figure
-
-
-def _draw_widths(
-    axes: Axes, psf: StoredPsf, rejected: frozenset[str], places: Sequence[float]
-) -> None:
-    labels = set()
-    shown: list[float] = []
-    for edge, place in zip(psf.edges, places, strict=True):
-        if rejected & set(edge.flags):
-            continue
-        for width, err, name, filled in (
-            (edge.sigma_px, edge.sigma_err_px, edge.orientation, True),
-            (edge.optical_sigma_px, edge.optical_sigma_err_px, "open: optical", False),
-        ):
-            if width is None or err is None:
-                continue
-            shown.append(width)
-            colour = ORIENTATION_COLOURS[edge.orientation]
-            axes.errorbar(
-                place,
-                width,
-                yerr=err,
-                fmt="o",
-                markersize=3.5,
-                linewidth=0.8,
-                color=colour,
-                markerfacecolor=colour if filled else "white",
-                label=None if name in labels else name,
-            )
-            labels.add(name)
-    if shown:  # a width that is hardly known must not set the scale by its error
-        room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
-        axes.set_ylim(min(shown) - room, max(shown) + room)
 
 
 def _filled(image_dn: Image) -> Image:
@@ -176,7 +123,7 @@ def _filled(image_dn: Image) -> Image:
 
 
 def _edge_pixels(
-    image_dn: Image, edge: StoredEdge
+    image_dn: Image, edge: EdgeMeasurement
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
     """Distance and level of the pixels around an edge, and the levels of its two sides."""
     rows, cols = image_dn.shape

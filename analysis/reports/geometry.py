@@ -9,7 +9,7 @@ from analysis.reports.geometry_plots import (
     plot_travel,
 )
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
-from calibration.files import StoredGeometry
+from calibration.geometry import GeometryCalibration
 
 __all__ = ["geometry_sections", "geometry_verdicts"]
 
@@ -21,7 +21,7 @@ _SOURCES = {
 }
 
 
-def geometry_verdicts(geometry: StoredGeometry) -> tuple[Verdict, ...]:
+def geometry_verdicts(geometry: GeometryCalibration) -> tuple[Verdict, ...]:
     """Return the headline figures with their standard errors."""
     return (
         Verdict(
@@ -51,7 +51,7 @@ def geometry_verdicts(geometry: StoredGeometry) -> tuple[Verdict, ...]:
     )
 
 
-def geometry_sections(geometry: StoredGeometry) -> tuple[ReportSection, ...]:
+def geometry_sections(geometry: GeometryCalibration) -> tuple[ReportSection, ...]:
     """Return the sections on the geometry of camera and stage."""
     sections = [_scale_section(geometry), _squareness_section(geometry)]
     distortion = plot_distortion(geometry)
@@ -73,10 +73,10 @@ def geometry_sections(geometry: StoredGeometry) -> tuple[ReportSection, ...]:
     return tuple(sections)
 
 
-def _scale_section(geometry: StoredGeometry) -> ReportSection:
+def _scale_section(geometry: GeometryCalibration) -> ReportSection:
     lowest = geometry.heights_mm[0]
     zooms = {z.far_height_mm: z for z in geometry.zooms if z.near_height_mm == lowest}
-    nothing: list[float | None] = [None] * len(geometry.heights_mm)
+    nothing = (None,) * len(geometry.heights_mm)
     scales = nothing if geometry.scale_px_per_mm is None else geometry.scale_px_per_mm
     errs = nothing if geometry.scale_err_px_per_mm is None else geometry.scale_err_px_per_mm
     rows = tuple(
@@ -121,7 +121,7 @@ def _scale_section(geometry: StoredGeometry) -> ReportSection:
     )
 
 
-def _squareness_section(geometry: StoredGeometry) -> ReportSection:
+def _squareness_section(geometry: GeometryCalibration) -> ReportSection:
     figures = []
     squareness = plot_squareness(geometry)
     if squareness is not None:
@@ -167,7 +167,7 @@ def _squareness_section(geometry: StoredGeometry) -> ReportSection:
     )
 
 
-def _lens_table(geometry: StoredGeometry) -> ReportTable:
+def _lens_table(geometry: GeometryCalibration) -> ReportTable:
     rows = [
         ("k1, at the image corner", geometry.k1, geometry.k1_err),
         ("k2, at the image corner", geometry.k2, geometry.k2_err),
@@ -183,7 +183,7 @@ def _lens_table(geometry: StoredGeometry) -> ReportTable:
     )
 
 
-def _captures_section(geometry: StoredGeometry) -> ReportSection:
+def _captures_section(geometry: GeometryCalibration) -> ReportSection:
     used = tuple(
         (
             PurePath(capture.image).name,

@@ -4,8 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.reports.page import in_report_style, new_figure
-from calibration.files import StoredGeometry
-from calibration.geometry import StoredGeometryCapture
+from calibration.geometry import CaptureGeometry, GeometryCalibration
 
 __all__ = ["plot_distortion", "plot_scale_by_height", "plot_squareness", "plot_travel"]
 
@@ -15,7 +14,7 @@ _INK = "#1b1f24"
 
 
 @in_report_style
-def plot_scale_by_height(geometry: StoredGeometry) -> Figure:
+def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
     """Plot every capture's scale against its height, the fit, and what is left in height."""
     figure = new_figure(6.4, 4.2)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
@@ -54,7 +53,7 @@ def plot_scale_by_height(geometry: StoredGeometry) -> Figure:
 
 
 @in_report_style
-def plot_distortion(geometry: StoredGeometry) -> Figure | None:
+def plot_distortion(geometry: GeometryCalibration) -> Figure | None:
     """Plot how far radial distortion moves a point outwards, with its 95 % band."""
     if geometry.k1 is None or geometry.width_px is None or geometry.height_px is None:
         return None
@@ -86,7 +85,7 @@ def plot_distortion(geometry: StoredGeometry) -> Figure | None:
 
 
 @in_report_style
-def plot_squareness(geometry: StoredGeometry) -> Figure | None:
+def plot_squareness(geometry: GeometryCalibration) -> Figure | None:
     """Plot the tilt of the target to the sensor as a point on a dial, with its 95 % cross."""
     if geometry.tilt_x_deg is None or geometry.tilt_y_deg is None:
         return None
@@ -123,7 +122,7 @@ def plot_squareness(geometry: StoredGeometry) -> Figure | None:
 
 
 @in_report_style
-def plot_travel(geometry: StoredGeometry) -> Figure | None:
+def plot_travel(geometry: GeometryCalibration) -> Figure | None:
     """Plot how far the camera stood beside the straight line of travel at every height."""
     groups = {n: c for n, c in _by_target(geometry).items() if len(c) > 2}
     if not groups:
@@ -148,8 +147,8 @@ def plot_travel(geometry: StoredGeometry) -> Figure | None:
     return figure
 
 
-def _by_target(geometry: StoredGeometry) -> dict[str, list[StoredGeometryCapture]]:
-    groups: dict[str, list[StoredGeometryCapture]] = {}
+def _by_target(geometry: GeometryCalibration) -> dict[str, list[CaptureGeometry]]:
+    groups: dict[str, list[CaptureGeometry]] = {}
     for capture in geometry.captures:
         name = (
             capture.target if capture.target == capture.kind else f"{capture.kind} {capture.target}"
@@ -162,7 +161,7 @@ def _cycle() -> tuple[str, ...]:
     return _COLOURS * 20
 
 
-def _height_err_mm(geometry: StoredGeometry, capture: StoredGeometryCapture) -> float:
+def _height_err_mm(geometry: GeometryCalibration, capture: CaptureGeometry) -> float:
     if capture.scale_px_per_mm is None or capture.scale_err_px_per_mm is None:
         return 0.0
     relative = capture.scale_err_px_per_mm / capture.scale_px_per_mm

@@ -12,7 +12,7 @@ from analysis.reports.page import (
     new_figure,
     render_report,
 )
-from calibration.noise import CorrectionMaps, Linearity, NoiseCalibration, PhotonTransfer
+from calibration.noise import CorrectionMaps, Linearity, NoiseMeasurement, PhotonTransfer
 
 __all__ = ["plot_linearity", "plot_maps", "plot_photon_transfer", "render_noise_report"]
 
@@ -33,7 +33,7 @@ def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
             for sample in transfer.samples
         ]
     )
-    fitted = np.array(transfer.fitted)
+    fitted = np.array([sample.is_fitted for sample in transfer.samples])
     figure = new_figure(6.4, 4.4)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
     line = np.linspace(0, light.max(), 200)
@@ -99,13 +99,13 @@ def plot_maps(maps: CorrectionMaps) -> Figure:
 _SIGMAS_95 = 1.96
 
 
-def render_noise_report(noise: NoiseCalibration, source: str) -> str:
+def render_noise_report(noise: NoiseMeasurement, source: str) -> str:
     """Return the report as one HTML page; ``source`` names the session."""
-    transfer = noise.transfer
+    transfer, known = noise.transfer, noise.calibration
     return render_report(
         title="Camera noise",
-        subtitle=f"{source}: {noise.darks} dark and {noise.flats} flat captures, "
-        f"{noise.captured_utc[:10]}",
+        subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures, "
+        f"{(known.captured_utc or '')[:10]}",
         verdicts=_verdicts(noise),
         sections=tuple(
             section
@@ -118,15 +118,15 @@ def render_noise_report(noise: NoiseCalibration, source: str) -> str:
             if section is not None
         ),
         provenance=(
-            ("camera", f"{noise.camera_model or 'unknown'}, {noise.camera_serial or 'no serial'}"),
-            ("gain", "unknown" if noise.gain_db is None else f"{noise.gain_db:g} dB"),
-            ("pixel format", noise.pixel_format),
+            ("camera", f"{known.camera_model or 'unknown'}, {known.camera_serial or 'no serial'}"),
+            ("gain", "unknown" if known.gain_db is None else f"{known.gain_db:g} dB"),
+            ("pixel format", known.pixel_format or "unknown"),
             ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
         ),
     )
 
 
-def _verdicts(noise: NoiseCalibration) -> tuple[Verdict, ...]:
+def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
     transfer = noise.transfer
     dark, saturation = transfer.dark, transfer.saturation
     return (
@@ -159,7 +159,7 @@ def _interval(err: float, digits: int) -> str:
     return f"± {_SIGMAS_95 * err:.{digits}f} (95 %)"
 
 
-def _transfer_section(noise: NoiseCalibration) -> ReportSection:
+def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
     transfer = noise.transfer
     return ReportSection(
         title="Photon transfer",
@@ -181,7 +181,7 @@ def _transfer_section(noise: NoiseCalibration) -> ReportSection:
     )
 
 
-def _linearity_section(noise: NoiseCalibration) -> ReportSection | None:
+def _linearity_section(noise: NoiseMeasurement) -> ReportSection | None:
     linearity = noise.transfer.linearity
     if linearity is None:
         return None
@@ -203,7 +203,7 @@ def _linearity_section(noise: NoiseCalibration) -> ReportSection | None:
     )
 
 
-def _maps_section(noise: NoiseCalibration) -> ReportSection:
+def _maps_section(noise: NoiseMeasurement) -> ReportSection:
     pixels, gain = noise.nonuniformity, noise.transfer.gain_e_per_dn
     return ReportSection(
         title="Sensor maps",
@@ -228,7 +228,7 @@ def _maps_section(noise: NoiseCalibration) -> ReportSection:
     )
 
 
-def _captures_section(noise: NoiseCalibration) -> ReportSection:
+def _captures_section(noise: NoiseMeasurement) -> ReportSection:
     transfer = noise.transfer
     return ReportSection(
         title="Captures",
@@ -238,14 +238,14 @@ def _captures_section(noise: NoiseCalibration) -> ReportSection:
                 columns=("capture", "exposure / µs", "level / DN", "variance / DN²", "clipped", ""),
                 rows=tuple(
                     (
-                        sample.name,
+                        sample.capture,
                         "" if sample.exposure_us is None else f"{sample.exposure_us:g}",
                         f"{sample.mean_dn:.3f}",
                         f"{sample.variance_dn2:.3f}",
                         f"{100 * sample.clipped_fraction:.2f} %",
-                        "fitted" if is_fitted else "not fitted",
+                        "fitted" if sample.is_fitted else "not fitted",
                     )
-                    for sample, is_fitted in zip(transfer.samples, transfer.fitted, strict=True)
+                    for sample in transfer.samples
                 ),
             ),
         ),

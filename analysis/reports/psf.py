@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from analysis.reports.edge_plots import plot_edges, plot_profile
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
 from analysis.reports.psf_plots import field_section, plot_mtf, widths_section, with_err
-from calibration.edges import REJECTING_FLAGS
-from calibration.files import StoredEdge, StoredPsf
+from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
+from calibration.psf import PsfCalibration
 
 __all__ = ["calibration_sections", "calibration_verdicts", "edge_table_section"]
 
 Image = NDArray[np.floating[Any]]
-ImageLoader = Callable[[StoredEdge], Image]
+ImageLoader = Callable[[EdgeMeasurement], Image]
 
 _IMAGES_SHOWN = 4
 _DIRECTION_STEP_DEG = 15.0
 _EDGES_LISTED = 200
 
 
-def calibration_verdicts(psf: StoredPsf) -> tuple[Verdict, ...]:
+def calibration_verdicts(psf: PsfCalibration) -> tuple[Verdict, ...]:
     """Return the headline figures: total widths and correlation, with their 95 % intervals."""
     used = [edge for edge in psf.edges if not REJECTING_FLAGS & set(edge.flags)]
     verdicts = [
@@ -46,7 +46,7 @@ def calibration_verdicts(psf: StoredPsf) -> tuple[Verdict, ...]:
 
 
 def calibration_sections(
-    psf: StoredPsf, load_image: ImageLoader, images: frozenset[str] | None = None
+    psf: PsfCalibration, load_image: ImageLoader, images: frozenset[str] | None = None
 ) -> tuple[ReportSection, ...]:
     """Return the sections on a PSF but for the list of edges.
 
@@ -86,7 +86,7 @@ def _missing_text(missing: int) -> tuple[str, ...]:
     )
 
 
-def _psf_section(psf: StoredPsf) -> ReportSection:
+def _psf_section(psf: PsfCalibration) -> ReportSection:
     rows = []
     for name, key, unit in (
         ("sigma x", "sigma_x_px", "px"),
@@ -127,7 +127,7 @@ def _psf_section(psf: StoredPsf) -> ReportSection:
     )
 
 
-def _origin(psf: StoredPsf) -> tuple[str, ...]:
+def _origin(psf: PsfCalibration) -> tuple[str, ...]:
     lines = []
     if psf.method == "paper":
         lines.append(
@@ -141,7 +141,7 @@ def _origin(psf: StoredPsf) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _channels_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
+def _channels_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
     if not psf.channels:
         return ()
     rows = tuple(
@@ -164,7 +164,9 @@ def _channels_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
     return (ReportTable(columns=columns, rows=rows, caption="Colours of the mosaic."),)
 
 
-def _edges_section(found: list[StoredEdge], load_image: ImageLoader, missing: int) -> ReportSection:
+def _edges_section(
+    found: list[EdgeMeasurement], load_image: ImageLoader, missing: int
+) -> ReportSection:
     by_image = {
         name: list(edges)
         for name, edges in groupby(sorted(found, key=lambda e: e.image), lambda e: e.image)
@@ -184,11 +186,11 @@ def _edges_section(found: list[StoredEdge], load_image: ImageLoader, missing: in
     return ReportSection(title="Edges", text=tuple(text), figures=tuple(figures))
 
 
-def _directions(edges: list[StoredEdge]) -> frozenset[int]:
+def _directions(edges: list[EdgeMeasurement]) -> frozenset[int]:
     return frozenset(round(edge.angle_deg / _DIRECTION_STEP_DEG) for edge in edges)
 
 
-def _profiles_section(found: list[StoredEdge], load_image: ImageLoader) -> ReportSection:
+def _profiles_section(found: list[EdgeMeasurement], load_image: ImageLoader) -> ReportSection:
     figures = []
     for orientation in ("vertical", "horizontal", "diagonal"):
         edges = [
@@ -216,7 +218,7 @@ def _profiles_section(found: list[StoredEdge], load_image: ImageLoader) -> Repor
     )
 
 
-def edge_table_section(psf: StoredPsf) -> ReportSection:
+def edge_table_section(psf: PsfCalibration) -> ReportSection:
     """List every edge in figures, folded."""
     rows = tuple(
         (
@@ -273,12 +275,12 @@ def _percent(fraction: float | None) -> str:
     return "" if fraction is None else f"{100 * fraction:.2f}"
 
 
-def _remark(psf: StoredPsf, key: str, value: float | None) -> str:
+def _remark(psf: PsfCalibration, key: str, value: float | None) -> str:
     interval = _interval(psf, key, value)
     return f"95 %: {interval}" if interval else ""
 
 
-def _interval(psf: StoredPsf, key: str, value: float | None) -> str:
+def _interval(psf: PsfCalibration, key: str, value: float | None) -> str:
     if value is None or key not in psf.intervals_95:
         return ""
     low, high = psf.intervals_95[key]

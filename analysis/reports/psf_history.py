@@ -16,7 +16,7 @@ from analysis.reports.page import (
     new_figure,
 )
 from calibration.errors import CalibrationError
-from calibration.psf import StoredPsf, compare_psfs
+from calibration.psf import PsfCalibration, compare_psfs
 
 __all__ = [
     "HistoryEntry",
@@ -39,7 +39,7 @@ class HistoryEntry:
     """
 
     name: str
-    psf: StoredPsf
+    psf: PsfCalibration
     verdict: str = ""
 
     @property
@@ -53,7 +53,7 @@ class HistoryEntry:
         return self.psf.captured_utc or _UNKNOWN
 
 
-def ordered_history(psfs: Sequence[tuple[str, StoredPsf]]) -> dict[str, list[HistoryEntry]]:
+def ordered_history(psfs: Sequence[tuple[str, PsfCalibration]]) -> dict[str, list[HistoryEntry]]:
     """Sort calibrations by camera and time, each compared with the first of its camera.
 
     Those whose time is not known come first, in the order given.

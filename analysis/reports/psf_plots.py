@@ -1,5 +1,6 @@
 """Figures of a PSF: its transfer functions, its change over the frame and with height."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.reports.edge_plots import ORIENTATION_COLOURS, plot_widths_by_angle
+from analysis.reports.edge_plots import plot_widths_by_angle
 from analysis.reports.page import (
     ReportFigure,
     ReportSection,
@@ -15,9 +16,9 @@ from analysis.reports.page import (
     in_report_style,
     new_figure,
 )
-from calibration.edges import REJECTING_FLAGS
+from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
-from calibration.files import StoredPsf
+from calibration.psf import ORIENTATION_COLOURS, HeightTrend, PsfCalibration, draw_mtf
 from simulation.psf import PsfField
 
 __all__ = ["field_section", "plot_field", "plot_heights", "plot_mtf", "widths_section", "with_err"]
@@ -32,47 +33,14 @@ _ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
 
 
 @in_report_style
-def plot_mtf(psf: StoredPsf) -> Figure | None:
-    """Plot the contrast by frequency along x and y: as measured, and of the fitted Gaussian."""
+def plot_mtf(psf: PsfCalibration) -> Figure | None:
+    """Plot the contrast by frequency along x and y; None where it is not known."""
     figure = new_figure(6.4, 3.4)
-    axes = figure.subplots()
-    freq = np.linspace(0, 1, 501)
-    for axis, orientation in _AXES:
-        colour = ORIENTATION_COLOURS[orientation]
-        total: float | None = getattr(psf, f"sigma_{axis}_px")
-        optical: float | None = getattr(psf, f"optical_sigma_{axis}_px")
-        measured = getattr(psf.transfer, axis, None)
-        if measured is not None:
-            places, values = np.array(measured.freq_cy_per_px), np.array(measured.mtf)
-            label = f"along {axis}, e-SFR: {_half(places, values)}"
-            axes.plot(places, values, color=colour, label=label)
-            _mark_half(axes, places, values, colour)
-        if total is not None:
-            curve = (
-                np.exp(-2 * (np.pi * total * freq) ** 2)
-                if optical is None
-                else np.exp(-2 * (np.pi * optical * freq) ** 2) * np.sinc(freq)
-            )
-            axes.plot(
-                freq,
-                curve,
-                color=colour,
-                linewidth=1.0,
-                linestyle="--",
-                label=f"along {axis}, Gaussian: {_half(freq, curve)}",
-            )
-            _mark_half(axes, freq, curve, colour)
-    if not axes.lines:
-        return None
-    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
-    axes.annotate("Nyquist", (0.51, 0.55), fontsize=8, va="bottom")
-    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast left")
-    axes.legend(loc="upper right", fontsize=8)
-    return figure
+    return figure if draw_mtf(figure.subplots(), psf) else None
 
 
 @in_report_style
-def plot_field(psf: StoredPsf, field: PsfField) -> Figure:
+def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
     """Map the width over the frame, with the PSF's shape at places from centre to corner."""
     width, height = field.width_px, field.height_px
     x, y = np.linspace(0, width - 1, _MAP_PLACES), np.linspace(0, height - 1, _MAP_PLACES)
@@ -111,91 +79,85 @@ def plot_field(psf: StoredPsf, field: PsfField) -> Figure:
 
 
 @in_report_style
-def plot_heights(psf: StoredPsf, rejected: frozenset[str]) -> Figure | None:
+def plot_heights(psf: PsfCalibration, rejected: frozenset[str]) -> Figure | None:
     """Plot the width across every edge by height, and the trend; None for one height only."""
-    edges = [edge for edge in psf.edges if not rejected & set(edge.flags)]
-    heights = [edge.height_mm for edge in edges if edge.height_mm is not None]
-    if len(set(heights)) < 2:
+    edges = [
+        edge for edge in psf.edges if not rejected & set(edge.flags) and edge.height_mm is not None
+    ]
+    if len({edge.height_mm for edge in edges}) < 2:
         return None
     trend = psf.height_trend
     figure = new_figure(6.4, 5.0 if trend else 3.2)
     panels: Any = figure.subplots(2 if trend else 1, 1, sharex=True, squeeze=False)[:, 0]
-    span = max(heights) - min(heights)
-    shifts = {"vertical": -0.006, "diagonal": 0.0, "horizontal": 0.006}
-    for orientation, shift in shifts.items():
-        chosen = [e for e in edges if e.orientation == orientation and e.height_mm is not None]
+    _draw_edges_by_height(panels[0], edges)
+    if trend is not None:
+        _draw_trend(panels[1], trend)
+    panels[-1].set(xlabel="camera height / mm")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _draw_edges_by_height(axes: Axes, edges: Sequence[EdgeMeasurement]) -> None:
+    heights = [edge.height_mm or 0.0 for edge in edges]
+    # Edges of one height stand side by side.
+    step_mm = 0.006 * (max(heights) - min(heights))
+    for orientation, shift_mm in (
+        ("vertical", -step_mm),
+        ("diagonal", 0.0),
+        ("horizontal", step_mm),
+    ):
+        chosen = [edge for edge in edges if edge.orientation == orientation]
         if not chosen:
             continue
-        panels[0].errorbar(
-            [(e.height_mm or 0.0) + shift * span for e in chosen],
-            [e.sigma_px for e in chosen],
-            yerr=[e.sigma_err_px for e in chosen],
+        axes.errorbar(
+            [(edge.height_mm or 0.0) + shift_mm for edge in chosen],
+            [edge.sigma_px for edge in chosen],
+            yerr=[edge.sigma_err_px for edge in chosen],
             fmt="o",
             markersize=3.5,
             linewidth=0.8,
             color=ORIENTATION_COLOURS[orientation],
             label=orientation,
         )
-    shown = [e.sigma_px for e in edges if e.height_mm is not None]
-    room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
-    panels[0].set(
-        ylabel="total sigma across\nthe edge / px",
-        ylim=(min(shown) - room, max(shown) + room),
+    widths = [edge.sigma_px for edge in edges]
+    room = 0.1 * (max(widths) - min(widths)) + 0.01 * max(widths)
+    axes.set(
+        ylabel="total sigma across\nthe edge / px", ylim=(min(widths) - room, max(widths) + room)
     )
-    if trend is not None:
-        places = np.array([group.height_mm for group in trend.heights])
-        widths = np.array([group.relative_width for group in trend.heights])
-        errs = np.array([group.relative_width_err for group in trend.heights])
-        panels[1].errorbar(
-            places,
-            100 * (widths - 1),
-            yerr=196 * errs,
-            fmt="s",
-            markersize=4,
-            color=_INK,
-            label="all edges at a height, 95 %",
-        )
-        weight = 1 / errs**2
-        middle = np.average(places, weights=weight)
-        line = np.average(widths, weights=weight) + trend.slope_per_mm * (places - middle)
-        panels[1].plot(
-            places,
-            100 * (line - 1),
-            color=_INK,
-            linewidth=1,
-            linestyle="--",
-            label=f"trend {1e4 * trend.slope_per_mm:+.3f} % per 100 mm",
-        )
-        panels[1].axhline(0, color=_INK, linewidth=0.6)
-        panels[1].set(ylabel="width against\nthe mean / %")
-        low, high = panels[1].get_ylim()
-        panels[1].set_ylim(low, high + 0.35 * (high - low))  # room for the legend
-        panels[1].legend(loc="upper center", fontsize=8, ncols=2)
-    panels[-1].set(xlabel="camera height / mm")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
 
 
-def _half(freq: Array, values: Array) -> str:
-    half = _half_frequency(freq, values)
-    return "MTF50 beyond 1 cy/px" if half is None else f"MTF50 {half:.3f} cy/px"
+def _draw_trend(axes: Axes, trend: HeightTrend) -> None:
+    heights = np.array([group.height_mm for group in trend.heights])
+    widths = np.array([group.relative_width for group in trend.heights])
+    errs = np.array([group.relative_width_err for group in trend.heights])
+    axes.errorbar(
+        heights,
+        100 * (widths - 1),
+        yerr=196 * errs,
+        fmt="s",
+        markersize=4,
+        color=_INK,
+        label="all edges at a height, 95 %",
+    )
+    weight = 1 / errs**2
+    middle = np.average(heights, weights=weight)
+    line = np.average(widths, weights=weight) + trend.slope_per_mm * (heights - middle)
+    axes.plot(
+        heights,
+        100 * (line - 1),
+        color=_INK,
+        linewidth=1,
+        linestyle="--",
+        label=f"trend {1e4 * trend.slope_per_mm:+.3f} % per 100 mm",
+    )
+    axes.axhline(0, color=_INK, linewidth=0.6)
+    axes.set(ylabel="width against\nthe mean / %")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
+    axes.legend(loc="upper center", fontsize=8, ncols=2)
 
 
-def _half_frequency(freq: Array, values: Array) -> float | None:
-    below = np.flatnonzero(values < 0.5)
-    if below.size == 0 or below[0] == 0:
-        return None
-    pair = slice(below[0] - 1, below[0] + 1)
-    return float(np.interp(-0.5, -values[pair], freq[pair]))
-
-
-def _mark_half(axes: Axes, freq: Array, values: Array, colour: str) -> None:
-    half = _half_frequency(freq, values)
-    if half is not None:
-        axes.plot([half], [0.5], "o", color=colour, markersize=4)
-
-
-def widths_section(psf: StoredPsf) -> ReportSection:
+def widths_section(psf: PsfCalibration) -> ReportSection:
     """Show the width across every edge by its angle and the height of the camera."""
     figures = [
         ReportFigure.of(
@@ -220,7 +182,7 @@ def widths_section(psf: StoredPsf) -> ReportSection:
     )
 
 
-def _trend_text(psf: StoredPsf) -> tuple[str, ...]:
+def _trend_text(psf: PsfCalibration) -> tuple[str, ...]:
     trend = psf.height_trend
     if trend is None:
         return ()
@@ -234,7 +196,7 @@ def _trend_text(psf: StoredPsf) -> tuple[str, ...]:
     return (f"No change of the width with the height beyond chance or 1 % (p = {p_value:.2g}).",)
 
 
-def _heights_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
+def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
     if psf.height_trend is None:
         return ()
     rows = tuple(
@@ -257,7 +219,7 @@ def _heights_table(psf: StoredPsf) -> tuple[ReportTable, ...]:
     return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
 
 
-def field_section(psf: StoredPsf) -> ReportSection | None:
+def field_section(psf: PsfCalibration) -> ReportSection | None:
     """Show the PSF from centre to corner; None for a psf.json without edges and field."""
     try:
         field = psf.total_field("psf.json")

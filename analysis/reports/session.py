@@ -6,7 +6,6 @@ from importlib.metadata import version
 import numpy as np
 
 from acquisition.session import Session
-from analysis.comparison_plots import plot_error_by_zoom, plot_processed
 from analysis.reports.bench import (
     captures_section,
     device_rows,
@@ -25,17 +24,18 @@ from analysis.reports.psf import (
     calibration_verdicts,
     edge_table_section,
 )
-from analysis.series import SeriesComparison
-from calibration.files import StoredEdge, StoredPsf
-from simulation import MODELS
+from analysis.reports.validation_plots import plot_curves, plot_furthest
+from analysis.validation import ShownPair, Validation, furthest_pair
+from calibration.edges import EdgeMeasurement
+from calibration.psf import PsfCalibration
 
-__all__ = ["comparison_section", "render_session_report", "versions"]
+__all__ = ["agreement_section", "render_session_report", "versions"]
 
 
 def render_session_report(
     session: Session,
-    psf: StoredPsf | None,
-    comparison: SeriesComparison | None,
+    psf: PsfCalibration | None,
+    validation: Validation | None,
     remarks: tuple[str, ...] = (),
 ) -> str:
     """Return the report of a session as one HTML document.
@@ -44,8 +44,9 @@ def render_session_report(
     ----------
     session
         The session; its edge captures are read again for the figures.
-    psf, comparison
-        What has been worked out from it so far.
+    psf, validation
+        What has been worked out from it so far; the furthest pair is simulated again for its
+        figure.
     remarks
         What the report leaves out, and why.
 
@@ -59,21 +60,14 @@ def render_session_report(
     if psf is not None:
         records = {record.file: record for record in session.records}
 
-        def load(edge: StoredEdge) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
+        def load(edge: EdgeMeasurement) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
             return session.load(records[edge.image]).mean_dn
 
         verdicts = calibration_verdicts(psf)
         sections += calibration_sections(psf, load, frozenset(records))
-    if comparison is not None:
-        sections.append(comparison_section(comparison))
-        mean = comparison.means["matched"]
-        verdicts += (
-            Verdict(
-                name="simulated follow-ups",
-                value=f"MSE {mean.mse_dn2:.2f}",
-                remark=f"model matched; bicubic {comparison.means['bicubic'].mse_dn2:.2f}",
-            ),
-        )
+    if validation is not None:
+        sections.append(agreement_section(validation, furthest_pair(session, validation)))
+        verdicts += _agreement_verdicts(validation)
     sections += [s for s in (noise_section(session, psf), stage_section(session)) if s]
     if psf is not None:
         sections.append(edge_table_section(psf))
@@ -88,7 +82,22 @@ def render_session_report(
     )
 
 
-def comparison_section(comparison: SeriesComparison) -> ReportSection:
+def _agreement_verdicts(validation: Validation) -> tuple[Verdict, ...]:
+    means = validation.means("followup-grid")
+    matched, bicubic = means.get("matched"), means.get("bicubic")
+    if matched is None:
+        return ()
+    peer = "" if bicubic is None else f"; bicubic {bicubic.mse_dn2:.2f}"
+    return (
+        Verdict(
+            name="simulated follow-ups",
+            value=f"MSE {matched.mse_dn2:.2f}",
+            remark=f"model matched{peer}",
+        ),
+    )
+
+
+def agreement_section(validation: Validation, furthest: ShownPair) -> ReportSection:
     """Say how well each model predicts the captured follow-ups: Table II and its figures."""
     rows = tuple(
         (
@@ -100,17 +109,17 @@ def comparison_section(comparison: SeriesComparison) -> ReportSection:
             f"{mean.psnr_of_mean_db:.2f}",
             f"{mean.ssim:.4f}",
         )
-        for model, mean in ((model, comparison.means[model]) for model in MODELS)
+        for model, mean in validation.means("followup-grid").items()
     )
-    furthest = max(comparison.pairs, key=lambda pair: pair.comparison.registration.zoom)
-    zoom = furthest.comparison.registration.zoom
     return ReportSection(
         title="Simulated against captured follow-ups",
         text=(
-            "Each height was simulated from the nearest one and compared with what was captured "
-            "there, after the paper's processing: normalised to 0 to 255, a Gaussian of sigma "
-            "10 px subtracted, centre half. The captures' own noise is part of the error.",
-            *(f"Left out: {reason}." for reason in comparison.left_out),
+            "Each height was simulated from the nearest ones, on the captured follow-up's own "
+            "pixels, and compared with what was captured there, after the paper's processing: "
+            "normalised to 0 to 255, a Gaussian of sigma 10 px subtracted, centre half. The "
+            "captures' own noise is part of the error. validation.json has the other alignments.",
+            *(f"Left out: {one.text}." for one in validation.excluded),
+            *(f"Remark: {remark}." for remark in validation.remarks),
         ),
         tables=(
             ReportTable(
@@ -124,18 +133,19 @@ def comparison_section(comparison: SeriesComparison) -> ReportSection:
                     "SSIM",
                 ),
                 rows=rows,
-                caption=f"Means over {len(comparison.pairs)} pairs.",
+                caption=f"Means over {len(validation.pairs)} pairs.",
             ),
         ),
         figures=(
             ReportFigure.of(
-                plot_error_by_zoom(comparison),
-                "Mean squared error against the zoom-out measured between the captures.",
+                plot_curves(validation),
+                "Each metric between a reference and a follow-up aligned to it, against the "
+                "zoom-out. Dashed: the second reference.",
             ),
             ReportFigure.of(
-                plot_processed(furthest),
-                f"{furthest.reference.target} from {zoom:.2f} times further away: captured, "
-                "simulated by each model, and their differences.",
+                plot_furthest(furthest),
+                f"{furthest.pair.target} from {furthest.pair.zoom:.2f} times further away: "
+                "captured, simulated by each model, and their differences.",
                 form="png",
             ),
         ),

@@ -1,5 +1,7 @@
 """The validation report: both tables beside the paper's, both figures, pairs and exclusions."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from acquisition.session import Session
@@ -13,14 +15,12 @@ from analysis.reports.page import (
 )
 from analysis.reports.session import versions
 from analysis.reports.validation_plots import plot_curves, plot_images
-from analysis.validation import TABLE_NOTES, ResultTable, Validation, both_tables, table_2
+from analysis.validation import TABLE_NOTES, ResultTable, ShownPair, Validation, both_tables
 
 __all__ = ["render_validation"]
 
 
-def render_validation(
-    session: Session, validation: Validation, facts: tuple[tuple[str, str], ...]
-) -> str:
+def render_validation(session: Session, validation: Validation, shown: Sequence[ShownPair]) -> str:
     """Return the report as one HTML document.
 
     Parameters
@@ -28,9 +28,9 @@ def render_validation(
     session
         The session that was validated.
     validation
-        Its pairs.
-    facts
-        How it came about: name and value.
+        What was found.
+    shown
+        The images of Figure 2.
     """
     sections = (
         _screening_section(validation),
@@ -43,7 +43,7 @@ def render_validation(
             title="Figure 2: processed images",
             figures=(
                 ReportFigure.of(
-                    plot_images(validation),
+                    plot_images(shown),
                     "The middle of the processed images on the reference's pixels.",
                     form="png",
                 ),
@@ -66,48 +66,54 @@ def render_validation(
         subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
         verdicts=_verdicts(validation),
         sections=sections,
-        provenance=(*facts, *device_rows(session), *versions()),
+        provenance=(
+            ("psf", validation.psf),
+            ("models", ", ".join(validation.models)),
+            ("steps of a training", str(validation.training_steps)),
+            *device_rows(session),
+            *versions(),
+        ),
     )
 
 
 def _verdicts(validation: Validation) -> tuple[Verdict, ...]:
-    means = table_2(validation)
     verdicts = [
         Verdict(
             name="pairs compared",
             value=str(len(validation.pairs)),
-            remark=f"{len(validation.screening.excluded)} captures excluded",
+            remark=f"{len(validation.excluded)} captures excluded",
         )
     ]
-    for row, mean in means.items():
-        if row in (("as-in-paper", "paper"), ("followup-grid", "matched")):
-            verdicts.append(Verdict(name=f"{row[1]}, {row[0]}", value=f"MSE {mean.mse_dn2:.2f}"))
+    verdicts += [
+        Verdict(name=f"{row.model}, {row.alignment}", value=f"MSE {row.mse_dn2:.2f}")
+        for row in validation.table_2
+        if (row.alignment, row.model) in (("as-in-paper", "paper"), ("followup-grid", "matched"))
+    ]
     return tuple(verdicts)
 
 
 def _screening_section(validation: Validation) -> ReportSection:
-    screening = validation.screening
     text = ["Every capture was checked for shake and focus, and every pair for its alignment."]
-    if not screening.excluded:
+    if not validation.excluded:
         text.append("None was excluded.")
     return ReportSection(
         title="What counts",
-        text=(*text, *(f"Remark: {remark}." for remark in screening.remarks)),
+        text=(*text, *(f"Remark: {remark}." for remark in validation.remarks)),
         tables=(
             ReportTable(
                 columns=("capture", "target", "height / mm", "excluded because"),
                 rows=tuple(
                     (
-                        str(one.record.index),
-                        one.record.target,
-                        f"{one.record.height_mm:.3f}",
+                        str(one.capture),
+                        one.target,
+                        f"{one.height_mm:.3f}",
                         one.reason,
                     )
-                    for one in screening.excluded
+                    for one in validation.excluded
                 ),
             ),
         )
-        if screening.excluded
+        if validation.excluded
         else (),
     )
 
@@ -117,7 +123,7 @@ def _report_table(table: ResultTable) -> ReportTable:
 
 
 def _registration_section(validation: Validation) -> ReportSection:
-    errors_px = [pair.registration.place_err_px for pair in validation.pairs]
+    errors_px = [pair.place_err_px for pair in validation.pairs]
     return ReportSection(
         title="Alignment",
         is_folded=True,
@@ -139,14 +145,14 @@ def _registration_section(validation: Validation) -> ReportSection:
                 ),
                 rows=tuple(
                     (
-                        pair.reference.target,
-                        f"{pair.reference.height_mm:.2f}",
-                        f"{pair.followup.height_mm:.2f}",
-                        f"{pair.registration.zoom:.5f}",
-                        f"{pair.registration.pose.k1:+.5f}",
-                        f"{pair.registration.k1_err:.5f}",
-                        f"{pair.registration.place_err_px:.4f}",
-                        str(pair.registration.inlier_count),
+                        pair.target,
+                        f"{pair.reference_height_mm:.2f}",
+                        f"{pair.followup_height_mm:.2f}",
+                        f"{pair.zoom:.5f}",
+                        f"{pair.k1:+.5f}",
+                        f"{pair.k1_err:.5f}",
+                        f"{pair.place_err_px:.4f}",
+                        str(pair.matches),
                     )
                     for pair in validation.pairs
                 ),

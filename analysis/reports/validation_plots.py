@@ -1,16 +1,31 @@
-"""Figures 2 and 3: the processed images side by side, and the metrics against the zoom-out."""
+"""Figures 2 and 3, and one pair beside its simulations with what each gets wrong."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.comparison_plots import MODEL_COLOURS
 from analysis.reports.page import in_report_style, new_figure
-from analysis.validation import METRICS, PairValidation, Procedure, Validation, ValidationModel
+from analysis.validation import (
+    METRICS,
+    ShownPair,
+    ValidatedPair,
+    Validation,
+    ValidationModel,
+    drawn_procedure,
+)
 
-__all__ = ["plot_curves", "plot_images"]
+__all__ = ["MODEL_COLOURS", "plot_curves", "plot_furthest", "plot_images"]
 
-_COLOURS = {**MODEL_COLOURS, "kernelgan": "#E69F00", "gaussian-kernelgan": "#56B4E9"}
+MODEL_COLOURS: dict[str, str] = {
+    "bicubic": "#CC79A7",
+    "paper": "#D55E00",
+    "matched": "#0072B2",
+    "lmmse": "#009E73",
+    "kernelgan": "#E69F00",
+    "gaussian-kernelgan": "#56B4E9",
+}
 _LABELS = {
     "correlation": "correlation",
     "mse_dn2": "MSE",
@@ -19,34 +34,54 @@ _LABELS = {
     "ssim": "SSIM",
 }
 _CROP_PX = 130
-_OURS = ("matched", "lmmse")
-"""Models that are shown on the follow-up's grid, which they are made for."""
+_FURTHEST_CROP_PX = 140
 
 
 @in_report_style
-def plot_images(validation: Validation) -> Figure:
+def plot_images(shown: Sequence[ShownPair]) -> Figure:
     """Figure 2: reference, captured and simulated follow-ups after the processing.
 
-    One row for every target; the middle of the processed images, all on the reference's pixels.
+    One row for every pair; the middle of the processed images, all on the reference's pixels.
     """
-    shown = [pair for pair in validation.pairs if pair.images is not None]
-    columns = ["reference", "captured", *validation.models]
+    columns = ["reference", "captured", *shown[0].simulated]
     figure = new_figure(1.35 * len(columns) + 0.2, 1.5 * len(shown) + 0.25)
     grid = figure.subplots(len(shown), len(columns), squeeze=False)
-    for row, pair in zip(grid, shown, strict=True):
-        assert pair.images is not None
-        images = [pair.images.reference, pair.images.captured]
-        images += [pair.images.simulated[_procedure(m), m] for m in validation.models]
-        window = _middle(images[0].shape)
-        reach = float(np.percentile(np.abs(images[1][window]), 99.5))
+    for row, one in zip(grid, shown, strict=True):
+        images = [one.reference, one.captured, *one.simulated.values()]
+        window = _middle(one.reference.shape, _CROP_PX)
+        reach = float(np.percentile(np.abs(one.captured[window]), 99.5))
         for axes, image in zip(row, images, strict=True):
             axes.imshow(image[window], cmap="gray", vmin=-reach, vmax=reach)
             axes.set(xticks=[], yticks=[])
             axes.grid(visible=False)
-        zoom = pair.registration.zoom
-        row[0].set_ylabel(f"{pair.reference.target}, z = {zoom:.2f}")
+        row[0].set_ylabel(f"{one.pair.target}, z = {one.pair.zoom:.2f}")
     for axes, name in zip(grid[0], columns, strict=True):
         axes.set_title(name)
+    return figure
+
+
+@in_report_style
+def plot_furthest(shown: ShownPair, crop_px: int = _FURTHEST_CROP_PX) -> Figure:
+    """Show the middle of the processed capture beside every model's, differences below."""
+    window = _middle(shown.captured.shape, crop_px)
+    captured = shown.captured[window]
+    simulated = {str(model): image[window] for model, image in shown.simulated.items()}
+    figure = new_figure(8.0, 3.7)
+    grid = figure.subplots(2, 1 + len(simulated))
+    reach = float(np.percentile(np.abs(captured), 99.5))
+    differences = [image - captured for image in simulated.values()]
+    spread = float(np.percentile(np.abs(differences), 99.5))
+    images = {"captured": captured} | simulated
+    for axes, (name, image) in zip(grid[0], images.items(), strict=True):
+        axes.imshow(image, cmap="gray", vmin=-reach, vmax=reach)
+        axes.set_title(name)
+    grid[1, 0].axis("off")
+    grid[1, 0].text(0.5, 0.5, f"minus captured\n±{spread:.1f} of 255", ha="center", va="center")
+    for axes, difference in zip(grid[1, 1:], differences, strict=True):
+        axes.imshow(difference, cmap="RdBu", vmin=-spread, vmax=spread)
+    for axes in grid.flat:
+        axes.set(xticks=[], yticks=[])
+        axes.grid(visible=False)
     return figure
 
 
@@ -82,35 +117,32 @@ def plot_curves(validation: Validation) -> Figure:
 
 
 def _draw_metric(
-    axes: Axes, pairs: list[PairValidation], metric: str, models: tuple[ValidationModel, ...]
+    axes: Axes, pairs: list[ValidatedPair], metric: str, models: tuple[ValidationModel, ...]
 ) -> None:
-    references = list(dict.fromkeys(pair.reference.index for pair in pairs))
-    for place, reference in enumerate(references):
-        line = "-" if place == 0 else "--"
-        chosen = [pair for pair in pairs if pair.reference.index == reference]
-        zooms = [pair.registration.zoom for pair in chosen]
+    references = list(dict.fromkeys(pair.reference for pair in pairs))
+    for number, reference in enumerate(references):
+        is_first = number == 0
+        line = "-" if is_first else "--"
+        chosen = [pair for pair in pairs if pair.reference == reference]
+        zooms = [pair.zoom for pair in chosen]
         for model in models:
             curve = [
-                getattr(pair.models[_procedure(model), model].curve, metric) for pair in chosen
+                getattr(pair.of(drawn_procedure(model), model).curve, metric) for pair in chosen
             ]
-            label = model if place == 0 else None
-            axes.plot(zooms, curve, line, color=_COLOURS[model], linewidth=1.2, label=label)
+            label = model if is_first else None
+            axes.plot(zooms, curve, line, color=MODEL_COLOURS[model], linewidth=1.2, label=label)
         captured = [getattr(pair.captured_curves["reference-grid"], metric) for pair in chosen]
         axes.plot(
             zooms, captured, line, color="black", marker="o", markersize=3, linewidth=1.0,
-            label="captured" if place == 0 else None,
+            label="captured" if is_first else None,
         )  # fmt: skip
 
 
-def _procedure(model: ValidationModel) -> Procedure:
-    return "followup-grid" if model in _OURS else "reference-grid"
+def _target(pair: ValidatedPair) -> tuple[str, float]:
+    return pair.target, pair.orientation_deg
 
 
-def _target(pair: PairValidation) -> tuple[str, float]:
-    return pair.reference.target, pair.reference.orientation_deg
-
-
-def _middle(shape: tuple[int, ...]) -> tuple[slice, slice]:
-    side = min(_CROP_PX, *shape)
+def _middle(shape: tuple[int, ...], crop_px: int) -> tuple[slice, slice]:
+    side = min(crop_px, *shape)
     top, left = ((size - side) // 2 for size in shape)
     return slice(top, top + side), slice(left, left + side)

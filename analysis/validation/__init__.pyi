@@ -1,4 +1,10 @@
 from .alignment import Procedure as Procedure, scaled_up as scaled_up
+from .document import (
+    METRICS as METRICS,
+    ValidatedPair as ValidatedPair,
+    Validation as Validation,
+    read_validation as read_validation,
+)
 from .kernel_cache import (
     CACHE_VARIABLE as CACHE_VARIABLE,
     KernelCache as KernelCache,
@@ -15,24 +21,31 @@ from .models import (
     ValidationModel as ValidationModel,
     is_learned as is_learned,
 )
-from .pair import PairValidation as PairValidation
 from .processing import (
     FULL_SCALE_DN as FULL_SCALE_DN,
     process_for_comparison as process_for_comparison,
 )
-from .screening import registrations_at_most as registrations_at_most, screen as screen
+from .screening import (
+    NothingToCompareError as NothingToCompareError,
+    registrations_at_most as registrations_at_most,
+    screen as screen,
+)
 from .session import (
-    METRICS as METRICS,
-    Validation as Validation,
-    table_2 as table_2,
+    ValidationSettings as ValidationSettings,
+    mean_metrics as mean_metrics,
     validate as validate,
+)
+from .shown import (
+    ShownPair as ShownPair,
+    drawn_procedure as drawn_procedure,
+    furthest_pair as furthest_pair,
+    shown_pairs as shown_pairs,
 )
 from .tables import (
     TABLE_NOTES as TABLE_NOTES,
     ResultTable as ResultTable,
     both_tables as both_tables,
     curves_csv as curves_csv,
-    validation_document as validation_document,
 )
 
 __all__ = [
@@ -45,22 +58,28 @@ __all__ = [
     "ImageMetrics",
     "KernelBook",
     "KernelCache",
-    "PairValidation",
+    "NothingToCompareError",
     "Procedure",
     "ResultTable",
+    "ShownPair",
+    "ValidatedPair",
     "Validation",
     "ValidationModel",
+    "ValidationSettings",
     "both_tables",
     "compare_images",
     "curves_csv",
     "default_cache_folder",
+    "drawn_procedure",
+    "furthest_pair",
     "is_learned",
+    "mean_metrics",
     "process_for_comparison",
+    "read_validation",
     "registrations_at_most",
     "scaled_up",
     "screen",
-    "table_2",
+    "shown_pairs",
     "trainings_needed",
     "validate",
-    "validation_document",
 ]

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.errors import AnalysisError
+from analysis.errors import OverlapError
 from calibration.registration import OVERLAP_MIN_PX, DistortedPose
 
 __all__ = ["PROCEDURES", "Procedure", "SharedWindow", "bicubic_at", "scaled_up", "shared_window"]
@@ -46,7 +46,7 @@ def shared_window(pose: DistortedPose) -> SharedWindow:
 
     Raises
     ------
-    AnalysisError
+    OverlapError
         If it has fewer than 16 pixels along an axis.
     """
     place_y, place_x = pose.followup_places_px()
@@ -59,7 +59,7 @@ def shared_window(pose: DistortedPose) -> SharedWindow:
         & (place_x <= cols - 1 - margin_px)
     )
     if not inside.any():
-        raise AnalysisError("the images do not overlap")
+        raise OverlapError("the images do not overlap", shared_px=0)
     down, across = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     top, bottom, left, right = down[0], down[-1] + 1, across[0], across[-1] + 1
     while top < bottom and left < right and not inside[top:bottom, left:right].all():
@@ -70,7 +70,8 @@ def shared_window(pose: DistortedPose) -> SharedWindow:
         top, bottom = top + (worst == 0), bottom - (worst == 1)
         left, right = left + (worst == 2), right - (worst == 3)
     if min(bottom - top, right - left) < OVERLAP_MIN_PX:
-        raise AnalysisError("the images overlap too little")
+        shared_px = int(max(bottom - top, 0) * max(right - left, 0))
+        raise OverlapError("the images overlap too little", shared_px=shared_px)
     here = np.s_[top:bottom, left:right]
     return SharedWindow(
         rows=slice(int(top), int(bottom)),

@@ -67,7 +67,9 @@ class KernelCache:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise ResultsFileError(f"cannot read {path}: {error.strerror or error}") from error
+            raise ResultsFileError(
+                f"cannot read {path}: {error.strerror or error}", source=str(path)
+            ) from error
         except (ValueError, EOFError, SyntaxError, TokenError):
             # It is trained again, and the file replaced.
             return None
@@ -90,7 +92,9 @@ class KernelCache:
             atomic_write(path.with_suffix(".png"), _picture(kernel.weights))
             atomic_write(path, buffer.getvalue())
         except OSError as error:
-            raise ResultsFileError(f"cannot write {path}: {error.strerror or error}") from error
+            raise ResultsFileError(
+                f"cannot write {path}: {error.strerror or error}", source=str(path)
+            ) from error
         return path
 
 

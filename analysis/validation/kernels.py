@@ -12,8 +12,9 @@ from acquisition.session import Session
 from analysis.choices import PAPER_TRAINING_STEPS
 from analysis.errors import AnalysisError
 from analysis.validation.kernel_cache import KernelCache
-from analysis.validation.models import ValidationModel
+from analysis.validation.models import ModelInputs, ValidationModel
 from analysis.validation.screening import RegisteredPair
+from simulation import GaussianPsf
 from simulation.kernelgan import (
     KERNEL_MODELS,
     EstimatedKernel,
@@ -72,6 +73,18 @@ class KernelBook:
         cache = KernelCache(self.folder)
         stored = cache.load(image, settings)
         return _trained(image, settings, self.folder) if stored is None else stored
+
+    def inputs(
+        self,
+        image: NDArray[np.generic],
+        models: Sequence[ValidationModel],
+        zoom: float,
+        psf: GaussianPsf,
+    ) -> ModelInputs:
+        """Return what the models need to simulate a follow-up of a reference; see ``kernel``."""
+        return ModelInputs(
+            psf=psf, kernels={model: self.kernel(image, model, zoom) for model in models}
+        )
 
     def train_all(
         self,

@@ -1,12 +1,13 @@
 """How alike two images are: the metrics of the paper's tables."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf, log10
 
 import numpy as np
 from numpy.typing import NDArray
 from skimage import metrics as skimage_metrics
+
+from analysis.results_file import InfiniteAsNull, StoredValues
 
 __all__ = ["ImageMetrics", "compare_images", "correlation", "mean_squared_error"]
 
@@ -20,8 +21,7 @@ _SSIM_WINDOW_PX = 7
 """Side of scikit-image's default SSIM window."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageMetrics:
+class ImageMetrics(StoredValues):
     """How alike two images are.
 
     Parameters
@@ -43,7 +43,7 @@ class ImageMetrics:
     correlation: float
     mse_dn2: float
     nmi: float
-    psnr_db: float
+    psnr_db: InfiniteAsNull
     ssim: float
     data_range_dn: float
 

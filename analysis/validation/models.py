@@ -1,6 +1,7 @@
 """The models that a validation compares, as functions from a grid to a follow-up."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -16,7 +17,7 @@ from simulation.kernelgan import (
     kernel_operator,
 )
 
-__all__ = ["VALIDATION_MODELS", "Simulate", "ValidationModel", "is_learned", "simulator"]
+__all__ = ["VALIDATION_MODELS", "ModelInputs", "Simulate", "ValidationModel", "is_learned"]
 
 
 Simulate = Callable[[SamplingGrid], NDArray[np.floating[Any]]]
@@ -28,39 +29,43 @@ def is_learned(model: ValidationModel) -> bool:
     return model in KERNEL_MODELS
 
 
-def simulator(
-    reference: NDArray[np.generic],
-    model: ValidationModel,
-    psf: GaussianPsf,
-    kernel: EstimatedKernel | None = None,
-    sampler: Sampler = "exact",
-) -> Simulate:
-    """Model as a function of the grid.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelInputs:
+    """What the models to try need: all the total PSF, each learned one its trained kernel.
 
-    Parameters
-    ----------
-    reference
-        Grey, shape ``(rows, cols)``.
-    model
-        One of ``VALIDATION_MODELS``.
-    psf
-        Total PSF of the camera.
-    kernel
-        The trained one, for a learned model.
-    sampler
-        How a learned model samples.
-
-    Raises
-    ------
-    ValueError
-        If a learned model has no kernel.
+    ``kernels`` has an entry for every model to try, None for one that is not learned.
     """
-    for plain in MODELS:
-        if plain == model:
-            return partial(_on_grid, np.asarray(reference, dtype=np.float64), psf, plain)
-    if kernel is None:
-        raise ValueError(f"model {model!r} needs its trained kernel")
-    return partial(_by_kernel, np.asarray(reference, dtype=np.float64), kernel, sampler)
+
+    psf: GaussianPsf
+    kernels: Mapping[ValidationModel, EstimatedKernel | None]
+
+    def simulator(
+        self, reference: NDArray[np.generic], model: ValidationModel, sampler: Sampler = "exact"
+    ) -> Simulate:
+        """Return a model as a function of the grid.
+
+        Parameters
+        ----------
+        reference
+            Grey, shape ``(rows, cols)``.
+        model
+            One of those to try.
+        sampler
+            How a learned model samples.
+
+        Raises
+        ------
+        ValueError
+            If a learned model has no kernel.
+        """
+        image = np.asarray(reference, dtype=np.float64)
+        for plain in MODELS:
+            if plain == model:
+                return partial(_on_grid, image, self.psf, plain)
+        kernel = self.kernels[model]
+        if kernel is None:
+            raise ValueError(f"model {model!r} needs its trained kernel")
+        return partial(_by_kernel, image, kernel, sampler)
 
 
 def _on_grid(

@@ -6,188 +6,140 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.session import CaptureRecord
-from analysis.validation.alignment import (
-    Procedure,
-    bicubic_at,
-    scaled_up,
-    shared_window,
-)
+from analysis.validation.alignment import Procedure, bicubic_at, scaled_up, shared_window
+from analysis.validation.document import ModelAgreement
 from analysis.validation.metrics import ImageMetrics, compare_images
-from analysis.validation.models import ValidationModel, simulator
+from analysis.validation.models import ModelInputs, ValidationModel
 from analysis.validation.processing import FULL_SCALE_DN, process_for_comparison
-from calibration.registration import DistortedRegistration
-from simulation import GaussianPsf, SamplingGrid
-from simulation.kernelgan import EstimatedKernel
+from calibration.registration import DistortedPose
+from simulation import SamplingGrid
 from simulation.resampling import simulate_at
 
-__all__ = ["ModelAgreement", "PairValidation", "ProcessedImages", "validate_pair"]
+__all__ = ["AlignedPair", "PairMetrics", "ProcessedFollowup", "compare_pair"]
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.float32] | NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelAgreement:
-    """What one model gives by one procedure.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProcessedFollowup:
+    """A model's processed follow-up.
 
     Parameters
     ----------
-    curve
-        Processed reference against the processed simulated follow-up, aligned to it: a point of
-        the curves of Figure 3.
-    agreement
-        Processed captured follow-up against the processed simulated one: what Table II averages.
+    aligned
+        Brought onto the reference's pixels.
+    followup, captured
+        The two that Table II compares: on common pixels, the simulated and the captured one.
     """
-
-    curve: ImageMetrics
-    agreement: ImageMetrics
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ProcessedImages:
-    """Processed images on the reference's pixels: what Figure 2 shows."""
-
-    reference: FloatArray
-    captured: FloatArray
-    simulated: Mapping[tuple[Procedure, ValidationModel], FloatArray]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PairValidation:
-    """A pair of captures, their metrics, and those of every model and procedure.
-
-    ``captured_curves`` compare the processed reference with the processed captured follow-up;
-    ``images`` are kept where they were asked for.
-    """
-
-    reference: CaptureRecord
-    followup: CaptureRecord
-    registration: DistortedRegistration
-    captured_curves: Mapping[Procedure, ImageMetrics]
-    models: Mapping[tuple[Procedure, ValidationModel], ModelAgreement]
-    images: ProcessedImages | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Simulated:
-    """A model's follow-up aligned to the reference, and the two that Table II compares."""
 
     aligned: FloatArray
-    captured: FloatArray
     followup: FloatArray
+    captured: FloatArray
 
 
-def validate_pair(
-    records: tuple[CaptureRecord, CaptureRecord],
-    reference: Image,
-    followup: Image,
-    registration: DistortedRegistration,
-    psf: GaussianPsf,
-    kernels: Mapping[ValidationModel, EstimatedKernel | None],
-    *,
-    keep_images: bool = False,
-) -> PairValidation:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AlignedPair:
+    """Grey levels of two captures of one target, and where the follow-up lies in the reference."""
+
+    reference: Image
+    followup: Image
+    pose: DistortedPose
+
+    def processed_reference(self) -> FloatArray:
+        """Return the reference after the paper's processing."""
+        return process_for_comparison(self.reference)
+
+    def captured_on_reference(self) -> FloatArray:
+        """Return the captured follow-up on the reference's pixels, processed as in the paper.
+
+        The steps of the paper: align, then normalise, subtract the background, crop.
+        """
+        places_px = self.pose.to_followup_px(*_pixels(self.reference.shape))
+        return process_for_comparison(bicubic_at(self.followup, *places_px))
+
+    def scaled_up(self, inputs: ModelInputs, model: ValidationModel) -> FloatArray:
+        """Return a model's follow-up in the paper's way: about the image centre, scaled up."""
+        shape = self.reference.shape[0], self.reference.shape[1]
+        zoom = max(self.pose.zoom, 1.0)
+        simulate = inputs.simulator(self.reference, model, sampler="nearest")
+        made = simulate(SamplingGrid.centred(shape, zoom))
+        return process_for_comparison(scaled_up(made, zoom, shape))
+
+    def on_followup_grid(self, inputs: ModelInputs, model: ValidationModel) -> ProcessedFollowup:
+        """Return a model's follow-up in our way: on the captured one's own pixels.
+
+        Raises
+        ------
+        OverlapError
+            If the images share too little.
+        """
+        shape = self.reference.shape[0], self.reference.shape[1]
+        window = shared_window(self.pose)
+        simulate = inputs.simulator(self.reference, model)
+        made = simulate_at(simulate, shape, self.pose.zoom, window.y_px, window.x_px)
+        back_y, back_x = self.pose.to_followup_px(*_pixels(shape))
+        aligned = bicubic_at(made, back_y - window.rows.start, back_x - window.cols.start)
+        return ProcessedFollowup(
+            aligned=process_for_comparison(aligned),
+            followup=process_for_comparison(made),
+            captured=process_for_comparison(self.followup[window.rows, window.cols]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PairMetrics:
+    """Metrics of the captured follow-up and of every model's; the fields of ``ValidatedPair``."""
+
+    captured_curves: Mapping[Procedure, ImageMetrics]
+    models: tuple[ModelAgreement, ...]
+
+
+def compare_pair(pair: AlignedPair, feature_matrix: FloatArray, inputs: ModelInputs) -> PairMetrics:
     """Simulate the follow-up from the reference with every model, and compare both ways.
 
     Parameters
     ----------
-    records
-        Of the reference and of the follow-up.
-    reference, followup
-        Their grey levels.
-    registration
-        Of the follow-up in the reference.
-    psf
-        Total PSF of the camera.
-    kernels
-        The models to try, each with its kernel where it is a learned one.
-    keep_images
-        Keep the processed images for a figure.
+    pair
+        The captures.
+    feature_matrix
+        The homography of their features alone, for the paper's own alignment.
+    inputs
+        The models to try.
 
     Raises
     ------
-    AnalysisError
+    OverlapError
         If the images share too little.
     """
-    processed_reference = process_for_comparison(reference)
-    # The steps of the paper: align, then normalise, subtract the background, crop.
-    places_px = registration.pose.to_followup_px(*_pixels(reference.shape))
-    captured = process_for_comparison(bicubic_at(followup, *places_px))
-    by_features = replace(registration.pose, matrix=registration.feature_matrix, k1=0.0)
-    places_px = by_features.to_followup_px(*_pixels(reference.shape))
-    captured_by_features = process_for_comparison(bicubic_at(followup, *places_px))
+    reference, captured = pair.processed_reference(), pair.captured_on_reference()
+    by_features = replace(pair.pose, matrix=feature_matrix, k1=0.0)
+    captured_by_features = replace(pair, pose=by_features).captured_on_reference()
     curves: dict[Procedure, ImageMetrics] = {
-        "as-in-paper": compare_images(processed_reference, captured_by_features, FULL_SCALE_DN),
-        "reference-grid": compare_images(processed_reference, captured, FULL_SCALE_DN),
+        "as-in-paper": compare_images(reference, captured_by_features, FULL_SCALE_DN),
+        "reference-grid": compare_images(reference, captured, FULL_SCALE_DN),
     }
     curves["followup-grid"] = curves["reference-grid"]
-    models: dict[tuple[Procedure, ValidationModel], ModelAgreement] = {}
-    shown: dict[tuple[Procedure, ValidationModel], FloatArray] = {}
-    for model, kernel in kernels.items():
-        scaled = _scaled_up(reference, registration, psf, model, kernel)
-        ways: dict[Procedure, _Simulated] = {
-            "as-in-paper": replace(scaled, captured=captured_by_features),
-            "reference-grid": replace(scaled, captured=captured),
-            "followup-grid": _on_followup_grid(
-                reference, followup, registration, psf, model, kernel
+    models = []
+    for model in inputs.kernels:
+        scaled = pair.scaled_up(inputs, model)
+        ways: dict[Procedure, ProcessedFollowup] = {
+            "as-in-paper": ProcessedFollowup(
+                aligned=scaled, followup=scaled, captured=captured_by_features
             ),
+            "reference-grid": ProcessedFollowup(aligned=scaled, followup=scaled, captured=captured),
+            "followup-grid": pair.on_followup_grid(inputs, model),
         }
-        for procedure, made in ways.items():
-            models[procedure, model] = ModelAgreement(
-                curve=compare_images(processed_reference, made.aligned, FULL_SCALE_DN),
+        models += [
+            ModelAgreement(
+                alignment=procedure,
+                model=model,
+                curve=compare_images(reference, made.aligned, FULL_SCALE_DN),
                 agreement=compare_images(made.captured, made.followup, FULL_SCALE_DN),
             )
-            if keep_images:
-                shown[procedure, model] = made.aligned
-    return PairValidation(
-        reference=records[0],
-        followup=records[1],
-        registration=registration,
-        captured_curves=curves,
-        models=models,
-        images=ProcessedImages(reference=processed_reference, captured=captured, simulated=shown)
-        if keep_images
-        else None,
-    )
-
-
-def _scaled_up(
-    reference: Image,
-    registration: DistortedRegistration,
-    psf: GaussianPsf,
-    model: ValidationModel,
-    kernel: EstimatedKernel | None,
-) -> _Simulated:
-    """The paper's way: a follow-up about the image centre, simply scaled up; none captured."""
-    shape = reference.shape[0], reference.shape[1]
-    zoom = max(registration.zoom, 1.0)
-    simulate = simulator(reference, model, psf, kernel, sampler="nearest")
-    followup = simulate(SamplingGrid.centred(shape, zoom))
-    processed = process_for_comparison(scaled_up(followup, zoom, shape))
-    return _Simulated(aligned=processed, captured=processed, followup=processed)
-
-
-def _on_followup_grid(
-    reference: Image,
-    followup: Image,
-    registration: DistortedRegistration,
-    psf: GaussianPsf,
-    model: ValidationModel,
-    kernel: EstimatedKernel | None,
-) -> _Simulated:
-    """Ours: the captured follow-up's own pixels, and its own way back onto the reference."""
-    shape = reference.shape[0], reference.shape[1]
-    window = shared_window(registration.pose)
-    simulate = simulator(reference, model, psf, kernel)
-    made = simulate_at(simulate, shape, registration.zoom, window.y_px, window.x_px)
-    back_y, back_x = registration.pose.to_followup_px(*_pixels(shape))
-    aligned = bicubic_at(made, back_y - window.rows.start, back_x - window.cols.start)
-    return _Simulated(
-        aligned=process_for_comparison(aligned),
-        captured=process_for_comparison(followup[window.rows, window.cols]),
-        followup=process_for_comparison(made),
-    )
+            for procedure, made in ways.items()
+        ]
+    return PairMetrics(captured_curves=curves, models=tuple(models))
 
 
 def _pixels(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:

@@ -4,6 +4,7 @@ A capture that shows another target, was shaken or is out of focus is left out b
 reason: a mean over all pairs would hide it.
 """
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,12 +13,21 @@ import numpy as np
 from acquisition.capture import QualityFinding, check_capture
 from acquisition.session import CaptureRecord, Session
 from analysis.errors import AnalysisError
-from analysis.series import series_of
+from analysis.validation.document import ExcludedCapture
 from calibration.errors import RegistrationError
 from calibration.registration import DistortedRegistration, register_distorted
 from simulation import GaussianPsf
 
-__all__ = ["ExcludedCapture", "RegisteredPair", "Screening", "registrations_at_most", "screen"]
+__all__ = [
+    "NothingToCompareError",
+    "RegisteredPair",
+    "Screening",
+    "registrations_at_most",
+    "screen",
+    "series_of",
+]
+
+_COMPARED_KINDS = ("texture", "chart")
 
 _ZOOM_TOLERANCE = 0.03
 """By which a measured zoom may differ from that of the heights; a stage is right to 0.1 %."""
@@ -26,18 +36,16 @@ _PAIRS_FOR_PUPIL = 4
 """Pairs that tell the entrance pupil well enough to doubt one of them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExcludedCapture:
-    """A capture that does not count, and why."""
+class NothingToCompareError(AnalysisError):
+    """A session has no pair of captures that can be compared.
 
-    record: CaptureRecord
-    reason: str
+    ``excluded`` are the captures that were left out; empty where no target was captured at two
+    heights.
+    """
 
-    @property
-    def text(self) -> str:
-        """One line for people."""
-        at = f"{self.record.target} at {self.record.height_mm:g} mm"
-        return f"capture {self.record.index} ({at}): {self.reason}"
+    def __init__(self, message: str, *, excluded: tuple[ExcludedCapture, ...] = ()) -> None:
+        super().__init__(message)
+        self.excluded = excluded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,6 +67,16 @@ class Screening:
     pairs: tuple[RegisteredPair, ...]
     excluded: tuple[ExcludedCapture, ...]
     remarks: tuple[str, ...] = ()
+
+
+def series_of(session: Session) -> list[list[CaptureRecord]]:
+    """Captures of each textured target and orientation, from the nearest to the furthest."""
+    series: dict[tuple[str, str, float], list[CaptureRecord]] = defaultdict(list)
+    for record in session.records:
+        if record.kind in _COMPARED_KINDS:
+            series[record.kind, record.target, record.orientation_deg].append(record)
+    ordered = (sorted(records, key=lambda r: r.height_mm) for records in series.values())
+    return [records for records in ordered if records[-1].height_mm > records[0].height_mm]
 
 
 def registrations_at_most(session: Session, references: int) -> int:
@@ -92,14 +110,14 @@ def screen(
 
     Raises
     ------
-    AnalysisError
+    NothingToCompareError
         If no pair is left; the message says why.
     SessionError
         If a capture file is missing or changed.
     """
     series = series_of(session)
     if not series:
-        raise AnalysisError(
+        raise NothingToCompareError(
             f"{session.path}: no target of kind texture or chart was captured at two heights; "
             "capture one, or import photographs with their heights"
         )
@@ -117,7 +135,9 @@ def screen(
     excluded += misplaced
     if not pairs:
         reason = f": {excluded[0].text}" if excluded else ""
-        raise AnalysisError(f"{session.path}: no pair of captures can be compared{reason}")
+        raise NothingToCompareError(
+            f"{session.path}: no pair of captures can be compared{reason}", excluded=tuple(excluded)
+        )
     return Screening(pairs=tuple(pairs), excluded=tuple(excluded), remarks=tuple(remarks))
 
 
@@ -142,7 +162,7 @@ def _good_captures(
         faults = [f for f in findings if _is_disqualifying(f)]
         if faults:
             reason = "; ".join(f"{f.problem}: {f.text}" for f in faults)
-            bad.append(ExcludedCapture(record=record, reason=reason))
+            bad.append(ExcludedCapture.of(record, reason))
             continue
         good.append(record)
         notes += [f"capture {record.index}: {f.problem}: {f.text}" for f in findings]
@@ -173,7 +193,7 @@ def _screen_series(
         if len(failed) * 2 > len(further) and len(further) > 1:
             reason = next(iter(failed.values()))
             text = f"{len(failed)} of {len(further)} further captures do not match it: {reason}"
-            excluded.append(ExcludedCapture(record=candidate, reason=text))
+            excluded.append(ExcludedCapture.of(candidate, text))
             continue
         accepted.append(candidate)
         pairs += found
@@ -186,11 +206,11 @@ def _screen_series(
     named = {record.index: record for record in records}
     remarks = []
     for index, reasons in failures.items():
-        if any(index == one.record.index for one in excluded):
+        if any(index == one.capture for one in excluded):
             continue
         is_reference = any(index == one.index for one in accepted)
         if index in outcasts and not is_reference:
-            excluded.append(ExcludedCapture(record=named[index], reason="; ".join(reasons)))
+            excluded.append(ExcludedCapture.of(named[index], "; ".join(reasons)))
         else:
             remarks += [f"capture {index}: {reason}; this pair is left out" for reason in reasons]
     return Screening(pairs=tuple(pairs), excluded=tuple(excluded), remarks=tuple(remarks))
@@ -250,5 +270,5 @@ def _at_their_heights(
             f"it is {zoom:.3f} times further away than capture {pair.reference.index} by the "
             f"images, {fitting:.3f} times by the heights"
         )
-        excluded.append(ExcludedCapture(record=pair.followup, reason=reason))
+        excluded.append(ExcludedCapture.of(pair.followup, reason))
     return kept, excluded

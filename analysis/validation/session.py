@@ -5,83 +5,91 @@ distance, once for the captured and once for the simulated follow-ups. Table II 
 follow-ups themselves. ``docs/validation.md`` holds the definitions.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from math import inf, log10
 
 import numpy as np
 
 from acquisition.session import Session
-from analysis.comparison import ModelMean, mean_metrics
-from analysis.validation.alignment import PROCEDURES, Procedure
+from analysis.validation.alignment import PROCEDURES
+from analysis.validation.document import (
+    METRICS,
+    CurveDifference,
+    CurveDifferenceRow,
+    MeanRow,
+    ModelMean,
+    ValidatedPair,
+    Validation,
+)
+from analysis.validation.kernel_cache import default_cache_folder
 from analysis.validation.kernels import KernelBook
 from analysis.validation.metrics import ImageMetrics
 from analysis.validation.models import ValidationModel
-from analysis.validation.pair import PairValidation, validate_pair
-from analysis.validation.screening import RegisteredPair, Screening
-from simulation import GaussianPsf
+from analysis.validation.pair import AlignedPair, compare_pair
+from analysis.validation.screening import RegisteredPair, Screening, screen
+from simulation import MODELS, GaussianPsf
 
-__all__ = ["METRICS", "CurveError", "Validation", "curve_errors", "table_1", "table_2", "validate"]
+__all__ = ["ValidationSettings", "curve_differences", "mean_metrics", "validate"]
 
-METRICS = ("correlation", "mse_dn2", "nmi", "psnr_db", "ssim")
-"""The five metrics, as ``ImageMetrics`` names them."""
 
-_SHOWN_ZOOM = 2.0
-"""Figure 2 shows the follow-up that is nearest to it."""
+def _default_kernels() -> KernelBook:
+    return KernelBook(folder=default_cache_folder())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CurveError:
-    """Mean squared differences between curves over the zoom, one for each metric: Table I."""
+class ValidationSettings:
+    """How a validation is made.
 
-    correlation: float
-    mse_dn2: float
-    nmi: float
-    psnr_db: float
-    ssim: float
-    pairs: int
+    Parameters
+    ----------
+    models
+        The models to try; by default those that need no training.
+    kernels
+        Kernels of the learned ones; what is missing is trained.
+    references
+        Reference poses of every target, from the nearest.
+    workers
+        Processes that train kernels.
+    """
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Validation:
-    """All pairs of a session with their metrics, and what did not count."""
-
-    pairs: tuple[PairValidation, ...]
-    screening: Screening
-    models: tuple[ValidationModel, ...]
-
-    @property
-    def rows(self) -> tuple[tuple[Procedure, ValidationModel], ...]:
-        """The rows of both tables."""
-        return tuple((procedure, model) for procedure in PROCEDURES for model in self.models)
+    models: tuple[ValidationModel, ...] = MODELS
+    kernels: KernelBook = field(default_factory=_default_kernels)
+    references: int = 2
+    workers: int = 1
 
 
 def validate(
     session: Session,
     psf: GaussianPsf,
-    screening: Screening,
-    models: Sequence[ValidationModel],
-    book: KernelBook,
+    settings: ValidationSettings | None = None,
+    *,
+    screening: Screening | None = None,
+    psf_name: str = "",
     progress: Callable[[int], None] = lambda _: None,
 ) -> Validation:
-    """Compare all pairs that count.
+    """Say how well every model predicts the captured follow-ups of a session.
 
     Parameters
     ----------
     session
-        The session that was screened.
+        With captures of kind texture or chart at two heights or more.
     psf
         Total PSF of the camera.
+    settings
+        How it is made, if not as by default.
     screening
-        What counts.
-    models
-        The models to try.
-    book
-        Kernels of the learned ones; what is missing is trained.
+        What counts, where the session has been screened already.
+    psf_name
+        What the document calls the PSF.
     progress
-        Called with the number of pairs done.
+        Called with the number of pairs compared.
 
     Raises
     ------
+    NothingToCompareError
+        If no pair can be compared.
     AnalysisError
         If two images share too little, or a kernel cannot be trained.
     ResultsFileError
@@ -89,46 +97,82 @@ def validate(
     SessionError
         If a capture file is missing or changed.
     """
-    shown = _shown_pairs(screening.pairs)
-    done = []
-    for number, pair in enumerate(screening.pairs):
-        near = session.load(pair.reference).mean_dn
-        zoom = pair.registration.zoom
-        kernels = {model: book.kernel(near, model, zoom) for model in models}
-        done.append(
-            validate_pair(
-                (pair.reference, pair.followup),
-                near,
-                session.load(pair.followup).mean_dn,
-                pair.registration,
-                psf,
-                kernels,
-                keep_images=number in shown,
+    settings = settings or ValidationSettings()
+    if screening is None:
+        screening = screen(session, psf, references=settings.references)
+    pairs: list[ValidatedPair] = []
+    for pair in screening.pairs:
+        pairs.append(_validated(session, pair, psf, settings))
+        progress(len(pairs))
+    rows = tuple(product(PROCEDURES, settings.models))
+    return Validation(
+        session=str(session.path),
+        psf=psf_name,
+        psf_covariance_px2=psf.covariance_px2.tolist(),
+        models=settings.models,
+        references_per_target=settings.references,
+        training_steps=settings.kernels.steps,
+        training_seed=settings.kernels.seed,
+        table_1=tuple(
+            CurveDifferenceRow(
+                alignment=alignment,
+                model=model,
+                **dict(
+                    curve_differences(
+                        (p.captured_curves[alignment], p.of(alignment, model).curve) for p in pairs
+                    )
+                ),
             )
-        )
-        progress(len(done))
-    return Validation(pairs=tuple(done), screening=screening, models=tuple(models))
+            for alignment, model in rows
+        ),
+        table_2=tuple(
+            MeanRow(
+                alignment=alignment,
+                model=model,
+                **dict(mean_metrics([p.of(alignment, model).agreement for p in pairs])),
+            )
+            for alignment, model in rows
+        ),
+        pairs=tuple(pairs),
+        excluded=screening.excluded,
+        remarks=screening.remarks,
+    )
 
 
-def table_1(validation: Validation) -> Mapping[tuple[Procedure, ValidationModel], CurveError]:
-    """Table I: how far the simulated curves are from the captured ones."""
-    return {
-        row: curve_errors(
-            (pair.captured_curves[row[0]], pair.models[row].curve) for pair in validation.pairs
-        )
-        for row in validation.rows
-    }
+def _validated(
+    session: Session, pair: RegisteredPair, psf: GaussianPsf, settings: ValidationSettings
+) -> ValidatedPair:
+    registration = pair.registration
+    near = session.load(pair.reference).mean_dn
+    compared = compare_pair(
+        AlignedPair(
+            reference=near,
+            followup=session.load(pair.followup).mean_dn,
+            pose=registration.pose,
+        ),
+        registration.feature_matrix,
+        settings.kernels.inputs(near, settings.models, registration.zoom, psf),
+    )
+    return ValidatedPair(
+        target=pair.reference.target,
+        orientation_deg=pair.reference.orientation_deg,
+        reference=pair.reference.index,
+        followup=pair.followup.index,
+        reference_height_mm=pair.reference.height_mm,
+        followup_height_mm=pair.followup.height_mm,
+        zoom=registration.zoom,
+        homography=registration.pose.matrix.tolist(),
+        k1=registration.pose.k1,
+        k1_err=registration.k1_err,
+        place_err_px=registration.place_err_px,
+        match_rms_px=registration.match_rms_px,
+        matches=registration.inlier_count,
+        captured_curves=dict(compared.captured_curves),
+        models=compared.models,
+    )
 
 
-def table_2(validation: Validation) -> Mapping[tuple[Procedure, ValidationModel], ModelMean]:
-    """Table II: how alike simulated and captured follow-ups are."""
-    return {
-        row: mean_metrics([p.models[row].agreement for p in validation.pairs])
-        for row in validation.rows
-    }
-
-
-def curve_errors(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> CurveError:
+def curve_differences(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> CurveDifference:
     """Mean squared difference of two curves, given as pairs of points.
 
     A PSNR that is infinite on both curves does not differ.
@@ -141,26 +185,28 @@ def curve_errors(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> CurveEr
     pairs = list(points)
     if not pairs:
         raise ValueError("no points of curves to compare")
-    errors = {}
+    means = {}
     for name in METRICS:
         first, second = np.array([[getattr(m, name) for m in pair] for pair in pairs]).T
         differs = first != second
-        errors[name] = float(np.sum((first[differs] - second[differs]) ** 2)) / len(pairs)
-    return CurveError(**errors, pairs=len(pairs))
+        means[name] = float(np.sum((first[differs] - second[differs]) ** 2)) / len(pairs)
+    return CurveDifference(**means, pairs=len(pairs))
 
 
-def _shown_pairs(pairs: Sequence[RegisteredPair]) -> set[int]:
-    """Number of one pair of every target: the first reference's, about twice as far away."""
-    best: dict[tuple[str, float], int] = {}
-    for number, pair in enumerate(pairs):
-        key = (pair.reference.target, pair.reference.orientation_deg)
-        if key not in best:
-            best[key] = number
-            continue
-        kept = pairs[best[key]]
-        if pair.reference.index != kept.reference.index:
-            continue
-        here, there = (abs(p.registration.zoom - _SHOWN_ZOOM) for p in (pair, kept))
-        if here < there:
-            best[key] = number
-    return set(best.values())
+def mean_metrics(metrics: Sequence[ImageMetrics]) -> ModelMean:
+    """Average the metrics of several pairs of equal data range.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    if not metrics:
+        raise ValueError("no pairs to average")
+    means = {name: float(np.mean([getattr(m, name) for m in metrics])) for name in METRICS}
+    mse_dn2 = means["mse_dn2"]
+    return ModelMean(
+        **means,
+        psnr_of_mean_db=10 * log10(metrics[0].data_range_dn ** 2 / mse_dn2) if mse_dn2 > 0 else inf,
+        pairs=len(metrics),
+    )

@@ -1,59 +1,14 @@
 """Tables I and II as text, CSV and LaTeX."""
 
 import csv
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from io import StringIO
-from typing import Any
 
-from analysis.results_file import finite_or_null
-from analysis.validation.metrics import ImageMetrics
-from analysis.validation.models import ValidationModel
-from analysis.validation.pair import PairValidation
-from analysis.validation.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
-from analysis.validation.session import METRICS, Validation, table_1, table_2
+from analysis.validation.document import METRICS, Validation
 
-__all__ = [
-    "PAPER_TABLE_1",
-    "PAPER_TABLE_2",
-    "TABLE_NOTES",
-    "VALIDATION_SCHEMA",
-    "PaperRow",
-    "ResultTable",
-    "both_tables",
-    "curves_csv",
-    "validation_document",
-]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PaperRow:
-    """One row of a table as printed; the attributes are named like those of ``ImageMetrics``."""
-
-    correlation: float
-    mse_dn2: float
-    nmi: float
-    psnr_db: float
-    ssim: float
-
-
-PAPER_TABLE_1: dict[ValidationModel, PaperRow] = {
-    "bicubic": PaperRow(correlation=0.0059, mse_dn2=22863, nmi=0.0256, psnr_db=53.8, ssim=0.062),
-    "kernelgan": PaperRow(correlation=0.0017, mse_dn2=5598, nmi=0.0062, psnr_db=16.1, ssim=0.013),
-    "paper": PaperRow(correlation=0.0004, mse_dn2=2320, nmi=0.0052, psnr_db=9.7, ssim=0.005),
-}
-"""Mean squared differences between the curves."""
-
-PAPER_TABLE_2: dict[ValidationModel, PaperRow] = {
-    "bicubic": PaperRow(correlation=0.953, mse_dn2=86, nmi=1.256, psnr_db=36.6, ssim=0.733),
-    "kernelgan": PaperRow(correlation=0.944, mse_dn2=104, nmi=1.213, psnr_db=34.8, ssim=0.677),
-    "paper": PaperRow(correlation=0.968, mse_dn2=64, nmi=1.275, psnr_db=37.8, ssim=0.760),
-}
-"""Means over pairs of captured and simulated follow-ups."""
-
+__all__ = ["TABLE_NOTES", "ResultTable", "both_tables", "curves_csv"]
 
 _HEADINGS = ("correlation", "MSE", "NMI", "PSNR / dB", "SSIM")
-_CSV_NAMES = ("correlation", "mse_dn2", "nmi", "psnr_db", "ssim")
 _PAIR_NAMES = (
     "target",
     "orientation_deg",
@@ -96,11 +51,11 @@ class ResultTable:
     def text(self) -> str:
         """Plain text, the paper's rows at the end."""
         lines = [self.columns, *self.rows, *self.paper]
-        widths = [max(len(line[place]) for line in lines) for place in range(len(self.columns))]
+        widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
         printed = [
             "  ".join(
-                cell.ljust(width) if place < 2 else cell.rjust(width)
-                for place, (cell, width) in enumerate(zip(line, widths, strict=True))
+                cell.ljust(width) if column < 2 else cell.rjust(width)
+                for column, (cell, width) in enumerate(zip(line, widths, strict=True))
             ).rstrip()
             for line in lines
         ]
@@ -127,16 +82,15 @@ class ResultTable:
             if rows
         ]
         body = "\n\\midrule\n".join(blocks)
-        places = "ll" + "r" * (len(self.columns) - 2)
+        alignment = "ll" + "r" * (len(self.columns) - 2)
         return (
-            f"% {self.title}\n\\begin{{tabular}}{{{places}}}\n\\toprule\n{head} \\\\\n"
+            f"% {self.title}\n\\begin{{tabular}}{{{alignment}}}\n\\toprule\n{head} \\\\\n"
             f"\\midrule\n{body}\n\\bottomrule\n\\end{{tabular}}\n"
         )
 
 
 def both_tables(validation: Validation) -> tuple[ResultTable, ResultTable]:
     """Tables I and II of a validation, the paper's rows below ours."""
-    first, second = table_1(validation), table_2(validation)
     pairs = len(validation.pairs)
     return (
         ResultTable(
@@ -146,12 +100,14 @@ def both_tables(validation: Validation) -> tuple[ResultTable, ResultTable]:
                 f"curves, {pairs} pairs"
             ),
             columns=("alignment", "model", *_HEADINGS),
-            rows=tuple((*row, *_cells(error, _DIGITS_1)) for row, error in first.items()),
-            values=tuple(_values(error) for error in first.values()),
-            value_names=_CSV_NAMES,
+            rows=tuple(
+                (row.alignment, row.model, *_cells(row, _DIGITS_1)) for row in validation.table_1
+            ),
+            values=tuple(_values(row) for row in validation.table_1),
+            value_names=METRICS,
             paper=tuple(
                 ("the paper's own", model, *_cells(row, _DIGITS_1))
-                for model, row in PAPER_TABLE_1.items()
+                for model, row in validation.paper_table_1.items()
             ),
         ),
         ResultTable(
@@ -161,14 +117,19 @@ def both_tables(validation: Validation) -> tuple[ResultTable, ResultTable]:
             ),
             columns=("alignment", "model", *_HEADINGS, "PSNR of mean MSE / dB"),
             rows=tuple(
-                (*row, *_cells(mean, _DIGITS_2), f"{mean.psnr_of_mean_db:.2f}")
-                for row, mean in second.items()
+                (
+                    row.alignment,
+                    row.model,
+                    *_cells(row, _DIGITS_2),
+                    f"{row.psnr_of_mean_db:.2f}",
+                )
+                for row in validation.table_2
             ),
-            values=tuple((*_values(mean), mean.psnr_of_mean_db) for mean in second.values()),
-            value_names=(*_CSV_NAMES, "psnr_of_mean_db"),
+            values=tuple((*_values(row), row.psnr_of_mean_db) for row in validation.table_2),
+            value_names=(*METRICS, "psnr_of_mean_db"),
             paper=tuple(
                 ("the paper's own", model, *_cells(row, _DIGITS_2), "")
-                for model, row in PAPER_TABLE_2.items()
+                for model, row in validation.paper_table_2.items()
             ),
         ),
     )
@@ -178,21 +139,21 @@ def curves_csv(validation: Validation) -> str:
     """The points of Figure 3: one line for every pair and curve."""
     buffer = StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow([*_PAIR_NAMES, "alignment", "model", *_CSV_NAMES])
+    writer.writerow([*_PAIR_NAMES, "alignment", "model", *METRICS])
     for pair in validation.pairs:
-        place = [
-            pair.reference.target,
-            pair.reference.orientation_deg,
-            pair.reference.height_mm,
-            pair.followup.height_mm,
-            repr(pair.registration.zoom),
+        about = [
+            pair.target,
+            pair.orientation_deg,
+            pair.reference_height_mm,
+            pair.followup_height_mm,
+            repr(pair.zoom),
         ]
         curves = {
             (str(alignment), "captured"): curve for alignment, curve in pair.captured_curves.items()
         }
-        curves |= {(str(p), str(m)): one.curve for (p, m), one in pair.models.items()}
+        curves |= {(str(one.alignment), str(one.model)): one.curve for one in pair.models}
         for row, curve in curves.items():
-            writer.writerow([*place, *row, *(repr(getattr(curve, name)) for name in METRICS)])
+            writer.writerow([*about, *row, *(repr(value) for value in _values(curve))])
     return buffer.getvalue()
 
 
@@ -213,79 +174,3 @@ def _figure(value: float, digits: int) -> str:
 
 def _escaped(text: str) -> str:
     return text.replace("\\", "").replace("_", r"\_").replace("%", r"\%").replace("&", r"\&")
-
-
-VALIDATION_SCHEMA = "standoff.validation/1"
-
-
-def validation_document(validation: Validation, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a validation as plain lists and numbers; ``facts`` are how it came about."""
-    return {
-        "schema": VALIDATION_SCHEMA,
-        **facts,
-        "processing": {
-            "normalised_to_dn": [0.0, FULL_SCALE_DN],
-            "background_sigma_px": BACKGROUND_SIGMA_PX,
-            "crop": "centre half of each axis",
-            "data_range_dn": FULL_SCALE_DN,
-            "nmi_bins": 100,
-            "ssim_window_px": 7,
-        },
-        "table_1": _rows({row: asdict(error) for row, error in table_1(validation).items()}),
-        "table_2": _rows({row: asdict(mean) for row, mean in table_2(validation).items()}),
-        "paper_table_1": {model: asdict(row) for model, row in PAPER_TABLE_1.items()},
-        "paper_table_2": {model: asdict(row) for model, row in PAPER_TABLE_2.items()},
-        "pairs": [_pair(pair) for pair in validation.pairs],
-        "excluded": [
-            {
-                "capture": one.record.index,
-                "target": one.record.target,
-                "height_mm": one.record.height_mm,
-                "reason": one.reason,
-            }
-            for one in validation.screening.excluded
-        ],
-        "remarks": list(validation.screening.remarks),
-    }
-
-
-def _rows(table: Mapping[tuple[str, str], dict[str, Any]]) -> list[dict[str, Any]]:
-    return [
-        {"alignment": alignment, "model": model, **finite_or_null(values)}
-        for (alignment, model), values in table.items()
-    ]
-
-
-def _pair(pair: PairValidation) -> dict[str, Any]:
-    registration = pair.registration
-    return {
-        "target": pair.reference.target,
-        "orientation_deg": pair.reference.orientation_deg,
-        "reference": pair.reference.index,
-        "followup": pair.followup.index,
-        "reference_height_mm": pair.reference.height_mm,
-        "followup_height_mm": pair.followup.height_mm,
-        "zoom": registration.zoom,
-        "homography": registration.pose.matrix.tolist(),
-        "k1": registration.pose.k1,
-        "k1_err": registration.k1_err,
-        "place_err_px": registration.place_err_px,
-        "match_rms_px": registration.match_rms_px,
-        "matches": registration.inlier_count,
-        "captured_curves": {
-            alignment: _metrics(curve) for alignment, curve in pair.captured_curves.items()
-        },
-        "models": [
-            {
-                "alignment": alignment,
-                "model": model,
-                "curve": _metrics(one.curve),
-                "agreement": _metrics(one.agreement),
-            }
-            for (alignment, model), one in pair.models.items()
-        ],
-    }
-
-
-def _metrics(metrics: ImageMetrics) -> dict[str, Any]:
-    return finite_or_null(asdict(metrics))

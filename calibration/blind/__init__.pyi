@@ -1,13 +1,13 @@
 from .calibration import (
-    CLEAREST_SNR as CLEAREST_SNR,
     calibrate_from_distances as calibrate_from_distances,
     calibrate_from_scene as calibrate_from_scene,
+    is_clear as is_clear,
 )
 from .two_distance import pair_psf as pair_psf
 
 __all__ = [
-    "CLEAREST_SNR",
     "calibrate_from_distances",
     "calibrate_from_scene",
+    "is_clear",
     "pair_psf",
 ]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from calibration.errors import CalibrationError
+from calibration.errors import PairError
 
 __all__ = ["SmoothAlignment", "align_smoothly"]
 
@@ -53,7 +53,7 @@ def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothA
 
     Raises
     ------
-    CalibrationError
+    PairError
         If the images overlap in fewer than 2000 far pixels.
     """
     rows, cols = np.mgrid[: far_dn.shape[0], : far_dn.shape[1]].astype(np.float64)
@@ -63,7 +63,10 @@ def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothA
     start_x, start_y = start_x / scale, start_y / scale
     inside = _inside(start_y, start_x, near_dn.shape)
     if np.count_nonzero(inside) < _LEAST_PIXELS:
-        raise CalibrationError("the two photographs hardly overlap: take the same scene in both")
+        raise PairError(
+            "the two photographs hardly overlap: take the same scene in both",
+            reason="little_overlap",
+        )
     u, v = _normalised(cols, inside), _normalised(rows, inside)
     moves, gains = _monomials(u, v, _DISPLACEMENT_DEGREE), _monomials(u, v, _GAIN_DEGREE)
     zoom = sqrt(abs(float(np.linalg.det(_mean_jacobian(start_y, start_x, inside)))))

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +9,27 @@ from numpy.typing import NDArray
 from calibration.blind.single_image import fit_sharpest_widths
 from calibration.blind.two_distance import PairPsf, combined, pair_psf
 from calibration.edges import EdgeImage, EdgeMeasurement, Region, measure_edges
-from calibration.errors import CalibrationError, NoEdgeError, RegistrationError
-from calibration.psf import CalibrationMethod, Estimate, PairWidths, PsfCalibration
+from calibration.errors import NoEdgeError, PairError, RegistrationError
+from calibration.psf import (
+    CalibrationMethod,
+    PairWidths,
+    PsfCalibration,
+    estimates_of_covariance,
+)
 from calibration.registration import register
 
-__all__ = ["CLEAREST_SNR", "calibrate_from_distances", "calibrate_from_scene"]
+__all__ = ["calibrate_from_distances", "calibrate_from_scene", "is_clear"]
 
 Array = NDArray[np.float64]
 
-CLEAREST_SNR = 9.0
-"""Contrast over scatter from which an edge of a scene is an edge: what lies beside it scatters."""
-
+_CLEAREST_SNR = 9.0
 _PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 _MOST_SATURATED = 0.005
-_NORMAL_95 = 1.959963984540054
+
+
+def is_clear(edge: EdgeMeasurement) -> bool:
+    """Whether an edge of a scene stands out from the scatter of what lies beside it."""
+    return edge.snr is None or edge.snr >= _CLEAREST_SNR
 
 
 def calibrate_from_scene(
@@ -49,18 +55,18 @@ def calibrate_from_scene(
         # What lies beside an edge of a scene is its noise, whatever the camera's is.
         edges.extend(measure_edges(replace(source, noise=None), region(source)))
         progress(done)
-    clear = [e for e in edges if "saturated" not in e.flags and e.fit.snr >= CLEAREST_SNR]
+    clear = [edge for edge in edges if "saturated" not in edge.flags and is_clear(edge)]
     try:
         widths = fit_sharpest_widths(
-            np.array([edge.fit.angle_deg for edge in clear]),
-            np.array([edge.fit.sigma_px for edge in clear]),
-            np.array([edge.fit.sigma_err_px for edge in clear]),
+            np.array([edge.angle_deg for edge in clear]),
+            np.array([edge.sigma_px for edge in clear]),
+            np.array([edge.sigma_err_px for edge in clear]),
         )
     except ValueError as error:
         where = names[0] if len(names) == 1 else f"{len(names)} images"
-        raise NoEdgeError(f"{where}: {error}; use a scene with sharp edges, or more images") from (
-            error
-        )
+        raise NoEdgeError(
+            f"{where}: {error}; use a scene with sharp edges, or more images", found=len(clear)
+        ) from error
     return _calibration(
         widths.covariance_px2,
         widths.covariance_err_px2,
@@ -93,24 +99,31 @@ def calibrate_from_distances(
 
     Raises
     ------
-    CalibrationError
-        If no pair can be aligned, or tells the PSF; the message is that of the first one.
+    PairError
+        If no pair can be aligned, or tells the PSF; that of the first pair.
     ValueError
         If a region does not lie inside its photograph.
     """
     found: list[tuple[EdgeImage, EdgeImage, PairPsf]] = []
-    failures: list[str] = []
+    failures: list[tuple[EdgeImage, EdgeImage, PairError]] = []
     done = 0
     for near, *further in series:
         for far in further:
             try:
                 found.append((near, far, _pair(near, far, zoom, region(near))))
-            except CalibrationError as error:
-                failures.append(f"{near.name} and {far.name}: {error}")
+            except PairError as error:
+                failures.append((near, far, error))
             done += 1
             progress(done)
     if not found:
-        raise CalibrationError(failures[0] if failures else "no scene was given twice")
+        if not failures:
+            raise PairError("no scene was given twice", reason="no_pair")
+        near, far, fault = failures[0]
+        raise PairError(
+            f"{near.name} and {far.name}: {fault}",
+            reason=fault.reason,
+            photographs=fault.photographs or (near.name, far.name),
+        ) from fault
     elements, errors = combined([pair for _, _, pair in found])
     xx, xy, yy = elements
     return _calibration(
@@ -126,15 +139,19 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
         if source.saturation_dn is not None:
             share = float(np.mean(source.image_dn >= 0.995 * source.saturation_dn))
             if share > _MOST_SATURATED:
-                raise CalibrationError(
+                raise PairError(
                     f"{source.name}: {100 * share:.1f} % of the pixels are saturated; "
-                    "expose shorter"
+                    "expose shorter",
+                    reason="saturated",
+                    photographs=(source.name,),
                 )
     if zoom is None:
         try:
             matrix = register(near.image_dn, far.image_dn).matrix
         except RegistrationError as error:
-            raise CalibrationError(f"{error}; the nearer photograph comes first") from error
+            raise PairError(
+                f"{error}; the nearer photograph comes first", reason="not_aligned"
+            ) from error
     else:
         matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)
     image = near.image_dn
@@ -176,38 +193,13 @@ def _calibration(
     pairs: tuple[PairWidths, ...] = (),
     softness_px2: float | None = None,
 ) -> PsfCalibration:
-    total = _estimates(covariance_px2, errors)
-    optical_covariance = covariance_px2 - _PIXEL_VARIANCE_PX2 * np.eye(2)
-    is_resolved = bool(np.all(np.linalg.eigvalsh(optical_covariance) > 0))
-    optical = _estimates(optical_covariance, errors) if is_resolved else (None, None, None)
-    return PsfCalibration(
-        sigma_x_px=total[0],
-        sigma_y_px=total[1],
-        rho=total[2],
-        covariance_px2=covariance_px2,
-        optical_sigma_x_px=optical[0],
-        optical_sigma_y_px=optical[1],
-        optical_rho=optical[2],
-        optical_covariance_px2=optical_covariance if is_resolved else None,
+    optical_px2 = covariance_px2 - _PIXEL_VARIANCE_PX2 * np.eye(2)
+    is_resolved = bool(np.all(np.linalg.eigvalsh(optical_px2) > 0))
+    return PsfCalibration.of(
+        estimates_of_covariance(covariance_px2, errors),
+        estimates_of_covariance(optical_px2, errors) if is_resolved else None,
         method=method,
         edges=edges,
         pairs=pairs,
         softness_px2=softness_px2,
-    )
-
-
-def _estimates(covariance_px2: Array, errors: Array) -> tuple[Estimate, Estimate, Estimate]:
-    xx, xy, yy = covariance_px2[[0, 0, 1], [0, 1, 1]].tolist()
-    rho = xy / sqrt(xx * yy)
-    slope = np.array([-0.5 * rho / xx, 1 / sqrt(xx * yy), -0.5 * rho / yy])
-    return (
-        _estimate(sqrt(xx), sqrt(float(errors[0, 0])) / (2 * sqrt(xx))),
-        _estimate(sqrt(yy), sqrt(float(errors[2, 2])) / (2 * sqrt(yy))),
-        _estimate(rho, sqrt(float(slope @ errors @ slope))),
-    )
-
-
-def _estimate(value: float, err: float) -> Estimate:
-    return Estimate(
-        value=value, err=err, low=value - _NORMAL_95 * err, high=value + _NORMAL_95 * err
     )

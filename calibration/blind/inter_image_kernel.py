@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import spline_filter
 
 from calibration.blind.alignment import SmoothAlignment
-from calibration.errors import CalibrationError
+from calibration.errors import PairError
 
 __all__ = ["InterImageKernel", "estimate_kernel"]
 
@@ -90,15 +90,16 @@ def estimate_kernel(
 
     Raises
     ------
-    CalibrationError
+    PairError
         If the images overlap too little for that many weights.
     """
     places = _far_places(alignment, near_dn.shape, radius_px)
     unknowns = (2 * radius_px + 1) ** 2 + 1
     if len(places.rows) < 4 * unknowns:
-        raise CalibrationError(
+        raise PairError(
             f"{len(places.rows)} pixels of the far image lie inside the near one, "
-            f"{4 * unknowns} are needed: take the same scene in both"
+            f"{4 * unknowns} are needed: take the same scene in both",
+            reason="little_overlap",
         )
     # Means are taken off for the sake of rounding; the offset takes up what they make.
     coefficients = spline_filter(near_dn - near_dn.mean(), order=_ORDER, mode="mirror")

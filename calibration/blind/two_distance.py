@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.blind.alignment import align_smoothly
 from calibration.blind.inter_image_kernel import InterImageKernel, estimate_kernel
-from calibration.errors import CalibrationError
+from calibration.errors import PairError
 
 __all__ = ["PairPsf", "combined", "pair_psf"]
 
@@ -59,16 +59,17 @@ def pair_psf(
 
     Raises
     ------
-    CalibrationError
+    PairError
         If the distances are too alike, or the photographs hold too little detail.
     """
     alignment = align_smoothly(near_dn, far_dn, far_to_near)
     jacobian = alignment.jacobian
     zoom = sqrt(abs(float(np.linalg.det(jacobian))))
     if zoom < _SMALLEST_ZOOM:
-        raise CalibrationError(
+        raise PairError(
             f"the second photograph is {zoom:.3f} times as far away as the first; at least "
-            f"{_SMALLEST_ZOOM} is needed, 2 is good"
+            f"{_SMALLEST_ZOOM} is needed, 2 is good",
+            reason="one_distance",
         )
     reach = _REACH_SIGMAS * _WIDEST_SIGMA_PX * sqrt(zoom**2 - 1)
     radius = min(max(ceil(reach), _RADII_PX[0]), _RADII_PX[1])
@@ -88,8 +89,9 @@ def pair_psf(
     inverse = np.linalg.inv(system)
     xx, xy, yy = inverse @ between
     if np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0] < _SHARPEST_PX2:
-        raise CalibrationError(
-            "the far photograph is not softer than the near one: was it taken in focus?"
+        raise PairError(
+            "the far photograph is not softer than the near one: was it taken in focus?",
+            reason="sharp",
         )
     return PairPsf(
         zoom=zoom,

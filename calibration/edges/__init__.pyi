@@ -25,7 +25,7 @@ from .mosaic import (
     PlanePlace as PlanePlace,
     plane_places as plane_places,
 )
-from .orientation import orientation_of as orientation_of
+from .orientation import Orientation as Orientation, orientation_of as orientation_of
 from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
 from .segments import (
     EdgeSegment as EdgeSegment,
@@ -46,6 +46,7 @@ __all__ = [
     "EdgeSegment",
     "MeasuredTransfer",
     "Method",
+    "Orientation",
     "Pattern",
     "PlanePlace",
     "Region",

@@ -139,18 +139,16 @@ def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
 
 def _sized(gradient: Gradient, line: EdgeSegment) -> EdgeSegment:
     """Refine the line on all gradient pixels near it, and guess the width of the edge."""
-    x_px, y_px, normal_rad, spread_px2 = refined(
-        gradient.x, gradient.y, line.x_px, line.y_px, line.normal_rad, 0.5 * line.length_px
-    )
+    better, spread_px2 = refined(gradient.x, gradient.y, line.line)
     if spread_px2 < 0:
         return line
     # The squared gradient of a Gaussian edge is a Gaussian of half its variance.
     variance_px2 = 2.0 * spread_px2 - SMOOTHING_PX**2
     return replace(
         line,
-        x_px=x_px,
-        y_px=y_px,
-        normal_rad=normal_rad,
+        x_px=better.x_px,
+        y_px=better.y_px,
+        normal_rad=better.normal_rad,
         sigma_px=sqrt(max(variance_px2, 0.1)),
     )
 
@@ -174,16 +172,9 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
 
 def _with_clearance(piece: EdgeSegment, ridge_points: Array) -> EdgeSegment | None:
     """Limit the fit's band to what no other edge reaches; None where nothing is left."""
-    half = 0.5 * piece.length_px
-    nearest = nearest_other(
-        ridge_points,
-        piece.x_px,
-        piece.y_px,
-        piece.normal_rad,
-        half,
-        max(2.5, 1.5 * piece.sigma_px),
-        hypot(half, 40.0),
-    )
+    own_px = max(2.5, 1.5 * piece.sigma_px)
+    reach_px = hypot(0.5 * piece.length_px, 40.0)
+    nearest = nearest_other(ridge_points, piece.line, own_px, reach_px)
     clearance = nearest - 2.5 * piece.sigma_px - 0.5
     if clearance < 2.0 * piece.sigma_px + 1.0:
         return None

@@ -12,6 +12,7 @@ from math import cos, exp, log, pi, sin, sqrt
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 from scipy.optimize import brentq
 from scipy.special import sici
 
@@ -271,21 +272,23 @@ TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
 """Frequencies at which the transfer is kept; beyond Nyquist for the aliased part."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AxisTransfer:
+class AxisTransfer(BaseModel):
     """Contrast by frequency along one axis, lens and pixel together, from ``edges`` edges."""
 
-    freq_cy_per_px: Array
-    mtf: Array
-    edges: int
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    freq_cy_per_px: tuple[float, ...] = Field(repr=False)
+    mtf: tuple[float, ...] = Field(repr=False)
+    edges: int | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MeasuredTransfer:
+class MeasuredTransfer(BaseModel):
     """Transfer along x (from vertical edges) and y (horizontal ones); None without edges."""
 
-    x: AxisTransfer | None
-    y: AxisTransfer | None
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    x: AxisTransfer | None = None
+    y: AxisTransfer | None = None
 
 
 def mean_transfer(edges: Sequence[EdgeSfr]) -> AxisTransfer | None:
@@ -298,4 +301,8 @@ def mean_transfer(edges: Sequence[EdgeSfr]) -> AxisTransfer | None:
         return None
     curves = np.array([edge.transform(TRANSFER_FREQ_CY_PER_PX).real for edge in edges])
     mtf = np.maximum(np.median(curves, axis=0), 0.0)
-    return AxisTransfer(freq_cy_per_px=TRANSFER_FREQ_CY_PER_PX, mtf=mtf, edges=len(edges))
+    return AxisTransfer(
+        freq_cy_per_px=tuple(round(freq, 6) for freq in TRANSFER_FREQ_CY_PER_PX.tolist()),
+        mtf=tuple(mtf.tolist()),
+        edges=len(edges),
+    )

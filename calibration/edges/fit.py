@@ -10,7 +10,7 @@ from math import cos, exp, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.edges.likelihood import LikelyEdge, maximise
+from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
 from calibration.edges.model import (
     CURVATURE,
     FLAT_PARAMETERS,
@@ -106,16 +106,13 @@ def fit_edge(
         noise_line = np.array([noise.offset_dn2, noise.slope_dn, noise.floor_dn2])
     likely = maximise(
         image_dn,
-        segment.x_px,
-        segment.y_px,
-        segment.normal_rad,
-        segment.length_px,
-        segment.clearance_px,
+        segment.line,
         segment.sigma_px,
+        segment.clearance_px,
         noise_line,
         np.inf if saturation_dn is None else float(saturation_dn),
     )
-    if not likely.is_found:
+    if not likely.total.is_found:
         return None
     return _measurement(
         likely, segment, is_noise_known=noise is not None, has_saturation=saturation_dn is not None
@@ -126,21 +123,20 @@ def _measurement(
     likely: LikelyEdge, segment: EdgeSegment, *, is_noise_known: bool, has_saturation: bool
 ) -> EdgeFit:
     freedom = max(likely.pixels - FLAT_PARAMETERS, 1)
-    total = likely.total
-    sigma, sigma_err = _width(total, likely.total_variance * likely.total_squares / freedom)
+    total = likely.total.parameters
+    sigma, sigma_err = _width(likely.total, freedom)
     optical: float | None = None
     optical_err: float | None = None
-    best, squares = total, likely.total_squares
-    if likely.has_optical:
-        optical, optical_err = _width(
-            likely.optical, likely.optical_variance * likely.optical_squares / freedom
-        )
-        if likely.optical_squares < squares:
-            best, squares = likely.optical, likely.optical_squares
+    best = likely.total
+    if likely.optical.is_found:
+        optical, optical_err = _width(likely.optical, freedom)
+        if likely.optical.squares < best.squares:
+            best = likely.optical
         if optical < _SHARPEST_PX:
             optical = optical_err = None
-    angle = segment.normal_rad + total[TURN] / likely.half_length_px
-    contrast = abs(best[HIGH] - best[LOW])
+    half_length_px = segment.line.half_length_px
+    angle = segment.normal_rad + total[TURN] / half_length_px
+    contrast = abs(best.parameters[HIGH] - best.parameters[LOW])
     flags = list(profile_flags(likely.profile, contrast))
     if has_saturation and likely.clipped_fraction > SATURATED_FRACTION:
         flags.insert(0, "saturated")
@@ -164,13 +160,14 @@ def _measurement(
         low_dn=float(total[LOW]),
         high_dn=float(total[HIGH]),
         noise_dn=float(likely.noise_dn),
-        curvature_per_px=float(2 * total[CURVATURE] / likely.half_length_px**2),
-        chi2_reduced=float(squares / freedom) if is_noise_known else None,
+        curvature_per_px=float(2 * total[CURVATURE] / half_length_px**2),
+        chi2_reduced=float(best.squares / freedom) if is_noise_known else None,
         flags=tuple(flags),
         clipped_fraction=likely.clipped_fraction if has_saturation else None,
     )
 
 
-def _width(parameters: Array, log_variance: float) -> tuple[float, float]:
-    sigma = exp(parameters[LOG_SIGMA])
-    return sigma, sigma * sqrt(log_variance)
+def _width(fit: WidthFit, freedom: int) -> tuple[float, float]:
+    """Sigma and its standard error."""
+    sigma = exp(fit.parameters[LOG_SIGMA])
+    return sigma, sigma * sqrt(fit.log_sigma_variance * fit.squares / freedom)

@@ -1,8 +1,10 @@
 """The most likely edge for the pixels of a turned rectangle, compiled in one go.
 
-An edge takes some six passes over its pixels of 50 us each; calls from Python in between would
-double that. ``benchmarks/bench_edge_fit.py`` says what that earns. ``edge_fit`` makes the result
-readable.
+The stages: a band of pixels that fits the edge's width, with a rough fit; slopes across the edge
+taken off; weights from the residuals; the total and the optical width; slopes along the edge, where
+the pixels ask for them. Together they take some six passes over the pixels of 50 us each; calls
+from Python in between would double that, as ``benchmarks/bench_edge_fit.py`` says.
+``calibration.edges.fit`` makes the result readable.
 """
 
 from math import log, sqrt
@@ -18,6 +20,8 @@ from calibration.edges.model import (
     LOG_SIGMA,
     LOW,
     SHADED_PARAMETERS,
+    EdgeLevels,
+    Minimum,
     edge_values,
     levenberg_marquardt,
     slopes_gain,
@@ -29,14 +33,19 @@ from calibration.edges.residuals import (
     profile_figures,
     robust_variance,
 )
-from calibration.edges.segments import band_half_width, band_pixels, side_level
-from calibration.edges.shading import without_slopes_across
+from calibration.edges.segments import (
+    BandPixels,
+    EdgeLine,
+    band_half_width,
+    band_pixels,
+    side_level,
+)
+from calibration.edges.shading import shading_levels, slopes_across
 
-__all__ = ["LikelyEdge", "maximise"]
+__all__ = ["LikelyEdge", "WidthFit", "maximise"]
 
 Array = NDArray[np.float64]
 
-_MAX_STEPS = 40
 _ROUGH, _FINE = 1e-2, 1e-4  # last step of a fit, in px and parts of sigma
 _WINDOW_ROUNDS = 4
 _WINDOW_AGREES = 0.1  # relative change of sigma that needs no new window
@@ -50,23 +59,27 @@ _BLACK_DN = 0.0
 _NEARLY_SATURATED = 0.995
 
 
-class LikelyEdge(NamedTuple):
-    """What the pixels say; parameters in the order of ``edge_model``, widths as log sigma.
+class WidthFit(NamedTuple):
+    """One edge shape fitted to the pixels; void where it is not found.
 
-    ``total`` is the plain edge, ``optical`` the one behind pixel squares; the variances of their
-    log sigma are for weights that are inverse variances. ``is_found`` False leaves all else void,
-    ``has_optical`` False the optical part.
+    The parameters are in the order of ``calibration.edges.model``, the width as log sigma; its
+    variance is for weights that are inverse variances.
     """
 
     is_found: bool
-    total: Array
-    total_variance: float
-    total_squares: float
-    has_optical: bool
-    optical: Array
-    optical_variance: float
-    optical_squares: float
-    half_length_px: float
+    parameters: Array
+    log_sigma_variance: float
+    squares: float
+
+
+class LikelyEdge(NamedTuple):
+    """What the pixels say: the plain edge (total width) and the one behind pixel squares (optical).
+
+    ``total`` not found leaves all else void. ``pixels`` are those that have a weight.
+    """
+
+    total: WidthFit
+    optical: WidthFit
     pixels: int
     noise_dn: float
     clipped_fraction: float
@@ -75,15 +88,28 @@ class LikelyEdge(NamedTuple):
     profile: ProfileFigures
 
 
+class _Window(NamedTuple):
+    """The pixels that are fitted, their weights and a rough fit; void where none is found."""
+
+    rough: Minimum
+    pixels: BandPixels
+    weights: Array
+    half_width_px: float
+
+
+class _Widths(NamedTuple):
+    """The plain edge and the one behind pixel squares, fitted to the same pixels."""
+
+    total: Minimum
+    optical: Minimum
+
+
 @njit(cache=True, error_model="numpy")
 def maximise(
     image_dn: Array,
-    x_px: float,
-    y_px: float,
-    normal_rad: float,
-    length_px: float,
-    clearance_px: float,
+    line: EdgeLine,
     sigma_px: float,
+    clearance_px: float,
     noise_line: Array,
     saturation_dn: float,
 ) -> LikelyEdge:
@@ -93,7 +119,7 @@ def maximise(
     ----------
     image_dn
         Shape ``(rows, cols)``.
-    x_px, y_px, normal_rad, length_px, clearance_px, sigma_px
+    line, sigma_px, clearance_px
         Of the ``EdgeSegment``.
     noise_line
         Offset (DN^2), slope (DN) and floor (DN^2) of the variance against the level; empty where
@@ -101,144 +127,173 @@ def maximise(
     saturation_dn
         Infinite where not known.
     """
-    half_length = 0.5 * length_px
-    sigma = sigma_px
-    start = np.zeros(FLAT_PARAMETERS)
-    for attempt in range(_WINDOW_ROUNDS):
-        half_width = min(band_half_width(sigma), clearance_px)
-        x, y, values, across = band_pixels(
-            image_dn, x_px, y_px, normal_rad, half_width, half_length
-        )
-        if len(values) < 4 * SHADED_PARAMETERS:
-            return _none()
-        low, high = side_level(values, -across, sigma), side_level(values, across, sigma)
-        weights = _known_weights(across, sigma, low, high, noise_line)
-        if attempt == 0:
-            start[LOG_SIGMA] = log(max(sigma, 0.2))
-            start[LOW], start[HIGH] = low, high
-        rough, _, _, steps = levenberg_marquardt(
-            x, y, values, weights, start, normal_rad, half_length, False, _ROUGH, _MAX_STEPS
-        )
-        if steps < 0 or not np.all(np.isfinite(rough)) or rough[HIGH] <= rough[LOW]:
-            return _none()
-        start = rough
-        before, sigma = sigma, np.exp(rough[LOG_SIGMA])
-        is_clipped = half_width < band_half_width(before)
-        if abs(sigma - before) <= _WINDOW_AGREES * before or is_clipped:
-            break
-    levels, distances, edges = edge_values(x, y, rough, normal_rad, half_length, False)
-    contrast = rough[HIGH] - rough[LOW]
-    is_shaded = without_slopes_across(
-        image_dn,
-        x_px,
-        y_px,
-        normal_rad,
-        half_length,
-        half_width,
-        clearance_px,
-        contrast,
-        sigma,
-        distances,
-        values,
-    )
-    if is_shaded:
-        rough, _, _, steps = levenberg_marquardt(
-            x, y, values, weights, rough, normal_rad, half_length, False, _ROUGH, _MAX_STEPS
-        )
-        if steps < 0 or not np.all(np.isfinite(rough)):
-            return _none()
-        levels, distances, edges = edge_values(x, y, rough, normal_rad, half_length, False)
-    scatter = noise_part(values - levels, distances)
-    if len(noise_line) == 0:
-        _weigh_sides(scatter, edges, weights)
-    has_outliers, outliers = outlier_weights(scatter, 1.0 / np.sqrt(weights), contrast)
-    if has_outliers:
-        weights *= outliers
-    pixels = int(np.count_nonzero(weights))
-
-    total, hessian, squares, steps = levenberg_marquardt(
-        x, y, values, weights, rough, normal_rad, half_length, False, _FINE, _MAX_STEPS
-    )
-    if steps < 0 or not np.all(np.isfinite(total)):
+    window = _window(image_dn, line, sigma_px, clearance_px, noise_line)
+    if not window.rough.is_found or window.rough.parameters[HIGH] <= window.rough.parameters[LOW]:
         return _none()
-    total_variance, total_squares = _log_sigma_variance(hessian), squares
-    start = total.copy()
-    start[LOG_SIGMA] = 0.5 * log(max(np.exp(2 * total[LOG_SIGMA]) - 1 / 12, 0.02))
-    optical, hessian, squares, steps = levenberg_marquardt(
-        x, y, values, weights, start, normal_rad, half_length, True, _FINE, _MAX_STEPS
-    )
-    has_optical = bool(steps >= 0 and np.all(np.isfinite(optical)))
-    optical_variance, optical_squares = _log_sigma_variance(hessian), squares
-    is_square = bool(has_optical and optical_squares < total_squares)
-
-    flat, flat_squares = (optical, optical_squares) if is_square else (total, total_squares)
-    levels, distances, edges = edge_values(x, y, flat, normal_rad, half_length, is_square)
-    gain = slopes_gain(x, y, values - levels, edges, weights, normal_rad, half_length)
-    freedom = pixels - SHADED_PARAMETERS
-    has_slopes = False
-    # The score tells beforehand what the slopes could gain; mostly that is the end of it.
-    if freedom > 0 and _p_of_two_more(gain, flat_squares - gain, freedom) <= _SHADING_SCORE_P:
-        start = np.zeros(SHADED_PARAMETERS)
-        start[:FLAT_PARAMETERS] = flat
-        trial, _, squares, steps = levenberg_marquardt(
-            x, y, values, weights, start, normal_rad, half_length, is_square, _FINE, _MAX_STEPS
-        )
-        slopes = trial[FLAT_PARAMETERS:]
-        p = _p_of_two_more(flat_squares - squares, squares, freedom)
-        least = _SHADING_LEAST * (trial[HIGH] - trial[LOW])
-        if steps >= 0 and p <= _SHADING_P and np.abs(slopes).max() >= least:
-            start[:FLAT_PARAMETERS] = total
-            start[FLAT_PARAMETERS:] = slopes
-            shaded, hessian, squares, steps = levenberg_marquardt(
-                x, y, values, weights, start, normal_rad, half_length, False, _FINE, _MAX_STEPS
-            )
-            if steps >= 0 and np.all(np.isfinite(shaded)):
-                is_shaded = has_slopes = True
-                total, total_squares = shaded, squares
-                total_variance = _log_sigma_variance(hessian)
-                start[:FLAT_PARAMETERS] = optical if has_optical else total[:FLAT_PARAMETERS]
-                optical, hessian, squares, steps = levenberg_marquardt(
-                    x, y, values, weights, start, normal_rad, half_length, True, _FINE, _MAX_STEPS
-                )
-                is_finite = bool(np.all(np.isfinite(optical)))
-                has_optical = has_optical and steps >= 0 and is_finite
-                optical_variance, optical_squares = _log_sigma_variance(hessian), squares
-                is_square = bool(has_optical and optical_squares < total_squares)
-
+    found = edge_values(window.pixels, window.rough.parameters, False)
+    window, is_shaded = _without_shading(image_dn, line, clearance_px, window, found.distances)
+    if not window.rough.is_found:
+        return _none()
+    if is_shaded:
+        found = edge_values(window.pixels, window.rough.parameters, False)
+    weights, has_outliers = _weighed(window, found, len(noise_line) > 0)
+    flat = _widths(window.pixels, weights, window.rough.parameters)
+    if not flat.total.is_found:
+        return _none()
+    found = _best_levels(window.pixels, flat)
+    widths, has_slopes = _with_slopes_along(window.pixels, weights, flat, found)
     if has_slopes:
-        best = optical if is_square else total
-        levels, distances, edges = edge_values(x, y, best, normal_rad, half_length, is_square)
+        found = _best_levels(window.pixels, widths)
+
+    values = window.pixels.values
     counted = weights > 0
-    residuals = (values - levels)[counted]
+    residuals = (values - found.levels)[counted]
     clipped = np.count_nonzero(
         (values >= _NEARLY_SATURATED * saturation_dn) | (values <= _BLACK_DN)
     )
+    sigma = np.exp(widths.total.parameters[LOG_SIGMA])
     return LikelyEdge(
-        True,
-        total,
-        total_variance,
-        total_squares,
-        has_optical,
-        optical,
-        optical_variance,
-        optical_squares,
-        half_length,
-        pixels,
+        _width_fit(widths.total),
+        _width_fit(widths.optical),
+        int(np.count_nonzero(weights)),
         float(np.std(residuals)),
         clipped / len(values),
         has_outliers,
-        is_shaded,
-        profile_figures(values[counted], residuals, distances[counted], np.exp(total[LOG_SIGMA])),
+        is_shaded or has_slopes,
+        profile_figures(values[counted], residuals, found.distances[counted], sigma),
     )
 
 
 @njit(cache=True)
 def _none() -> LikelyEdge:
-    empty = np.zeros(FLAT_PARAMETERS)
+    void = WidthFit(False, np.zeros(FLAT_PARAMETERS), 0.0, 0.0)
     profile = ProfileFigures(0.0, 0.0, 0.0, 0.0, 0, 0)
-    return LikelyEdge(
-        False, empty, 0.0, 0.0, False, empty, 0.0, 0.0, 0.0, 0, 0.0, 0.0, False, False, profile
+    return LikelyEdge(void, void, 0, 0.0, 0.0, False, False, profile)
+
+
+@njit(cache=True, error_model="numpy")
+def _window(
+    image_dn: Array, line: EdgeLine, sigma_px: float, clearance_px: float, noise_line: Array
+) -> _Window:
+    """Fit roughly, in a band as wide as the width found asks for."""
+    sigma = sigma_px
+    start = np.zeros(FLAT_PARAMETERS)
+    for attempt in range(_WINDOW_ROUNDS):
+        half_width = min(band_half_width(sigma), clearance_px)
+        pixels = band_pixels(image_dn, line, half_width)
+        low = side_level(pixels.values, -pixels.across, sigma)
+        high = side_level(pixels.values, pixels.across, sigma)
+        weights = _known_weights(pixels.across, sigma, low, high, noise_line)
+        if attempt == 0:
+            start[LOG_SIGMA] = log(max(sigma, 0.2))
+            start[LOW], start[HIGH] = low, high
+        rough = Minimum(False, start, np.zeros((FLAT_PARAMETERS, FLAT_PARAMETERS)), 0.0)
+        if len(pixels.values) >= 4 * SHADED_PARAMETERS:
+            rough = levenberg_marquardt(pixels, weights, start, False, _ROUGH)
+        if not rough.is_found or rough.parameters[HIGH] <= rough.parameters[LOW]:
+            break
+        start = rough.parameters
+        before, sigma = sigma, np.exp(start[LOG_SIGMA])
+        is_clipped = half_width < band_half_width(before)
+        if abs(sigma - before) <= _WINDOW_AGREES * before or is_clipped:
+            break
+    return _Window(rough, pixels, weights, half_width)
+
+
+@njit(cache=True, error_model="numpy")
+def _without_shading(
+    image_dn: Array, line: EdgeLine, clearance_px: float, window: _Window, distances: Array
+) -> tuple[_Window, bool]:
+    """Take slopes across the edge off the pixels and fit again; whether there were any."""
+    parameters = window.rough.parameters
+    contrast = parameters[HIGH] - parameters[LOW]
+    slopes = slopes_across(image_dn, line, window.half_width_px, clearance_px, contrast)
+    if slopes[0] == 0.0 and slopes[1] == 0.0:
+        return window, False
+    pixels = window.pixels
+    shading = shading_levels(slopes, distances, np.exp(parameters[LOG_SIGMA]))
+    even = BandPixels(
+        pixels.x,
+        pixels.y,
+        pixels.values - shading,
+        pixels.across,
+        pixels.normal_rad,
+        pixels.half_length_px,
     )
+    rough = levenberg_marquardt(even, window.weights, parameters, False, _ROUGH)
+    return _Window(rough, even, window.weights, window.half_width_px), True
+
+
+@njit(cache=True, error_model="numpy")
+def _weighed(window: _Window, found: EdgeLevels, is_noise_known: bool) -> tuple[Array, bool]:
+    """Weights of the pixels after a look at their residuals; whether there are outliers."""
+    parameters, weights = window.rough.parameters, window.weights
+    scatter = noise_part(window.pixels.values - found.levels, found.distances)
+    if not is_noise_known:
+        weights = _side_weights(scatter, found.edges)
+    contrast = parameters[HIGH] - parameters[LOW]
+    has_outliers, outliers = outlier_weights(scatter, 1.0 / np.sqrt(weights), contrast)
+    return (weights * outliers if has_outliers else weights), has_outliers
+
+
+@njit(cache=True, error_model="numpy")
+def _widths(pixels: BandPixels, weights: Array, start: Array) -> _Widths:
+    """Fit the plain edge, and from there the one behind pixel squares."""
+    total = levenberg_marquardt(pixels, weights, start, False, _FINE)
+    start = total.parameters.copy()
+    start[LOG_SIGMA] = 0.5 * log(max(np.exp(2 * start[LOG_SIGMA]) - 1 / 12, 0.02))
+    return _Widths(total, levenberg_marquardt(pixels, weights, start, True, _FINE))
+
+
+@njit(cache=True, error_model="numpy")
+def _is_square(widths: _Widths) -> bool:
+    """Whether the edge behind pixel squares fits better."""
+    return bool(widths.optical.is_found and widths.optical.squares < widths.total.squares)
+
+
+@njit(cache=True, error_model="numpy")
+def _best_levels(pixels: BandPixels, widths: _Widths) -> EdgeLevels:
+    if _is_square(widths):
+        return edge_values(pixels, widths.optical.parameters, True)
+    return edge_values(pixels, widths.total.parameters, False)
+
+
+@njit(cache=True, error_model="numpy")
+def _with_slopes_along(
+    pixels: BandPixels, weights: Array, flat: _Widths, found: EdgeLevels
+) -> tuple[_Widths, bool]:
+    """Fit slopes of the levels along the edge too, where the pixels ask for them; whether so."""
+    is_square = _is_square(flat)
+    best = flat.optical if is_square else flat.total
+    gain = slopes_gain(pixels, weights, pixels.values - found.levels, found.edges)
+    freedom = int(np.count_nonzero(weights)) - SHADED_PARAMETERS
+    # The score tells beforehand what the slopes could gain; mostly that is the end of it.
+    if freedom <= 0 or _p_of_two_more(gain, best.squares - gain, freedom) > _SHADING_SCORE_P:
+        return flat, False
+    start = np.zeros(SHADED_PARAMETERS)
+    start[:FLAT_PARAMETERS] = best.parameters
+    # Constants, as each shape is compiled for itself.
+    if is_square:
+        trial = levenberg_marquardt(pixels, weights, start, True, _FINE)
+    else:
+        trial = levenberg_marquardt(pixels, weights, start, False, _FINE)
+    slopes = trial.parameters[FLAT_PARAMETERS:]
+    p = _p_of_two_more(best.squares - trial.squares, trial.squares, freedom)
+    least = _SHADING_LEAST * (trial.parameters[HIGH] - trial.parameters[LOW])
+    if not (trial.is_found and p <= _SHADING_P and np.abs(slopes).max() >= least):
+        return flat, False
+    start[:FLAT_PARAMETERS] = flat.total.parameters
+    start[FLAT_PARAMETERS:] = slopes
+    total = levenberg_marquardt(pixels, weights, start, False, _FINE)
+    if not total.is_found:
+        return flat, False
+    start[:FLAT_PARAMETERS] = (
+        flat.optical.parameters if flat.optical.is_found else total.parameters[:FLAT_PARAMETERS]
+    )
+    optical = levenberg_marquardt(pixels, weights, start, True, _FINE)
+    is_found = flat.optical.is_found and optical.is_found
+    optical = Minimum(is_found, optical.parameters, optical.hessian, optical.squares)
+    return _Widths(total, optical), True
 
 
 @njit(cache=True)
@@ -257,20 +312,21 @@ def _known_weights(
 
 
 @njit(cache=True)
-def _weigh_sides(scatter: Array, edges: Array, weights: Array) -> None:
-    """Give inverse variances where one side of the edge is noisier than the other."""
+def _side_weights(scatter: Array, edges: Array) -> Array:
+    """Inverse variances where one side of the edge is noisier than the other, else ones."""
+    even = np.ones(len(scatter))
     dark, bright = edges < 0.02, edges > 0.98
     n_dark, n_bright = np.count_nonzero(dark), np.count_nonzero(bright)
     if min(n_dark, n_bright) < _SIDE_PIXELS:
-        return
+        return even
     low, high = robust_variance(scatter[dark]), robust_variance(scatter[bright])
     if min(low, high) <= 1e-12 * max(low, high):
-        return
+        return even
     # The logarithm of a ratio of two variances is nearly normal.
     scatter_of_log = sqrt((2.0 / n_dark + 2.0 / n_bright) / _MAD_EFFICIENCY)
     if abs(log(high / low)) < _UNEVEN_SIGMAS * scatter_of_log:
-        return
-    weights[:] = sqrt(low * high) / (low + (high - low) * edges)
+        return even
+    return sqrt(low * high) / (low + (high - low) * edges)
 
 
 @njit(cache=True)
@@ -282,12 +338,16 @@ def _p_of_two_more(gain: float, left: float, freedom: int) -> float:
 
 
 @njit(cache=True)
-def _log_sigma_variance(hessian: Array) -> float:
-    """Element of the inverse that belongs to log sigma."""
+def _width_fit(minimum: Minimum) -> WidthFit:
+    """Fit with the element of the inverse that belongs to log sigma."""
+    hessian = minimum.hessian
+    if not minimum.is_found:
+        return WidthFit(False, minimum.parameters, 0.0, minimum.squares)
     scale = np.sqrt(np.diag(hessian)) + 1e-300
     unit = np.zeros(len(scale))
     unit[LOG_SIGMA] = 1.0
     scaled = hessian / scale / scale.reshape(-1, 1)
     for j in range(len(scale)):
         scaled[j, j] += 1e-14
-    return float(max(np.linalg.solve(scaled, unit)[LOG_SIGMA], 0.0) / scale[LOG_SIGMA] ** 2)
+    variance = max(np.linalg.solve(scaled, unit)[LOG_SIGMA], 0.0) / scale[LOG_SIGMA] ** 2
+    return WidthFit(True, minimum.parameters, float(variance), minimum.squares)

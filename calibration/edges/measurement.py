@@ -1,10 +1,13 @@
 """Every straight edge of one photograph, measured: width, contrast by frequency, roughness."""
 
+import math
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
 from calibration.edges.detection import find_edges
 from calibration.edges.esfr import (
@@ -16,7 +19,7 @@ from calibration.edges.esfr import (
 )
 from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
 from calibration.edges.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
-from calibration.edges.orientation import orientation_of
+from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
 from calibration.edges.segments import EdgeSegment
@@ -105,27 +108,42 @@ class EdgeImage:
             raise ValueError(f"region {region} does not lie inside {self.name} ({cols}x{rows})")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeMeasurement:
-    """The fit of one edge, and where it comes from.
+class EdgeMeasurement(BaseModel):
+    """One measured edge; null is what it does not tell.
 
-    ``clipped_fraction`` is of the pixels of the fit, None where the level is not known;
-    ``roughness_px`` and ``esfr`` are None where the edge does not tell them.
+    ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down. ``snr`` is
+    None without any noise, ``chi2_reduced`` where the noise is known from this edge alone,
+    ``optical_sigma_px`` where the edge is as sharp as the pixel square alone. MTF50 is the
+    frequency of half contrast across the edge: of the fitted Gaussian with its pixel, or with
+    the prefix ``esfr_`` without a model of the PSF. ``contrast`` is Michelson's of the two
+    levels, ``clipped_fraction`` of the pixels of the fit. ``esfr`` is not kept in a file.
     """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
 
     image: str
     capture: int | None
     height_mm: float | None
-    fit: EdgeFit
-    flags: tuple[str, ...]
-    esfr: EdgeSfr | None = None
+    x_px: float
+    y_px: float
+    angle_deg: float
+    orientation: Orientation
+    length_px: float
+    snr: float | None
+    sigma_px: float
+    sigma_err_px: float
+    optical_sigma_px: float | None
+    optical_sigma_err_px: float | None
+    mtf50_cy_per_px: float
+    esfr_mtf50_cy_per_px: float | None = None
+    esfr_mtf50_err_cy_per_px: float | None = None
+    esfr_mtf20_cy_per_px: float | None = None
+    contrast: float | None = None
     roughness_px: float | None = None
     clipped_fraction: float | None = None
-
-    @property
-    def orientation(self) -> str:
-        """Name of the edge's direction: vertical, horizontal or diagonal."""
-        return orientation_of(self.fit.angle_deg)
+    chi2_reduced: float | None
+    flags: tuple[str, ...]
+    esfr: EdgeSfr | None = Field(default=None, exclude=True)
 
     @property
     def is_used(self) -> bool:
@@ -133,17 +151,20 @@ class EdgeMeasurement:
         return not REJECTING_FLAGS & set(self.flags)
 
     @property
-    def mtf50_cy_per_px(self) -> float:
-        """Frequency of half contrast across the edge, of the fitted Gaussian with its pixel."""
-        if self.fit.optical_sigma_px is None:
-            return gaussian_mtf50(self.fit.sigma_px)
-        return pixel_mtf50(self.fit.optical_sigma_px, self.fit.normal_rad)
+    def normal_rad(self) -> float:
+        """Angle of the edge normal, in radians modulo pi."""
+        return float(np.deg2rad(self.angle_deg + 90.0))
 
-    @property
-    def contrast(self) -> float | None:
-        """Michelson contrast of the edge's two levels; None where they do not add up."""
-        total = self.fit.high_dn + self.fit.low_dn
-        return abs(self.fit.high_dn - self.fit.low_dn) / total if total > 0 else None
+    def __repr__(self) -> str:
+        flags = "".join(f", {flag}" for flag in self.flags)
+        return (
+            f"EdgeMeasurement({PurePath(self.image).name} at ({self.x_px:.0f}, {self.y_px:.0f}), "
+            f"{self.angle_deg:.1f} deg: sigma {self.sigma_px:.4f} ± {self.sigma_err_px:.4f} px"
+            f"{flags})"
+        )
+
+    def __str__(self) -> str:
+        return repr(self)
 
 
 def measure_edges(
@@ -189,17 +210,15 @@ def measure_edges(
         if clipped is not None:
             fraction = float(np.mean(_picked(clipped, segment, fit, band)))
         wide = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
-        measured = EdgeMeasurement(
-            image=source.name,
-            capture=source.capture,
-            height_mm=source.height_mm,
-            fit=widened.moved(left, top),
-            flags=_flags(source, fit, fraction),
-            esfr=measure_esfr(wide, fit.sigma_px),
-            roughness_px=roughness_px(samples, fit.sigma_px),
-            clipped_fraction=fraction,
+        measurements.append(
+            _measurement(
+                source,
+                widened.moved(left, top),
+                measure_esfr(wide, fit.sigma_px),
+                roughness_px(samples, fit.sigma_px),
+                fraction,
+            )
         )
-        measurements.append(_on_sensor(measured, source))
     return measurements
 
 
@@ -220,21 +239,60 @@ def _picked(
     return samples.levels_dn
 
 
+def _measurement(
+    source: EdgeImage,
+    fit: EdgeFit,
+    esfr: EdgeSfr | None,
+    rough_px: float | None,
+    clipped_fraction: float | None,
+) -> EdgeMeasurement:
+    """The edge in pixels of the sensor, which the plane of one colour is turned into."""
+    if source.pitch_px > 1:
+        fit = in_sensor_pixels(fit, source.pitch_px).moved(source.first_x_px, source.first_y_px)
+        esfr = None if esfr is None else sfr_in_sensor_pixels(esfr, source.pitch_px)
+        rough_px = None if rough_px is None else rough_px * source.pitch_px
+    return EdgeMeasurement(
+        image=source.name,
+        capture=source.capture,
+        height_mm=source.height_mm,
+        x_px=fit.x_px,
+        y_px=fit.y_px,
+        angle_deg=fit.angle_deg,
+        orientation=orientation_of(fit.angle_deg),
+        length_px=fit.length_px,
+        snr=fit.snr if math.isfinite(fit.snr) else None,
+        sigma_px=fit.sigma_px,
+        sigma_err_px=fit.sigma_err_px,
+        optical_sigma_px=fit.optical_sigma_px,
+        optical_sigma_err_px=fit.optical_sigma_err_px,
+        mtf50_cy_per_px=_gaussian_mtf50(fit),
+        esfr_mtf50_cy_per_px=None if esfr is None else esfr.mtf50_cy_per_px,
+        esfr_mtf50_err_cy_per_px=None if esfr is None else esfr.mtf50_err_cy_per_px,
+        esfr_mtf20_cy_per_px=None if esfr is None else esfr.mtf20_cy_per_px,
+        contrast=_contrast(fit),
+        roughness_px=rough_px,
+        clipped_fraction=clipped_fraction,
+        chi2_reduced=fit.chi2_reduced,
+        flags=_flags(source, fit, clipped_fraction),
+        esfr=esfr,
+    )
+
+
+def _gaussian_mtf50(fit: EdgeFit) -> float:
+    """Frequency of half contrast across the edge, of the fitted Gaussian with its pixel."""
+    if fit.optical_sigma_px is None:
+        return gaussian_mtf50(fit.sigma_px)
+    return pixel_mtf50(fit.optical_sigma_px, fit.normal_rad)
+
+
+def _contrast(fit: EdgeFit) -> float | None:
+    """Michelson contrast of the edge's two levels; None where they do not add up."""
+    total = fit.high_dn + fit.low_dn
+    return abs(fit.high_dn - fit.low_dn) / total if total > 0 else None
+
+
 def _flags(source: EdgeImage, fit: EdgeFit, fraction: float | None) -> tuple[str, ...]:
     flags = fit.flags
     if fraction is not None and fraction > SATURATED_FRACTION and "saturated" not in flags:
         flags = ("saturated", *flags)
     return (*flags, "jpeg") if source.is_jpeg else flags
-
-
-def _on_sensor(edge: EdgeMeasurement, source: EdgeImage) -> EdgeMeasurement:
-    """The edge of a colour plane in pixels of the sensor; any other as it is."""
-    if source.pitch_px == 1:
-        return edge
-    rough = edge.roughness_px
-    return replace(
-        edge,
-        fit=in_sensor_pixels(edge.fit, source.pitch_px).moved(source.first_x_px, source.first_y_px),
-        esfr=None if edge.esfr is None else sfr_in_sensor_pixels(edge.esfr, source.pitch_px),
-        roughness_px=None if rough is None else rough * source.pitch_px,
-    )

@@ -18,11 +18,14 @@ normal equations together. ``benchmarks/bench_edge_fit.py`` says what that earns
 """
 
 from math import pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtr
+
+from calibration.edges.segments import BandPixels
 
 __all__ = [
     "CURVATURE",
@@ -33,6 +36,8 @@ __all__ = [
     "OFFSET",
     "SHADED_PARAMETERS",
     "TURN",
+    "EdgeLevels",
+    "Minimum",
     "edge_profile",
     "edge_values",
     "levenberg_marquardt",
@@ -41,7 +46,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# Places in the parameter vector. Lengths are in units of the half length h of the edge, so
+# Indices into the parameter vector. Lengths are in units of the half length h of the edge, so
 # that all columns of the Jacobian have the same scale.
 TURN, OFFSET, CURVATURE, LOG_SIGMA, LOW, HIGH = range(6)
 FLAT_PARAMETERS = 6
@@ -53,6 +58,8 @@ _STEPS = 64  # per standard deviation, in the table of Phi
 _NARROWEST = 2e-3  # side of the trapezium below which its one-dimensional form is exact to 2e-7
 _LOG_SIGMA_MIN = -3.5  # 0.03 px: narrower than anything a pixel can tell apart
 _LOG_SIGMA_MAX = 4.0
+_MAX_STEPS = 40
+_MAX_DAMPINGS = 12  # tenfold each
 
 
 def _normal_table() -> Array:
@@ -123,25 +130,24 @@ def _edge(d: float, s: float, a: float, b: float, is_square: bool) -> tuple[floa
     return value * per_area, slope * per_area, s * s * by_s * per_area
 
 
+class _NormalEquations(NamedTuple):
+    """``hessian`` J'WJ, ``gradient`` J'Wr and the weighted sum of squares."""
+
+    hessian: Array
+    gradient: Array
+    squares: float
+
+
 @njit(cache=True, error_model="numpy")
 def _normal_equations(
-    x: Array,
-    y: Array,
-    values: Array,
-    weights: Array,
-    parameters: Array,
-    normal_angle: float,
-    half_length: float,
-    is_square: bool,
-    hessian: Array,
-    gradient: Array,
-) -> float:
-    """Fill ``hessian`` = J'WJ and ``gradient`` = J'Wr; return the weighted sum of squares."""
+    pixels: BandPixels, weights: Array, parameters: Array, is_square: bool
+) -> _NormalEquations:
+    x, y, values, half_length = pixels.x, pixels.y, pixels.values, pixels.half_length_px
     count = parameters.size
-    hessian[:] = 0.0
-    gradient[:] = 0.0
+    hessian = np.zeros((count, count))
+    gradient = np.zeros(count)
     row = np.zeros(count)
-    angle = normal_angle + parameters[TURN] / half_length
+    angle = pixels.normal_rad + parameters[TURN] / half_length
     cosine, sine = np.cos(angle), np.sin(angle)
     a, b = abs(cosine), abs(sine)
     sigma = np.exp(parameters[LOG_SIGMA])
@@ -193,103 +199,78 @@ def _normal_equations(
     for j in range(count):
         for k in range(j):
             hessian[k, j] = hessian[j, k]
-    return total
+    return _NormalEquations(hessian, gradient, total)
+
+
+class Minimum(NamedTuple):
+    """Where the weighted squares are least; void where it is not found.
+
+    ``hessian`` is J'WJ there: its inverse is the covariance of the parameters where the weights
+    are inverse variances.
+    """
+
+    is_found: bool
+    parameters: Array
+    hessian: Array
+    squares: float
 
 
 @njit(cache=True)
 def levenberg_marquardt(
-    x: Array,
-    y: Array,
-    values: Array,
-    weights: Array,
-    start: Array,
-    normal_angle: float,
-    half_length: float,
-    is_square: bool,
-    tolerance: float,
-    max_steps: int,
-) -> tuple[Array, Array, float, int]:
+    pixels: BandPixels, weights: Array, start: Array, is_square: bool, tolerance: float
+) -> Minimum:
     """Minimise the weighted squares from ``start``.
 
-    Coordinates are in px relative to the middle of the edge; ``normal_angle`` is that of the
-    normal from the low to the high side, in radians. A step below ``tolerance`` (px, and parts of
-    sigma) is the last one; what is left is smaller by far, as the steps shrink fast.
-
-    Returns
-    -------
-    parameters, hessian, sum of squares, steps
-        ``hessian`` is J'WJ at the minimum: its inverse is the covariance of the parameters
-        where the weights are inverse variances. ``steps`` is -1 where none was found.
+    A step below ``tolerance`` (px, and parts of sigma) is the last one; what is left is smaller by
+    far, as the steps shrink fast.
     """
     count = start.size
     best = start.copy()
-    hessian = np.zeros((count, count))
-    gradient = np.zeros(count)
-    trial_hessian = np.zeros((count, count))
-    trial_gradient = np.zeros(count)
-    squares = _normal_equations(
-        x, y, values, weights, best, normal_angle, half_length, is_square, hessian, gradient
-    )
+    here = _normal_equations(pixels, weights, best, is_square)
     damping = 1e-4
-    for step in range(max_steps):
+    for _ in range(_MAX_STEPS):
         moved = False
-        for _ in range(12):
-            damped = hessian.copy()
+        trial, there = best, here
+        for _ in range(_MAX_DAMPINGS):
+            damped = here.hessian.copy()
             for j in range(count):
                 damped[j, j] = damped[j, j] * (1.0 + damping) + 1e-300
-            change = np.linalg.solve(damped, gradient)
+            change = np.linalg.solve(damped, here.gradient)
             trial = best + change
             trial[LOG_SIGMA] = min(max(trial[LOG_SIGMA], _LOG_SIGMA_MIN), _LOG_SIGMA_MAX)
-            geometry = np.abs(change[:LOW]).max()
-            if geometry < tolerance:
+            if np.abs(change[:LOW]).max() < tolerance:
                 # What so small a step gains follows from the equations that it solves.
-                gain = min(max(np.dot(change, gradient), 0.0), squares)
-                return trial, hessian, squares - gain, step + 1
-            trial_squares = _normal_equations(
-                x,
-                y,
-                values,
-                weights,
-                trial,
-                normal_angle,
-                half_length,
-                is_square,
-                trial_hessian,
-                trial_gradient,
-            )
-            if trial_squares <= squares:
+                gain = min(max(np.dot(change, here.gradient), 0.0), here.squares)
+                return _minimum(trial, here.hessian, here.squares - gain)
+            there = _normal_equations(pixels, weights, trial, is_square)
+            if there.squares <= here.squares:
                 moved = True
                 break
             damping *= 10.0
         if not moved:
-            return best, hessian, squares, step
-        gain = squares - trial_squares
-        best = trial
-        squares = trial_squares
-        hessian[:] = trial_hessian
-        gradient[:] = trial_gradient
+            return _minimum(best, here.hessian, here.squares)
+        gain = here.squares - there.squares
+        best, here = trial, there
         damping *= 0.1
-        if gain <= 1e-9 * squares:
-            return best, hessian, squares, step + 1
-    return best, hessian, squares, -1
+        if gain <= 1e-9 * here.squares:
+            return _minimum(best, here.hessian, here.squares)
+    return Minimum(False, best, here.hessian, here.squares)
 
 
 @njit(cache=True)
-def slopes_gain(
-    x: Array,
-    y: Array,
-    residuals: Array,
-    edges: Array,
-    weights: Array,
-    normal_angle: float,
-    half_length: float,
-) -> float:
+def _minimum(parameters: Array, hessian: Array, squares: float) -> Minimum:
+    return Minimum(bool(np.all(np.isfinite(parameters))), parameters, hessian, squares)
+
+
+@njit(cache=True)
+def slopes_gain(pixels: BandPixels, weights: Array, residuals: Array, edges: Array) -> float:
     """About how much a slope of either level along the edge would take off the squares.
 
     Rao's score statistic at the flat optimum, with the slopes taken as orthogonal to the other
     parameters, which they nearly are. ``edges`` are the unit edge of each pixel.
     """
-    cosine, sine = np.cos(normal_angle), np.sin(normal_angle)
+    x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
+    cosine, sine = np.cos(pixels.normal_rad), np.sin(pixels.normal_rad)
     ll = lh = hh = gl = gh = 0.0
     for i in range(x.size):
         along = (-sine * x[i] + cosine * y[i]) / half_length
@@ -305,20 +286,22 @@ def slopes_gain(
     return (hh * gl * gl - 2 * lh * gl * gh + ll * gh * gh) / determinant
 
 
-@njit(cache=True)
-def edge_values(
-    x: Array,
-    y: Array,
-    parameters: Array,
-    normal_angle: float,
-    half_length: float,
-    is_square: bool,
-) -> tuple[Array, Array, Array]:
+class EdgeLevels(NamedTuple):
     """Model level, signed distance in px and unit edge at each pixel."""
+
+    levels: Array
+    distances: Array
+    edges: Array
+
+
+@njit(cache=True)
+def edge_values(pixels: BandPixels, parameters: Array, is_square: bool) -> EdgeLevels:
+    """Evaluate the model at each pixel."""
+    x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
     levels = np.empty(x.size)
     distances = np.empty(x.size)
     edges = np.empty(x.size)
-    angle = normal_angle + parameters[TURN] / half_length
+    angle = pixels.normal_rad + parameters[TURN] / half_length
     cosine, sine = np.cos(angle), np.sin(angle)
     a, b = abs(cosine), abs(sine)
     sigma = np.exp(parameters[LOG_SIGMA])
@@ -336,7 +319,7 @@ def edge_values(
         levels[i] = low + step * edge
         distances[i] = d
         edges[i] = edge
-    return levels, distances, edges
+    return EdgeLevels(levels, distances, edges)
 
 
 @njit(cache=True)

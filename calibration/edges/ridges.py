@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from calibration.edges.gradient import Gradient
+from calibration.edges.segments import EdgeLine
 
 __all__ = [
     "SHORTEST_REGION_PX",
@@ -137,7 +138,9 @@ def _lines(
         first, last = starts[k], starts[k + 1]
         if last - first < SHORTEST_REGION_PX or not is_real[k]:
             continue
-        if _line(gx, gy, rows[first:last], cols[first:last], lines[count]):
+        line, is_straight = _line(gx, gy, rows[first:last], cols[first:last])
+        if is_straight:
+            lines[count] = line
             count += 1
     return lines[:count]
 
@@ -150,8 +153,11 @@ def _magnitude(gx: Image32, gy: Image32, row: int, col: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _line(gx: Image32, gy: Image32, rows: Indices, cols: Indices, out: Array) -> bool:
-    """Put a line through a region's pixels; False where they are no straight edge."""
+def _line(
+    gx: Image32, gy: Image32, rows: Indices, cols: Indices
+) -> tuple[tuple[float, float, float, float], bool]:
+    """Line through a region's pixels: middle x, y, normal, length; whether they lie along it."""
+    none = (0.0, 0.0, 0.0, 0.0)
     n = len(rows)
     x, y, weight = np.empty(n), np.empty(n), np.empty(n)
     sum_x = sum_y = 0.0
@@ -172,43 +178,39 @@ def _line(gx: Image32, gy: Image32, rows: Indices, cols: Indices, out: Array) ->
     normal = atan2(sum_y, sum_x)
     cx, cy = x.mean(), y.mean()
     kept = np.ones(n, np.bool_)
-    along, across = np.empty(n), np.empty(n)
     for _ in range(_LINE_ROUNDS):
-        _project(x, y, cx, cy, normal, along, across)
+        along, across = _projected(x, y, cx, cy, normal)
         slope, shift = _weighted_line(along, across, weight, kept)
         if not np.isfinite(slope):
-            return False
+            return none, False
         cx += shift * cos(normal)
         cy += shift * sin(normal)
         normal -= np.arctan(slope)
         # The ridge runs around a corner for its last pixels: they are not of this line.
         away = np.abs(across - slope * along - shift)
         kept = away <= max(_ROUGHEST_PX, 2.5 * np.median(away))
-    _project(x, y, cx, cy, normal, along, across)
+    along, across = _projected(x, y, cx, cy, normal)
     along, across = along[kept], across[kept]
     if len(along) < max(SHORTEST_REGION_PX, 0.6 * n):
-        return False
+        return none, False
     low, high = along.min(), along.max()
     length = high - low
     bend, rough = _parabola(along, across)
     if rough > _ROUGHEST_PX or abs(bend) * length**2 / 4 > max(_LARGEST_SAGITTA * length, 0.5):
-        return False
+        return none, False
     middle = 0.5 * (low + high)
-    out[0] = cx - middle * sin(normal)
-    out[1] = cy + middle * cos(normal)
-    out[2] = normal
-    out[3] = length + 1
-    return True
+    return (cx - middle * sin(normal), cy + middle * cos(normal), normal, length + 1), True
 
 
 @njit(cache=True, error_model="numpy")
-def _project(
-    x: Array, y: Array, cx: float, cy: float, normal: float, along: Array, across: Array
-) -> None:
+def _projected(x: Array, y: Array, cx: float, cy: float, normal: float) -> tuple[Array, Array]:
+    """Places of points along a line and across it, from (cx, cy)."""
     c, s = cos(normal), sin(normal)
+    along, across = np.empty(len(x)), np.empty(len(x))
     for i in range(len(x)):
         along[i] = -s * (x[i] - cx) + c * (y[i] - cy)
         across[i] = c * (x[i] - cx) + s * (y[i] - cy)
+    return along, across
 
 
 @njit(cache=True, error_model="numpy")
@@ -248,27 +250,24 @@ def _parabola(along: Array, across: Array) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def refined(
-    gx: Image32, gy: Image32, x_px: float, y_px: float, normal_rad: float, reach_px: float
-) -> tuple[float, float, float, float]:
+def refined(gx: Image32, gy: Image32, line: EdgeLine) -> tuple[EdgeLine, float]:
     """Line through all gradient pixels near a line, by their squared slope across it.
 
     Parameters
     ----------
     gx, gy
         Gradient, shape ``(rows, cols)``.
-    x_px, y_px, normal_rad
-        The line: a place on it and the direction of its normal.
-    reach_px
-        Half its length.
+    line
+        About where it is.
 
     Returns
     -------
-    x, y, normal, variance
+    line, variance
         Variance in px^2 of the squared gradient across the line; -1 where there is no gradient.
     """
     height, width = gx.shape
-    c, s = cos(normal_rad), sin(normal_rad)
+    x_px, y_px, reach_px = line.x_px, line.y_px, line.half_length_px
+    c, s = cos(line.normal_rad), sin(line.normal_rad)
     w = wt = wa = wtt = wta = waa = 0.0
     first = max(int(y_px - reach_px * abs(c) - 4), 0)
     for row in range(first, min(int(y_px + reach_px * abs(c) + 5), height)):
@@ -295,35 +294,28 @@ def refined(
             waa += weight * a * a
     spread = w * wtt - wt * wt
     if not spread > 0:
-        return x_px, y_px, normal_rad, -1.0
+        return line, -1.0
     turn = (w * wta - wt * wa) / spread
     shift = (wa - turn * wt) / w
     variance = (waa - turn * wta - shift * wa) / w
-    return x_px + shift * c, y_px + shift * s, normal_rad - np.arctan(turn), variance
+    normal_rad = line.normal_rad - np.arctan(turn)
+    return EdgeLine(x_px + shift * c, y_px + shift * s, normal_rad, reach_px), variance
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_other(
-    points: Array,
-    x_px: float,
-    y_px: float,
-    normal_rad: float,
-    half_length_px: float,
-    own_px: float,
-    reach_px: float,
-) -> float:
+def nearest_other(points: Array, line: EdgeLine, own_px: float, reach_px: float) -> float:
     """Distance from an edge to the nearest ridge beside it that is not its own; else infinite.
 
     ``points`` holds x and y from top to bottom; what is within ``own_px`` belongs to the edge,
     what is farther than ``reach_px`` from its middle is not looked at.
     """
-    c, s = cos(normal_rad), sin(normal_rad)
+    c, s = cos(line.normal_rad), sin(line.normal_rad)
     nearest = np.inf
-    for i in range(np.searchsorted(points[:, 1], y_px - reach_px), len(points)):
-        dx, dy = points[i, 0] - x_px, points[i, 1] - y_px
+    for i in range(np.searchsorted(points[:, 1], line.y_px - reach_px), len(points)):
+        dx, dy = points[i, 0] - line.x_px, points[i, 1] - line.y_px
         if dy > reach_px:
             break
-        if abs(dx) >= reach_px or abs(-s * dx + c * dy) > half_length_px:
+        if abs(dx) >= reach_px or abs(-s * dx + c * dy) > line.half_length_px:
             continue
         across = abs(c * dx + s * dy)
         if across > own_px:

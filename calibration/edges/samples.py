@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.edges.fit import EdgeFit
 from calibration.edges.model import edge_profile
-from calibration.edges.segments import EdgeSegment, band_pixels
+from calibration.edges.segments import EdgeLine, EdgeSegment, band_pixels
 
 __all__ = ["EdgeSamples", "edge_samples", "roughness_px"]
 
@@ -61,19 +61,17 @@ def edge_samples(
     turn = (fit.normal_rad - segment.normal_rad + pi / 2) % pi - pi / 2
     normal = segment.normal_rad + turn
     half_width = min(max(half_width_px, _NARROWEST_BAND_PX), segment.clearance_px)
-    half_length = 0.5 * segment.length_px
-    x, y, levels, across = band_pixels(
-        image_dn, fit.x_px, fit.y_px, normal, half_width, half_length
-    )
-    along = -sin(normal) * x + cos(normal) * y
+    line = EdgeLine(fit.x_px, fit.y_px, normal, 0.5 * segment.length_px)
+    band = band_pixels(image_dn, line, half_width)
+    along = -sin(normal) * band.x + cos(normal) * band.y
     return EdgeSamples(
-        distance_px=across - 0.5 * fit.curvature_per_px * along**2,
+        distance_px=band.across - 0.5 * fit.curvature_per_px * along**2,
         along_px=along,
-        levels_dn=levels,
+        levels_dn=band.values,
         low_dn=fit.low_dn,
         high_dn=fit.high_dn,
         normal_rad=normal,
-        half_length_px=half_length,
+        half_length_px=line.half_length_px,
     )
 
 

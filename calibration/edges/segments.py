@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass, replace
 from math import ceil, floor
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 __all__ = [
+    "BandPixels",
+    "EdgeLine",
     "EdgeSegment",
     "band_half_width",
     "band_pixels",
@@ -18,6 +21,30 @@ Array = NDArray[np.float64]
 
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 3.0
+
+
+class EdgeLine(NamedTuple):
+    """The straight line of an edge: its middle, the angle of its normal, half its length."""
+
+    x_px: float
+    y_px: float
+    normal_rad: float
+    half_length_px: float
+
+
+class BandPixels(NamedTuple):
+    """The pixels of a turned rectangle about a line, shape ``(n,)`` each.
+
+    ``x`` and ``y`` count in px from the line's middle, ``across`` is the signed distance from the
+    line; ``normal_rad`` and ``half_length_px`` are the line's.
+    """
+
+    x: Array
+    y: Array
+    values: Array
+    across: Array
+    normal_rad: float
+    half_length_px: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +63,11 @@ class EdgeSegment:
     found_length_px: float
     sigma_px: float
     clearance_px: float = np.inf
+
+    @property
+    def line(self) -> EdgeLine:
+        """What may be fitted, as the compiled functions take it."""
+        return EdgeLine(self.x_px, self.y_px, self.normal_rad, 0.5 * self.length_px)
 
     def pieces(self, longest_px: float) -> list["EdgeSegment"]:
         """Cut into equal pieces of about ``longest_px``, at least one."""
@@ -62,17 +94,11 @@ def band_half_width(sigma_px: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def band_pixels(
-    image_dn: Array,
-    x_px: float,
-    y_px: float,
-    normal_rad: float,
-    half_width: float,
-    half_length: float,
-) -> tuple[Array, Array, Array, Array]:
-    """Pixels of a turned rectangle: x and y from its middle, level, distance from the line."""
+def band_pixels(image_dn: Array, line: EdgeLine, half_width_px: float) -> BandPixels:
+    """Pick the pixels within ``half_width_px`` of a line, as far as it reaches."""
+    x_px, y_px, half_width, half_length = line.x_px, line.y_px, half_width_px, line.half_length_px
     rows, cols = image_dn.shape
-    c, s = np.cos(normal_rad), np.sin(normal_rad)
+    c, s = np.cos(line.normal_rad), np.sin(line.normal_rad)
     reach_x = half_width * abs(c) + half_length * abs(s)
     reach_y = half_width * abs(s) + half_length * abs(c)
     top, bottom = max(ceil(y_px - reach_y), 0), min(floor(y_px + reach_y), rows - 1)
@@ -80,18 +106,20 @@ def band_pixels(
     n = max(bottom - top + 1, 0) * max(right - left + 1, 0)
     # A rectangle that leans fills a part of its box; its own area, with a margin, is enough.
     n = min(n, int(4 * (half_width + 2) * (half_length + 2)) + 16)
-    x, y, values, distance = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    x, y, values, across = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     count = 0
     for row in range(top, bottom + 1):
         dy = row - y_px
         for col in range(left, right + 1):
             dx = col - x_px
-            across = c * dx + s * dy
-            if abs(across) <= half_width and abs(-s * dx + c * dy) <= half_length:
+            away = c * dx + s * dy
+            if abs(away) <= half_width and abs(-s * dx + c * dy) <= half_length:
                 x[count], y[count] = dx, dy
-                values[count], distance[count] = image_dn[row, col], across
+                values[count], across[count] = image_dn[row, col], away
                 count += 1
-    return x[:count], y[:count], values[:count], distance[:count]
+    return BandPixels(
+        x[:count], y[:count], values[:count], across[:count], line.normal_rad, half_length
+    )
 
 
 @njit(cache=True)

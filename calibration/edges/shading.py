@@ -12,7 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["without_slopes_across"]
+from calibration.edges.segments import EdgeLine
+
+__all__ = ["shading_levels", "slopes_across"]
 
 Array = NDArray[np.float64]
 
@@ -28,75 +30,66 @@ _SLOPE_LEAST = 5e-4  # of the contrast over half the band: less does not move si
 
 
 @njit(cache=True, error_model="numpy")
-def without_slopes_across(
-    image_dn: Array,
-    x_px: float,
-    y_px: float,
-    normal_rad: float,
-    half_length: float,
-    half_width: float,
-    clearance_px: float,
-    contrast: float,
-    sigma_px: float,
-    distances: Array,
-    values: Array,
-) -> bool:
-    """Take the slopes off ``values`` in place; whether there were any.
+def slopes_across(
+    image_dn: Array, line: EdgeLine, half_width_px: float, clearance_px: float, contrast_dn: float
+) -> tuple[float, float]:
+    """Slope of the dark and of the bright side in DN/px; 0 where it is none or hardly matters.
 
     Parameters
     ----------
     image_dn
         Shape ``(rows, cols)``.
-    x_px, y_px, normal_rad, half_length
+    line
         The edge.
-    half_width, clearance_px
-        How far from it is fitted, and how far nothing else is near; px.
-    contrast, sigma_px
-        Of the edge, in DN and px.
-    distances, values
-        Signed distance and level of the pixels that are fitted.
+    half_width_px, clearance_px
+        How far from it is fitted, and how far nothing else is near.
+    contrast_dn
+        Of the edge.
     """
-    zone = min(_ZONE_PX, (clearance_px - half_width) / 2)
+    zone = min(_ZONE_PX, (clearance_px - half_width_px) / 2)
     if zone < _ZONE_LEAST_PX:
-        return False
-    sums = np.zeros((2, 2, 10))
-    _add_zones(image_dn, x_px, y_px, normal_rad, half_length, half_width, zone, sums)
-    slopes = np.zeros(2)
-    for side in range(2):
-        near, near_error = _slope(sums[side, 0])
-        far, far_error = _slope(sums[side, 1])
-        slope, error = _slope(sums[side, 0] + sums[side, 1])
-        apart = _AGREE_ERRORS * sqrt(near_error**2 + far_error**2)
-        is_tail = abs(near - far) > max(apart, _AGREE_SHARE * abs(slope))
-        if is_tail or abs(far) <= _FAR_ERRORS * far_error:
-            continue
-        if abs(slope) * half_width > _SLOPE_LEAST * contrast and abs(slope) > _SLOPE_ERRORS * error:
-            slopes[side] = slope
-    if slopes[0] == 0.0 and slopes[1] == 0.0:
-        return False
-    for i in range(len(values)):
+        return 0.0, 0.0
+    sums = _zone_sums(image_dn, line, half_width_px, zone)
+    least = _SLOPE_LEAST * contrast_dn / half_width_px
+    return _side_slope(sums[0], least), _side_slope(sums[1], least)
+
+
+@njit(cache=True, error_model="numpy")
+def shading_levels(
+    slopes_dn_per_px: tuple[float, float], distances: Array, sigma_px: float
+) -> Array:
+    """What slopes of the dark and of the bright side add to pixels at signed distances, in DN."""
+    dark, bright = slopes_dn_per_px
+    levels = np.empty(len(distances))
+    for i in range(len(distances)):
         # A ramp that begins at the edge, blurred by the Gaussian.
         u = distances[i] / sigma_px
         ramp = distances[i] * 0.5 * (1 + erf(u / sqrt(2.0)))
         ramp += sigma_px * exp(-0.5 * u * u) / sqrt(2 * pi)
-        values[i] -= slopes[1] * ramp + slopes[0] * (distances[i] - ramp)
-    return True
+        levels[i] = bright * ramp + dark * (distances[i] - ramp)
+    return levels
 
 
 @njit(cache=True, error_model="numpy")
-def _add_zones(
-    image_dn: Array,
-    x_px: float,
-    y_px: float,
-    normal_rad: float,
-    half_length: float,
-    inner: float,
-    zone: float,
-    sums: Array,
-) -> None:
-    """Add up the products that a plane needs, per side (dark, bright) and zone (near, far)."""
+def _side_slope(sums: Array, least: float) -> float:
+    """Slope of one side from the sums over its near and its far zone; 0 where they disagree."""
+    near, near_error = _slope(sums[0])
+    far, far_error = _slope(sums[1])
+    slope, error = _slope(sums[0] + sums[1])
+    apart = _AGREE_ERRORS * sqrt(near_error**2 + far_error**2)
+    is_tail = abs(near - far) > max(apart, _AGREE_SHARE * abs(slope))
+    if is_tail or abs(far) <= _FAR_ERRORS * far_error:
+        return 0.0
+    return slope if abs(slope) > max(least, _SLOPE_ERRORS * error) else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _zone_sums(image_dn: Array, line: EdgeLine, inner: float, zone: float) -> Array:
+    """Sums of the products that a plane needs, per side (dark, bright) and zone (near, far)."""
+    sums = np.zeros((2, 2, 10))
     rows, cols = image_dn.shape
-    c, s = np.cos(normal_rad), np.sin(normal_rad)
+    x_px, y_px, half_length = line.x_px, line.y_px, line.half_length_px
+    c, s = np.cos(line.normal_rad), np.sin(line.normal_rad)
     outer = inner + 2 * zone
     reach_x = outer * abs(c) + half_length * abs(s)
     reach_y = outer * abs(s) + half_length * abs(c)
@@ -125,6 +118,7 @@ def _add_zones(
             m[8] += along * level
             m[9] += level * level
         row += _STRIDE_PX
+    return sums
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,5 +1,8 @@
 from .board import DEFAULT_BOARD as DEFAULT_BOARD, CharucoBoard as CharucoBoard
-from .calibration import calibrate_geometry as calibrate_geometry
+from .calibration import (
+    GeometryOptions as GeometryOptions,
+    calibrate_geometry as calibrate_geometry,
+)
 from .captures import (
     geometry_captures as geometry_captures,
     geometry_records as geometry_records,
@@ -7,32 +10,25 @@ from .captures import (
 )
 from .document import (
     GEOMETRY_SCHEMA as GEOMETRY_SCHEMA,
-    StoredGeometry as StoredGeometry,
-    StoredGeometryCapture as StoredGeometryCapture,
-    StoredZoom as StoredZoom,
-    geometry_document as geometry_document,
-)
-from .results import (
+    CaptureGeometry as CaptureGeometry,
+    ExcludedCapture as ExcludedCapture,
     GeometryCalibration as GeometryCalibration,
-    GeometryOptions as GeometryOptions,
-    Measured as Measured,
+    HeightZoom as HeightZoom,
 )
 from .series import GeometryCapture as GeometryCapture
 
 __all__ = [
     "DEFAULT_BOARD",
     "GEOMETRY_SCHEMA",
+    "CaptureGeometry",
     "CharucoBoard",
+    "ExcludedCapture",
     "GeometryCalibration",
     "GeometryCapture",
     "GeometryOptions",
-    "Measured",
-    "StoredGeometry",
-    "StoredGeometryCapture",
-    "StoredZoom",
+    "HeightZoom",
     "calibrate_geometry",
     "geometry_captures",
-    "geometry_document",
     "geometry_records",
     "nominal_focal_px",
 ]

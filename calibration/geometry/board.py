@@ -11,6 +11,7 @@ from scipy.special import ndtr
 
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.errors import RegistrationError
+from simulation.pose import projection_slopes
 
 __all__ = [
     "DEFAULT_BOARD",
@@ -263,7 +264,9 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
     count = 0 if found_ids is None else len(found_ids)
     if count < _CORNERS_MIN:
         raise RegistrationError(
-            f"only {count} corners of a ChArUco board {board} are found, {_CORNERS_MIN} are needed"
+            f"only {count} corners of a ChArUco board {board} are found, {_CORNERS_MIN} are needed",
+            reason="no_board",
+            count=count,
         )
     seen_px = np.asarray(found_px, dtype=np.float64).reshape(-1, 2)
     corners_mm = np.asarray(layout.getChessboardCorners(), dtype=np.float64)[:, :2]
@@ -275,9 +278,10 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
         (1 - board.marker_mm / board.square_mm) / 2,
     )
     good = fitted.is_good
-    if np.count_nonzero(good) < _CORNERS_MIN:
+    count = int(np.count_nonzero(good))
+    if count < _CORNERS_MIN:
         raise RegistrationError(
-            f"only {np.count_nonzero(good)} corners of the board are sharp enough"
+            f"only {count} corners of the board are sharp enough", reason="no_board", count=count
         )
     return BoardCorners(
         seen_px=fitted.points_px[good], plane_mm=plane_mm[good], err_px=fitted.err_px[good]
@@ -287,7 +291,5 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
 def _square_axes_px(seen_px: FloatArray, plane_mm: FloatArray, square_mm: float) -> FloatArray:
     """Sides of a square in px at every corner, as columns, shape (n, 2, 2)."""
     matrix = np.asarray(cv2.findHomography(plane_mm, seen_px, cv2.LMEDS)[0], dtype=np.float64)
-    depth = plane_mm @ matrix[2, :2] + matrix[2, 2]
-    seen = (plane_mm @ matrix[:2, :2].T + matrix[:2, 2]) / depth[:, None]
-    change = matrix[:2, :2] - seen[:, :, None] * matrix[2, :2]
-    return np.asarray(square_mm * change / depth[:, None, None])
+    slopes = np.stack(projection_slopes(matrix, *plane_mm.T), axis=-1)
+    return square_mm * slopes.reshape(-1, 2, 2)

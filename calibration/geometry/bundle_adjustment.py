@@ -5,15 +5,18 @@ point of the plane. Robust least squares over all of them; standard errors by le
 region of a target at a time, so that what neighbouring matches share is not taken for knowledge.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import GeometryError
 from calibration.geometry.camera import LENS_SIZE, SHARED_SIZE, CapturePose, PlaneLens
+from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
 
-__all__ = ["Adjustment", "LensPrior", "PlaneMatches", "SeriesLayout", "adjust_series"]
+__all__ = ["Adjustment", "LensPrior", "ParameterColumns", "adjust"]
 
 FloatArray = NDArray[np.float64]
 
@@ -28,31 +31,6 @@ _MEDIAN_OF_SQUARES = 1.3863
 """Median of chi^2 with two degrees of freedom, 2 ln 2."""
 _REGIONS_ACROSS = 11.0
 """Regions of a target across the width that its nearest capture sees."""
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PlaneMatches:
-    """Pixels of one capture that show the same plane points as those of another, or of a board.
-
-    Parameters
-    ----------
-    capture
-        Number of the capture.
-    seen_px
-        Its pixels (x, y), shape (n, 2).
-    other
-        Number of the other capture; None where ``other_points`` are known plane points in mm.
-    other_points
-        Pixels of the other capture, or plane points, shape (n, 2).
-    covariance_px2
-        Of the disagreement, in pixels of ``capture``, shape (n, 2, 2); right up to a factor.
-    """
-
-    capture: int
-    seen_px: FloatArray
-    other: int | None
-    other_points: FloatArray
-    covariance_px2: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,72 +50,128 @@ class LensPrior:
         return np.array([self.k1, self.k2, self.principal_px, self.principal_px]) ** -2.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeriesLayout:
-    """Which capture belongs to which series.
+class ParameterColumns:
+    """Where lens, tilts and poses stand among the parameters of an adjustment."""
 
-    ``series`` has one number a capture; ``anchors`` are captures whose pose is the unit of their
-    series, because nothing in it has a known size.
-    """
+    def __init__(self, series: Sequence[Series]) -> None:
+        captures = [one.capture for own in series for one in own.captures]
+        poses = LENS_SIZE + _TILT_SIZE * len(series)
+        self.size = poses + _POSE_SIZE * len(captures)
+        self._starts = {c: poses + _POSE_SIZE * number for number, c in enumerate(captures)}
+        self.free: NDArray[np.bool_] = np.ones(self.size, dtype=np.bool_)
+        for own in series:
+            if not own.is_in_mm:
+                self.free[self.pose(own.captures[0].capture)] = False
 
-    series: tuple[int, ...]
-    anchors: tuple[int, ...]
-
-    @property
-    def series_count(self) -> int:
-        """How many series there are."""
-        return max(self.series) + 1
-
-    @property
-    def size(self) -> int:
-        """Number of parameters, fixed ones included."""
-        return LENS_SIZE + _TILT_SIZE * self.series_count + _POSE_SIZE * len(self.series)
-
-    def shared_columns(self, series: int) -> NDArray[np.intp]:
-        """Places of the lens and of one series' tilt among the parameters."""
+    def shared(self, series: int) -> NDArray[np.intp]:
+        """Columns of the lens and of one series' tilt; the tilt's are the last two."""
         tilt = LENS_SIZE + _TILT_SIZE * series + np.arange(_TILT_SIZE)
         return np.concatenate([np.arange(LENS_SIZE), tilt])
 
-    def pose_columns(self, capture: int) -> NDArray[np.intp]:
-        """Places of a capture's pose (log distance, turn, x, y) among the parameters."""
-        start = LENS_SIZE + _TILT_SIZE * self.series_count + _POSE_SIZE * capture
-        return start + np.arange(_POSE_SIZE)
-
-    @property
-    def free(self) -> NDArray[np.bool_]:
-        """Which parameters are not fixed."""
-        free = np.ones(self.size, dtype=np.bool_)
-        for anchor in self.anchors:
-            free[self.pose_columns(anchor)] = False
-        return free
+    def pose(self, capture: GeometryCapture) -> NDArray[np.intp]:
+        """Columns of a capture's pose: log distance, turn, x, y."""
+        return self._starts[capture] + np.arange(_POSE_SIZE)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Adjustment:
-    """The adjusted lens, tilts and poses, and how far they can be trusted.
+    """Adjusted series, what they were adjusted to, and how far they can be trusted.
 
     Parameters
     ----------
-    lenses
-        One a series; they differ by their tilt alone.
-    poses
-        One a capture.
-    layout
-        Where everything stands in ``covariance``.
+    series
+        Their lenses differ by the tilt alone.
+    matches
+        What they were adjusted to.
+    prior
+        What was known of the lens.
     covariance
-        Of all parameters, fixed ones with zero variance.
-    rms_px
-        Rms of the accepted matches of each capture, in its pixels.
-    match_counts
-        Accepted matches of each capture.
+        Of all parameters, fixed ones with zero variance; see ``columns``.
     """
 
-    lenses: tuple[PlaneLens, ...]
-    poses: tuple[CapturePose, ...]
-    layout: SeriesLayout
-    covariance: FloatArray
-    rms_px: tuple[float, ...]
-    match_counts: tuple[int, ...]
+    series: tuple[Series, ...]
+    matches: tuple[PlaneMatches, ...] = field(repr=False)
+    prior: LensPrior
+    covariance: FloatArray = field(repr=False)
+
+    @property
+    def captures(self) -> tuple[PosedCapture, ...]:
+        """The captures of all series."""
+        return tuple(one for own in self.series for one in own.captures)
+
+    @property
+    def columns(self) -> ParameterColumns:
+        """Where everything stands in ``covariance``."""
+        return ParameterColumns(self.series)
+
+    @property
+    def first_in_mm(self) -> int | None:
+        """Number of the first series of known size."""
+        return next((n for n, series in enumerate(self.series) if series.is_in_mm), None)
+
+    @property
+    def lens_errs(self) -> tuple[float, ...]:
+        """Standard errors of k1, k2 and the principal point's x and y."""
+        return tuple(np.sqrt(np.diag(self.covariance)[:LENS_SIZE]).tolist())
+
+    def without(self, left_out: Collection[GeometryCapture]) -> Self:
+        """Adjust again without some captures; what cannot do without them goes with them.
+
+        Raises
+        ------
+        GeometryError
+            If nothing is left to adjust.
+        """
+        series = []
+        for own in self.series:
+            captures = tuple(one for one in own.captures if one.capture not in left_out)
+            # A single capture of a target of unknown size tells nothing.
+            if len(captures) >= (1 if own.is_in_mm else 2):
+                series.append(replace(own, captures=captures))
+        if not series:
+            raise GeometryError(
+                "no two captures are left that belong together; retake the series",
+                reason="nothing_left",
+            )
+        left = {one.capture for own in series for one in own.captures}
+        return self._adjusted(series, [part for part in self.matches if part.is_between(left)])
+
+    def with_matches(self, matches: Sequence[PlaneMatches]) -> Self:
+        """Adjust again to other matches."""
+        return self._adjusted(self.series, matches)
+
+    def with_focal_length(self, focal_length_px: float) -> Self:
+        """Adjust again with another focal length."""
+        return self._adjusted(
+            [_with_focal_length(own, focal_length_px) for own in self.series], self.matches
+        )
+
+    def _adjusted(self, series: Sequence[Series], matches: Sequence[PlaneMatches]) -> Self:
+        again = adjust(series, matches, self.prior)
+        return replace(
+            self, series=again.series, matches=again.matches, covariance=again.covariance
+        )
+
+
+def _with_focal_length(series: Series, focal_length_px: float) -> Series:
+    """Start of an adjustment with another focal length."""
+    lens = series.lens
+    ratio = focal_length_px / lens.focal_length_px
+    captures = []
+    for one in series.captures:
+        pose = one.pose
+        if series.is_in_mm:
+            pose = replace(pose, log_distance=pose.log_distance + float(np.log(ratio)))
+        else:
+            pose = replace(pose, x=pose.x / ratio, y=pose.y / ratio)
+        captures.append(replace(one, pose=pose))
+    inclined = replace(
+        lens,
+        focal_length_px=focal_length_px,
+        tilt_x_rad=lens.tilt_x_rad * ratio,
+        tilt_y_rad=lens.tilt_y_rad * ratio,
+    )
+    return replace(series, lens=inclined, captures=tuple(captures))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,25 +186,17 @@ class _Rows:
     length_px: FloatArray
 
 
-def adjust_series(
-    lens: PlaneLens,
-    poses: Sequence[CapturePose],
-    matches: Sequence[PlaneMatches],
-    layout: SeriesLayout,
-    prior: LensPrior | None = None,
+def adjust(
+    series: Sequence[Series], matches: Sequence[PlaneMatches], prior: LensPrior | None = None
 ) -> Adjustment:
     """Adjust lens, tilts and poses to the matches.
 
     Parameters
     ----------
-    lens
-        To start from; its focal length is kept.
-    poses
-        To start from, right to some pixels; those of the layout's anchors are kept.
+    series
+        To start from: poses right to some pixels. The focal length is kept.
     matches
-        At least one set for each capture that is no anchor.
-    layout
-        Which capture belongs to which series.
+        At least one set for each capture whose pose is not fixed.
     prior
         What is known of the lens beforehand.
 
@@ -180,61 +206,77 @@ def adjust_series(
     sections 4 and 6. Errors: the jackknife over clusters, Bell and McCaffrey, "Bias reduction in
     standard errors for linear regression with multi-stage samples", 2002.
     """
-    lenses = [lens] * layout.series_count
-    current = list(poses)
-    precisions = np.zeros(layout.size)
-    precisions[:LENS_SIZE] = (prior or LensPrior()).precisions
-    free = layout.free
+    known = prior or LensPrior()
+    columns = ParameterColumns(series)
+    precisions = np.zeros(columns.size)
+    precisions[:LENS_SIZE] = known.precisions
+    free = np.ix_(columns.free, columns.free)
+    current = tuple(series)
     for _ in range(_ITERATIONS):
-        rows = [_rows(lenses, current, layout, sets) for sets in matches]
-        normal, gradient = np.diag(precisions), -precisions * _values(lenses, current, layout)
-        for part in rows:
+        values = _values(current, columns)
+        normal, gradient = np.diag(precisions), -precisions * values
+        for part in _equations(current, matches, columns):
             weighted = part.design * part.weight[:, None, None]
             normal[np.ix_(part.columns, part.columns)] += np.einsum(
                 "nac,nad->cd", weighted, part.design
             )
             gradient[part.columns] -= np.einsum("nac,na->c", weighted, part.residual)
-        step = np.zeros(layout.size)
-        inside = np.ix_(free, free)
-        step[free] = np.linalg.solve(normal[inside], gradient[free])
-        values = _values(lenses, current, layout) + step
-        lenses, current = _unpacked(values, lenses[0], layout)
+        step = np.zeros(columns.size)
+        step[columns.free] = np.linalg.solve(normal[free], gradient[columns.free])
+        current = _unpacked(values + step, current, columns)
         # Newton's decrement: the step's length squared, in standard errors.
         if float(step @ gradient) < _CONVERGED**2:
             break
-    rows = [_rows(lenses, current, layout, sets) for sets in matches]
-    covariance = np.zeros((layout.size, layout.size))
-    covariance[inside] = _jackknife(rows, precisions, layout)[inside]
-    squares, counts = np.zeros(len(current)), np.zeros(len(current))
-    for part, sets in zip(rows, matches, strict=True):
-        accepted = part.weight > 0
-        squares[sets.capture] += np.sum(part.length_px[accepted] ** 2)
-        counts[sets.capture] += np.count_nonzero(accepted)
-        if sets.other is not None:
-            squares[sets.other] += np.sum(part.length_px[accepted] ** 2)
-            counts[sets.other] += np.count_nonzero(accepted)
+    rows = _equations(current, matches, columns)
+    covariance = np.zeros((columns.size, columns.size))
+    covariance[free] = _jackknife(rows, precisions, columns.free)
     return Adjustment(
-        lenses=tuple(lenses),
-        poses=tuple(current),
-        layout=layout,
+        series=_with_fits(current, matches, rows),
+        matches=tuple(matches),
+        prior=known,
         covariance=covariance,
-        rms_px=tuple(
-            float(np.sqrt(s / max(2 * n, 1))) for s, n in zip(squares, counts, strict=True)
-        ),
-        match_counts=tuple(int(n) for n in counts),
     )
 
 
+def _with_fits(
+    series: Sequence[Series], matches: Sequence[PlaneMatches], rows: Sequence[_Rows]
+) -> tuple[Series, ...]:
+    """Series with the count and the rms of each capture's accepted matches."""
+    lengths: dict[GeometryCapture, list[FloatArray]] = {}
+    for part, sets in zip(rows, matches, strict=True):
+        for capture in (sets.capture, sets.other):
+            if capture is not None:
+                lengths.setdefault(capture, []).append(part.length_px[part.weight > 0])
+
+    def fitted(one: PosedCapture) -> PosedCapture:
+        own = np.concatenate([np.empty(0), *lengths.get(one.capture, [])])
+        rms_px = float(np.sqrt(np.sum(own**2) / max(2 * len(own), 1)))
+        return replace(one, match_count=len(own), rms_px=rms_px)
+
+    return tuple(replace(own, captures=tuple(map(fitted, own.captures))) for own in series)
+
+
+def _equations(
+    series: Sequence[Series], matches: Sequence[PlaneMatches], columns: ParameterColumns
+) -> list[_Rows]:
+    numbers = {one.capture: n for n, own in enumerate(series) for one in own.captures}
+    poses = {one.capture: one.pose for own in series for one in own.captures}
+    return [
+        _rows(series[numbers[sets.capture]], numbers[sets.capture], poses, sets, columns)
+        for sets in matches
+    ]
+
+
 def _rows(
-    lenses: Sequence[PlaneLens],
-    poses: Sequence[CapturePose],
-    layout: SeriesLayout,
+    series: Series,
+    number: int,
+    poses: Mapping[GeometryCapture, CapturePose],
     sets: PlaneMatches,
+    columns: ParameterColumns,
 ) -> _Rows:
-    series = layout.series[sets.capture]
-    lens, pose = lenses[series], poses[sets.capture]
+    lens, pose = series.lens, poses[sets.capture]
     point, shared, own = _plane_equations(lens, pose, sets.seen_px)
-    columns = [layout.shared_columns(series), layout.pose_columns(sets.capture)]
+    used = [columns.shared(number), columns.pose(sets.capture)]
     blocks = [-shared, -own]
     if sets.other is None:
         residual = sets.other_points - point
@@ -244,7 +286,7 @@ def _rows(
         )
         residual = other - point
         blocks = [other_shared - shared, -own, other_own]
-        columns.append(layout.pose_columns(sets.other))
+        used.append(columns.pose(sets.other))
     to_px = lens.focal_length_px / pose.distance
     turned_px = to_px * pose.turn.T
     residual_px = residual @ turned_px.T
@@ -254,17 +296,13 @@ def _rows(
     square = np.sum(white**2, axis=1)
     scale = max(float(np.median(square)) / _MEDIAN_OF_SQUARES, 1e-12)
     tukey = np.maximum(1 - square / scale / _TUKEY_CUT**2, 0.0) ** 2
-    nearest = min(
-        (p for p, s in zip(poses, layout.series, strict=True) if s == series),
-        key=lambda p: p.log_distance,
-    )
-    side = nearest.distance * lens.width_px / lens.focal_length_px / _REGIONS_ACROSS
+    side = series.nearest_distance * lens.width_px / lens.focal_length_px / _REGIONS_ACROSS
     return _Rows(
-        columns=np.concatenate(columns),
+        columns=np.concatenate(used),
         design=np.einsum("nab,nbc->nac", whitening, design),
         residual=white,
         weight=tukey / scale,
-        region=_region(point, side, series),
+        region=_region(point, side, number),
         length_px=np.hypot(residual_px[:, 0], residual_px[:, 1]),
     )
 
@@ -290,21 +328,24 @@ def _plane_equations(
     return point, shared, own
 
 
-def _jackknife(rows: Sequence[_Rows], precisions: FloatArray, layout: SeriesLayout) -> FloatArray:
-    """Covariance from the scatter of the solutions that leave out one region each."""
-    free = np.flatnonzero(layout.free)
-    regions, place = np.unique(np.concatenate([p.region for p in rows]), return_inverse=True)
-    normals = np.zeros((len(regions), layout.size, layout.size))
-    gradients = np.zeros((len(regions), layout.size))
-    for part, where in _with_places(rows, place):
+def _jackknife(
+    rows: Sequence[_Rows], precisions: FloatArray, is_free: NDArray[np.bool_]
+) -> FloatArray:
+    """Covariance of the free parameters by the solutions that leave out one region each."""
+    size, free = len(is_free), np.flatnonzero(is_free)
+    regions, region = np.unique(np.concatenate([p.region for p in rows]), return_inverse=True)
+    normals = np.zeros((len(regions), size, size))
+    gradients = np.zeros((len(regions), size))
+    ends = np.cumsum([len(part.region) for part in rows])
+    for part, where in zip(rows, np.split(region, ends[:-1]), strict=True):
         weighted = part.design * part.weight[:, None, None]
         squares = np.einsum("nac,nad->ncd", weighted, part.design)
         slopes = np.einsum("nac,na->nc", weighted, part.residual)
         grid = np.ix_(part.columns, part.columns)
-        for region in np.unique(where):
-            chosen = where == region
-            normals[region][grid] += squares[chosen].sum(axis=0)
-            gradients[region][part.columns] += slopes[chosen].sum(axis=0)
+        for number in np.unique(where):
+            chosen = where == number
+            normals[number][grid] += squares[chosen].sum(axis=0)
+            gradients[number][part.columns] += slopes[chosen].sum(axis=0)
     normal = (normals.sum(axis=0) + np.diag(precisions))[np.ix_(free, free)]
     moves = np.array(
         [
@@ -313,44 +354,32 @@ def _jackknife(rows: Sequence[_Rows], precisions: FloatArray, layout: SeriesLayo
         ]
     )
     count = len(regions)
-    covariance = np.zeros((layout.size, layout.size))
     spread = moves.T @ moves * (count - 1) / count
     # What the prior adds: its own scatter, weighted as the solution weights it.
     gain = np.linalg.inv(normal)
-    spread += gain @ np.diag(precisions[free]) @ gain
-    covariance[np.ix_(free, free)] = spread
-    return covariance
+    return np.asarray(spread + gain @ np.diag(precisions[free]) @ gain)
 
 
-def _with_places(
-    rows: Sequence[_Rows], place: NDArray[np.intp]
-) -> Iterator[tuple[_Rows, NDArray[np.intp]]]:
-    start = 0
-    for part in rows:
-        yield part, place[start : start + len(part.region)]
-        start += len(part.region)
-
-
-def _values(
-    lenses: Sequence[PlaneLens], poses: Sequence[CapturePose], layout: SeriesLayout
-) -> FloatArray:
-    values = np.zeros(layout.size)
-    for series, lens in enumerate(lenses):
-        values[layout.shared_columns(series)] = lens.parameters
-    for capture, pose in enumerate(poses):
-        values[layout.pose_columns(capture)] = (pose.log_distance, pose.turn_rad, pose.x, pose.y)
+def _values(series: Sequence[Series], columns: ParameterColumns) -> FloatArray:
+    values = np.zeros(columns.size)
+    for number, own in enumerate(series):
+        values[columns.shared(number)] = own.lens.parameters
+        for one in own.captures:
+            values[columns.pose(one.capture)] = one.pose.parameters
     return values
 
 
 def _unpacked(
-    values: FloatArray, lens: PlaneLens, layout: SeriesLayout
-) -> tuple[list[PlaneLens], list[CapturePose]]:
-    lenses = [
-        lens.with_parameters(values[layout.shared_columns(series)])
-        for series in range(layout.series_count)
-    ]
-    poses = []
-    for capture in range(len(layout.series)):
-        log_distance, turn_rad, x, y = (float(v) for v in values[layout.pose_columns(capture)])
-        poses.append(CapturePose(log_distance=log_distance, turn_rad=turn_rad, x=x, y=y))
-    return lenses, poses
+    values: FloatArray, series: Sequence[Series], columns: ParameterColumns
+) -> tuple[Series, ...]:
+    return tuple(
+        replace(
+            own,
+            lens=own.lens.with_parameters(values[columns.shared(number)]),
+            captures=tuple(
+                replace(one, pose=CapturePose.of(values[columns.pose(one.capture)]))
+                for one in own.captures
+            ),
+        )
+        for number, own in enumerate(series)
+    )

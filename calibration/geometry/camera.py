@@ -12,6 +12,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.pose import ideal_factors, seen_factors
+
 __all__ = ["LENS_SIZE", "SHARED_SIZE", "CapturePose", "PlaneLens"]
 
 FloatArray = NDArray[np.float64]
@@ -22,7 +24,9 @@ LENS_SIZE = 4
 SHARED_SIZE = LENS_SIZE + 2
 """Parameters that all captures of one series share: the lens and two tilts."""
 
-_NEWTON_STEPS = 12
+_LEAST_STEEPNESS = 0.1
+"""Keeps derivatives finite where a strong barrel stops growing; no real lens reaches it."""
+
 _TILT_STEP = 1e-5
 
 
@@ -100,31 +104,31 @@ class PlaneLens:
     def slopes(self, points_px: FloatArray) -> FloatArray:
         """Slopes of seen pixels, shape (n, 2)."""
         seen = (points_px - self.principal_px) / self.corner_radius_px
-        ideal, _ = self._ideal_radius(np.hypot(seen[:, 0], seen[:, 1]))
-        plane = self._rays(seen, ideal) @ self._inclination().T
+        plane = self._rays(seen) @ self._inclination().T
         return np.asarray(plane[:, :2] / plane[:, 2:])
 
     def pixels(self, slopes: FloatArray) -> FloatArray:
         """Pixels at which slopes are seen, shape (n, 2)."""
         ray = np.column_stack([slopes, np.ones(len(slopes))]) @ self._inclination()
         ideal = ray[:, :2] / ray[:, 2:] * (self.focal_length_px / self.corner_radius_px)
-        square = np.sum(ideal**2, axis=1)
-        factor = 1 + square * (self.k1 + square * self.k2)
-        return np.asarray(self.principal_px + self.corner_radius_px * ideal * factor[:, None])
+        # All of the frame lies within this radius of the principal point.
+        frame = 1 + hypot(self.principal_x_px, self.principal_y_px) / self.corner_radius_px
+        factors = seen_factors(self.k1, self.k2, np.sum(ideal**2, axis=1), frame)
+        return np.asarray(self.principal_px + self.corner_radius_px * ideal * factors[:, None])
 
     def slope_changes(self, points_px: FloatArray) -> FloatArray:
         """Derivatives of ``slopes`` by ``parameters``, shape (n, 2, 6)."""
         seen = (points_px - self.principal_px) / self.corner_radius_px
+        ray = self._rays(seen)
         radius = np.hypot(seen[:, 0], seen[:, 1])
-        ideal, steepness = self._ideal_radius(radius)
-        ray = self._rays(seen, ideal)
+        square = np.sum(ray[:, :2] ** 2, axis=1)
+        factor = ideal_factors(self.k1, self.k2, radius**2)
+        steepness = np.maximum(1 + square * (3 * self.k1 + 5 * square * self.k2), _LEAST_STEEPNESS)
         turn = self._inclination()
         plane = ray @ turn.T
         slopes = plane[:, :2] / plane[:, 2:]
-        # By the ideal place, shape (n, 2, 2).
+        # By the ideal point, shape (n, 2, 2).
         by_place = (turn[:2, :2] - slopes[:, :, None] * turn[2, :2]) / plane[:, 2, None, None]
-        square = ideal**2
-        factor = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 0)
         outwards = np.divide(seen, radius[:, None], out=np.zeros_like(seen), where=seen != 0)
         stretch = np.eye(2) * factor[:, None, None] + (1 / steepness - factor)[:, None, None] * (
             outwards[:, :, None] * outwards[:, None, :]
@@ -150,31 +154,11 @@ class PlaneLens:
             ]
         return changes
 
-    def _ideal_radius(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Ideal radius of a seen one, and how fast the latter grows with it; both 1 at the corner.
-
-        Beyond the fold of a strong barrel the seen radius stops growing; no real lens reaches it.
-        """
-        ideal = radius.copy()
-        for _ in range(_NEWTON_STEPS):
-            square = ideal**2
-            excess = ideal * (1 + square * (self.k1 + square * self.k2)) - radius
-            step = excess / self._steepness(ideal)
-            ideal = ideal - step
-            if np.abs(step).max(initial=0.0) < 1e-12:
-                break
-        return ideal, self._steepness(ideal)
-
-    def _steepness(self, ideal: FloatArray) -> FloatArray:
-        square = ideal**2
-        return np.maximum(1 + square * (3 * self.k1 + 5 * square * self.k2), 0.1)
-
-    def _rays(self, seen: FloatArray, ideal: FloatArray) -> FloatArray:
-        """Directions in camera axes, shape (n, 3), the corner's radius as unit of length."""
-        radius = np.hypot(seen[:, 0], seen[:, 1])
-        factor = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 0)
+    def _rays(self, seen: FloatArray) -> FloatArray:
+        """Directions of seen points, shape (n, 3), the corner's radius as unit of length."""
+        factors = ideal_factors(self.k1, self.k2, np.sum(seen**2, axis=1))
         depth = np.full(len(seen), self.focal_length_px / self.corner_radius_px)
-        return np.column_stack([seen * factor[:, None], depth])
+        return np.column_stack([seen * factors[:, None], depth])
 
     def _inclination(self) -> FloatArray:
         """Rotation from camera axes to plane axes (Rodrigues' formula), shape (3, 3)."""
@@ -197,6 +181,17 @@ class CapturePose:
     turn_rad: float = 0.0
     x: float = 0.0
     y: float = 0.0
+
+    @classmethod
+    def of(cls, parameters: FloatArray) -> Self:
+        """Pose of ``parameters``."""
+        log_distance, turn_rad, x, y = parameters.tolist()
+        return cls(log_distance=log_distance, turn_rad=turn_rad, x=x, y=y)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Shape (4,): log distance, turn, x and y."""
+        return np.array([self.log_distance, self.turn_rad, self.x, self.y])
 
     @property
     def distance(self) -> float:

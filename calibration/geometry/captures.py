@@ -26,7 +26,8 @@ def geometry_records(session: Session) -> list[CaptureRecord]:
     if not records:
         raise GeometryError(
             f"{session.path}: the session has no capture of kind {', '.join(GEOMETRY_KINDS)}; "
-            "an edge alone tells no geometry"
+            "an edge alone tells no geometry",
+            reason="no_captures",
         )
     return records
 

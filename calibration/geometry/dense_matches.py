@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
 
-from calibration.geometry.bundle_adjustment import PlaneMatches
-from calibration.geometry.camera import CapturePose, PlaneLens
+from calibration.geometry.camera import PlaneLens
+from calibration.geometry.series import PlaneMatches, PosedCapture
 
-__all__ = ["DenseView", "match_blocks"]
+__all__ = ["match_blocks"]
 
 FloatArray = NDArray[np.float64]
 _Value = TypeVar("_Value", bound=np.generic)
@@ -39,17 +39,9 @@ _ERROR_FLOOR_PX = 0.01
 """What aliasing leaves of a shift of a block, about; it keeps single blocks from ruling."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DenseView:
-    """One capture as the matching needs it: number, image, lens with tilt, and pose."""
-
-    capture: int
-    image: FloatArray
-    lens: PlaneLens
-    pose: CapturePose
-
-
-def match_blocks(nears: Sequence[DenseView], far: DenseView) -> list[PlaneMatches]:
+def match_blocks(
+    lens: PlaneLens, nears: Sequence[PosedCapture], far: PosedCapture
+) -> list[PlaneMatches]:
     """Where each block of the furthest capture lies in nearer ones.
 
     The nearer capture is blurred to the further one's sharpness and sampled where the two views
@@ -58,6 +50,8 @@ def match_blocks(nears: Sequence[DenseView], far: DenseView) -> list[PlaneMatche
 
     Parameters
     ----------
+    lens
+        Inclined to the target.
     nears, far
         Captures of one target with poses that are right to a fraction of a pixel.
 
@@ -71,17 +65,18 @@ def match_blocks(nears: Sequence[DenseView], far: DenseView) -> list[PlaneMatche
     A. Gruen, "Adaptive least squares correlation: a powerful image matching technique", South
     African Journal of Photogrammetry, Remote Sensing and Cartography 14 (3), 1985.
     """
-    rows, cols = (size // BLOCK_PX * BLOCK_PX for size in far.image.shape)
-    top, left = (far.image.shape[0] - rows) // 2, (far.image.shape[1] - cols) // 2
+    image = np.asarray(far.capture.image, dtype=np.float64)
+    rows, cols = (size // BLOCK_PX * BLOCK_PX for size in image.shape)
+    top, left = (image.shape[0] - rows) // 2, (image.shape[1] - cols) // 2
     y, x = np.mgrid[top : top + rows, left : left + cols].astype(np.float64)
-    plane = far.pose.plane(far.lens.slopes(np.column_stack([x.ravel(), y.ravel()])))
+    plane = far.pose.plane(lens.slopes(np.column_stack([x.ravel(), y.ravel()])))
     blocks = _Blocks(
-        measured=far.image[top : top + rows, left : left + cols],
+        measured=image[top : top + rows, left : left + cols],
         plane=plane.reshape(rows, cols, 2),
         x_px=x[0],
         y_px=y[:, 0],
     )
-    return [_match(near, far, blocks) for near in nears]
+    return [_match(lens, near, far, blocks) for near in nears]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,8 +89,8 @@ class _Blocks:
     y_px: FloatArray
 
 
-def _match(near: DenseView, far: DenseView, blocks: _Blocks) -> PlaneMatches:
-    simulated, whole = _simulated(near, far, blocks.plane)
+def _match(lens: PlaneLens, near: PosedCapture, far: PosedCapture, blocks: _Blocks) -> PlaneMatches:
+    simulated, whole = _simulated(lens, near, far, blocks.plane)
     slope_y, slope_x = (_slope(simulated, axis) for axis in (0, 1))
     levels = _flat(simulated, whole)
     design = np.stack(
@@ -134,23 +129,24 @@ def _match(near: DenseView, far: DenseView, blocks: _Blocks) -> PlaneMatches:
         indexing="ij",
     )
     centres = np.column_stack([centre_x.ravel(), centre_y.ravel()])[whole][good]
-    moved = far.pose.plane(far.lens.slopes(centres + shift[good]))
+    moved = far.pose.plane(lens.slopes(centres + shift[good]))
     return PlaneMatches(
         capture=far.capture,
         seen_px=centres,
         other=near.capture,
-        other_points=near.lens.pixels(near.pose.slopes(moved)),
+        other_points=lens.pixels(near.pose.slopes(moved)),
         covariance_px2=covariance[good] + np.eye(2) * _ERROR_FLOOR_PX**2,
     )
 
 
 def _simulated(
-    near: DenseView, far: DenseView, plane: FloatArray
+    lens: PlaneLens, near: PosedCapture, far: PosedCapture, plane: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """The nearer capture on the further one's pixels, and which blocks lie wholly inside it."""
     rows, cols = plane.shape[:2]
-    source = near.lens.pixels(near.pose.slopes(plane.reshape(-1, 2))).reshape(rows, cols, 2)
-    height, width = near.image.shape
+    image = np.asarray(near.capture.image, dtype=np.float64)
+    source = lens.pixels(near.pose.slopes(plane.reshape(-1, 2))).reshape(rows, cols, 2)
+    height, width = image.shape
     inside = (
         (source[:, :, 0] > _BORDER_PX)
         & (source[:, :, 0] < width - 1 - _BORDER_PX)
@@ -158,7 +154,7 @@ def _simulated(
         & (source[:, :, 1] < height - 1 - _BORDER_PX)
     )
     zoom = far.pose.distance / near.pose.distance
-    blurred = gaussian_filter(near.image, _BLUR_PX * sqrt(max(zoom**2 - 1, 0.0)), mode="nearest")
+    blurred = gaussian_filter(image, _BLUR_PX * sqrt(max(zoom**2 - 1, 0.0)), mode="nearest")
     simulated = np.zeros((rows, cols))
     simulated[inside] = map_coordinates(
         blurred, [source[inside, 1], source[inside, 0]], order=3, mode="nearest"

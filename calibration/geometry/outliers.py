@@ -1,6 +1,6 @@
 """Captures that contradict the others: a wrong height, a moved target, a target lifted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees, exp, hypot, sqrt
 
@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import GeometryError
-from calibration.geometry.pupil import PupilFit, fit_pupil, height_outlier
-from calibration.geometry.series import GeometryCapture, SeriesAdjustment
+from calibration.geometry.bundle_adjustment import Adjustment
+from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil, height_outlier
+from calibration.geometry.series import Exclusion, Series
 
 __all__ = ["ConsistentSeries", "without_outliers"]
 
@@ -25,162 +26,159 @@ _DISAGREEMENT_SIGMAS = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ConsistentSeries:
-    """Series whose captures agree, their pupil offset, and remarks on series left out whole."""
+    """Series whose captures agree, their pupil offset, and what was left out for that.
 
-    series: SeriesAdjustment
+    ``notes`` are remarks on series that were left out whole.
+    """
+
+    adjustment: Adjustment
     pupil: PupilFit
+    exclusions: tuple[Exclusion, ...]
     notes: tuple[str, ...]
 
 
-def without_outliers(
-    series: SeriesAdjustment, captures: Sequence[GeometryCapture], excluded: dict[int, str]
-) -> ConsistentSeries:
-    """Leave out captures whose height or place contradicts all others, worst first.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Contradiction:
+    exclusions: tuple[Exclusion, ...]
+    note: str | None = None
 
-    Parameters
-    ----------
-    series
-        The adjustment of all.
-    captures
-        What the members of ``series`` number.
-    excluded
-        Captures that are left out are added, with the reason.
+
+def without_outliers(adjustment: Adjustment) -> ConsistentSeries:
+    """Leave out captures whose height or position contradicts all others, worst first.
 
     Raises
     ------
     GeometryError
         If the distances do not grow with the heights, or no target is left at two of them.
     """
+    exclusions: list[Exclusion] = []
     notes: list[str] = []
     while True:
-        heights, numbers, log_distances, covariance = _distances(series, captures)
-        found = height_outlier(heights, numbers, log_distances, covariance)
-        if found is not None:
-            place, fits_mm = found
-            excluded[series.members[place]] = (
-                f"its image fits a height of {fits_mm:.3f} mm, but {heights[place]:.3f} mm was "
-                "read back: the stage slipped, or the target was lifted; retake it"
+        found = _slipped(adjustment)
+        if found is None:
+            pupil = _pupil(adjustment)
+            found = _moved(adjustment, pupil) or _lifted(adjustment)
+        if found is None:
+            return ConsistentSeries(
+                adjustment=adjustment,
+                pupil=pupil,
+                exclusions=tuple(exclusions),
+                notes=tuple(notes),
             )
-            series = series.without([series.members[place]])
-            continue
-        pupil = _pupil(series, captures)
-        moved = _moved(series, pupil)
-        if moved is not None:
-            place, reason = moved
-            excluded[series.members[place]] = reason
-            series = series.without([series.members[place]])
-            continue
-        lifted = _disagreeing_series(series, captures)
-        if lifted is None:
-            return ConsistentSeries(series=series, pupil=pupil, notes=tuple(notes))
-        number, text = lifted
-        notes.append(text)
-        members = [m for m, s in zip(series.members, numbers, strict=True) if s == number]
-        excluded.update(dict.fromkeys(members, "its target lies at another height"))
-        series = series.without(members)
+        exclusions += found.exclusions
+        notes += [] if found.note is None else [found.note]
+        adjustment = adjustment.without([one.capture for one in found.exclusions])
 
 
-def _pupil(series: SeriesAdjustment, captures: Sequence[GeometryCapture]) -> PupilFit:
-    heights, numbers, log_distances, covariance = _distances(series, captures)
+def _pupil(adjustment: Adjustment) -> PupilFit:
     # Each series has a unit of its own: one height a series tells nothing, however many there are.
-    if all(len(set(heights[np.equal(numbers, number)])) < 2 for number in set(numbers)):
-        name = captures[series.members[0]].name
+    if all(len(set(series.heights_mm)) < 2 for series in adjustment.series):
+        name = adjustment.captures[0].capture.name
         raise GeometryError(
             f"{name}: no target is left that was captured at two heights; capture one at two "
-            "heights or more without moving it in between"
+            "heights or more without moving it in between",
+            reason="nothing_left",
+            subject=name,
         )
     try:
-        return fit_pupil(heights, numbers, log_distances, covariance)
+        return fit_pupil(SeriesDistances.of(adjustment))
     except ValueError as error:
-        target = captures[series.members[0]].target
+        target = adjustment.series[0].target
         raise GeometryError(
-            f"{target}: {error}; set stage.direction and the heights so that they grow upwards"
+            f"{target}: {error}; set stage.direction and the heights so that they grow upwards",
+            reason="heights_reversed",
+            subject=target,
         ) from error
 
 
-def _distances(
-    series: SeriesAdjustment, captures: Sequence[GeometryCapture]
-) -> tuple[FloatArray, tuple[int, ...], FloatArray, FloatArray]:
-    """Heights, series, log distances and their covariance, one a capture."""
-    layout = series.adjustment.layout
-    columns = [layout.pose_columns(number)[0] for number in range(len(series.members))]
-    return (
-        np.array([captures[m].height_mm for m in series.members]),
-        layout.series,
-        np.array([pose.log_distance for pose in series.adjustment.poses]),
-        series.adjustment.covariance[np.ix_(columns, columns)],
+def _slipped(adjustment: Adjustment) -> _Contradiction | None:
+    """Find the capture whose height does not fit its image."""
+    found = height_outlier(SeriesDistances.of(adjustment))
+    if found is None:
+        return None
+    capture, fits_mm = adjustment.captures[found[0]].capture, found[1]
+    reason = (
+        f"its image fits a height of {fits_mm:.3f} mm, but {capture.height_mm:.3f} mm was "
+        "read back: the stage slipped, or the target was lifted; retake it"
     )
+    return _Contradiction(exclusions=(Exclusion(capture=capture, reason=reason),))
 
 
-def _moved(series: SeriesAdjustment, pupil: PupilFit) -> tuple[int, str] | None:
+def _moved(adjustment: Adjustment, pupil: PupilFit) -> _Contradiction | None:
     """Find the capture that stands furthest beside the travel of the others of its series."""
-    layout, poses = series.adjustment.layout, series.adjustment.poses
-    worst: tuple[float, int, str] | None = None
-    for number in range(layout.series_count):
-        own = [c for c, s in enumerate(layout.series) if s == number]
-        if len(own) < 4:
-            continue
-        to_mm = exp(-pupil.log_units[number])
-        place = np.array([(p.x, p.y, p.distance) for p in (poses[c] for c in own)]) * to_mm
-        turns = np.unwrap([poses[c].turn_rad for c in own])
-        for left_out, capture in enumerate(own):
-            rest = np.arange(len(own)) != left_out
-            design = np.column_stack([np.ones(rest.sum()), place[rest, 2]])
-            line, *_ = np.linalg.lstsq(design, place[rest, :2], rcond=None)
-            beside = place[:, :2] - np.column_stack([np.ones(len(own)), place[:, 2]]) @ line
-            freedom = 2 * (len(own) - 3)
-            scatter = sqrt(float(np.sum(beside[rest] ** 2)) / freedom)
-            away_mm = float(np.hypot(*beside[left_out]))
-            turned = abs(turns[left_out] - float(np.median(turns[rest])))
-            excess = away_mm / max(_MOVED_SIGMAS * scatter, _MOVED_MIN_MM)
-            spread = float(np.ptp(turns[rest]))
-            turned_excess = turned / max(_MOVED_SIGMAS * spread, _TURNED_MIN_RAD)
-            most = max(excess, turned_excess)
-            if most > 1 and (worst is None or most > worst[0]):
-                what = (
-                    f"{away_mm:.2f} mm sideways"
-                    if excess >= turned_excess
-                    else f"by {degrees(turned):.1f} degrees"
-                )
-                worst = most, capture, f"the target was moved {what} against the others; retake it"
-    return None if worst is None else (worst[1], worst[2])
+    found = [
+        candidate
+        for series, log_unit in zip(adjustment.series, pupil.log_units, strict=True)
+        for candidate in _moves(series, exp(-log_unit))
+    ]
+    if not found:
+        return None
+    return _Contradiction(exclusions=(max(found, key=lambda one: one[0])[1],))
 
 
-def _disagreeing_series(
-    series: SeriesAdjustment, captures: Sequence[GeometryCapture]
-) -> tuple[int, str] | None:
-    """Find a series whose own pupil offset contradicts that of the first that has one."""
-    heights, numbers, log_distances, covariance = _distances(series, captures)
-    fits: list[tuple[int, PupilFit]] = []
-    for number in range(max(numbers) + 1):
-        own = np.array([s == number for s in numbers])
-        if len(set(heights[own])) < 2:
-            continue
-        try:
-            fit = fit_pupil(
-                heights[own],
-                [0] * int(own.sum()),
-                log_distances[own],
-                covariance[np.ix_(own, own)],
+def _moves(series: Series, mm_per_unit: float) -> Iterator[tuple[float, Exclusion]]:
+    """Captures that stand aside of the others, and by how many times what is allowed."""
+    count = len(series.captures)
+    if count < 4:
+        return
+    poses = [one.pose for one in series.captures]
+    position = np.array([(p.x, p.y, p.distance) for p in poses]) * mm_per_unit
+    turns = np.unwrap([p.turn_rad for p in poses])
+    for left_out, one in enumerate(series.captures):
+        rest = np.arange(count) != left_out
+        design = np.column_stack([np.ones(count), position[:, 2]])
+        line, *_ = np.linalg.lstsq(design[rest], position[rest, :2], rcond=None)
+        beside = position[:, :2] - design @ line
+        scatter = sqrt(float(np.sum(beside[rest] ** 2)) / (2 * (count - 3)))
+        away_mm = float(np.hypot(*beside[left_out]))
+        turned = abs(turns[left_out] - float(np.median(turns[rest])))
+        excess = away_mm / max(_MOVED_SIGMAS * scatter, _MOVED_MIN_MM)
+        turned_excess = turned / max(_MOVED_SIGMAS * float(np.ptp(turns[rest])), _TURNED_MIN_RAD)
+        if max(excess, turned_excess) > 1:
+            what = (
+                f"{away_mm:.2f} mm sideways"
+                if excess >= turned_excess
+                else f"by {degrees(turned):.1f} degrees"
             )
-        except ValueError:
-            continue
-        fits.append((number, fit))
-    for number, fit in fits[1:]:
-        first = fits[0][1]
+            reason = f"the target was moved {what} against the others; retake it"
+            yield max(excess, turned_excess), Exclusion(capture=one.capture, reason=reason)
+
+
+def _lifted(adjustment: Adjustment) -> _Contradiction | None:
+    """Find a series whose own pupil offset contradicts that of the first that has one."""
+    fits = _own_pupils(adjustment)
+    for series, fit in fits[1:]:
+        first_series, first = fits[0]
         difference = fit.pupil_offset_mm - first.pupil_offset_mm
         err = hypot(
             fit.pupil_offset_err_mm * fit.interval_factor,
             first.pupil_offset_err_mm * first.interval_factor,
         )
-        if abs(difference) > max(_DISAGREEMENT_SIGMAS / 1.96 * err, _LIFTED_MIN_MM):
-            names = [
-                next(captures[m] for m, s in zip(series.members, numbers, strict=True) if s == n)
-                for n in (fits[0][0], number)
-            ]
-            return number, (
-                f"{names[1].kind} {names[1].target} lies {-difference:+.2f} mm higher than "
-                f"{names[0].kind} {names[0].target}; heights are counted from the latter, and "
-                "the former is left out"
-            )
+        if abs(difference) <= max(_DISAGREEMENT_SIGMAS / 1.96 * err, _LIFTED_MIN_MM):
+            continue
+        its, other = (
+            f"{one.captures[0].capture.kind} {one.target}" for one in (series, first_series)
+        )
+        return _Contradiction(
+            exclusions=tuple(
+                Exclusion(capture=one.capture, reason="its target lies at another height")
+                for one in series.captures
+            ),
+            note=f"{its} lies {-difference:+.2f} mm higher than {other}; heights are counted from "
+            "the latter, and the former is left out",
+        )
     return None
+
+
+def _own_pupils(adjustment: Adjustment) -> list[tuple[Series, PupilFit]]:
+    """Pupil offset of each series by itself, where it has two heights that grow with distance."""
+    distances = SeriesDistances.of(adjustment)
+    fits = []
+    for number, series in enumerate(adjustment.series):
+        if len(set(series.heights_mm)) < 2:
+            continue
+        try:
+            fits.append((series, fit_pupil(distances.only(distances.series == number))))
+        except ValueError:
+            continue
+    return fits

@@ -1,19 +1,21 @@
-"""The entrance pupil's place: distances from the images against heights from the stage.
+"""The entrance pupil: distances from the images against heights from the stage.
 
 Every distance of a series is ``unit * (height + pupil_offset)``. The unit is the series' own, the
 offset is common to all. Heights that scatter more than the images account for are given an error of
 their own.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import t as student_t
 
-__all__ = ["PupilFit", "fit_pupil", "height_outlier"]
+from calibration.geometry.bundle_adjustment import Adjustment
+
+__all__ = ["HEIGHT_FLOOR_MM", "PupilFit", "SeriesDistances", "fit_pupil", "height_outlier"]
 
 FloatArray = NDArray[np.float64]
 
@@ -79,22 +81,63 @@ class PupilFit:
         return float(np.sqrt(slope @ self.covariance @ slope))
 
 
-def fit_pupil(
-    heights_mm: FloatArray,
-    series: Sequence[int],
-    log_distances: FloatArray,
-    covariance: FloatArray,
-) -> PupilFit:
-    """Fit offset and units to the distances of all captures.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SeriesDistances:
+    """Heights of captures, and how far the camera was by the images.
 
     Parameters
     ----------
     heights_mm
-        Read back, one a capture; at least one series has two different ones.
+        Read back, shape (n,); at least one series has two different ones.
     series
         Number of each capture's series, from 0 on without gaps.
     log_distances, covariance
-        From the images, shapes (n,) and (n, n).
+        From the images, in each series' own unit, shapes (n,) and (n, n).
+    """
+
+    heights_mm: FloatArray
+    series: NDArray[np.intp]
+    log_distances: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, adjustment: Adjustment) -> Self:
+        """Those of an adjustment's captures."""
+        captures, columns = adjustment.captures, adjustment.columns
+        log_distance = [columns.pose(one.capture)[0] for one in captures]
+        counts = [len(own.captures) for own in adjustment.series]
+        return cls(
+            heights_mm=np.array([one.capture.height_mm for one in captures]),
+            series=np.repeat(np.arange(len(counts)), counts),
+            log_distances=np.array([one.pose.log_distance for one in captures]),
+            covariance=adjustment.covariance[np.ix_(log_distance, log_distance)],
+        )
+
+    def only(self, chosen: NDArray[np.bool_]) -> Self:
+        """Those of the chosen captures, their series numbered anew."""
+        return replace(
+            self,
+            heights_mm=self.heights_mm[chosen],
+            series=np.unique(self.series[chosen], return_inverse=True)[1],
+            log_distances=self.log_distances[chosen],
+            covariance=self.covariance[np.ix_(chosen, chosen)],
+        )
+
+    @property
+    def spans_mm(self) -> FloatArray:
+        """Range of each series' heights."""
+        return np.array(
+            [np.ptp(self.heights_mm[self.series == n]) for n in range(int(self.series.max()) + 1)]
+        )
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Captures beyond the pupil offset and one unit a series."""
+        return len(self.heights_mm) - 2 - int(self.series.max())
+
+
+def fit_pupil(distances: SeriesDistances) -> PupilFit:
+    """Fit offset and units to the distances of all captures.
 
     Raises
     ------
@@ -106,114 +149,92 @@ def fit_pupil(
     The scatter makes the weighted squares equal to their expectation: Paule and Mandel,
     "Consensus values and weighting factors", J. Res. NBS 87, 1982.
     """
-    count = max(series) + 1
-    freedom = len(heights_mm) - 1 - count
-    start = _start_mm(heights_mm, np.asarray(series), log_distances)
-
-    def fitted(scatter_mm: float) -> tuple[PupilFit, float]:
-        return _weighted_fit(
-            heights_mm, np.asarray(series), log_distances, covariance, scatter_mm, start, freedom
-        )
-
-    fit, square = fitted(HEIGHT_FLOOR_MM)
+    freedom = distances.degrees_of_freedom
+    start_mm = _start_mm(distances)
+    fit, square = _weighted_fit(distances, start_mm, HEIGHT_FLOOR_MM)
     if freedom > 0 and square > freedom:
         scatter_mm = float(
             brentq(
-                lambda value: fitted(value)[1] - freedom,
+                lambda value: _weighted_fit(distances, start_mm, value)[1] - freedom,
                 HEIGHT_FLOOR_MM,
                 _SCATTER_MAX_MM,
                 xtol=1e-5,
             )
         )
-        fit, _ = fitted(scatter_mm)
+        fit, _ = _weighted_fit(distances, start_mm, scatter_mm)
     return fit
 
 
-def height_outlier(
-    heights_mm: FloatArray,
-    series: Sequence[int],
-    log_distances: FloatArray,
-    covariance: FloatArray,
-) -> tuple[int, float] | None:
+def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
     """Find the capture whose height does not fit its image, while all others agree.
 
     Returns
     -------
     tuple of int and float, or None
-        Its place, and the height in mm that its image fits. None where no single capture stands
+        Its index, and the height in mm that its image fits. None where no single capture stands
         out, or too few are left to tell.
     """
     worst: tuple[float, int, float] | None = None
-    places = np.asarray(series)
-    for capture in range(len(heights_mm)):
-        rest = np.arange(len(heights_mm)) != capture
-        own = places[rest] == places[capture]
-        if np.count_nonzero(own) < 3 or len(set(heights_mm[rest][own])) < 3:
+    for capture, (height_mm, series) in enumerate(
+        zip(distances.heights_mm, distances.series, strict=True)
+    ):
+        rest = np.arange(len(distances.heights_mm)) != capture
+        # The series stays, so that its number does.
+        if len(set(distances.heights_mm[rest & (distances.series == series)])) < 3:
             continue
-        inside = np.ix_(rest, rest)
         try:
-            fit = fit_pupil(
-                heights_mm[rest], places[rest].tolist(), log_distances[rest], covariance[inside]
-            )
+            fit = fit_pupil(distances.only(rest))
         except ValueError:
             continue
-        unit = fit.log_units[places[capture]]
-        fits_mm = float(np.exp(log_distances[capture] - unit)) - fit.pupil_offset_mm
-        distance_mm = fits_mm + fit.pupil_offset_mm
+        distance_mm = float(np.exp(distances.log_distances[capture] - fit.log_units[series]))
+        fits_mm = distance_mm - fit.pupil_offset_mm
         err_mm = distance_mm * np.hypot(
-            fit.log_distance_err(fits_mm, int(places[capture])),
-            np.sqrt(covariance[capture, capture]),
+            fit.log_distance_err(fits_mm, int(series)),
+            np.sqrt(distances.covariance[capture, capture]),
         )
         # With few captures the scatter of the others is itself uncertain.
         limit_mm = fit.interval_factor / 1.96 * np.hypot(err_mm, fit.scatter_mm)
-        excess = abs(heights_mm[capture] - fits_mm) / max(
-            limit_mm * _OUTLIER_SIGMAS, _OUTLIER_MIN_MM
-        )
+        excess = abs(height_mm - fits_mm) / max(limit_mm * _OUTLIER_SIGMAS, _OUTLIER_MIN_MM)
         if excess > 1 and (worst is None or excess > worst[0]):
             worst = excess, capture, fits_mm
     return None if worst is None else (worst[1], worst[2])
 
 
-def _start_mm(heights_mm: FloatArray, series: NDArray[np.intp], log_distances: FloatArray) -> float:
+def _start_mm(distances: SeriesDistances) -> float:
     """Offset by a straight line through the series that spans most heights."""
-    spans = [np.ptp(heights_mm[series == number]) for number in range(int(series.max()) + 1)]
-    chosen = series == int(np.argmax(spans))
-    slope, level = np.polyfit(heights_mm[chosen], np.exp(log_distances[chosen]), 1)
+    chosen = distances.series == int(np.argmax(distances.spans_mm))
+    slope, level = np.polyfit(
+        distances.heights_mm[chosen], np.exp(distances.log_distances[chosen]), 1
+    )
     if slope <= 0:
         raise ValueError("the images say that the camera comes nearer where the stage goes up")
     return float(level / slope)
 
 
 def _weighted_fit(
-    heights_mm: FloatArray,
-    series: NDArray[np.intp],
-    log_distances: FloatArray,
-    covariance: FloatArray,
-    scatter_mm: float,
-    offset_mm: float,
-    freedom: int,
+    distances: SeriesDistances, start_mm: float, scatter_mm: float
 ) -> tuple[PupilFit, float]:
-    lowest_mm = float(heights_mm.min())
-    members = np.eye(int(series.max()) + 1)[series]
+    """Offset and units with heights that scatter so much, and the weighted squares left."""
+    heights_mm, offset_mm = distances.heights_mm, start_mm
+    members = np.eye(int(distances.series.max()) + 1)[distances.series]
     for _ in range(_ITERATIONS):
-        offset_mm = max(offset_mm, 1e-3 - lowest_mm)
+        offset_mm = max(offset_mm, 1e-3 - float(heights_mm.min()))
         distance_mm = heights_mm + offset_mm
-        weights = np.linalg.inv(covariance + np.diag((scatter_mm / distance_mm) ** 2))
+        weights = np.linalg.inv(distances.covariance + np.diag((scatter_mm / distance_mm) ** 2))
         design = np.column_stack([1 / distance_mm, members])
         normal = np.asarray(np.linalg.inv(design.T @ weights @ design), dtype=np.float64)
-        start = np.concatenate([[0.0], np.zeros(members.shape[1])])
-        solution = start + normal @ design.T @ weights @ (log_distances - np.log(distance_mm))
+        solution = normal @ design.T @ weights @ (distances.log_distances - np.log(distance_mm))
         offset_mm += float(solution[0])
         if abs(solution[0]) < 1e-9 * float(distance_mm.max()):
             break
     distance_mm = heights_mm + offset_mm
-    left = log_distances - np.log(distance_mm) - members @ solution[1:]
+    left = distances.log_distances - np.log(distance_mm) - members @ solution[1:]
     fit = PupilFit(
         pupil_offset_mm=offset_mm,
         log_units=solution[1:],
         covariance=normal,
         scatter_mm=scatter_mm,
-        degrees_of_freedom=freedom,
+        degrees_of_freedom=distances.degrees_of_freedom,
         height_residuals_mm=-left * distance_mm,
     )
     return fit, float(left @ weights @ left)

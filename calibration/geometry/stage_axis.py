@@ -28,8 +28,7 @@ class StageAxis:
     covariance_px2
         Of either, shape (2, 2).
     sideways
-        What is left of each capture's place beside the straight line, shape (n, 2), in units of
-        ``Adjustment.poses``.
+        How far each capture was taken beside the straight line, shape (n, 2), in the series' unit.
     """
 
     pierce_px: FloatArray
@@ -38,26 +37,23 @@ class StageAxis:
     sideways: FloatArray
 
 
-def stage_axis(adjustment: Adjustment, captures: list[int]) -> StageAxis:
-    """Fit a straight line of travel to the places of one series.
+def stage_axis(adjustment: Adjustment, number: int) -> StageAxis:
+    """Fit a straight line of travel to the positions of one series.
 
     Parameters
     ----------
     adjustment
         Of the series and maybe others.
-    captures
-        Numbers of the series' captures, of two different distances or more.
+    number
+        Of the series; it has captures at two distances or more.
     """
-    layout = adjustment.layout
-    series = layout.series[captures[0]]
+    series, layout = adjustment.series[number], adjustment.columns
     columns = np.concatenate(
-        [layout.shared_columns(series), *(layout.pose_columns(c) for c in captures)]
+        [layout.shared(number), *(layout.pose(one.capture) for one in series.captures)]
     )
-    lens = adjustment.lenses[series]
+    lens = series.lens
     shared = lens.parameters
-    poses = np.array(
-        [(p.log_distance, p.turn_rad, p.x, p.y) for p in (adjustment.poses[c] for c in captures)]
-    )
+    poses = np.array([one.pose.parameters for one in series.captures])
 
     def pierce_px(values: FloatArray) -> FloatArray:
         own = values[len(shared) :].reshape(-1, 4)
@@ -68,17 +64,17 @@ def stage_axis(adjustment: Adjustment, captures: list[int]) -> StageAxis:
 
     values = np.concatenate([shared, poses.ravel()])
     change = np.empty((2, len(values)))
-    for place in range(len(values)):
+    for column in range(len(values)):
         step = np.zeros(len(values))
-        step[place] = _STEP
-        change[:, place] = (pierce_px(values + step) - pierce_px(values - step)) / (2 * _STEP)
+        step[column] = _STEP
+        change[:, column] = (pierce_px(values + step) - pierce_px(values - step)) / (2 * _STEP)
     covariance = change @ adjustment.covariance[np.ix_(columns, columns)] @ change.T
     distance = np.exp(poses[:, 0])
     offset = distance - distance.mean()
     sideways = poses[:, 2:] - poses[:, 2:].mean(axis=0) - np.outer(offset, _drift(poses))
-    if len(captures) > 2:
+    if len(poses) > 2:
         # A stage that does not run straight makes the line uncertain beyond the images' errors.
-        scatter = np.sum(sideways**2) / (2 * (len(captures) - 2)) / np.sum(offset**2)
+        scatter = np.sum(sideways**2) / (2 * (len(poses) - 2)) / np.sum(offset**2)
         wander = np.eye(2) * scatter * lens.focal_length_px**2
         if np.trace(wander) > np.trace(covariance):
             covariance = wander

@@ -1,13 +1,14 @@
 from .captures import (
-    NoiseCalibration as NoiseCalibration,
+    NoiseMeasurement as NoiseMeasurement,
     measure_noise as measure_noise,
     noise_records as noise_records,
 )
 from .correction_maps import CorrectionMaps as CorrectionMaps
 from .document import (
     NOISE_SCHEMA as NOISE_SCHEMA,
+    MapFile as MapFile,
+    NoiseCalibration as NoiseCalibration,
     map_paths as map_paths,
-    noise_document as noise_document,
     read_map_files as read_map_files,
     write_map_files as write_map_files,
 )
@@ -30,7 +31,9 @@ __all__ = [
     "LevelNoise",
     "LevelSample",
     "Linearity",
+    "MapFile",
     "NoiseCalibration",
+    "NoiseMeasurement",
     "PhotonTransfer",
     "Saturation",
     "fit_level_noise",
@@ -38,7 +41,6 @@ __all__ = [
     "level_noise",
     "map_paths",
     "measure_noise",
-    "noise_document",
     "noise_records",
     "read_map_files",
     "write_map_files",

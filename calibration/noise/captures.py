@@ -17,6 +17,7 @@ from calibration.noise.correction_maps import (
     correction_maps,
     nonuniformity,
 )
+from calibration.noise.document import NoiseCalibration
 from calibration.noise.photon_transfer import (
     LevelSample,
     PhotonTransfer,
@@ -25,7 +26,7 @@ from calibration.noise.photon_transfer import (
     is_in_fit_range,
 )
 
-__all__ = ["NoiseCalibration", "VarianceByLevel", "measure_noise", "noise_records"]
+__all__ = ["NoiseMeasurement", "VarianceByLevel", "measure_noise", "noise_records"]
 
 _BINS = 512
 _FEWEST_IN_BIN = 30
@@ -92,23 +93,16 @@ _KINDS = ("dark", "flat")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseCalibration:
-    """The noise of one camera at one gain, its maps, and what they were made from.
+class NoiseMeasurement:
+    """What noise.json holds, with the curve and the maps that it was worked out from."""
 
-    ``frames_averaged`` is that of an ordinary capture of the bench, not of the captures here.
-    """
-
+    calibration: NoiseCalibration
     transfer: PhotonTransfer
     maps: CorrectionMaps
     nonuniformity: Nonuniformity
-    frames_averaged: int
-    gain_db: float | None
-    pixel_format: str
-    camera_serial: str | None
-    camera_model: str | None
-    captured_utc: str
-    darks: int
-    flats: int
+
+    def __repr__(self) -> str:
+        return f"NoiseMeasurement({self.calibration!r})"
 
 
 def noise_records(session: Session) -> list[CaptureRecord]:
@@ -129,21 +123,23 @@ def noise_records(session: Session) -> list[CaptureRecord]:
     ):
         if not kinds[kind]:  # type: ignore[index]  # both are kinds
             raise NoiseError(
-                f"{session.path}: the session has no {kind} capture of 2 frames or more; {remedy}"
+                f"{session.path}: the session has no {kind} capture of 2 frames or more; {remedy}",
+                reason="no_dark" if kind == "dark" else "no_flat",
             )
     settings = {(record.gain_db, record.pixel_format) for record in records}
     if len(settings) > 1:
         listed = ", ".join(f"{gain} dB {pixels}" for gain, pixels in sorted(settings, key=str))
         raise NoiseError(
             f"{session.path}: dark and flat captures are of several settings ({listed}); "
-            "a noise.json holds for one: exclude the others"
+            "a noise.json holds for one: exclude the others",
+            reason="settings",
         )
     return records
 
 
 def measure_noise(
     session: Session, progress: Callable[[int], None] = lambda _: None
-) -> NoiseCalibration:
+) -> NoiseMeasurement:
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
 
     Every capture is read two times, three where the sensor has defects: these are left out.
@@ -183,10 +179,10 @@ def measure_noise(
         masked = [_sample(session.load(record), sound) for record in records]
         transfer = fit_photon_transfer(masked, transfer.saturation)
     camera: Mapping[str, Any] = session.devices.get("camera", {})
-    return NoiseCalibration(
-        transfer=transfer,
-        maps=maps,
-        nonuniformity=sums.nonuniformity(maps),
+    pixels = sums.nonuniformity(maps)
+    calibration = NoiseCalibration.of(
+        transfer,
+        pixels,
         frames_averaged=_frames_averaged(session.bench, records),
         gain_db=records[0].gain_db,
         pixel_format=records[0].pixel_format,
@@ -195,6 +191,9 @@ def measure_noise(
         captured_utc=min(record.started_utc for record in records),
         darks=sum(record.kind == "dark" for record in records),
         flats=sum(record.kind == "flat" for record in records),
+    )
+    return NoiseMeasurement(
+        calibration=calibration, transfer=transfer, maps=maps, nonuniformity=pixels
     )
 
 
@@ -207,7 +206,7 @@ def _sample(images: CaptureImages, sound: NDArray[np.bool_] | None) -> LevelSamp
     kind: Literal["dark", "flat"] = "dark" if record.kind == "dark" else "flat"
     return LevelSample(
         kind=kind,
-        name=record.file,
+        capture=record.file,
         mean_dn=float(mean.mean(dtype=np.float64)),
         variance_dn2=float(variance.mean(dtype=np.float64)),
         pixels=mean.size,
@@ -258,7 +257,7 @@ class _MapSums:
         self._ratio = self._ratio + images.variance_dn2 / np.maximum(expected, 1e-6)
         self._captures += 1
         if is_dark:
-            if sample.name in self._dark_files:
+            if sample.capture in self._dark_files:
                 self._dark = self._dark + mean * sample.frames
                 self._dark_frames += sample.frames
             return

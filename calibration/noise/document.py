@@ -1,23 +1,34 @@
-"""What noise.json holds of a noise calibration."""
+"""The noise of a camera as it is measured, written to noise.json and read from it."""
 
 import hashlib
-from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from acquisition.session import atomic_write
 from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.errors import NoiseFileError
-from calibration.noise.captures import NoiseCalibration
-from calibration.noise.correction_maps import CorrectionMaps
+from calibration.noise.correction_maps import CorrectionMaps, Nonuniformity
+from calibration.noise.photon_transfer import LevelSample, PhotonTransfer
+from simulation.capture_noise import CaptureNoise
 
-__all__ = ["NOISE_SCHEMA", "map_paths", "noise_document", "read_map_files", "write_map_files"]
+__all__ = [
+    "NOISE_SCHEMA",
+    "MapFile",
+    "NoiseCalibration",
+    "map_paths",
+    "read_map_files",
+    "write_map_files",
+]
 
+NOISE_SCHEMA: Final = "standoff.noise/1"
+
+_MOST_FRAMES = 10**9  # a larger value is no number of frames
 _NAMES = ("dark", "flat", "defects")
 _TITLES = {
     "dark": "standoff noise: mean level without light, DN",
@@ -26,12 +37,139 @@ _TITLES = {
 }
 
 
+class MapFile(BaseModel):
+    """The name of a map beside noise.json, and the SHA-256 of its bytes."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    file: str
+    sha256: str
+
+
+class NoiseCalibration(BaseModel):
+    """The noise of one camera at one gain, and what it was measured from.
+
+    ``_err`` are standard errors; null is what the captures do not tell. A reader needs the keys
+    without a default alone. ``frames_averaged`` is that of an ordinary capture of the bench, not
+    of the captures here; ``levels`` are these. ``maps`` names the dark, flat and defect maps.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    schema_name: Literal["standoff.noise/1"] = Field(default=NOISE_SCHEMA, alias="schema")
+    gain_e_per_dn: float = Field(gt=0)
+    gain_e_per_dn_err: float | None = None
+    read_noise_e: float = Field(ge=0)
+    read_noise_e_err: float | None = None
+    black_level_dn: float
+    black_level_dn_err: float | None = None
+    saturation_dn: float | None = None
+    saturation_dn_err: float | None = None
+    saturation_is_reached: bool | None = None
+    saturation_e: float | None = None
+    frames_averaged: int = Field(ge=1, le=_MOST_FRAMES)
+    linearity_error: float | None = None
+    linearity_worst: float | None = None
+    light_drift_per_s: float | None = None
+    light_flicker: float | None = None
+    dark_current_e_per_s: float | None = None
+    dark_current_e_per_s_err: float | None = None
+    dsnu_e: float | None = None
+    prnu: float | None = None
+    shading: float | None = None
+    defect_pixels: int | None = None
+    fit_low_dn: float | None = None
+    fit_high_dn: float | None = None
+    chi2_reduced: float | None = None
+    gain_db: float | None = None
+    pixel_format: str | None = None
+    camera_serial: str | None = None
+    camera_model: str | None = None
+    captured_utc: str | None = None
+    darks: int | None = None
+    flats: int | None = None
+    notes: tuple[str, ...] = ()
+    maps: dict[str, MapFile] | None = None
+    levels: tuple[LevelSample, ...] = ()
+
+    @field_validator(
+        "gain_e_per_dn", "read_noise_e", "black_level_dn", "frames_averaged", mode="before"
+    )
+    @classmethod
+    def _is_number(cls, value: object) -> object:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(  # noqa: TRY004 - pydantic takes no TypeError from a validator
+                f"expected a number, got {value!r}"
+            )
+        return value
+
+    @classmethod
+    def of(cls, transfer: PhotonTransfer, pixels: Nonuniformity, **others: object) -> Self:
+        """Return the calibration of these results; ``others`` are further fields by name."""
+        dark, linearity = transfer.dark, transfer.linearity
+        return cls.model_validate(
+            {
+                "gain_e_per_dn": transfer.gain_e_per_dn,
+                "gain_e_per_dn_err": transfer.gain_e_per_dn_err,
+                "read_noise_e": transfer.read_noise_e,
+                "read_noise_e_err": transfer.read_noise_e_err,
+                "black_level_dn": dark.black_level_dn,
+                "black_level_dn_err": dark.black_level_dn_err,
+                "saturation_dn": transfer.saturation.level_dn,
+                "saturation_dn_err": transfer.saturation.err_dn,
+                "saturation_is_reached": transfer.saturation.is_reached,
+                "saturation_e": transfer.saturation_e,
+                "linearity_error": linearity.mean_deviation if linearity else None,
+                "linearity_worst": linearity.worst_deviation if linearity else None,
+                "light_drift_per_s": linearity.light_drift_per_s if linearity else None,
+                "light_flicker": transfer.light_flicker,
+                "dark_current_e_per_s": dark.current_e_per_s,
+                "dark_current_e_per_s_err": dark.current_e_per_s_err,
+                "dsnu_e": pixels.dsnu_dn * transfer.gain_e_per_dn,
+                "prnu": pixels.prnu,
+                "shading": pixels.shading,
+                "defect_pixels": pixels.defects,
+                "fit_low_dn": transfer.fit_low_dn,
+                "fit_high_dn": transfer.fit_high_dn,
+                "chi2_reduced": transfer.chi2_reduced,
+                "notes": transfer.notes,
+                "levels": transfer.samples,
+                **others,
+            }
+        )
+
+    @property
+    def capture_noise(self) -> CaptureNoise:
+        """The noise of an ordinary capture, as simulations take it."""
+        return CaptureNoise(
+            gain_e_per_dn=self.gain_e_per_dn,
+            read_noise_e=self.read_noise_e,
+            black_level_dn=self.black_level_dn,
+            frames_averaged=self.frames_averaged,
+        )
+
+    def __repr__(self) -> str:
+        return (
+            f"NoiseCalibration(gain {_with_err(self.gain_e_per_dn, self.gain_e_per_dn_err)} e/DN, "
+            f"read noise {_with_err(self.read_noise_e, self.read_noise_e_err)} e, "
+            f"black level {_with_err(self.black_level_dn, self.black_level_dn_err)} DN; "
+            f"{len(self.levels)} captures)"
+        )
+
+    def __str__(self) -> str:
+        return repr(self)
+
+
+def _with_err(value: float, err: float | None) -> str:
+    return f"{value:.4g}" if err is None else f"{value:.4f} ± {err:.4f}"
+
+
 def map_paths(path: Path) -> dict[str, Path]:
     """Where the maps of a noise.json lie: ``noise_dark.tif`` and so on, beside it."""
     return {name: path.with_name(f"{path.stem}_{name}.tif") for name in _NAMES}
 
 
-def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, dict[str, str]]:
+def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, MapFile]:
     """Write the maps beside the noise.json ``path``; return their names and hashes.
 
     Raises
@@ -58,118 +196,61 @@ def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, dict[str, str
         try:
             atomic_write(place, data)
         except OSError as error:
-            raise NoiseFileError(f"cannot write {place}: {error.strerror}") from error
-        written[name] = {"file": place.name, "sha256": hashlib.sha256(data).hexdigest()}
+            raise NoiseFileError(
+                f"cannot write {place}: {error.strerror}", source=str(place)
+            ) from error
+        written[name] = MapFile(file=place.name, sha256=hashlib.sha256(data).hexdigest())
     return written
 
 
-def read_map_files(path: Path, listed: object, black_level_dn: float) -> CorrectionMaps:
-    """Read the maps that the noise.json ``path`` lists.
+def read_map_files(path: Path, noise: NoiseCalibration) -> CorrectionMaps:
+    """Read the maps that lie beside the noise.json ``path``.
 
     Raises
     ------
     NoiseFileError
         If one is missing, is not the one that was written, or does not fit the others.
     """
-    if not isinstance(listed, Mapping):
+    if noise.maps is None:
         raise NoiseFileError(
-            f"{path}: lists no maps; write it with standoff noise from dark and flat captures"
+            f"{path}: lists no maps; write it with standoff noise from dark and flat captures",
+            source=str(path),
+            key="maps",
         )
-    planes = {name: _plane(path, name, listed.get(name)) for name in _NAMES}
+    planes = {name: _plane(path, name, noise.maps.get(name)) for name in _NAMES}
     try:
         return CorrectionMaps(
             dark_dn=planes["dark"].astype(np.float32, copy=False),
             response=planes["flat"].astype(np.float32, copy=False),
             defects=planes["defects"].astype(np.uint8, copy=False),
-            black_level_dn=black_level_dn,
+            black_level_dn=noise.black_level_dn,
         )
     except ValueError as error:
-        raise NoiseFileError(f"{path}: {error}") from error
+        raise NoiseFileError(f"{path}: {error}", source=str(path), key="maps") from error
 
 
-def _plane(path: Path, name: str, entry: object) -> NDArray[Any]:
-    file = entry.get("file") if isinstance(entry, Mapping) else None
-    if not isinstance(file, str) or not isinstance(entry, Mapping) or Path(file).name != file:
-        raise NoiseFileError(f"{path}: maps.{name} names no file beside it")
-    place = path.with_name(file)
+def _plane(path: Path, name: str, entry: MapFile | None) -> NDArray[Any]:
+    key = f"maps.{name}"
+    if entry is None or Path(entry.file).name != entry.file:
+        raise NoiseFileError(f"{path}: {key} names no file beside it", source=str(path), key=key)
+    place = path.with_name(entry.file)
     try:
         data = place.read_bytes()
     except OSError as error:
         raise NoiseFileError(
-            f"cannot read {place}, a map of {path.name}: {error.strerror}; keep them together"
+            f"cannot read {place}, a map of {path.name}: {error.strerror}; keep them together",
+            source=str(place),
+            key=key,
         ) from error
-    if hashlib.sha256(data).hexdigest() != entry.get("sha256"):
+    if hashlib.sha256(data).hexdigest() != entry.sha256:
         raise NoiseFileError(
-            f"{place} is not the map that {path.name} was written with; run standoff noise again"
+            f"{place} is not the map that {path.name} was written with; run standoff noise again",
+            source=str(place),
+            key=f"{key}.sha256",
         )
     try:
         return read_tiff(data, first_alone=True).images[0]
     except TiffDamageError as error:
-        raise NoiseFileError(f"{place}: not a readable TIFF file: {error}") from error
-
-
-NOISE_SCHEMA = "standoff.noise/1"
-
-
-def noise_document(noise: NoiseCalibration, maps: dict[str, dict[str, str]]) -> dict[str, Any]:
-    """Return noise.json as a JSON object; ``_err`` are standard errors, unknown ones null.
-
-    Parameters
-    ----------
-    noise
-        The calibration.
-    maps
-        File name and sha256 of the dark, flat and defect maps beside noise.json.
-    """
-    transfer = noise.transfer
-    dark, linearity = transfer.dark, transfer.linearity
-    return {
-        "schema": NOISE_SCHEMA,
-        "gain_e_per_dn": transfer.gain_e_per_dn,
-        "gain_e_per_dn_err": transfer.gain_e_per_dn_err,
-        "read_noise_e": transfer.read_noise_e,
-        "read_noise_e_err": transfer.read_noise_e_err,
-        "black_level_dn": dark.black_level_dn,
-        "black_level_dn_err": dark.black_level_dn_err,
-        "saturation_dn": transfer.saturation.level_dn,
-        "saturation_dn_err": transfer.saturation.err_dn,
-        "saturation_is_reached": transfer.saturation.is_reached,
-        "saturation_e": transfer.saturation_e,
-        "frames_averaged": noise.frames_averaged,
-        "linearity_error": None if linearity is None else linearity.mean_deviation,
-        "linearity_worst": None if linearity is None else linearity.worst_deviation,
-        "light_drift_per_s": None if linearity is None else linearity.light_drift_per_s,
-        "light_flicker": transfer.light_flicker,
-        "dark_current_e_per_s": dark.current_e_per_s,
-        "dark_current_e_per_s_err": dark.current_e_per_s_err,
-        "dsnu_e": noise.nonuniformity.dsnu_dn * transfer.gain_e_per_dn,
-        "prnu": noise.nonuniformity.prnu,
-        "shading": noise.nonuniformity.shading,
-        "defect_pixels": noise.nonuniformity.defects,
-        "fit_low_dn": transfer.fit_low_dn,
-        "fit_high_dn": transfer.fit_high_dn,
-        "chi2_reduced": transfer.chi2_reduced,
-        "gain_db": noise.gain_db,
-        "pixel_format": noise.pixel_format,
-        "camera_serial": noise.camera_serial,
-        "camera_model": noise.camera_model,
-        "captured_utc": noise.captured_utc,
-        "darks": noise.darks,
-        "flats": noise.flats,
-        "notes": list(transfer.notes),
-        "maps": maps,
-        "levels": [
-            {
-                "kind": sample.kind,
-                "capture": sample.name,
-                "exposure_us": sample.exposure_us,
-                "mean_dn": sample.mean_dn,
-                "variance_dn2": sample.variance_dn2,
-                "pixels": sample.pixels,
-                "frames": sample.frames,
-                "clipped_fraction": sample.clipped_fraction,
-                "is_fitted": is_fitted,
-            }
-            for sample, is_fitted in zip(transfer.samples, transfer.fitted, strict=True)
-        ],
-    }
+        raise NoiseFileError(
+            f"{place}: not a readable TIFF file: {error}", source=str(place), key=key
+        ) from error

@@ -1,11 +1,12 @@
 """Photon transfer after EMVA 1288: gain, read noise, black level, linearity, saturation."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
 from calibration.errors import NoiseError
 from calibration.noise.dark_signal import DarkSignal, dark_signal
@@ -35,28 +36,26 @@ _SIGNIFICANT = 3.0
 _ROUNDS = 5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LevelSample:
+class LevelSample(BaseModel):
     """One dark or flat capture, averaged over its pixels.
 
-    ``variance_dn2`` is the mean over pixels of the unbiased temporal variance of one frame.
+    ``variance_dn2`` is the mean over pixels of the unbiased temporal variance of one frame,
+    ``is_fitted`` whether the photon transfer line was fitted to it. ``time_s``, by any clock, is
+    not kept in a file.
     """
 
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
     kind: Literal["dark", "flat"]
-    name: str
+    capture: str
+    exposure_us: float | None
     mean_dn: float
     variance_dn2: float
-    pixels: int
-    frames: int
-    exposure_us: float | None
-    time_s: float
+    pixels: int = Field(ge=1)
+    frames: int = Field(ge=2)
     clipped_fraction: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.frames < 2 or self.pixels < 1:
-            raise ValueError(
-                f"a variance needs 2 frames and a pixel, got {self.frames} and {self.pixels}"
-            )
+    is_fitted: bool = False
+    time_s: float = Field(default=0.0, exclude=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,8 +95,7 @@ class PhotonTransfer:
     offset_dn2: float
     slope_dn: float
     curvature: float
-    samples: tuple[LevelSample, ...]
-    fitted: tuple[bool, ...]
+    samples: tuple[LevelSample, ...] = field(repr=False)
     notes: tuple[str, ...] = ()
 
     @property
@@ -137,80 +135,40 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
     darks = [sample for sample in samples if sample.kind == "dark"]
     flats = [sample for sample in samples if sample.kind == "flat"]
     if not darks:
-        raise NoiseError("no dark capture: put the lens cap on and capture kind dark, too")
-    if not flats:
-        raise NoiseError("no flat capture: capture an even white surface at several exposures")
-    dark = dark_signal(darks)
-    fitted = [
-        sample.kind == "dark" or is_in_fit_range(sample, dark.black_level_dn, saturation.level_dn)
-        for sample in samples
-    ]
-    used = [sample for sample, is_used in zip(samples, fitted, strict=True) if is_used]
-    # Electrons of the dark current are shot noise like any other: black is that of exposure 0.
-    light_dn = np.array([sample.mean_dn for sample in used]) - dark.black_level_dn
-    is_flat = np.array([sample.kind == "flat" for sample in used])
-    _require_levels(light_dn[is_flat], flats)
-    variance_dn2 = np.array([sample.variance_dn2 for sample in used])
-    spread = np.array([2.0 / ((sample.frames - 1) * sample.pixels) for sample in used])
-    line = _fit(light_dn, variance_dn2, spread, order=1)
-    notes = list(dark.notes)
-    flicker = 0.0
-    if len(used) > FEWEST_LEVELS + 1:
-        curve = _fit(light_dn, variance_dn2, spread, order=2)
-        curvature, curvature_err = curve.values[2], float(np.sqrt(curve.covariance[2, 2]))
-        if abs(curvature) > _SIGNIFICANT * curvature_err and curve.values[1] > 0:
-            line = curve
-            flicker = float(np.sqrt(max(curvature, 0.0)))
-            notes.append(_curvature_note(curvature, flicker))
-    offset, slope = float(line.values[0]), float(line.values[1])
-    if slope <= _SIGNIFICANT * float(np.sqrt(line.covariance[1, 1])):
         raise NoiseError(
-            "the variance does not rise with the light: the flats tell no gain "
-            "(a processed picture, or flats of one brightness?)"
+            "no dark capture: put the lens cap on and capture kind dark, too", reason="no_dark"
         )
-    read_dn2 = offset - QUANTISATION_DN2
-    if read_dn2 <= 0:
-        notes.append("the read noise is below what the rounding to whole DN lets through")
-    read_dn2 = max(read_dn2, 0.0)
-    gain, read_e = 1.0 / slope, float(np.sqrt(read_dn2)) / slope
-    # d read / d v0 = gain / (2 sqrt), d read / d K = -read gain
-    toward = np.zeros(line.values.size)
-    toward[0] = gain / (2.0 * np.sqrt(max(read_dn2, float(np.sqrt(line.covariance[0, 0])))))
-    toward[1] = -read_e * gain
+    if not flats:
+        raise NoiseError(
+            "no flat capture: capture an even white surface at several exposures", reason="no_flat"
+        )
+    dark = dark_signal(darks)
+    marked = tuple(_marked(sample, dark.black_level_dn, saturation.level_dn) for sample in samples)
+    lit_dn = _require_levels(marked, dark.black_level_dn)
+    line = _line([sample for sample in marked if sample.is_fitted], dark.black_level_dn)
+    notes = (*dark.notes, *_notes(line))
     if not saturation.is_reached:
-        notes.append(
-            "no flat saturates: saturation is taken from the pixel format; expose longer to see it"
+        notes = (
+            *notes,
+            "no flat saturates: saturation is taken from the pixel format; expose longer to see it",
         )
-    lit = light_dn[is_flat]
     return PhotonTransfer(
-        gain_e_per_dn=gain,
-        gain_e_per_dn_err=gain**2 * float(np.sqrt(line.covariance[1, 1])),
-        read_noise_e=read_e,
-        read_noise_e_err=float(np.sqrt(toward @ line.covariance @ toward)),
-        dark=dark.in_electrons(gain),
+        gain_e_per_dn=line.gain_e_per_dn,
+        gain_e_per_dn_err=line.gain_e_per_dn**2 * line.err(1),
+        read_noise_e=line.read_noise_e,
+        read_noise_e_err=line.read_noise_e_err,
+        dark=dark.in_electrons(line.gain_e_per_dn),
         saturation=saturation,
-        linearity=measure_linearity(
-            [
-                (
-                    sample.exposure_us,
-                    sample.time_s,
-                    sample.mean_dn - dark.level_dn(sample.exposure_us),
-                )
-                for sample in flats
-                if sample.exposure_us is not None and sample.clipped_fraction <= MOST_CLIPPED
-            ],
-            range_dn=saturation.level_dn - dark.black_level_dn,
-        ),
-        light_flicker=flicker,
-        fit_low_dn=float(lit.min() + dark.black_level_dn),
-        fit_high_dn=float(lit.max() + dark.black_level_dn),
+        linearity=_linearity(flats, dark, saturation),
+        light_flicker=line.light_flicker,
+        fit_low_dn=float(lit_dn.min() + dark.black_level_dn),
+        fit_high_dn=float(lit_dn.max() + dark.black_level_dn),
         chi2_reduced=line.chi2_reduced,
-        offset_dn2=offset,
-        slope_dn=slope,
-        curvature=float(line.values[2]) if line.values.size == 3 else 0.0,
-        samples=tuple(samples),
-        fitted=tuple(fitted),
-        notes=tuple(notes),
+        offset_dn2=line.offset_dn2,
+        slope_dn=line.slope_dn,
+        curvature=line.curvature,
+        samples=marked,
+        notes=notes,
     )
 
 
@@ -220,36 +178,122 @@ def is_in_fit_range(sample: LevelSample, black_level_dn: float, saturation_dn: f
     return black_level_dn < sample.mean_dn <= top_dn and sample.clipped_fraction <= MOST_CLIPPED
 
 
-def _require_levels(light_dn: NDArray[np.float64], flats: Sequence[LevelSample]) -> None:
+def _marked(sample: LevelSample, black_level_dn: float, saturation_dn: float) -> LevelSample:
+    is_fitted = sample.kind == "dark" or is_in_fit_range(sample, black_level_dn, saturation_dn)
+    return sample.model_copy(update={"is_fitted": is_fitted})
+
+
+def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> NDArray[np.float64]:
+    """Levels above black of the flats that are fitted; they have to be of three levels."""
+    flats = [sample for sample in samples if sample.kind == "flat"]
+    lit_dn = np.array([flat.mean_dn for flat in flats if flat.is_fitted]) - black_level_dn
     levels: list[float] = []
-    for light in np.sort(light_dn):
+    for light in np.sort(lit_dn):
         if not levels or light > (1 + _SAME_LEVEL) * levels[-1]:
             levels.append(float(light))
     if len(levels) >= FEWEST_LEVELS:
-        return
-    clipped = sum(sample.clipped_fraction > MOST_CLIPPED for sample in flats)
+        return lit_dn
+    clipped = sum(flat.clipped_fraction > MOST_CLIPPED for flat in flats)
     remedy = "expose shorter" if clipped else "capture flats at more exposures"
     raise NoiseError(
         f"{len(levels)} usable level{'s' * (len(levels) != 1)} of {len(flats)} flats "
         f"({clipped} saturated): {FEWEST_LEVELS} below {FIT_TOP:.0%} of saturation are needed; "
-        f"{remedy}"
+        f"{remedy}",
+        reason="levels",
+        saturated=clipped,
     )
 
 
-def _curvature_note(curvature: float, flicker: float) -> str:
-    if curvature > 0:
-        return (
-            f"the light flickers by {100 * flicker:.2f} % from frame to frame; its share of the "
-            "variance was fitted and left out of the gain"
-        )
-    return "the variance bends down with the level (a camera that is not linear); see the curve"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Polynomial:
+class _Line:
+    """Variance of one frame over the light, a polynomial of order 1 or 2."""
+
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
     chi2_reduced: float
+
+    @property
+    def offset_dn2(self) -> float:
+        return float(self.values[0])
+
+    @property
+    def slope_dn(self) -> float:
+        return float(self.values[1])
+
+    @property
+    def curvature(self) -> float:
+        return float(self.values[2]) if self.values.size == 3 else 0.0
+
+    @property
+    def gain_e_per_dn(self) -> float:
+        return 1.0 / self.slope_dn
+
+    @property
+    def light_flicker(self) -> float:
+        return float(np.sqrt(max(self.curvature, 0.0)))
+
+    @property
+    def read_dn2(self) -> float:
+        return max(self.offset_dn2 - QUANTISATION_DN2, 0.0)
+
+    @property
+    def read_noise_e(self) -> float:
+        return float(np.sqrt(self.read_dn2)) / self.slope_dn
+
+    @property
+    def read_noise_e_err(self) -> float:
+        # d read / d v0 = gain / (2 sqrt), d read / d K = -read gain
+        toward = np.zeros(self.values.size)
+        toward[0] = self.gain_e_per_dn / (2.0 * np.sqrt(max(self.read_dn2, self.err(0))))
+        toward[1] = -self.read_noise_e * self.gain_e_per_dn
+        return float(np.sqrt(toward @ self.covariance @ toward))
+
+    def err(self, order: int) -> float:
+        """Standard error of a coefficient."""
+        return float(np.sqrt(self.covariance[order, order]))
+
+
+def _line(samples: Sequence[LevelSample], black_level_dn: float) -> _Line:
+    """The straight line, or the curve where its bend stands out by three standard errors."""
+    # Electrons of the dark current are shot noise like any other: black is that of exposure 0.
+    light_dn = np.array([sample.mean_dn for sample in samples]) - black_level_dn
+    variance_dn2 = np.array([sample.variance_dn2 for sample in samples])
+    spread = np.array([2.0 / ((sample.frames - 1) * sample.pixels) for sample in samples])
+    line = _fit(light_dn, variance_dn2, spread, order=1)
+    if len(samples) > FEWEST_LEVELS + 1:
+        curve = _fit(light_dn, variance_dn2, spread, order=2)
+        if abs(curve.curvature) > _SIGNIFICANT * curve.err(2) and curve.slope_dn > 0:
+            line = curve
+    if line.slope_dn <= _SIGNIFICANT * line.err(1):
+        raise NoiseError(
+            "the variance does not rise with the light: the flats tell no gain "
+            "(a processed picture, or flats of one brightness?)",
+            reason="no_gain",
+        )
+    return line
+
+
+def _notes(line: _Line) -> Iterator[str]:
+    if line.curvature > 0:
+        yield (
+            f"the light flickers by {100 * line.light_flicker:.2f} % from frame to frame; its "
+            "share of the variance was fitted and left out of the gain"
+        )
+    elif line.curvature < 0:
+        yield "the variance bends down with the level (a camera that is not linear); see the curve"
+    if line.offset_dn2 <= QUANTISATION_DN2:
+        yield "the read noise is below what the rounding to whole DN lets through"
+
+
+def _linearity(
+    flats: Sequence[LevelSample], dark: DarkSignal, saturation: Saturation
+) -> Linearity | None:
+    levels = [
+        (flat.exposure_us, flat.time_s, flat.mean_dn - dark.level_dn(flat.exposure_us))
+        for flat in flats
+        if flat.exposure_us is not None and flat.clipped_fraction <= MOST_CLIPPED
+    ]
+    return measure_linearity(levels, range_dn=saturation.level_dn - dark.black_level_dn)
 
 
 def _fit(
@@ -257,7 +301,7 @@ def _fit(
     variance_dn2: NDArray[np.float64],
     spread: NDArray[np.float64],
     order: int,
-) -> _Polynomial:
+) -> _Line:
     """Weighted polynomial; weights follow the fitted curve, never the scattered values."""
     scale = max(float(light_dn.max()), 1.0)
     design = (light_dn[:, None] / scale) ** np.arange(order + 1)
@@ -276,6 +320,6 @@ def _fit(
     chi2 = float(residual @ residual) / freedom if freedom > 0 else 1.0
     units = scale ** -np.arange(order + 1.0)
     covariance = np.linalg.inv(normal) * max(chi2, 1.0)
-    return _Polynomial(
+    return _Line(
         values=values * units, covariance=covariance * np.outer(units, units), chi2_reduced=chi2
     )

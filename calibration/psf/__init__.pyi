@@ -1,7 +1,5 @@
 from .calibration import (
     CalibrationMethod as CalibrationMethod,
-    PairWidths as PairWidths,
-    PsfCalibration as PsfCalibration,
     calibrate_mosaic as calibrate_mosaic,
     calibrate_psf as calibrate_psf,
 )
@@ -14,55 +12,58 @@ from .captures import (
 from .comparison import compare_psfs as compare_psfs
 from .covariance import (
     Estimate as Estimate,
+    PsfEstimates as PsfEstimates,
+    estimates_of_covariance as estimates_of_covariance,
     fit_covariance as fit_covariance,
     share_of_correlation as share_of_correlation,
 )
 from .document import (
     PSF_SCHEMA as PSF_SCHEMA,
+    CameraIdentity as CameraIdentity,
+    ColourPsf as ColourPsf,
+    PairWidths as PairWidths,
+    PsfCalibration as PsfCalibration,
     PsfOrigin as PsfOrigin,
-    StoredCamera as StoredCamera,
-    StoredCurve as StoredCurve,
-    StoredEdge as StoredEdge,
-    StoredField as StoredField,
-    StoredHeight as StoredHeight,
-    StoredHeightTrend as StoredHeightTrend,
-    StoredPsf as StoredPsf,
-    StoredTransfer as StoredTransfer,
-    edge_document as edge_document,
-    psf_document as psf_document,
 )
+from .field import FieldFit as FieldFit
+from .height_trend import HeightGroup as HeightGroup, HeightTrend as HeightTrend
 from .linearise import (
     Channel as Channel,
     luma_plane as luma_plane,
     srgb_to_linear as srgb_to_linear,
 )
+from .plot import (
+    ORIENTATION_COLOURS as ORIENTATION_COLOURS,
+    draw_mtf as draw_mtf,
+    draw_widths_by_angle as draw_widths_by_angle,
+)
 
 __all__ = [
+    "ORIENTATION_COLOURS",
     "PSF_SCHEMA",
     "CalibrationMethod",
+    "CameraIdentity",
     "Channel",
+    "ColourPsf",
     "Estimate",
+    "FieldFit",
+    "HeightGroup",
+    "HeightTrend",
     "PairWidths",
     "PsfCalibration",
+    "PsfEstimates",
     "PsfOrigin",
-    "StoredCamera",
-    "StoredCurve",
-    "StoredEdge",
-    "StoredField",
-    "StoredHeight",
-    "StoredHeightTrend",
-    "StoredPsf",
-    "StoredTransfer",
     "calibrate_mosaic",
     "calibrate_psf",
     "capture_images",
     "compare_psfs",
-    "edge_document",
+    "draw_mtf",
+    "draw_widths_by_angle",
     "edge_images",
     "edge_records",
+    "estimates_of_covariance",
     "fit_covariance",
     "luma_plane",
-    "psf_document",
     "scene_records",
     "share_of_correlation",
     "srgb_to_linear",

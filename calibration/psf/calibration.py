@@ -1,7 +1,7 @@
 """From photographs of edges to the PSF of the camera: the whole measurement, without files."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from calibration.edges import (
     EdgeMeasurement,
     MeasuredTransfer,
     Method,
+    Orientation,
     Pattern,
     PlanePlace,
     Region,
@@ -22,14 +23,10 @@ from calibration.edges import (
     plane_places,
 )
 from calibration.errors import NoEdgeError
-from calibration.psf.covariance import (
-    CovarianceFit,
-    Estimate,
-    fit_covariance,
-    median_width,
-)
+from calibration.psf.covariance import CovarianceFit, Estimate, fit_covariance, median_width
+from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
-from calibration.psf.height_trend import HeightTrend, fit_height_trend
+from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
 
 __all__ = [
     "COLOURS",
@@ -38,66 +35,16 @@ __all__ = [
     "EdgeImage",
     "EdgeMeasurement",
     "Method",
-    "PairWidths",
-    "PsfCalibration",
     "Region",
     "calibrate_mosaic",
     "calibrate_psf",
     "measure_edges",
     "plane_source",
     "psf_of_edges",
-    "why_no_edge",
 ]
 
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairWidths:
-    """Total PSF that one pair of photographs at two distances tells."""
-
-    near: str
-    far: str
-    zoom: float
-    sigma_x_px: float
-    sigma_x_err_px: float
-    sigma_y_px: float
-    sigma_y_err_px: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PsfCalibration:
-    """The PSF of a camera: total and optical, None for what the edges do not determine.
-
-    Total is optics and pixel together, what equation (1) of the paper calls Sigma. ``field``
-    and ``optical_field`` are None where one PSF holds for the whole frame, as far as the edges
-    tell. ``channels`` holds the calibrations of the colours of a mosaic by name. ``pairs`` is what
-    a calibration by two distances rests on, ``softness_px2`` the variance that the scene adds on
-    average where a single image was all there was.
-    """
-
-    sigma_x_px: Estimate | None
-    sigma_y_px: Estimate | None
-    rho: Estimate | None
-    covariance_px2: NDArray[np.float64] | None
-    optical_sigma_x_px: Estimate | None
-    optical_sigma_y_px: Estimate | None
-    optical_rho: Estimate | None
-    optical_covariance_px2: NDArray[np.float64] | None
-    method: CalibrationMethod = "all-angles"
-    edges: tuple[EdgeMeasurement, ...] = ()
-    field: FieldFit | None = None
-    optical_field: FieldFit | None = None
-    height_trend: HeightTrend | None = None
-    transfer: MeasuredTransfer | None = None
-    channels: "dict[str, PsfCalibration] | None" = None
-    pairs: tuple[PairWidths, ...] = ()
-    softness_px2: float | None = None
-
-    @property
-    def edges_used(self) -> tuple[EdgeMeasurement, ...]:
-        """The edges that count."""
-        return tuple(edge for edge in self.edges if edge.is_used)
+_AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
 
 
 def calibrate_psf(
@@ -136,7 +83,7 @@ def calibrate_psf(
         progress(done)
     used = [edge for edge in edges if edge.is_used]
     if not used:
-        raise NoEdgeError(why_no_edge(names, edges))
+        raise _no_edge(names, edges)
     return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
@@ -157,43 +104,30 @@ def psf_of_edges(
         Rows and columns of the photographs; None where they differ, and there is no field.
     """
     used = [edge for edge in edges if edge.is_used]
+    resolved = _resolved(used)
     total = _medians(used) if method == "paper" else _fit(used, is_optical=False)
-    optical = None
-    if resolved := [edge for edge in used if edge.fit.optical_sigma_px is not None]:
-        optical = _fit(resolved, is_optical=True)
-    calibration = PsfCalibration(
-        sigma_x_px=total.sigma_x_px,
-        sigma_y_px=total.sigma_y_px,
-        rho=total.rho,
-        covariance_px2=total.covariance_px2,
-        optical_sigma_x_px=optical.sigma_x_px if optical else None,
-        optical_sigma_y_px=optical.sigma_y_px if optical else None,
-        optical_rho=optical.rho if optical else None,
-        optical_covariance_px2=optical.covariance_px2 if optical else None,
+    return PsfCalibration.of(
+        total,
+        _fit(resolved, is_optical=True) if resolved else None,
+        field=None if method == "paper" or frame is None else _field(used, frame),
         method=method,
-        edges=tuple(edges),
         height_trend=_height_trend(used, total),
         transfer=_transfer(used),
+        edges=tuple(edges),
     )
-    if method == "paper" or frame is None:
-        return calibration
-    rows, cols = frame
-    whole = fit_psf_field(_field_edges(used, is_optical=False), cols, rows)
-    if whole is None:
-        return calibration
-    lens = None
-    if resolved:
-        lens = fit_psf_field(_field_edges(resolved, is_optical=True), cols, rows, is_asked=False)
-    return replace(calibration, field=whole, optical_field=lens)
+
+
+def _resolved(edges: Sequence[EdgeMeasurement]) -> list[EdgeMeasurement]:
+    return [edge for edge in edges if edge.optical_sigma_px is not None]
 
 
 def _widths(
     edges: Sequence[EdgeMeasurement], *, is_optical: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     pairs = [
-        (edge.fit.optical_sigma_px or 0.0, edge.fit.optical_sigma_err_px or 0.0)
+        (edge.optical_sigma_px or 0.0, edge.optical_sigma_err_px or 0.0)
         if is_optical
-        else (edge.fit.sigma_px, edge.fit.sigma_err_px)
+        else (edge.sigma_px, edge.sigma_err_px)
         for edge in edges
     ]
     sigma, err = np.array(pairs).T
@@ -201,7 +135,7 @@ def _widths(
 
 
 def _angles(edges: Sequence[EdgeMeasurement]) -> NDArray[np.float64]:
-    return np.array([edge.fit.angle_deg for edge in edges])
+    return np.array([edge.angle_deg for edge in edges])
 
 
 def _fit(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> CovarianceFit:
@@ -209,13 +143,9 @@ def _fit(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> CovarianceFit
 
 
 def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
-    medians = {}
-    for orientation in ("vertical", "horizontal"):
-        chosen = [edge for edge in edges if edge.orientation == orientation]
-        medians[orientation] = median_width(*_widths(chosen, is_optical=False)) if chosen else None
     return CovarianceFit(
-        sigma_x_px=medians["vertical"],
-        sigma_y_px=medians["horizontal"],
+        sigma_x_px=_median_width(edges, "vertical"),
+        sigma_y_px=_median_width(edges, "horizontal"),
         rho=None,
         covariance_px2=None,
         scatter_px=0.0,
@@ -223,11 +153,29 @@ def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
     )
 
 
+def _median_width(edges: Sequence[EdgeMeasurement], orientation: Orientation) -> Estimate | None:
+    chosen = [edge for edge in edges if edge.orientation == orientation]
+    if not chosen:
+        return None
+    widths = np.array([edge.sigma_px for edge in chosen])
+    return median_width(widths, np.array([edge.sigma_err_px for edge in chosen]))
+
+
+def _field(edges: Sequence[EdgeMeasurement], frame: tuple[int, int]) -> FieldFit | None:
+    rows, cols = frame
+    whole = fit_psf_field(_field_edges(edges, is_optical=False), cols, rows)
+    resolved = _resolved(edges)
+    if whole is None or not resolved:
+        return whole
+    lens = fit_psf_field(_field_edges(resolved, is_optical=True), cols, rows, is_asked=False)
+    return whole if lens is None else whole.with_optical(lens)
+
+
 def _field_edges(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> FieldEdges:
     sigma, err = _widths(edges, is_optical=is_optical)
     return FieldEdges(
-        x_px=np.array([edge.fit.x_px for edge in edges]),
-        y_px=np.array([edge.fit.y_px for edge in edges]),
+        x_px=np.array([edge.x_px for edge in edges]),
+        y_px=np.array([edge.y_px for edge in edges]),
         angle_deg=_angles(edges),
         sigma_px=sigma,
         sigma_err_px=err,
@@ -251,33 +199,55 @@ def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> Hei
         if edge.height_mm is None or expected is None:
             continue
         heights.append(edge.height_mm)
-        widths.append(edge.fit.sigma_px / expected)
-        errs.append(max(edge.fit.sigma_err_px, _LEAST_ERR_PX) / expected)
-    return fit_height_trend(np.array(heights), np.array(widths), np.array(errs))
+        widths.append(edge.sigma_px / expected)
+        errs.append(max(edge.sigma_err_px, _LEAST_ERR_PX) / expected)
+    trend = fit_height_trend(np.array(heights), np.array(widths), np.array(errs))
+    if trend is None:
+        return None
+    groups = tuple(_with_medians(group, edges) for group in trend.heights)
+    return trend.model_copy(update={"heights": groups})
+
+
+def _with_medians(group: HeightGroup, edges: Sequence[EdgeMeasurement]) -> HeightGroup:
+    """The height with the median widths of its vertical and horizontal edges."""
+    at_height = [edge for edge in edges if edge.height_mm == group.height_mm]
+    medians: dict[str, float] = {}
+    for axis, orientation in _AXES:
+        median = _median_width(at_height, orientation)
+        if median is not None:
+            medians[f"sigma_{axis}_px"] = median.value
+            medians[f"sigma_{axis}_err_px"] = median.err
+    return group.model_copy(update=medians)
 
 
 def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None:
     """Width of the whole calibration across this edge's direction."""
     if total.covariance_px2 is not None:
-        normal = np.array([np.cos(edge.fit.normal_rad), np.sin(edge.fit.normal_rad)])
+        normal = np.array([np.cos(edge.normal_rad), np.sin(edge.normal_rad)])
         return float(np.sqrt(normal @ total.covariance_px2 @ normal))
     axis = {"vertical": total.sigma_x_px, "horizontal": total.sigma_y_px}.get(edge.orientation)
     return None if axis is None else axis.value
 
 
-def why_no_edge(names: list[str], edges: list[EdgeMeasurement]) -> str:
-    """Return the line that says why none of the edges of these photographs counts."""
+def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
+    """Why none of the edges of these photographs counts, and what to do about it."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
-        return f"{where}: no straight edge found; photograph a sharp edge of dark on white"
-    faults = sorted({flag for edge in edges for flag in edge.flags if flag in REJECTING_FLAGS})
+        return NoEdgeError(
+            f"{where}: no straight edge found; photograph a sharp edge of dark on white"
+        )
+    flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
         "saturated": "shorten the exposure",
         "too_short": "photograph an edge of at least 20 px",
         "too_noisy": "add light or average more frames",
     }
-    reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in faults)
-    return f"{where}: none of the {len(edges)} edges can be used ({reasons})"
+    reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in sorted(flags))
+    return NoEdgeError(
+        f"{where}: none of the {len(edges)} edges can be used ({reasons})",
+        found=len(edges),
+        flags=flags,
+    )
 
 
 COLOURS = ("red", "green", "blue")
@@ -336,11 +306,15 @@ def calibrate_mosaic(
             edges[place.colour].extend(measure_edges(plane, chosen, method))
         progress(done)
     if not any(edge.is_used for edge in edges[channel]):
-        raise NoEdgeError(why_no_edge([f"{name} ({channel})" for name in names], edges[channel]))
+        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel])
     frame = frames.pop() if len(frames) == 1 else None
     channels = {
         colour: psf_of_edges(found, method, frame if colour == channel else None)
         for colour, found in edges.items()
         if any(edge.is_used for edge in found)
     }
-    return replace(channels[channel], channels=channels)
+    colours = {
+        colour: ColourPsf.of(one.total, one.optical, edge_count=len(one.edges_used))
+        for colour, one in channels.items()
+    }
+    return channels[channel].model_copy(update={"channels": colours})

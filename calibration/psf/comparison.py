@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import erfc, hypot, sqrt
 
 from calibration.errors import CalibrationError
-from calibration.psf.document import StoredPsf
+from calibration.psf.document import PsfCalibration
 
 __all__ = ["CHANGED_P", "PARAMETERS", "ParameterChange", "PsfChange", "compare_psfs"]
 
@@ -83,7 +83,7 @@ class PsfChange:
         return f"the PSF has changed: {', '.join(parts)}"
 
 
-def compare_psfs(first: StoredPsf, second: StoredPsf) -> PsfChange:
+def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
     """Compare two calibrations by a z-test of each parameter that both give with an error.
 
     Raises
@@ -93,35 +93,29 @@ def compare_psfs(first: StoredPsf, second: StoredPsf) -> PsfChange:
     """
     known = []
     for name in PARAMETERS:
-        values = [_with_err(psf, name) for psf in (first, second)]
-        if values[0] is not None and values[1] is not None:
-            known.append((name, *values[0], *values[1]))
+        a, b = first.estimate(name), second.estimate(name)
+        if a is not None and b is not None and a.err > 0 and b.err > 0:
+            known.append((name, a, b))
     if not known:
         raise CalibrationError(
             "the two share no parameter with standard errors; "
             "write both with standoff calibrate, from edges of the same directions"
         )
-    p_values = [_two_sided((b - a) / hypot(ea, eb)) for _, a, ea, b, eb in known]
+    p_values = [_two_sided((b.value - a.value) / hypot(a.err, b.err)) for _, a, b in known]
     return PsfChange(
         parameters=tuple(
             ParameterChange(
                 name=name,
-                first=a,
-                first_err=err_a,
-                second=b,
-                second_err=err_b,
+                first=a.value,
+                first_err=a.err,
+                second=b.value,
+                second_err=b.err,
                 p_value_holm=p_holm,
             )
-            for (name, a, err_a, b, err_b), p_holm in zip(known, _holm(p_values), strict=True)
+            for (name, a, b), p_holm in zip(known, _holm(p_values), strict=True)
         ),
         remarks=_remarks(first, second),
     )
-
-
-def _with_err(psf: StoredPsf, name: str) -> tuple[float, float] | None:
-    err_name = name.replace("_px", "_err_px") if name.endswith("_px") else f"{name}_err"
-    value, err = getattr(psf, name), getattr(psf, err_name)
-    return None if value is None or err is None or not err > 0 else (value, err)
 
 
 def _two_sided(z: float) -> float:
@@ -145,7 +139,7 @@ def _described(one: ParameterChange) -> str:
     return f"{one.name} by {share:+.2f} % (p = {one.p_value_holm:.1g})"
 
 
-def _remarks(first: StoredPsf, second: StoredPsf) -> tuple[str, ...]:
+def _remarks(first: PsfCalibration, second: PsfCalibration) -> tuple[str, ...]:
     remarks = []
     for name, what in (("method", "methods"), ("region", "regions"), ("channel", "channels")):
         a, b = getattr(first, name), getattr(second, name)

@@ -17,6 +17,8 @@ from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
 __all__ = [
     "CovarianceFit",
     "Estimate",
+    "PsfEstimates",
+    "estimates_of_covariance",
     "fit_covariance",
     "median_width",
     "share_of_correlation",
@@ -40,6 +42,15 @@ class Estimate:
     low: float
     high: float
 
+    @classmethod
+    def normal(cls, value: float, err: float) -> "Estimate":
+        """Return the estimate whose interval is that of a normal distribution."""
+        reach = _NORMAL_95 * err
+        return cls(value=value, err=err, low=value - reach, high=value + reach)
+
+    def __str__(self) -> str:
+        return f"{self.value:.4f} ± {self.err:.4f}"
+
 
 def median_width(sigma_px: Array, sigma_err_px: Array) -> Estimate:
     """Median of widths, its error from their scatter; a single width keeps its own error.
@@ -57,23 +68,49 @@ def median_width(sigma_px: Array, sigma_err_px: Array) -> Estimate:
     if widths.size > 1:
         scatter = float(np.median(np.abs(widths - value))) / _MAD_PER_SIGMA
         err = _MEDIAN_ERR * scatter / sqrt(widths.size)
-    return Estimate(
-        value=value, err=err, low=value - _NORMAL_95 * err, high=value + _NORMAL_95 * err
-    )
+    return Estimate.normal(value, err)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CovarianceFit:
-    """The PSF's widths and correlation; None for what the edges do not determine.
-
-    ``scatter_px`` is what the widths scatter beyond their own errors (field, focus, paper);
-    it is part of the errors. ``weights`` in [0, 1] says how far each edge was trusted.
-    """
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PsfEstimates:
+    """A PSF's widths, correlation and covariance; None for what is not determined."""
 
     sigma_x_px: Estimate | None
     sigma_y_px: Estimate | None
     rho: Estimate | None
     covariance_px2: Array | None
+
+
+def estimates_of_covariance(covariance_px2: Array, element_covariance: Array) -> PsfEstimates:
+    """Return the widths and the correlation of a covariance, with their errors.
+
+    Parameters
+    ----------
+    covariance_px2
+        Shape ``(2, 2)``, positive definite.
+    element_covariance
+        Covariance of its elements xx, xy and yy; shape ``(3, 3)``.
+    """
+    xx, xy, yy = covariance_px2[[0, 0, 1], [0, 1, 1]].tolist()
+    rho = xy / sqrt(xx * yy)
+    slope = np.array([-0.5 * rho / xx, 1 / sqrt(xx * yy), -0.5 * rho / yy])
+    err_xx, _, err_yy = np.sqrt(np.diag(element_covariance)).tolist()
+    return PsfEstimates(
+        sigma_x_px=Estimate.normal(sqrt(xx), err_xx / (2 * sqrt(xx))),
+        sigma_y_px=Estimate.normal(sqrt(yy), err_yy / (2 * sqrt(yy))),
+        rho=Estimate.normal(rho, sqrt(float(slope @ element_covariance @ slope))),
+        covariance_px2=covariance_px2,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CovarianceFit(PsfEstimates):
+    """The PSF that widths across edges tell.
+
+    ``scatter_px`` is what the widths scatter beyond their own errors (field, focus, paper);
+    it is part of the errors. ``weights`` in [0, 1] says how far each edge was trusted.
+    """
+
     scatter_px: float
     weights: Array
 
@@ -165,9 +202,7 @@ def _estimate(value: float, err: float, replicates: Array | None) -> Estimate:
     if replicates is not None and replicates.size >= RESAMPLES // 2:
         low, high = np.quantile(replicates, [0.025, 0.975])
         return Estimate(value=value, err=err, low=float(low), high=float(high))
-    return Estimate(
-        value=value, err=err, low=value - _NORMAL_95 * err, high=value + _NORMAL_95 * err
-    )
+    return Estimate.normal(value, err)
 
 
 def _width(fit: VarianceFit, place: int) -> Estimate | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 from scipy import stats
 
 from calibration.psf.variance import VarianceFit, fit_variances
@@ -39,19 +40,68 @@ class FieldEdges:
     sigma_err_px: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FieldFit:
+Coefficients = tuple[tuple[float, ...], ...]
+
+
+class FieldFit(BaseModel):
     """A PSF field, the standard errors of its coefficients, and what speaks for it.
 
-    ``p_value`` is that of the F-test against one PSF for the whole frame, ``worst_err`` the
-    largest relative standard error of a width anywhere in the frame.
+    Coefficients are those that ``PsfField`` takes, rows xx, xy and yy; without a prefix they are
+    of the total covariance. ``p_value`` is that of the F-test against one PSF for the whole
+    frame, ``worst_err`` the largest relative standard error of a width anywhere in the frame.
     """
 
-    field: PsfField
-    coefficients_err_px2: Array
-    p_value: float
-    worst_err: float
-    edges: int
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    width_px: int
+    height_px: int
+    coefficients_px2: Coefficients = Field(repr=False)
+    optical_coefficients_px2: Coefficients | None = Field(default=None, repr=False)
+    coefficients_err_px2: Coefficients | None = Field(default=None, repr=False)
+    optical_coefficients_err_px2: Coefficients | None = Field(default=None, repr=False)
+    p_value: float | None = None
+    worst_err: float | None = None
+    edges: int | None = None
+
+    @property
+    def total(self) -> PsfField:
+        """The total PSF over the frame.
+
+        Raises
+        ------
+        ValueError
+            If the coefficients of a damaged file make no PSF.
+        """
+        return self._field(self.coefficients_px2)
+
+    @property
+    def optical(self) -> PsfField | None:
+        """The PSF of the lens alone over the frame; None where the edges do not tell it.
+
+        Raises
+        ------
+        ValueError
+            If the coefficients of a damaged file make no PSF.
+        """
+        if self.optical_coefficients_px2 is None:
+            return None
+        return self._field(self.optical_coefficients_px2)
+
+    def with_optical(self, lens: "FieldFit") -> "FieldFit":
+        """Return the field with that of the lens alone, which was fitted in its own right."""
+        return self.model_copy(
+            update={
+                "optical_coefficients_px2": lens.coefficients_px2,
+                "optical_coefficients_err_px2": lens.coefficients_err_px2,
+            }
+        )
+
+    def _field(self, coefficients_px2: Coefficients) -> PsfField:
+        return PsfField(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            coefficients_px2=np.array(coefficients_px2, dtype=np.float64),
+        )
 
 
 def fit_psf_field(
@@ -93,12 +143,18 @@ def fit_psf_field(
     if worst > _WORST_ERR or (is_asked and p_value > _ASKED_P):
         return None
     return FieldFit(
-        field=field,
-        coefficients_err_px2=np.sqrt(np.diag(fit.covariance)).reshape(3, _TERMS),
+        width_px=width_px,
+        height_px=height_px,
+        coefficients_px2=_rows(coefficients),
+        coefficients_err_px2=_rows(np.sqrt(np.diag(fit.covariance)).reshape(3, _TERMS)),
         p_value=p_value,
         worst_err=worst,
         edges=count,
     )
+
+
+def _rows(matrix: Array) -> Coefficients:
+    return tuple(tuple(row) for row in matrix.tolist())
 
 
 def _elements(normal_rad: Array) -> Array:

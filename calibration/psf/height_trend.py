@@ -1,10 +1,10 @@
 """Does the width of the PSF change with the camera's height? A test for focus drift."""
 
-from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 from scipy import stats
 
 from calibration.psf.variance import excess_variance
@@ -18,28 +18,39 @@ _DRIFT_LEAST = 0.01  # relative change over the range of heights
 _FEWEST_FREEDOM = 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeightGroup:
-    """Width at one height, relative to that of the whole calibration in the same direction."""
+class HeightGroup(BaseModel):
+    """Width at one height, relative to that of the whole calibration in the same direction.
+
+    ``sigma_x_px`` and ``sigma_y_px`` are medians over the vertical and horizontal edges there.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
 
     height_mm: float
     edges: int
     relative_width: float
     relative_width_err: float
+    sigma_x_px: float | None = None
+    sigma_x_err_px: float | None = None
+    sigma_y_px: float | None = None
+    sigma_y_err_px: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeightTrend:
+class HeightTrend(BaseModel):
     """Weighted straight line through the relative widths, and how the heights differ at all.
 
     ``p_value`` is that of the slope, two-sided; ``p_value_between`` that of any difference
-    between the heights, a bend through best focus included.
+    between the heights, a bend through best focus included. ``is_drift`` says whether the
+    change is beyond chance (p below 0.01) and worth a word (over 1 %).
     """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
 
     slope_per_mm: float
     slope_err_per_mm: float
     p_value: float
     p_value_between: float
+    is_drift: bool
     heights: tuple[HeightGroup, ...]
 
     @property
@@ -47,11 +58,6 @@ class HeightTrend:
         """Largest relative difference between two heights."""
         widths = [group.relative_width for group in self.heights]
         return max(widths) - min(widths)
-
-    @property
-    def is_drift(self) -> bool:
-        """Whether the change is beyond chance (p below 0.01) and worth a word (over 1 %)."""
-        return min(self.p_value, self.p_value_between) < _DRIFT_P and self.change > _DRIFT_LEAST
 
 
 def fit_height_trend(
@@ -91,11 +97,15 @@ def fit_height_trend(
     slope_err = 1.0 / sqrt(power)
     extra = heights.size - 1
     between = float(np.sum(group_weight * (means - middle) ** 2)) / extra
+    p_value = float(2 * stats.t.sf(abs(slope) / slope_err, freedom))
+    p_value_between = float(stats.f.sf(between, extra, freedom))
+    is_sure = min(p_value, p_value_between) < _DRIFT_P
     return HeightTrend(
         slope_per_mm=slope,
         slope_err_per_mm=slope_err,
-        p_value=float(2 * stats.t.sf(abs(slope) / slope_err, freedom)),
-        p_value_between=float(stats.f.sf(between, extra, freedom)),
+        p_value=p_value,
+        p_value_between=p_value_between,
+        is_drift=is_sure and float(np.ptp(means)) > _DRIFT_LEAST,
         heights=tuple(
             HeightGroup(
                 height_mm=float(height),

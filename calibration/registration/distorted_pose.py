@@ -1,24 +1,16 @@
 """Where follow-up pixels lie in the reference when one lens distorts both images."""
 
-from dataclasses import dataclass, replace
-from math import hypot
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.pose import DISTORTION_MAX
+from simulation.pose import lens_of, warped
 
-__all__ = ["K1_MAX", "DistortedPose"]
+__all__ = ["DistortedPose"]
 
 FloatArray = NDArray[np.float64]
-
-K1_MAX = DISTORTION_MAX
-"""Largest distortion, relative at the image corner; beyond, a barrel would fold over."""
-
-_FAR = 1e6
-
-_NEWTON_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -26,7 +18,8 @@ class DistortedPose:
     """A homography between the images of an ideal lens, seen through a distorting one.
 
     Both images are whole frames of one camera. An ideal point at the radius r from the middle of
-    the frame, 1 at its corner, is seen at ``r (1 + k1 r^2)``; negative is barrel.
+    the frame, 1 at its corner, is seen at ``r (1 + k1 r^2)``; negative is barrel. What lies beyond
+    a barrel's fold is outside the frame.
 
     Parameters
     ----------
@@ -39,7 +32,7 @@ class DistortedPose:
         ``(rows, cols)``.
     """
 
-    matrix: FloatArray
+    matrix: FloatArray = field(repr=False)
     k1: float
     reference_shape: tuple[int, int]
     followup_shape: tuple[int, int]
@@ -61,12 +54,13 @@ class DistortedPose:
 
     def to_reference_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates ``(y, x)`` of follow-up coordinates, of their shape."""
-        return self._through(self.matrix, self.followup_shape, self.reference_shape, y_px, x_px)
+        return _warped(self.matrix, self._lens, y_px, x_px)
 
     def to_followup_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Follow-up coordinates ``(y, x)`` of reference coordinates, of their shape."""
+        k1, followup_x, followup_y, x, y = self._lens
         back = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
-        return self._through(back, self.reference_shape, self.followup_shape, y_px, x_px)
+        return _warped(back, np.array([k1, x, y, followup_x, followup_y]), y_px, x_px)
 
     def followup_places_px(self) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates ``(y, x)`` of every follow-up pixel, shape (rows, cols) each."""
@@ -74,42 +68,14 @@ class DistortedPose:
         y, x = np.meshgrid(np.arange(float(rows)), np.arange(float(cols)), indexing="ij")
         return self.to_reference_px(y, x)
 
-    def _through(
-        self,
-        matrix: FloatArray,
-        from_shape: tuple[int, int],
-        to_shape: tuple[int, int],
-        y_px: FloatArray,
-        x_px: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        y, x = self._scaled(y_px, x_px, from_shape, is_inverse=True)
-        depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
-        ideal_x = np.asarray((matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth)
-        ideal_y = np.asarray((matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / depth)
-        return self._scaled(ideal_y, ideal_x, to_shape, is_inverse=False)
+    @property
+    def _lens(self) -> FloatArray:
+        return lens_of(self.k1, self.reference_shape, self.followup_shape)
 
-    def _scaled(
-        self, y_px: FloatArray, x_px: FloatArray, shape: tuple[int, int], *, is_inverse: bool
-    ) -> tuple[FloatArray, FloatArray]:
-        """Seen places of ideal ones, or (inverse) ideal places of seen ones."""
-        if self.k1 == 0:
-            return y_px, x_px
-        middle_y, middle_x = (shape[0] - 1) / 2, (shape[1] - 1) / 2
-        # One camera, one unit of length, whatever part of its frame an image is.
-        corner_px = hypot(self.reference_shape[0] - 1, self.reference_shape[1] - 1) / 2
-        dy, dx = (y_px - middle_y) / corner_px, (x_px - middle_x) / corner_px
-        square = dy * dy + dx * dx
-        if not is_inverse:
-            # Beyond the fold of a barrel nothing is seen: the place is far outside.
-            is_seen = 1 + 3 * self.k1 * square > 0
-            factor = np.where(is_seen, 1 + self.k1 * square, _FAR)
-        else:
-            # factor = 1 / (1 + k1 r^2) at the ideal radius r = factor * (seen radius).
-            factor = np.ones_like(square)
-            for _ in range(_NEWTON_STEPS):
-                bent = self.k1 * square * factor * factor
-                factor = factor - (factor * (1 + bent) - 1) / np.maximum(1 + 3 * bent, 0.1)
-        return (
-            np.asarray(middle_y + corner_px * factor * dy),
-            np.asarray(middle_x + corner_px * factor * dx),
-        )
+
+def _warped(
+    matrix: FloatArray, lens: FloatArray, y_px: FloatArray, x_px: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    points = np.column_stack([np.ravel(x_px), np.ravel(y_px)])
+    x, y = warped(matrix, lens, points).T
+    return y.reshape(np.shape(y_px)), x.reshape(np.shape(x_px))

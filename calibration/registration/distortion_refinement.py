@@ -13,10 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.distorted_pose import K1_MAX, DistortedPose
-from calibration.registration.motions import HOMOGRAPHY, flows_px, moved_matrix, unit_places
-from calibration.registration.overlap import OVERLAP_MIN_PX, refuse_nearer
+from calibration.registration.acceptance import (
+    refuse_little_overlap,
+    refuse_low_correlation,
+    refuse_nearer,
+    refuse_negative,
+)
+from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration.motions import flows_px, moved_matrix, unit_coordinates
 from simulation import GaussianPsf
+from simulation.pose import DISTORTION_MAX
 from simulation.zoom import BlurredSpline
 
 __all__ = ["DistortedRefinement", "refined_distorted_pose"]
@@ -30,7 +36,6 @@ _ITERATIONS = 30
 _CONVERGED_PX = 1e-3
 _FREE_STEPS = 4
 _BORDER_PX = 4.0
-_CORRELATION_MIN = 0.5
 _K1_PRIOR = 0.05
 """Standard deviation of distortions of real lenses; it rules where zooms near 1 tell nothing."""
 
@@ -98,17 +103,17 @@ def refined_distorted_pose(
             # From here on pixels only drop out: a row that comes and goes would never settle.
             settled = fit.inside
         pose = problem.moved(pose, fit.step)
-        if abs(pose.k1) > K1_MAX:
-            raise RegistrationError("the alignment asks for a distortion that no lens has")
+        if abs(pose.k1) > DISTORTION_MAX:
+            raise RegistrationError(
+                "the alignment asks for a distortion that no lens has", reason="no_lens"
+            )
         if np.abs(fit.step[:-1]).max() < _CONVERGED_PX:
             break
     else:
-        raise RegistrationError(f"the alignment did not settle in {_ITERATIONS} steps")
-    if not fit.correlation >= _CORRELATION_MIN:
         raise RegistrationError(
-            f"the aligned images correlate by {fit.correlation:.2f} only, "
-            f"{_CORRELATION_MIN} is needed"
+            f"the alignment did not settle in {_ITERATIONS} steps", reason="not_settled"
         )
+    refuse_low_correlation(fit.correlation)
     covariance = fit.covariance()
     return DistortedRefinement(
         pose=pose,
@@ -165,8 +170,8 @@ class _Problem:
         self._spline = spline
         self._is_one_camera = is_one_camera
         shape = _shape(followup)
-        self._flows = flows_px(HOMOGRAPHY, shape)
-        u, v = unit_places(shape)
+        self._flows = flows_px(shape)
+        u, v = unit_coordinates(shape)
         self._shades = (np.ones(shape), u, v, u * u, u * v, v * v)
 
     def linearised(self, pose: DistortedPose, allowed: NDArray[np.bool_]) -> _Linearised:
@@ -180,8 +185,7 @@ class _Problem:
             & (place_x <= cols - 1 - _BORDER_PX)
         )
         inside[[0, -1], :] = inside[:, [0, -1]] = False
-        if np.count_nonzero(inside) < OVERLAP_MIN_PX**2:
-            raise RegistrationError("the images overlap too little")
+        refuse_little_overlap(inside)
         simulated = self._spline.at(place_y, place_x)
         slope_y, slope_x = (np.gradient(simulated, axis=axis)[inside] for axis in (0, 1))
         flows = [(fx[inside], fy[inside]) for fx, fy in self._flows]
@@ -206,8 +210,7 @@ class _Problem:
         solution = np.linalg.lstsq(normal, right, rcond=None)[0]
         gain = float(solution[len(flows)])
         residual = measured - design @ solution
-        if gain <= 0:
-            raise RegistrationError("the follow-up does not look like the reference")
+        refuse_negative(gain)
         light = design[:, len(flows) + 1 :] @ solution[len(flows) + 1 :]
         return _Linearised(
             inside=inside,
@@ -221,7 +224,7 @@ class _Problem:
 
     def moved(self, pose: DistortedPose, step: FloatArray) -> DistortedPose:
         """The pose after a step."""
-        matrix = moved_matrix(pose.matrix, HOMOGRAPHY, step[:-1], pose.followup_shape)
+        matrix = moved_matrix(pose.matrix, step[:-1], pose.followup_shape)
         return pose.with_(matrix, pose.k1 + float(step[-1]) if self._is_one_camera else 0.0)
 
     def place_err_px(

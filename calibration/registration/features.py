@@ -2,14 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from simulation.pose import project, projection_depth
 
-__all__ = ["FeatureMatches", "axial_pose", "homography_pose", "match_features"]
+__all__ = [
+    "FeatureMatches",
+    "ImageFeatures",
+    "find_features",
+    "homography_pose",
+    "match_features",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -23,6 +31,8 @@ _REACH = 0.08
 _LONELY_DISTANCE_MAX = 200.0
 """Distance of descriptors (of length 512) up to which a match without a rival is taken."""
 
+_ROLES = {"reference": "the reference", "followup": "the follow-up", None: "it"}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureMatches:
@@ -33,13 +43,44 @@ class FeatureMatches:
 
     def distances_px(self, matrix: FloatArray) -> FloatArray:
         """Distance in the reference between each match and where ``matrix`` puts it."""
-        mapped = self.followup_px @ matrix[:2, :2].T + matrix[:2, 2]
-        mapped /= (self.followup_px @ matrix[2, :2] + matrix[2, 2])[:, None]
-        return np.asarray(np.hypot(*(mapped - self.reference_px).T))
+        x, y = project(matrix, *self.followup_px.T)
+        return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
 
     def rms_px(self, matrix: FloatArray, inlier: NDArray[np.bool_]) -> float:
         """Rms of ``distances_px`` over the chosen matches."""
         return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFeatures:
+    """SIFT features of an image of ``shape``: points ``(x, y)``, shape (n, 2), and descriptors."""
+
+    points_px: FloatArray
+    descriptors: NDArray[np.float32]
+    shape: tuple[int, ...]
+
+    def matched_with(self, followup: Self, expected: FloatArray | None = None) -> FeatureMatches:
+        """Pair those of a reference with a follow-up's, as ``match_features`` does."""
+        mask = None
+        if expected is not None:
+            x, y = project(expected, *followup.points_px.T)
+            own_x, own_y = self.points_px.T
+            away_px = np.hypot(x[:, None] - own_x, y[:, None] - own_y)
+            mask = (away_px < _REACH * max(self.shape)).astype(np.uint8)
+        candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(
+            followup.descriptors, self.descriptors, 2, mask
+        )
+        pairs = [found[0] for found in candidates if _is_distinct(found)]
+        if len(pairs) < _INLIERS_MIN:
+            raise RegistrationError(
+                f"only {len(pairs)} features of the images match",
+                reason="no_matches",
+                count=len(pairs),
+            )
+        return FeatureMatches(
+            followup.points_px[[pair.queryIdx for pair in pairs]],
+            self.points_px[[pair.trainIdx for pair in pairs]],
+        )
 
 
 def match_features(
@@ -63,32 +104,35 @@ def match_features(
     RegistrationError
         If an image has too few features, or too few of them match.
     """
+    near, far = find_features(reference, "reference"), find_features(followup, "followup")
+    return near.matched_with(far, expected)
+
+
+def find_features(
+    image: NDArray[np.generic], role: Literal["reference", "followup"] | None = None
+) -> ImageFeatures:
+    """SIFT features of a grey image; ``role`` is what an error calls it.
+
+    Raises
+    ------
+    RegistrationError
+        If it has too few.
+    ValueError
+        If it is no grey image of finite values.
+    """
     # Without the precise upscaling every keypoint is 0.25 px off towards the origin.
     sift = cv2.SIFT.create(nfeatures=_FEATURES, enable_precise_upscale=True)
-    points, descriptors = [], []
-    for name, image in (("reference", reference), ("follow-up", followup)):
-        found, described = sift.detectAndCompute(_as_bytes(image), None)
-        if len(found) < _INLIERS_MIN:
-            raise RegistrationError(
-                f"the {name} has only {len(found)} features to align by; "
-                "photograph something with more detail"
-            )
-        points.append(np.array([point.pt for point in found], dtype=np.float64))
-        descriptors.append(described)
-    mask = None
-    if expected is not None:
-        mapped = points[1] @ expected[:2, :2].T + expected[:2, 2]
-        mapped /= (points[1] @ expected[2, :2] + expected[2, 2])[:, None]
-        offset = mapped[:, None, :] - points[0][None, :, :]
-        reach_px = _REACH * max(reference.shape)
-        mask = (np.hypot(offset[:, :, 0], offset[:, :, 1]) < reach_px).astype(np.uint8)
-    candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors[1], descriptors[0], 2, mask)
-    pairs = [found[0] for found in candidates if _is_distinct(found)]
-    if len(pairs) < _INLIERS_MIN:
-        raise RegistrationError(f"only {len(pairs)} features of the images match")
-    return FeatureMatches(
-        points[1][[pair.queryIdx for pair in pairs]], points[0][[pair.trainIdx for pair in pairs]]
-    )
+    found, descriptors = sift.detectAndCompute(_as_bytes(image), None)
+    if len(found) < _INLIERS_MIN:
+        raise RegistrationError(
+            f"{_ROLES[role]} has only {len(found)} features to align by; "
+            "photograph something with more detail",
+            reason="no_detail",
+            at_fault=role,
+            count=len(found),
+        )
+    points = np.array([point.pt for point in found], dtype=np.float64)
+    return ImageFeatures(points, np.asarray(descriptors, dtype=np.float32), image.shape)
 
 
 def _is_distinct(found: Sequence[cv2.DMatch]) -> bool:
@@ -112,41 +156,17 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
     # Where it finds nothing, OpenCV returns an empty matrix or None.
     count = int(np.count_nonzero(mask)) if np.shape(found) == (3, 3) else 0
     if count < _INLIERS_MIN:
-        raise RegistrationError(f"only {count} feature matches agree on a pose")
+        raise RegistrationError(
+            f"only {count} feature matches agree on a pose", reason="no_common_pose", count=count
+        )
     matrix: FloatArray = np.asarray(found, dtype=np.float64)
     inlier: NDArray[np.bool_] = mask.ravel().astype(np.bool_)
-    depth = matches.followup_px[inlier] @ matrix[2, :2] + matrix[2, 2]
+    depth = projection_depth(matrix, *matches.followup_px[inlier].T)
     # Area and sense of turning there: det / depth^3. A scene seen from its front keeps its sense.
     if not np.all(np.linalg.det(matrix) * depth > 0):
-        raise RegistrationError("the features agree only on a scene that is turned inside out")
-    return matrix, inlier
-
-
-def axial_pose(
-    matches: FeatureMatches, agreeing: NDArray[np.bool_]
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Least-squares scale and shift, shape (3, 3), and the matches that agree with them.
-
-    Parameters
-    ----------
-    matches
-        All of them.
-    agreeing
-        Those that agree on some pose; only they are fitted.
-
-    Raises
-    ------
-    RegistrationError
-        If too few agree with a scale and a shift alone.
-    """
-    followup, reference = matches.followup_px[agreeing], matches.reference_px[agreeing]
-    offset = followup - followup.mean(axis=0)
-    zoom = float(np.vdot(offset, reference) / np.vdot(offset, offset))
-    origin_x_px, origin_y_px = reference.mean(axis=0) - zoom * followup.mean(axis=0)
-    matrix = np.array([[zoom, 0.0, origin_x_px], [0.0, zoom, origin_y_px], [0.0, 0.0, 1.0]])
-    inlier = matches.distances_px(matrix) < _MATCH_TOLERANCE_PX
-    if np.count_nonzero(inlier) < _INLIERS_MIN:
-        raise RegistrationError("the images differ by more than a zoom and a shift")
+        raise RegistrationError(
+            "the features agree only on a scene that is turned inside out", reason="inside_out"
+        )
     return matrix, inlier
 
 
@@ -156,7 +176,7 @@ def _as_bytes(image: NDArray[np.generic]) -> NDArray[np.uint8]:
         raise ValueError(f"grey images of finite values are aligned, got shape {image.shape}")
     low, high = values.min(), values.max()
     if low == high:
-        raise RegistrationError("a constant image cannot be aligned")
+        return np.zeros(values.shape, dtype=np.uint8)
     return np.asarray((values - low) * (255.0 / (high - low)) + 0.5, dtype=np.float64).astype(
         np.uint8
     )

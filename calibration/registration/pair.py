@@ -5,29 +5,24 @@ follow-up with the reference *simulated at the follow-up's distance*, gain and o
 brings the error to about a hundredth of a pixel.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from calibration.registration.acceptance import refuse_nearer
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.distortion_refinement import refined_distorted_pose
-from calibration.registration.features import axial_pose, homography_pose, match_features
-from calibration.registration.motions import AXIAL, HOMOGRAPHY, half_size_px
-from calibration.registration.overlap import Overlap, axial_overlap, refuse_nearer
+from calibration.registration.features import homography_pose, match_features
 from calibration.registration.refinement import refined_pose, zoom_at_centre
 from simulation import GaussianPsf
 
 __all__ = [
-    "AxialRegistration",
-    "DistortedPose",
     "DistortedRegistration",
-    "Overlap",
     "Registration",
     "register",
-    "register_axial",
     "register_distorted",
 ]
 
@@ -59,78 +54,12 @@ class Registration:
         What remains between them, in the follow-up's units.
     """
 
-    matrix: FloatArray
+    matrix: FloatArray = field(repr=False)
     zoom: float
     inlier_count: int
     match_rms_px: float
     correlation: float
     residual_rms_dn: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AxialRegistration:
-    """Pose of a follow-up whose camera moved along its axis: one zoom and one shift.
-
-    Follow-up pixel ``(row, col)`` lies at reference coordinates
-    ``(origin_y_px + row * zoom, origin_x_px + col * zoom)``.
-
-    Parameters
-    ----------
-    zoom, zoom_err
-        Reference pixels per follow-up pixel, and its standard error.
-    origin_y_px, origin_x_px
-        Reference coordinates of the follow-up's first pixel.
-    shift_err_px
-        Standard error of the follow-up centre's place, the larger of both axes, reference px.
-    reference_shape, followup_shape
-        ``(rows, cols)`` of both images.
-    inlier_count, match_rms_px, correlation, residual_rms_dn
-        As in ``Registration``.
-    """
-
-    zoom: float
-    zoom_err: float
-    origin_y_px: float
-    origin_x_px: float
-    shift_err_px: float
-    reference_shape: tuple[int, int]
-    followup_shape: tuple[int, int]
-    inlier_count: int
-    match_rms_px: float
-    correlation: float
-    residual_rms_dn: float
-
-    @property
-    def matrix(self) -> FloatArray:
-        """Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres."""
-        return _axial_matrix(self.zoom, self.origin_y_px, self.origin_x_px)
-
-    @property
-    def shift_y_px(self) -> float:
-        """How far the follow-up's centre lies below the reference's, in reference px."""
-        return (
-            self.origin_y_px
-            + ((self.followup_shape[0] - 1) * self.zoom - (self.reference_shape[0] - 1)) / 2
-        )
-
-    @property
-    def shift_x_px(self) -> float:
-        """How far the follow-up's centre lies right of the reference's, in reference px."""
-        return (
-            self.origin_x_px
-            + ((self.followup_shape[1] - 1) * self.zoom - (self.reference_shape[1] - 1)) / 2
-        )
-
-    @property
-    def overlap(self) -> Overlap:
-        """The follow-up pixels whose squares lie wholly inside the reference.
-
-        Raises
-        ------
-        RegistrationError
-            If there are fewer than 16 along an axis.
-        """
-        return axial_overlap(self.matrix, self.reference_shape, self.followup_shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -159,7 +88,7 @@ class DistortedRegistration:
     zoom: float
     place_err_px: float
     k1_err: float
-    feature_matrix: FloatArray
+    feature_matrix: FloatArray = field(repr=False)
     inlier_count: int
     match_rms_px: float
     correlation: float
@@ -189,41 +118,10 @@ def register(
     """
     matches = match_features(reference, followup)
     matrix, inlier = homography_pose(matches)
-    fit = refined_pose(reference, followup, psf, matrix, HOMOGRAPHY)
+    fit = refined_pose(reference, followup, psf, matrix)
     return Registration(
         matrix=fit.matrix,
         zoom=zoom_at_centre(fit.matrix, _shape(followup)),
-        inlier_count=int(inlier.sum()),
-        match_rms_px=matches.rms_px(fit.matrix, inlier),
-        correlation=fit.correlation,
-        residual_rms_dn=fit.residual_rms_dn,
-    )
-
-
-def register_axial(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
-    psf: GaussianPsf | None = None,
-) -> AxialRegistration:
-    """Zoom and shift of ``followup`` in ``reference``, whose camera moved along its axis.
-
-    Parameters and errors are those of ``register``. The matches must agree with a scale and a
-    shift alone.
-    """
-    matches = match_features(reference, followup)
-    _, agreeing = homography_pose(matches)
-    matrix, inlier = axial_pose(matches, agreeing)
-    fit = refined_pose(reference, followup, psf, matrix, AXIAL)
-    zoom = float(fit.matrix[0, 0])
-    shift_errs, scale_err = fit.errors_px[:2], fit.errors_px[2]
-    return AxialRegistration(
-        zoom=zoom,
-        zoom_err=float(zoom * scale_err / half_size_px(_shape(followup))),
-        origin_y_px=float(fit.matrix[1, 2]),
-        origin_x_px=float(fit.matrix[0, 2]),
-        shift_err_px=float(zoom * shift_errs.max()),
-        reference_shape=_shape(reference),
-        followup_shape=_shape(followup),
         inlier_count=int(inlier.sum()),
         match_rms_px=matches.rms_px(fit.matrix, inlier),
         correlation=fit.correlation,
@@ -256,11 +154,10 @@ def register_distorted(
         too little or do not agree, features and pixels contradict each other, or the pose is
         too unsure.
     """
-    expected = None
     if expected_zoom is not None:
         middles = [[(n - 1) / 2 for n in _shape(image)] for image in (reference, followup)]
-        origin_y_px, origin_x_px = (r - expected_zoom * f for r, f in zip(*middles, strict=True))
-        expected = _axial_matrix(expected_zoom, origin_y_px, origin_x_px)
+        y_px, x_px = (r - expected_zoom * f for r, f in zip(*middles, strict=True))
+        expected = np.array([[expected_zoom, 0, x_px], [0, expected_zoom, y_px], [0, 0, 1.0]])
         try:
             return _register_distorted(reference, followup, psf, expected)
         except RegistrationError:
@@ -288,11 +185,15 @@ def _register_distorted(
     )
     if np.median(apart_px) > _DISAGREEMENT_MAX_PX:
         raise RegistrationError(
-            f"the features lie {np.median(apart_px):.1f} px from where the pixels agree best"
+            f"the features lie {np.median(apart_px):.1f} px from where the pixels agree best",
+            reason="contradiction",
+            error_px=float(np.median(apart_px)),
         )
     if not fit.place_err_px <= _PLACE_ERR_MAX_PX:
         raise RegistrationError(
-            f"the pose is unsure by {fit.place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed"
+            f"the pose is unsure by {fit.place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed",
+            reason="uncertain",
+            error_px=fit.place_err_px,
         )
     return DistortedRegistration(
         pose=fit.pose,
@@ -305,10 +206,6 @@ def _register_distorted(
         correlation=fit.correlation,
         residual_rms_dn=fit.residual_rms_dn,
     )
-
-
-def _axial_matrix(zoom: float, origin_y_px: float, origin_x_px: float) -> FloatArray:
-    return np.array([[zoom, 0.0, origin_x_px], [0.0, zoom, origin_y_px], [0.0, 0.0, 1.0]])
 
 
 def _shape(image: NDArray[Any]) -> tuple[int, int]:

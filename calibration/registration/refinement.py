@@ -1,8 +1,6 @@
 """A pose refined on all pixels: the follow-up against the reference simulated at its distance."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from math import sqrt
 from typing import Any
 
@@ -11,15 +9,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from calibration.errors import RegistrationError
-from calibration.registration.motions import AXIAL, Generators, flows_px, moved_matrix
-from calibration.registration.overlap import OVERLAP_MIN_PX, axial_overlap, refuse_nearer
-from simulation import GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
+from calibration.registration.acceptance import (
+    refuse_little_overlap,
+    refuse_low_correlation,
+    refuse_nearer,
+    refuse_negative,
+)
+from calibration.registration.motions import flows_px, moved_matrix
+from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
+from simulation.pose import project, projection_depth, projection_slopes
 
 __all__ = ["Refinement", "refined_pose", "zoom_at_centre"]
 
 FloatArray = NDArray[np.float64]
 
-_CORRELATION_MIN = 0.5
 _ITERATIONS = 40
 _CONVERGED_PX = 5e-4
 _FREE_STEPS = 5
@@ -27,10 +30,8 @@ _FREE_STEPS = 5
 _BORDER_PX = 4
 """Pixels of the simulated follow-up left out at each side: the mirrored border reaches them."""
 
-_Predictor = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Refinement:
     """A pose and the agreement reached.
 
@@ -38,14 +39,11 @@ class Refinement:
     ----------
     matrix
         Shape (3, 3), last element 1: follow-up pixel centres to reference pixel centres.
-    errors_px
-        Standard error of each motion, in follow-up px (at the image's edge where it grows there).
     correlation, residual_rms_dn
         Of the follow-up with its prediction.
     """
 
     matrix: FloatArray
-    errors_px: FloatArray
     correlation: float
     residual_rms_dn: float
 
@@ -55,7 +53,6 @@ def refined_pose(
     followup: NDArray[np.generic],
     psf: GaussianPsf | None,
     matrix: FloatArray,
-    generators: Generators,
 ) -> Refinement:
     """Pose that best predicts the follow-up from the reference, by Gauss-Newton descent.
 
@@ -65,8 +62,6 @@ def refined_pose(
         As in ``calibration.registration.pair.register``.
     matrix
         Shape (3, 3): the pose to start from, right to about a pixel.
-    generators
-        ``AXIAL`` or ``HOMOGRAPHY``: the motions that are free.
 
     Raises
     ------
@@ -75,15 +70,11 @@ def refined_pose(
     """
     shape = _shape(followup)
     measured = np.asarray(followup, dtype=np.float64)
-    predict: _Predictor
-    if generators is AXIAL:
-        predict = partial(_predict_axial, reference, psf, shape)
-    else:
-        predict = partial(_predict_homography, *_zoomed(reference, psf, matrix, shape), shape)
-    flows = flows_px(generators, shape)
+    zoomed, zoomed_matrix = _zoomed(reference, psf, matrix, shape)
+    flows = flows_px(shape)
     settled = np.ones(shape, dtype=np.bool_)
     for number in range(_ITERATIONS):
-        simulated, inside = predict(matrix)
+        simulated, inside = _warped(zoomed, np.linalg.inv(zoomed_matrix) @ matrix, shape)
         if number >= _FREE_STEPS:
             inside &= settled
         settled = inside
@@ -93,41 +84,27 @@ def refined_pose(
         level = simulated[inside]
         columns += [level, np.ones_like(level)]
         design = np.stack(columns, axis=1)
-        normal = design.T @ design
-        solution = np.linalg.lstsq(normal, design.T @ measured[inside], rcond=None)[0]
+        right = design.T @ measured[inside]
+        solution = np.linalg.lstsq(design.T @ design, right, rcond=None)[0]
         gain = solution[-2]
         residual = measured[inside] - gain * level - solution[-1]
-        if gain <= 0:
-            raise RegistrationError("the follow-up does not look like the reference")
+        refuse_negative(gain)
         # The columns are slopes of the simulated image; the measured one's are `gain` times these.
-        step = solution[: len(generators)] / gain
-        matrix = moved_matrix(matrix, generators, step, shape)
+        step = solution[: len(flows)] / gain
+        matrix = moved_matrix(matrix, step, shape)
         if np.abs(step).max() < _CONVERGED_PX:
             break
     else:
-        raise RegistrationError(f"the alignment did not settle in {_ITERATIONS} steps")
-    correlation = float(np.corrcoef(level, measured[inside])[0, 1])
-    if not correlation >= _CORRELATION_MIN:
         raise RegistrationError(
-            f"the aligned images correlate by {correlation:.2f} only, {_CORRELATION_MIN} is needed"
+            f"the alignment did not settle in {_ITERATIONS} steps", reason="not_settled"
         )
-    variance = float(np.mean(residual**2))
-    errors_px = np.sqrt(np.diag(np.linalg.pinv(normal))[: len(generators)] * variance) / gain
-    return Refinement(matrix, errors_px, correlation, sqrt(variance))
-
-
-def _predict_axial(
-    reference: NDArray[np.generic],
-    psf: GaussianPsf | None,
-    shape: tuple[int, int],
-    matrix: FloatArray,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Simulated follow-up, shape ``shape``, and where it is valid."""
-    overlap = axial_overlap(matrix, _shape(reference), shape)
-    simulated, inside = np.zeros(shape), np.zeros(shape, dtype=bool)
-    simulated[overlap.rows, overlap.cols] = _simulated(reference, overlap.grid, psf)
-    inside[overlap.rows, overlap.cols][_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = True
-    return simulated, inside
+    correlation = float(np.corrcoef(level, measured[inside])[0, 1])
+    refuse_low_correlation(correlation)
+    return Refinement(
+        matrix=matrix,
+        correlation=correlation,
+        residual_rms_dn=float(np.sqrt(np.mean(residual**2))),
+    )
 
 
 def _zoomed(
@@ -140,45 +117,34 @@ def _zoomed(
     zoom = zoom_at_centre(matrix, shape)
     refuse_nearer(zoom)
     grid = SamplingGrid.centred(_shape(reference), max(zoom, 1.0))
-    return _simulated(reference, grid, psf), grid.matrix
+    simulated = zoom_out_on_grid(reference, grid, psf, "bicubic" if psf is None else "matched")
+    return np.asarray(simulated, dtype=np.float64), grid.matrix
 
 
-def _predict_homography(
-    zoomed: FloatArray, zoomed_matrix: FloatArray, shape: tuple[int, int], matrix: FloatArray
+def _warped(
+    zoomed: FloatArray, rest: FloatArray, shape: tuple[int, int]
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Same for a homography: the zoomed reference, warped by the small rest of the pose."""
-    rest = np.linalg.inv(zoomed_matrix) @ matrix
+    """Follow-up by the small rest of the pose, shape ``shape``, and where it is valid."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    depth = rest[2, 0] * x + rest[2, 1] * y + rest[2, 2]
-    place_x = (rest[0, 0] * x + rest[0, 1] * y + rest[0, 2]) / depth
-    place_y = (rest[1, 0] * x + rest[1, 1] * y + rest[1, 2]) / depth
+    place_x, place_y = project(rest, x, y)
     rows, cols = zoomed.shape
     inside = (
-        (depth > 0)
+        (projection_depth(rest, x, y) > 0)
         & (place_x >= _BORDER_PX)
         & (place_x <= cols - 1 - _BORDER_PX)
         & (place_y >= _BORDER_PX)
         & (place_y <= rows - 1 - _BORDER_PX)
     )
     inside[[0, -1], :] = inside[:, [0, -1]] = False
-    if np.count_nonzero(inside) < OVERLAP_MIN_PX**2:
-        raise RegistrationError("the images overlap too little")
+    refuse_little_overlap(inside)
     simulated = map_coordinates(zoomed, [place_y, place_x], order=3, mode="mirror")
     return np.asarray(simulated), inside
 
 
-def _simulated(
-    reference: NDArray[np.generic], grid: SamplingGrid, psf: GaussianPsf | None
-) -> FloatArray:
-    model: Model = "bicubic" if psf is None else "matched"
-    return np.asarray(zoom_out_on_grid(reference, grid, psf, model), dtype=np.float64)
-
-
 def zoom_at_centre(matrix: FloatArray, shape: tuple[int, int]) -> float:
     """Square root of the homography's area ratio at the image centre."""
-    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])
-    depth = float(matrix[2] @ centre)
-    return sqrt(abs(float(np.linalg.det(matrix)) / depth**3))
+    a, b, c, d = projection_slopes(matrix, (shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    return sqrt(abs(a * d - b * c))
 
 
 def _shape(image: NDArray[Any]) -> tuple[int, int]:

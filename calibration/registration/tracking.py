@@ -10,7 +10,7 @@ References
 J.-Y. Bouguet, "Pyramidal implementation of the Lucas Kanade feature tracker", 2001.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import log, sqrt
 
 import cv2
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from calibration.errors import RegistrationError
 from calibration.registration.features import homography_pose, match_features
 from calibration.registration.refinement import zoom_at_centre
+from simulation.pose import project, projection_depth
 
 __all__ = ["TrackedPose", "TrackingReference"]
 
@@ -66,7 +67,7 @@ class TrackedPose:
         Their rms distance from it in frame px.
     """
 
-    matrix: FloatArray
+    matrix: FloatArray = field(repr=False)
     zoom: float
     inlier_count: int
     rms_px: float
@@ -152,15 +153,17 @@ class TrackingReference:
         rows, cols = levels.shape
         near = self._at(zoom_at_centre(matrix, (rows, cols)))
         inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-        expected = _mapped(inverse, near.corners_px)
+        expected = np.column_stack(project(inverse, *near.corners_px.T))
         border = _WINDOW_PX // 2 + 1
         seen = (
-            (near.corners_px @ inverse[2, :2] + inverse[2, 2] > 0)
+            (projection_depth(inverse, *near.corners_px.T) > 0)
             & np.all(expected >= border, axis=1)
             & np.all(expected <= [cols - 1 - border, rows - 1 - border], axis=1)
         )
         if np.count_nonzero(seen) < _INLIERS_MIN:
-            raise RegistrationError("too little of the reference is in the frame")
+            raise RegistrationError(
+                "too little of the reference is in the frame", reason="little_overlap"
+            )
         corners, start = near.corners_px[seen], expected[seen].astype(np.float32)
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         warped = np.asarray(
@@ -200,7 +203,11 @@ class TrackingReference:
 
 def _fitted(places: FloatArray, corners: FloatArray, shape: tuple[int, int]) -> TrackedPose:
     if len(places) < _INLIERS_MIN:
-        raise RegistrationError(f"only {len(places)} corners of the reference were followed")
+        raise RegistrationError(
+            f"only {len(places)} corners of the reference were followed",
+            reason="no_matches",
+            count=len(places),
+        )
     # From the reference to the frame: the flow's error is the frame's, in the frame's pixels.
     fit, mask = cv2.findHomography(
         corners, places, cv2.RANSAC, _INLIER_PX, maxIters=500, confidence=0.999
@@ -209,14 +216,20 @@ def _fitted(places: FloatArray, corners: FloatArray, shape: tuple[int, int]) -> 
     # Where it finds nothing, OpenCV returns an empty matrix or None.
     count = int(np.count_nonzero(mask)) if inverse.shape == (3, 3) else 0
     if count < _INLIERS_MIN or count / len(places) < _INLIER_SHARE_MIN:
-        raise RegistrationError(f"only {count} of {len(places)} corners agree on a pose")
+        raise RegistrationError(
+            f"only {count} of {len(places)} corners agree on a pose",
+            reason="no_common_pose",
+            count=count,
+        )
     inlier = mask.ravel().astype(bool)
-    rest = _mapped(inverse, corners[inlier]) - places[inlier]
+    rest = np.column_stack(project(inverse, *corners[inlier].T)) - places[inlier]
     matrix: FloatArray = np.linalg.inv(inverse).astype(np.float64)
     matrix /= matrix[2, 2]
     zoom = zoom_at_centre(matrix, shape)
     if not (1 / _ZOOM_MAX < zoom < _ZOOM_MAX and np.linalg.det(matrix) > 0):
-        raise RegistrationError(f"the pose found is none of a camera (zoom {zoom:.3g})")
+        raise RegistrationError(
+            f"no camera can have the pose found (zoom {zoom:.3g})", reason="inside_out"
+        )
     return TrackedPose(
         matrix=matrix,
         zoom=zoom,
@@ -236,7 +249,12 @@ def _corners_px(levels: ByteImage, zoom: float) -> FloatArray:
     # Where it finds none, OpenCV returns None.
     corners = np.asarray(() if not np.shape(found) else found, dtype=np.float64).reshape(-1, 2)
     if len(corners) < _INLIERS_MIN:
-        raise RegistrationError(f"the reference has only {len(corners)} corners to be followed by")
+        raise RegistrationError(
+            f"the reference has only {len(corners)} corners to be followed by",
+            reason="no_detail",
+            at_fault="reference",
+            count=len(corners),
+        )
     return corners
 
 
@@ -251,11 +269,6 @@ def _lit_like(warped: ByteImage, frame: ByteImage, places: NDArray[np.float32]) 
     return np.asarray(cv2.LUT(warped, lit.astype(np.uint8)), dtype=np.uint8)
 
 
-def _mapped(matrix: FloatArray, places: FloatArray) -> FloatArray:
-    mapped = places @ matrix[:2, :2].T + matrix[:2, 2]
-    return np.asarray(mapped / (places @ matrix[2, :2] + matrix[2, 2])[:, None])
-
-
 def _bytes_of(image: NDArray[np.generic]) -> ByteImage:
     """Levels from 0 to 255, as the flow takes them."""
     if image.ndim != 2 or min(image.shape) < 4 * _WINDOW_PX:
@@ -267,7 +280,7 @@ def _bytes_of(image: NDArray[np.generic]) -> ByteImage:
     if not np.isfinite([low, high]).all():
         raise ValueError("images of finite values are followed")
     if high <= low:
-        raise RegistrationError("a constant image cannot be followed")
+        raise RegistrationError("a constant image cannot be followed", reason="no_detail", count=0)
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image, dtype=np.uint8)
     gain = 255.0 / float(high - low)

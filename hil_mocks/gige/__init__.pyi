@@ -1,4 +1,4 @@
-from .bootstrap import BootstrapAddress as BootstrapAddress, Identity as Identity
+from .bootstrap import BootstrapAddress as BootstrapAddress
 from .device import (
     ETHERNET_MTU_BYTES as ETHERNET_MTU_BYTES,
     GigeDevice as GigeDevice,
@@ -15,11 +15,8 @@ from .gvcp import (
     GVCP_PORT as GVCP_PORT,
     CommandCode as CommandCode,
     RegisterWrite as RegisterWrite,
-    encode_command as encode_command,
-    encode_write_memory as encode_write_memory,
-    encode_write_registers as encode_write_registers,
 )
-from .gvsp import PacketFormat as PacketFormat, parse_packet as parse_packet
+from .gvsp import PacketFormat as PacketFormat
 from .pixels import PIXEL_LAYOUTS as PIXEL_LAYOUTS, wire_bytes as wire_bytes
 
 __all__ = [
@@ -33,14 +30,9 @@ __all__ = [
     "FrameSource",
     "GigeDevice",
     "GigeFaults",
-    "Identity",
     "PacketFormat",
     "RegisterWrite",
     "checked_loopback_address",
-    "encode_command",
-    "encode_write_memory",
-    "encode_write_registers",
     "features_of",
-    "parse_packet",
     "wire_bytes",
 ]

@@ -13,7 +13,6 @@ from enum import IntEnum, IntFlag
 __all__ = [
     "GVCP_PORT",
     "READMEM_LIMIT_BYTES",
-    "Acknowledge",
     "Command",
     "CommandCode",
     "CommandFlag",
@@ -25,14 +24,7 @@ __all__ = [
     "ResendRequest",
     "acknowledge_code",
     "encode_acknowledge",
-    "encode_command",
     "encode_pending",
-    "encode_read_memory",
-    "encode_read_registers",
-    "encode_resend_request",
-    "encode_write_memory",
-    "encode_write_registers",
-    "parse_acknowledge",
     "parse_command",
     "parse_read_memory",
     "parse_read_registers",
@@ -116,16 +108,6 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Acknowledge:
-    """One answer of a device."""
-
-    status: int
-    code: int
-    request_id: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryRange:
     """Where READMEM reads."""
 
@@ -185,13 +167,6 @@ def parse_command(datagram: bytes) -> Command:
     return Command(code=code, flags=flags, request_id=request_id, payload=datagram[HEADER_BYTES:])
 
 
-def encode_command(
-    code: int, request_id: int, payload: bytes = b"", flags: int = CommandFlag.ACKNOWLEDGE
-) -> bytes:
-    """Return the datagram of a command."""
-    return struct.pack(">BBHHH", KEY, flags, code, len(payload), request_id) + payload
-
-
 def encode_acknowledge(
     command_code: int,
     request_id: int,
@@ -208,32 +183,6 @@ def encode_pending(request_id: int, wait_ms: int) -> bytes:
     return encode_acknowledge(CommandCode.PENDING, request_id, struct.pack(">HH", 0, wait_ms))
 
 
-def parse_acknowledge(datagram: bytes) -> Acknowledge:
-    """Read an answer of a device.
-
-    Raises
-    ------
-    GvcpError
-        If it is shorter or longer than it says.
-    """
-    if len(datagram) < HEADER_BYTES:
-        raise GvcpError("not a GVCP acknowledge", status=GvcpStatus.INVALID_HEADER)
-    status, code, length, request_id = struct.unpack_from(">HHHH", datagram)
-    if len(datagram) != HEADER_BYTES + length:
-        raise GvcpError(
-            f"an acknowledge of {length} bytes came with {len(datagram) - HEADER_BYTES}",
-            status=GvcpStatus.INVALID_HEADER,
-        )
-    return Acknowledge(
-        status=status, code=code, request_id=request_id, payload=datagram[HEADER_BYTES:]
-    )
-
-
-def encode_read_registers(addresses: list[int]) -> bytes:
-    """Return the payload of READREG."""
-    return struct.pack(f">{len(addresses)}I", *addresses)
-
-
 def parse_read_registers(payload: bytes) -> list[int]:
     """Return the addresses that a READREG asks for, one to 135 of them.
 
@@ -246,11 +195,6 @@ def parse_read_registers(payload: bytes) -> list[int]:
     if len(payload) % 4 or not 1 <= count <= REGISTERS_LIMIT:
         raise _invalid("READREG", payload)
     return list(struct.unpack(f">{count}I", payload))
-
-
-def encode_write_registers(writes: list[RegisterWrite]) -> bytes:
-    """Return the payload of WRITEREG."""
-    return b"".join(struct.pack(">II", write.address, write.value) for write in writes)
 
 
 def parse_write_registers(payload: bytes) -> list[RegisterWrite]:
@@ -270,11 +214,6 @@ def parse_write_registers(payload: bytes) -> list[RegisterWrite]:
     ]
 
 
-def encode_read_memory(address: int, length: int) -> bytes:
-    """Return the payload of READMEM."""
-    return struct.pack(">IHH", address, 0, length)
-
-
 def parse_read_memory(payload: bytes) -> MemoryRange:
     """Return what a READMEM asks for.
 
@@ -292,11 +231,6 @@ def parse_read_memory(payload: bytes) -> MemoryRange:
     return MemoryRange(address=address, length=length)
 
 
-def encode_write_memory(address: int, data: bytes) -> bytes:
-    """Return the payload of WRITEMEM."""
-    return struct.pack(">I", address) + data
-
-
 def parse_write_memory(payload: bytes) -> MemoryWrite:
     """Return what a WRITEMEM writes.
 
@@ -310,11 +244,6 @@ def parse_write_memory(payload: bytes) -> MemoryWrite:
     (address,) = struct.unpack_from(">I", payload)
     _check_alignment(address, len(payload) - 4)
     return MemoryWrite(address=address, data=payload[4:])
-
-
-def encode_resend_request(request: ResendRequest) -> bytes:
-    """Return the payload of PACKETRESEND, with a block id of 16 bits."""
-    return struct.pack(">HHII", request.channel, request.block_id, request.first, request.last)
 
 
 def parse_resend_request(payload: bytes) -> ResendRequest:

@@ -19,18 +19,13 @@ from numpy.typing import NDArray
 __all__ = [
     "GVSP_HEADER_BYTES",
     "IP_UDP_HEADER_BYTES",
-    "GvspError",
     "GvspHeader",
-    "GvspPacket",
     "ImageLeader",
     "PacketFormat",
     "encode_header",
     "encode_leader",
     "encode_payload_packets",
     "encode_trailer",
-    "parse_leader",
-    "parse_packet",
-    "parse_trailer",
     "payload_bytes_per_packet",
 ]
 
@@ -39,7 +34,6 @@ IP_UDP_HEADER_BYTES = 28
 
 GVSP_HEADER_BYTES = 8
 PAYLOAD_TYPE_IMAGE = 0x0001
-EXTENDED_IDS = 0x80
 LEADER_BODY = struct.Struct(">HHIIIIIIIHH")
 TRAILER_BODY = struct.Struct(">HHI")
 
@@ -52,10 +46,6 @@ class PacketFormat(IntEnum):
     PAYLOAD = 3
 
 
-class GvspError(Exception):
-    """A datagram that is no packet of a standard GVSP stream."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GvspHeader:
     """The first eight bytes of a packet."""
@@ -64,14 +54,6 @@ class GvspHeader:
     block_id: int
     packet_format: PacketFormat
     packet_id: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GvspPacket:
-    """One packet: header and what follows."""
-
-    header: GvspHeader
-    body: bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,29 +83,6 @@ def encode_header(header: GvspHeader) -> bytes:
     )
 
 
-def parse_packet(datagram: bytes) -> GvspPacket:
-    """Read one packet.
-
-    Raises
-    ------
-    GvspError
-        If it is too short, has extended ids or a format of another payload.
-    """
-    if len(datagram) < GVSP_HEADER_BYTES:
-        raise GvspError(f"{len(datagram)} bytes are no GVSP packet")
-    status, block_id, word = struct.unpack_from(">HHI", datagram)
-    if word >> 24 & EXTENDED_IDS:
-        raise GvspError("the packet has extended ids")
-    try:
-        packet_format = PacketFormat(word >> 24 & 0x0F)
-    except ValueError as error:
-        raise GvspError(f"unknown packet format {word >> 24 & 0x0F}") from error
-    header = GvspHeader(
-        status=status, block_id=block_id, packet_format=packet_format, packet_id=word & 0xFFFFFF
-    )
-    return GvspPacket(header=header, body=datagram[GVSP_HEADER_BYTES:])
-
-
 def encode_leader(block_id: int, leader: ImageLeader) -> bytes:
     """Return the leader packet of an image."""
     header = GvspHeader(block_id=block_id, packet_format=PacketFormat.LEADER, packet_id=0)
@@ -142,51 +101,10 @@ def encode_leader(block_id: int, leader: ImageLeader) -> bytes:
     )
 
 
-def parse_leader(body: bytes) -> ImageLeader:
-    """Read what follows the header of a leader.
-
-    Raises
-    ------
-    GvspError
-        If it is too short or of no image.
-    """
-    if len(body) < LEADER_BODY.size:
-        raise GvspError(f"a leader of {len(body)} bytes")
-    _, payload_type, high, low, pixel_format, width, height, x, y, _, _ = LEADER_BODY.unpack_from(
-        body
-    )
-    if payload_type != PAYLOAD_TYPE_IMAGE:
-        raise GvspError(f"payload type {payload_type:#06x} is no image")
-    return ImageLeader(
-        timestamp_ticks=high << 32 | low,
-        pixel_format=pixel_format,
-        width=width,
-        height=height,
-        offset_x=x,
-        offset_y=y,
-    )
-
-
 def encode_trailer(block_id: int, packet_id: int, height: int) -> bytes:
     """Return the trailer packet of an image of ``height`` rows."""
     header = GvspHeader(block_id=block_id, packet_format=PacketFormat.TRAILER, packet_id=packet_id)
     return encode_header(header) + TRAILER_BODY.pack(0, PAYLOAD_TYPE_IMAGE, height)
-
-
-def parse_trailer(body: bytes) -> int:
-    """Return the number of rows that a trailer says were sent.
-
-    Raises
-    ------
-    GvspError
-        If it is too short or of no image.
-    """
-    if len(body) < TRAILER_BODY.size:
-        raise GvspError(f"a trailer of {len(body)} bytes")
-    _, payload_type, height = TRAILER_BODY.unpack_from(body)
-    if payload_type != PAYLOAD_TYPE_IMAGE:
-        raise GvspError(f"payload type {payload_type:#06x} is no image")
-    return int(height)
 
 
 def encode_payload_packets(

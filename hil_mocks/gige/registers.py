@@ -235,11 +235,11 @@ class RegisterMap:
             memory = bytearray(length)
         else:
             raise GvcpError(f"no memory at {address:#x}", status=GvcpStatus.INVALID_ADDRESS)
-        for place, register in self._registers.items():
-            if place < end and place + register.length > address:
+        for start, register in self._registers.items():
+            if start < end and start + register.length > address:
                 value = register.read()
-                low, high = max(place, address), min(place + register.length, end)
-                memory[low - address : high - address] = value[low - place : high - place]
+                low, high = max(start, address), min(start + register.length, end)
+                memory[low - address : high - address] = value[low - start : high - start]
         return bytes(memory)
 
     def _add_feature(self, feature: Feature) -> None:

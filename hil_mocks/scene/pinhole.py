@@ -17,14 +17,14 @@ MIN_K1 = -0.14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraPose:
-    """The camera's place above the plane.
+    """Where the camera is above the plane, and how it is turned.
 
     Parameters
     ----------
     height_mm
         Height on the stage's scale.
     offset_x_mm, offset_y_mm
-        Sideways place of the entrance pupil, in plane coordinates.
+        Sideways position of the entrance pupil, in plane coordinates.
     roll_deg
         Turn about the optical axis, from +x towards +y.
     tilt_x_deg, tilt_y_deg

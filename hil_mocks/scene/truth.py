@@ -25,7 +25,7 @@ class BenchTruth:
 
     Heights are true ones, in mm on the stage's scale; covariances are ``(2, 2)`` in px^2, order
     (x, y); homographies take ``(x, y, 1)`` of pixel centres. ``camera`` (a `PinholeCamera`),
-    ``lens``, ``sensor`` and ``renderer`` are its parts.
+    ``lens``, ``sensor`` and ``renderer`` are its parts, ``settings`` what the bench file says.
 
     Raises
     ------
@@ -35,8 +35,9 @@ class BenchTruth:
 
     def __init__(self, config: BenchConfig) -> None:
         if config.simulated is None:
-            raise BenchConfigError("the bench has no [simulated] section")
-        simulated, optics = config.simulated, config.optics
+            raise BenchConfigError("the bench has no [simulated] section", keys=("simulated",))
+        self.settings = simulated = config.simulated
+        optics = config.optics
         try:
             self.camera = PinholeCamera(
                 width_px=simulated.width_px,

@@ -11,7 +11,7 @@ alarms, reports while homing, work envelope with hard limits.
 
 from dataclasses import dataclass
 
-from hil_mocks.stages.grbl_homing import HomingCycle
+from hil_mocks.stages.grbl_homing import HomingCycle, HomingSettings
 from hil_mocks.stages.grbl_lines import (
     DEFAULT_SETTINGS,
     FACTORY_SETTINGS,
@@ -326,15 +326,7 @@ class GrblFirmware:
         if not bits & 1 or (letters and not bits & 2) or letters not in ("", "Z"):
             return 5
         self._state, self.is_homed = "Home", False
-        self._homing = HomingCycle(
-            self.axis,
-            self.plant,
-            is_downwards=bool(int(self.settings[23]) & 4),
-            seek_mm_per_s=self.settings[25] / 60,
-            locate_mm_per_s=self.settings[24] / 60,
-            pull_off_mm=self.settings[27],
-            travel_mm=self.settings[132],
-        )
+        self._homing = HomingCycle(self.axis, self.plant, HomingSettings.of(self.settings))
         return None
 
     def _unlock(self) -> int:

@@ -1,14 +1,52 @@
 """The homing cycle of Grbl: seek, pull off, locate, pull off."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.stepper_axis import StepperAxis
 
-__all__ = ["HomingCycle"]
+__all__ = ["HomingCycle", "HomingSettings"]
 
 SWITCH_NOT_RELEASED = 8
 SWITCH_NOT_FOUND = 9
 SEARCH_SCALAR = 1.5
 LOCATE_SCALAR = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HomingSettings:
+    """What the firmware's settings say about homing.
+
+    Parameters
+    ----------
+    is_downwards
+        Where the switch is.
+    seek_mm_per_s, locate_mm_per_s
+        Speeds of the first and the second search.
+    pull_off_mm
+        Way back from the switch.
+    travel_mm
+        Of the axis; the search goes half as far again.
+    """
+
+    is_downwards: bool
+    seek_mm_per_s: float
+    locate_mm_per_s: float
+    pull_off_mm: float
+    travel_mm: float
+
+    @classmethod
+    def of(cls, settings: Mapping[int, float]) -> Self:
+        """Read them off ``$23`` to ``$27`` and ``$132``."""
+        return cls(
+            is_downwards=bool(int(settings[23]) & 4),
+            seek_mm_per_s=settings[25] / 60,
+            locate_mm_per_s=settings[24] / 60,
+            pull_off_mm=settings[27],
+            travel_mm=settings[132],
+        )
 
 
 class HomingCycle:
@@ -18,35 +56,14 @@ class HomingCycle:
     ----------
     axis, plant
         What moves, and whose switch is looked for.
-    is_downwards
-        Where that switch is.
-    seek_mm_per_s, locate_mm_per_s
-        Speeds of the first and the second search.
-    pull_off_mm
-        Way back from the switch.
-    travel_mm
-        Of the axis; the search goes half as far again.
     """
 
-    def __init__(
-        self,
-        axis: StepperAxis,
-        plant: StagePlant,
-        *,
-        is_downwards: bool,
-        seek_mm_per_s: float,
-        locate_mm_per_s: float,
-        pull_off_mm: float,
-        travel_mm: float,
-    ) -> None:
+    def __init__(self, axis: StepperAxis, plant: StagePlant, settings: HomingSettings) -> None:
         self._axis = axis
         self._plant = plant
-        self._towards = -1.0 if is_downwards else 1.0
-        self._pull_off_mm = pull_off_mm
-        self._seek_mm_per_s = seek_mm_per_s
-        self._locate_mm_per_s = locate_mm_per_s
+        self._settings = settings
+        self._towards = -1.0 if settings.is_downwards else 1.0
         self._phases = ["seek", "pull off", "locate", "pull off"]
-        self._travel_mm = travel_mm
         self._begin()
 
     def step(self) -> int | None:
@@ -71,10 +88,11 @@ class HomingCycle:
         return self._plant.is_low_pressed if self._towards < 0 else self._plant.is_high_pressed
 
     def _begin(self) -> None:
+        settings = self._settings
         way_mm, speed = {
-            "seek": (SEARCH_SCALAR * self._travel_mm, self._seek_mm_per_s),
-            "locate": (LOCATE_SCALAR * self._pull_off_mm, self._locate_mm_per_s),
-            "pull off": (-self._pull_off_mm, self._seek_mm_per_s),
+            "seek": (SEARCH_SCALAR * settings.travel_mm, settings.seek_mm_per_s),
+            "locate": (LOCATE_SCALAR * settings.pull_off_mm, settings.locate_mm_per_s),
+            "pull off": (-settings.pull_off_mm, settings.seek_mm_per_s),
         }[self._phases[0]]
         self._axis.count_from(0.0)
         self._axis.go(self._towards * way_mm, speed)

@@ -8,6 +8,7 @@ Zaber ASCII Protocol Manual, firmware 7: "Message Format", "Commands", "Settings
 "Warning Flags".
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,6 +26,8 @@ LOCATING_SPEED_MM_PER_S = 1.0
 BACK_OFF_MM = 1.0
 STALL_MM = 0.2
 ACCELERATION_MM_PER_S2 = 200.0
+
+_NUMBER = re.compile(r"\d{1,10}", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,9 +226,9 @@ class ZaberFirmware:
         words = body.split()
         numbers: list[int] = []
         message_id = ""
-        while words and len(numbers) < 2 and words[0].isdigit():
+        while words and len(numbers) < 2 and _NUMBER.fullmatch(words[0]):
             numbers.append(int(words.pop(0)))
-        if len(numbers) == 2 and words and (words[0].isdigit() or words[0] == "--"):
+        if len(numbers) == 2 and words and (_NUMBER.fullmatch(words[0]) or words[0] == "--"):
             message_id = words.pop(0)
         device, axis = (*numbers, 0, 0)[:2]
         if device not in (0, self._address):

@@ -1,22 +1,36 @@
-"""A homography between two images as a lens with radial distortion shows them, compiled.
+"""Radial distortion of a lens, there and back, and a homography seen through it; compiled.
 
-An ideal place at the radius ``r`` from the frame's middle is seen at ``r (1 + s r^2)``. The warp
-goes from a seen place of the follow-up to its ideal one, by the homography to the ideal place in
-the reference, and on to where that is seen; its derivative is the product of the three.
+An ideal point at the radius ``r`` from the lens's centre is seen at ``r (1 + k1 r^2 + k2 r^4)``;
+negative is barrel. A barrel folds: from some radius on, seen radii shrink again, and the lens shows
+nothing of what lies there. The formula is followed beyond the fold as long as it leads past the
+frame; from where it would lead back into the frame, points are put far outside.
 
-``lens`` is ``s`` in 1/px^2 and the middles that distances count from: x and y in the follow-up, x
-and y in the reference.
+The warp between two images of one lens goes from a seen point of the follow-up to its ideal one, by
+the homography to the ideal point in the reference, and on to where that is seen; its derivative is
+the product of the three. ``lens`` is ``k1`` in 1/px^2 and the centres that distances count from: x
+and y in the follow-up, x and y in the reference.
 """
 
 from collections.abc import Callable
-from math import hypot, sqrt
+from math import hypot, inf, isinf, sqrt
 from typing import TypeVar, cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["DISTORTION_MAX", "ideal_places", "lens_of", "warp"]
+from simulation.pose.homography import project, projection_slopes
+
+__all__ = [
+    "DISTORTION_MAX",
+    "ideal_factors",
+    "ideal_points",
+    "lens_of",
+    "refuse_folding",
+    "seen_factors",
+    "warp",
+    "warped",
+]
 
 FloatArray = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -26,18 +40,18 @@ DISTORTION_MAX = 0.12
 the radius ``2 / sqrt(27 s)``: from 4/27 on that lies inside the corner."""
 
 _FOLD_MARGIN = 0.9
-_FAR_PX = 1e9
+_FAR = 1e9
 
-_NEWTON_STEPS = 20
-_NEWTON_CONVERGED = 1e-14
-_LEAST_SLOPE = 0.1
+_ITERATIONS = 100
+_CONVERGED = 1e-8
+"""Relative step: what Newton's method leaves then is of the order of its square."""
 
 
 def lens_of(
     distortion_k1: float,
     reference: tuple[int, int],
     follow_up: tuple[int, int],
-    origin_px: tuple[float, float] | None,
+    origin_px: tuple[float, float] | None = None,
 ) -> FloatArray:
     """``lens`` of one camera that took both frames.
 
@@ -50,6 +64,16 @@ def lens_of(
     origin_px
         Where the follow-up's pixel (0, 0) lies in the camera's frame, ``(x, y)``; None: the
         follow-up's middle is the frame's.
+    """
+    x, y = (reference[1] - 1) / 2, (reference[0] - 1) / 2
+    followup_x, followup_y = (follow_up[1] - 1) / 2, (follow_up[0] - 1) / 2
+    if origin_px is not None:
+        followup_x, followup_y = x - origin_px[0], y - origin_px[1]
+    return np.array([distortion_k1 / max(hypot(x, y), 0.5) ** 2, followup_x, followup_y, x, y])
+
+
+def refuse_folding(distortion_k1: float, lens: FloatArray, follow_up: tuple[int, int]) -> None:
+    """Refuse a lens that does not show all of a follow-up of ``(rows, cols)``.
 
     Raises
     ------
@@ -62,21 +86,16 @@ def lens_of(
             f"the distortion k1 must lie between -{DISTORTION_MAX} and {DISTORTION_MAX}, "
             f"got {distortion_k1}"
         )
-    x, y = (reference[1] - 1) / 2, (reference[0] - 1) / 2
-    followup_x, followup_y = (follow_up[1] - 1) / 2, (follow_up[0] - 1) / 2
-    if origin_px is not None:
-        followup_x, followup_y = x - origin_px[0], y - origin_px[1]
-    strength = distortion_k1 / max(hypot(x, y), 0.5) ** 2
+    k1, centre_x, centre_y = lens[:3].tolist()
     farthest_px = hypot(
-        max(followup_x, follow_up[1] - 1 - followup_x) + 0.5,
-        max(followup_y, follow_up[0] - 1 - followup_y) + 0.5,
+        max(centre_x, follow_up[1] - 1 - centre_x) + 0.5,
+        max(centre_y, follow_up[0] - 1 - centre_y) + 0.5,
     )
-    if -27 * strength * farthest_px**2 / 4 > _FOLD_MARGIN:
+    if -27 * k1 * farthest_px**2 / 4 > _FOLD_MARGIN:
         raise ValueError(
             f"a lens with the distortion k1 {distortion_k1} shows nothing in the corners of a "
             f"follow-up of {follow_up[1]} x {follow_up[0]} px"
         )
-    return np.array([strength, followup_x, followup_y, x, y])
 
 
 def _compiled(function: Function) -> Function:
@@ -84,72 +103,155 @@ def _compiled(function: Function) -> Function:
 
 
 @_compiled
-def _distortion(strength: float, x: float, y: float) -> tuple[float, float, float, float]:
-    """Factor from an ideal place about the middle to the seen one; its derivative xx, xy, yy."""
-    factor = 1 + strength * (x * x + y * y)
-    return (
-        factor,
-        factor + 2 * strength * x * x,
-        2 * strength * x * y,
-        factor + 2 * strength * y * y,
-    )
+def _fold_square(k1: float, k2: float) -> float:
+    """Square of the ideal radius at which seen radii stop growing; infinite where they do not."""
+    # The first positive zero of the derivative 1 + 3 k1 q + 5 k2 q^2, without taking a difference.
+    discriminant = 9 * k1 * k1 - 20 * k2
+    if discriminant < 0 or (k1 >= 0 and k2 >= 0):
+        return inf
+    if k1 > 0:
+        return -(3 * k1 + sqrt(discriminant)) / (10 * k2)
+    return 2 / (sqrt(discriminant) - 3 * k1)
 
 
 @_compiled
-def _ideal_factor(strength: float, x: float, y: float) -> float:
-    """Factor from a seen place about the middle to the ideal one, by Newton's method."""
-    square = strength * (x * x + y * y)
-    factor = 1.0
-    for _ in range(_NEWTON_STEPS):
-        bent = square * factor * factor
-        step = (factor * (1 + bent) - 1) / max(1 + 3 * bent, _LEAST_SLOPE)
-        factor -= step
-        if abs(step) < _NEWTON_CONVERGED:
-            break
+def _ideal_factor(k1: float, k2: float) -> float:
+    """Ideal radius of the seen radius 1: Newton's method between brackets, up to the fold.
+
+    A seen radius that no ideal one leads to gets the fold's.
+    """
+    low, high = 0.0, sqrt(_fold_square(k1, k2))
+    if isinf(high):
+        high = 1.0
+        while high * (1 + high * high * (k1 + high * high * k2)) < 1:
+            high *= 2
+    elif high * (1 + high * high * (k1 + high * high * k2)) < 1:
+        return high
+    factor = min(1.0, high)
+    for _ in range(_ITERATIONS):
+        square = factor * factor
+        excess = factor * (1 + square * (k1 + square * k2)) - 1
+        if excess > 0:
+            high = factor
+        else:
+            low = factor
+        better = factor - excess / (1 + square * (3 * k1 + 5 * square * k2))
+        if not low <= better <= high:
+            better = (low + high) / 2
+        elif abs(better - factor) <= _CONVERGED * factor:
+            return better
+        factor = better
     return factor
 
 
 @_compiled
-def ideal_places(lens: FloatArray, places_px: FloatArray) -> FloatArray:
-    """Ideal places of seen places of the follow-up; both of shape (n, 2), order (x, y)."""
-    ideal = np.empty_like(places_px)
-    for i in range(len(places_px)):
-        dx, dy = places_px[i, 0] - lens[1], places_px[i, 1] - lens[2]
-        factor = _ideal_factor(lens[0], dx, dy)
+def _seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
+    """Factor from an ideal point, its radius squared, to the seen one; infinite if far outside."""
+    factor = 1 + square * (k1 + square * k2)
+    # With k2 above 0 seen radii may grow again further out.
+    is_folded = 1 + square * (3 * k1 + 5 * square * k2) <= 0 or (
+        k2 > 0 and square > _fold_square(k1, k2)
+    )
+    return inf if is_folded and factor * sqrt(square) < frame else factor
+
+
+@_compiled
+def ideal_factors(k1: float, k2: float, squares: FloatArray) -> FloatArray:
+    """Factors from seen points to ideal ones.
+
+    Parameters
+    ----------
+    k1, k2
+        Distortion at the radius 1.
+    squares
+        Squared radii of the seen points, shape (n,). One beyond all that the lens shows is taken
+        to the fold.
+    """
+    factors = np.empty_like(squares)
+    for i in range(len(squares)):
+        factors[i] = _ideal_factor(k1 * squares[i], k2 * squares[i] * squares[i])
+    return factors
+
+
+@_compiled
+def seen_factors(k1: float, k2: float, squares: FloatArray, frame: float) -> FloatArray:
+    """Factors from ideal points to seen ones.
+
+    Parameters
+    ----------
+    k1, k2
+        Distortion at the radius 1.
+    squares
+        Squared radii of the ideal points, shape (n,).
+    frame
+        Radius of a circle about the lens's centre that holds the frame.
+    """
+    factors = np.empty_like(squares)
+    for i in range(len(squares)):
+        factor = _seen_factor(k1, k2, squares[i], frame)
+        factors[i] = _FAR / sqrt(squares[i]) if isinf(factor) else factor
+    return factors
+
+
+@_compiled
+def ideal_points(lens: FloatArray, points_px: FloatArray) -> FloatArray:
+    """Ideal points of seen points of the follow-up; both of shape (n, 2), order (x, y)."""
+    ideal = np.empty_like(points_px)
+    for i in range(len(points_px)):
+        dx, dy = points_px[i, 0] - lens[1], points_px[i, 1] - lens[2]
+        factor = _ideal_factor(lens[0] * (dx * dx + dy * dy), 0.0)
         ideal[i, 0], ideal[i, 1] = lens[1] + factor * dx, lens[2] + factor * dy
     return ideal
+
+
+@_compiled
+def _distortion_slopes(k1: float, x: float, y: float) -> tuple[float, float, float]:
+    """Derivative xx, xy, yy of the seen point by the ideal one, both about the centre."""
+    factor = 1 + k1 * (x * x + y * y)
+    return factor + 2 * k1 * x * x, 2 * k1 * x * y, factor + 2 * k1 * y * y
 
 
 @_compiled
 def warp(
     matrix: FloatArray, lens: FloatArray, col: float, row: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Reference place (x, y) of a follow-up place, and the derivative (a, b; c, d) there.
+    """Reference coordinates (x, y) of a follow-up point, and the derivative (a, b; c, d) there."""
+    k1 = lens[0]
+    if k1 == 0:
+        x, y = project(matrix, col, row)
+        a, b, c, d = projection_slopes(matrix, col, row)
+        return x, y, a, b, c, d
+    dx, dy = col - lens[1], row - lens[2]
+    factor = _ideal_factor(k1 * (dx * dx + dy * dy), 0.0)
+    dx, dy = factor * dx, factor * dy
+    xx, xy, yy = _distortion_slopes(k1, dx, dy)
+    determinant = xx * yy - xy * xy
+    p, q, r = yy / determinant, -xy / determinant, xx / determinant
+    x, y = project(matrix, lens[1] + dx, lens[2] + dy)
+    a, b, c, d = projection_slopes(matrix, lens[1] + dx, lens[2] + dy)
+    a, b, c, d = a * p + b * q, a * q + b * r, c * p + d * q, c * q + d * r
+    dx, dy = x - lens[3], y - lens[4]
+    square = dx * dx + dy * dy
+    # The outermost pixels' squares end half a pixel beyond their centres.
+    factor = _seen_factor(k1, 0.0, square, hypot(lens[3] + 1, lens[4] + 1))
+    if isinf(factor):
+        away = _FAR / sqrt(square)
+        return lens[3] + away * dx, lens[4] + away * dy, 1.0, 0.0, 0.0, 1.0
+    p, q, r = _distortion_slopes(k1, dx, dy)
+    return (
+        lens[3] + factor * dx,
+        lens[4] + factor * dy,
+        p * a + q * c,
+        p * b + q * d,
+        q * a + r * c,
+        q * b + r * d,
+    )
 
-    What lies beyond the fold of a barrel is not seen: its place is far outside.
-    """
-    strength = lens[0]
-    p, q, r = 1.0, 0.0, 1.0
-    if strength != 0:
-        dx, dy = col - lens[1], row - lens[2]
-        factor = _ideal_factor(strength, dx, dy)
-        dx, dy = factor * dx, factor * dy
-        col, row = lens[1] + dx, lens[2] + dy
-        _, xx, xy, yy = _distortion(strength, dx, dy)
-        determinant = xx * yy - xy * xy
-        p, q, r = yy / determinant, -xy / determinant, xx / determinant
-    w = matrix[2, 0] * col + matrix[2, 1] * row + matrix[2, 2]
-    x = (matrix[0, 0] * col + matrix[0, 1] * row + matrix[0, 2]) / w
-    y = (matrix[1, 0] * col + matrix[1, 1] * row + matrix[1, 2]) / w
-    a, b = (matrix[0, 0] - x * matrix[2, 0]) / w, (matrix[0, 1] - x * matrix[2, 1]) / w
-    c, d = (matrix[1, 0] - y * matrix[2, 0]) / w, (matrix[1, 1] - y * matrix[2, 1]) / w
-    if strength != 0:
-        a, b, c, d = a * p + b * q, a * q + b * r, c * p + d * q, c * q + d * r
-        dx, dy = x - lens[3], y - lens[4]
-        if 1 + 3 * strength * (dx * dx + dy * dy) <= 0:
-            away = _FAR_PX / sqrt(dx * dx + dy * dy)
-            return lens[3] + away * dx, lens[4] + away * dy, 1.0, 0.0, 0.0, 1.0
-        factor, p, q, r = _distortion(strength, dx, dy)
-        x, y = lens[3] + factor * dx, lens[4] + factor * dy
-        a, b, c, d = p * a + q * c, p * b + q * d, q * a + r * c, q * b + r * d
-    return x, y, a, b, c, d
+
+@_compiled
+def warped(matrix: FloatArray, lens: FloatArray, points_px: FloatArray) -> FloatArray:
+    """Reference points of follow-up points; both of shape (n, 2), order (x, y)."""
+    found = np.empty_like(points_px)
+    for i in range(len(points_px)):
+        found[i, 0], found[i, 1], _, _, _, _ = warp(matrix, lens, points_px[i, 0], points_px[i, 1])
+    return found

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from simulation.pose.view import PoseView
-from simulation.pose.warped_blur import BORDER_PX, render
+from simulation.pose.warped_blur import BORDER_PX, SplineWindow, render
 from simulation.psf import GaussianPsf, PsfField
 from simulation.resampling import (
     MATCHED_TAIL_TOLERANCE,
@@ -28,13 +28,10 @@ from simulation.resampling import (
     spline_gaussian,
 )
 
-__all__ = ["NEARER_TOLERANCE_PX2", "SharedBlur", "SimulatedPose", "shared_blur", "simulate_pose"]
+__all__ = ["SharedBlur", "SimulatedPose", "shared_blur", "simulate_pose"]
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.floating[Any]]
-
-NEARER_TOLERANCE_PX2 = 1e-3
-"""A variance that is surplus by less changes the contrast at Nyquist by less than 0.5 %."""
 
 _TILE_PX = 512
 """Side of the tiles of the follow-up: what is kept per tile is a few MB."""
@@ -135,7 +132,6 @@ def simulate_pose(
     view = PoseView.of(homography, reference_shape(image), size, psf, origin_px, distortion_k1)
     height, width = view.follow_up
     shares = shared_blur(view)
-    operator = _CommonBlur(view.reference, shares)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
     refuse_non_finite(image)
@@ -145,28 +141,13 @@ def simulate_pose(
     for top in range(0, height, _TILE_PX):
         for left in range(0, width, _TILE_PX):
             tile = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
-            window = _seen(view, (top, left), nearer[tile].shape)
-            if window is None:
+            seen = _seen(view, (top, left), nearer[tile].shape)
+            if seen is None:
                 continue
             for channel in range(planes.shape[2]):
-                coefficients, origin = operator.coefficients(planes[:, :, channel], window, dtype)
-                render(
-                    coefficients,
-                    origin,
-                    tuple(shares.held_px2.tolist()),
-                    view.reference,
-                    view.matrix,
-                    view.lens,
-                    view.coefficients_px2,
-                    view.frame,
-                    shares.table.weights,
-                    shares.table.radii,
-                    NEARER_TOLERANCE_PX2,
-                    (top, left),
-                    result[channel][tile],
-                    nearer[tile],
-                    outside[tile],
-                )
+                spline = _spline_window(planes[:, :, channel], seen, shares, dtype)
+                made = render(view.warp, spline, shares.table, (top, left), nearer[tile].shape)
+                result[channel][tile], nearer[tile], outside[tile] = made
     if outside.all():
         raise ValueError("the follow-up sees nothing of the reference")
     pixels = result[0] if image.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, 0, -1))
@@ -213,46 +194,34 @@ def _common_blur(blurs_px2: FloatArray) -> FloatArray:
     return np.asarray(share * mean)
 
 
-class _CommonBlur:
-    """From pixels to the coefficients of the spline through the commonly blurred pixels."""
+def _spline_window(
+    image: NDArray[np.generic],
+    seen: tuple[int, int, int, int],
+    shares: SharedBlur,
+    dtype: np.dtype[Any],
+) -> SplineWindow:
+    """Spline through the commonly blurred pixels around a window, its ends included.
 
-    def __init__(self, shape: tuple[int, int], shares: SharedBlur) -> None:
-        xx, xy, yy = shares.held_px2.tolist()
-        kernels = gaussian_terms(
-            BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
-            tail_tolerance=MATCHED_TAIL_TOLERANCE,
-            spline_prefilter=True,
-        )
-        self._shape = shape
-        self._margin_px = shares.margin_px
-        self._kernels = kernels
-
-    def coefficients(
-        self,
-        image: NDArray[np.generic],
-        window: tuple[int, int, int, int],
-        dtype: np.dtype[Any],
-    ) -> tuple[FloatImage, tuple[int, int]]:
-        """Return those around a window of pixels (top, bottom, left, right; ends included).
-
-        Returns
-        -------
-        coefficients, origin
-            With the margin that the sampling reaches into, mirrored at the image's edge, and the
-            (row, col) of the first one.
-        """
-        top, bottom, left, right = window
-        margin = self._margin_px
-        rows = np.arange(top - margin, bottom + margin + 1)
-        cols = np.arange(left - margin, right + margin + 1)
-        total: FloatImage | None = None
-        for kernel in self._kernels:
-            along_y, used_rows = _blur_at(rows, kernel.along_y, self._shape[0])
-            along_x, used_cols = _blur_at(cols, kernel.along_x, self._shape[1])
-            part = apply_separable(along_y, along_x, image[used_rows, used_cols].astype(dtype))
-            total = part if total is None else np.add(total, part, out=total)
-        assert total is not None
-        return total, (top - margin, left - margin)
+    The margin that the sampling reaches into is mirrored at the image's edge.
+    """
+    top, bottom, left, right = seen
+    margin = shares.margin_px
+    rows = np.arange(top - margin, bottom + margin + 1)
+    cols = np.arange(left - margin, right + margin + 1)
+    size = (image.shape[0], image.shape[1])
+    xx, xy, yy = shares.held_px2.tolist()
+    total: FloatImage | None = None
+    for kernel in gaussian_terms(
+        BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
+        tail_tolerance=MATCHED_TAIL_TOLERANCE,
+        spline_prefilter=True,
+    ):
+        along_y, used_rows = _blur_at(rows, kernel.along_y, size[0])
+        along_x, used_cols = _blur_at(cols, kernel.along_x, size[1])
+        part = apply_separable(along_y, along_x, image[used_rows, used_cols].astype(dtype))
+        total = part if total is None else np.add(total, part, out=total)
+    assert total is not None
+    return SplineWindow(total, (top - margin, left - margin), (xx, xy, yy), size)
 
 
 def _blur_at(

@@ -7,8 +7,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.pose.lens import ideal_places, lens_of
-from simulation.pose.warped_blur import survey
+from simulation.pose.homography import projection_depth
+from simulation.pose.lens import ideal_points, lens_of, refuse_folding
+from simulation.pose.warped_blur import BlurredWarp, survey
 from simulation.psf import GaussianPsf, PsfField
 
 __all__ = ["PoseView"]
@@ -18,8 +19,8 @@ FloatArray = NDArray[np.float64]
 _SINGULAR = 1e-9
 """Least determinant of a homography between frames scaled to unit squares, relative."""
 
-_BORDER_PLACES = 33
-"""Places along a side of a frame: a lens bends it, so that its corners do not tell all."""
+_BORDER_POINTS = 33
+"""Points along a side of a frame: a lens bends it, so that its corners do not tell all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,7 +33,7 @@ class PoseView:
         Shape (3, 3): follow-up pixel ``(x, y, 1)`` to reference pixel, both without distortion;
         the third component is positive all over the follow-up.
     lens
-        Radial distortion, as in `distorted_warp`.
+        Radial distortion, as in `simulation.pose.lens`.
     reference, follow_up
         ``(rows, cols)`` of the two frames.
     coefficients_px2
@@ -74,6 +75,7 @@ class PoseView:
         rows, cols = reference
         coefficients, frame = _polynomials(psf, (cols, rows), (width, height), origin_px)
         lens = lens_of(distortion_k1, reference, (height, width), origin_px)
+        refuse_folding(distortion_k1, lens, (height, width))
         return cls(
             matrix=_checked_homography(homography, (cols, rows), (width, height), lens),
             lens=lens,
@@ -82,6 +84,11 @@ class PoseView:
             coefficients_px2=coefficients,
             frame=frame,
         )
+
+    @property
+    def warp(self) -> BlurredWarp:
+        """The view as the compiled functions take it."""
+        return BlurredWarp(self.matrix, self.lens, self.coefficients_px2, self.frame)
 
     def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
         """Look at a lattice of the follow-up's places.
@@ -92,9 +99,7 @@ class PoseView:
             Reference place x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy and
             yy; it may be indefinite.
         """
-        seen = np.empty((len(rows_px), len(cols_px), 5))
-        survey(self.matrix, self.lens, self.coefficients_px2, self.frame, rows_px, cols_px, seen)
-        return seen
+        return survey(self.warp, rows_px, cols_px)
 
 
 def _polynomials(
@@ -140,14 +145,14 @@ def _checked_homography(
     if not (norm > 0 and abs(np.linalg.det(scaled / norm)) > _SINGULAR):
         raise ValueError("the homography is singular")
     width, height = follow_up
-    x, y = (np.linspace(-0.5, size - 0.5, _BORDER_PLACES) for size in (width, height))
+    x, y = (np.linspace(-0.5, size - 0.5, _BORDER_POINTS) for size in (width, height))
     along_x = np.stack(np.meshgrid(x, [-0.5, height - 0.5]), axis=-1).reshape(-1, 2)
     along_y = np.stack(np.meshgrid([-0.5, width - 0.5], y), axis=-1).reshape(-1, 2)
-    border = ideal_places(lens, np.concatenate([along_x, along_y]))
-    denominators = border @ matrix[2, :2] + matrix[2, 2]
-    if denominators.min() < 0:
-        matrix, denominators = -matrix, -denominators
-    if not denominators.min() > 1e-6 * denominators.max():
+    border = ideal_points(lens, np.concatenate([along_x, along_y]))
+    depths = projection_depth(matrix, border[:, 0], border[:, 1])
+    if depths.min() < 0:
+        matrix, depths = -matrix, -depths
+    if not depths.min() > 1e-6 * depths.max():
         raise ValueError("the plane's horizon lies inside the follow-up")
     return matrix
 

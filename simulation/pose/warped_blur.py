@@ -8,26 +8,35 @@ B-spline after a Gaussian blur. A correlated rest is the mean of several such su
 Measured by ``benchmarks/bench_pose.py``.
 """
 
-from collections.abc import Callable
 from math import ceil, exp, floor, log1p, pi, sqrt
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from simulation.pose.lens import warp
-from simulation.resampling import LEVELS_PER_LOG, PHASES
+from simulation.resampling import LEVELS_PER_LOG, PHASES, SplineGaussianTable
 
-__all__ = ["BORDER_PX", "render", "survey"]
+__all__ = [
+    "BORDER_PX",
+    "NEARER_TOLERANCE_PX2",
+    "BlurredWarp",
+    "SplineWindow",
+    "Tile",
+    "render",
+    "survey",
+]
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.floating[Any]]
 BoolImage = NDArray[np.bool_]
-Function = TypeVar("Function", bound=Callable[..., object])
 
 BORDER_PX = 0.5 + 1e-6
 """How far outside the outermost pixel centres a place still counts as inside."""
+
+NEARER_TOLERANCE_PX2 = 1e-3
+"""A variance that is surplus by less changes the contrast at Nyquist by less than 0.5 %."""
 
 _UNCORRELATED_PX2 = 1e-4
 """Smaller covariances of the rest are left out: 0.1 % of contrast at Nyquist in both axes."""
@@ -44,10 +53,60 @@ _POINTS_MAX = 128
 """Enough for a line of 46 px standard deviation, sqrt(2) times the widest blur of the table."""
 
 
-def _compiled(function: Function) -> Function:
-    # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-    decorate = njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
-    return cast("Function", decorate(function))
+class BlurredWarp(NamedTuple):
+    """Where a follow-up's pixels lie in the reference, and the PSF of either image.
+
+    Parameters
+    ----------
+    matrix
+        Homography from ideal follow-up to ideal reference pixels.
+    lens
+        Of ``simulation.pose.lens``.
+    psf
+        Polynomial coefficients of the covariance, shape ``(3, n)``.
+    frame
+        The polynomials' centre x, y and 1 / radius, and where the follow-up's pixel (0, 0) lies in
+        their frame, x and y.
+    """
+
+    matrix: FloatArray
+    lens: FloatArray
+    psf: FloatArray
+    frame: FloatArray
+
+
+class SplineWindow(NamedTuple):
+    """A part of the reference as spline coefficients, those beyond its border included.
+
+    Parameters
+    ----------
+    coefficients
+        Element (0, 0) belongs to the reference pixel ``origin`` (row, col).
+    held_px2
+        Blur (xx, xy, yy) that they hold already.
+    size
+        Rows and columns of the whole reference.
+    """
+
+    coefficients: FloatImage
+    origin: tuple[int, int]
+    held_px2: tuple[float, float, float]
+    size: tuple[int, int]
+
+
+class Tile(NamedTuple):
+    """A part of the follow-up; where it looks past the reference, 0 and not nearer."""
+
+    image: FloatImage
+    nearer: BoolImage
+    outside: BoolImage
+
+
+# Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
+_FAST = {"reassoc", "contract", "nsz"}
+_compiled = njit(cache=True, fastmath=_FAST, error_model="numpy")
+# Left to itself, the compiler inlines or not with any change nearby: up to 20 % of the time.
+_inlined = njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
 
 
 @_compiled
@@ -110,24 +169,19 @@ def _positive_part(xx: float, xy: float, yy: float) -> tuple[float, float, float
 
 
 @_compiled
-def survey(
-    matrix: FloatArray,
-    lens: FloatArray,
-    psf: FloatArray,
-    frame: FloatArray,
-    rows: FloatArray,
-    cols: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Write (x, y, xx, xy, yy) of the missing blur to ``out[i, j]``; it may be indefinite."""
+def survey(view: BlurredWarp, rows: FloatArray, cols: FloatArray) -> FloatArray:
+    """(x, y, xx, xy, yy) of the missing blur at ``[i, j]`` of a lattice; it may be indefinite."""
+    matrix, lens, psf, frame = view
+    seen = np.empty((len(rows), len(cols), 5))
     for i in range(len(rows)):
         for j in range(len(cols)):
             x, y, xx, xy, yy = _place(matrix, lens, psf, frame, cols[j], rows[i])
-            out[i, j, 0], out[i, j, 1] = x, y
-            out[i, j, 2], out[i, j, 3], out[i, j, 4] = xx, xy, yy
+            seen[i, j, 0], seen[i, j, 1] = x, y
+            seen[i, j, 2], seen[i, j, 3], seen[i, j, 4] = xx, xy, yy
+    return seen
 
 
-@_compiled
+@_inlined
 def _level(variance_px2: float, table: FloatImage) -> tuple[int, float]:
     """Level of the table below a variance, and the share of the next one."""
     level = min(int(log1p(sqrt(variance_px2)) * LEVELS_PER_LOG), table.shape[0] - 2)
@@ -135,16 +189,15 @@ def _level(variance_px2: float, table: FloatImage) -> tuple[int, float]:
     return level, min((variance_px2 - low * low) / (high * high - low * low), 1.0)
 
 
-@_compiled
+@_inlined
 def _weights(
-    place_px: float,
-    level: int,
-    upper: float,
-    table: FloatImage,
-    radius: int,
-    out: FloatImage,
+    place_px: float, blur: tuple[int, float], table: FloatImage, radius: int, out: FloatImage
 ) -> int:
-    """Fill ``out`` with the weights of ``2 radius`` coefficients; return the first one."""
+    """Fill ``out`` with the weights of ``2 radius`` coefficients; return the first one's index.
+
+    ``blur`` is a level of the table, and the share of the next one.
+    """
+    level, upper = blur
     whole = floor(place_px)
     phase = (place_px - whole) * PHASES
     step = min(int(phase), PHASES - 1)
@@ -160,16 +213,17 @@ def _weights(
     return int(whole) - radius + 1
 
 
-@_compiled
+@_inlined
 def _sum(
     coefficients: FloatImage,
-    top: int,
-    left: int,
+    first: tuple[int, int],
+    radii: tuple[int, int],
     along_y: FloatImage,
     along_x: FloatImage,
-    high: int,
-    wide: int,
 ) -> float:
+    """Sum of the coefficients from ``first`` (row, col) on, ``2 radii`` of them, with weights."""
+    top, left = first
+    high, wide = 2 * radii[0], 2 * radii[1]
     total = 0.0
     for i in range(high):
         row = coefficients[top + i, left : left + wide]
@@ -184,95 +238,65 @@ def _sum(
 
 @_compiled
 def render(
-    coefficients: FloatImage,
-    origin: tuple[int, int],
-    held: tuple[float, float, float],
-    size: tuple[int, int],
-    matrix: FloatArray,
-    lens: FloatArray,
-    psf: FloatArray,
-    frame: FloatArray,
-    table: FloatImage,
-    radii: NDArray[np.int64],
-    tolerance_px2: float,
+    view: BlurredWarp,
+    window: SplineWindow,
+    table: SplineGaussianTable,
     first: tuple[int, int],
-    image: FloatImage,
-    nearer: BoolImage,
-    outside: BoolImage,
-) -> None:
-    """Fill one tile of the follow-up.
+    shape: tuple[int, int],
+) -> Tile:
+    """Tile of the follow-up whose first pixel is ``first``, both as (row, col).
 
-    Parameters
-    ----------
-    coefficients
-        Spline coefficients of the reference, those beyond its border included; element (0, 0)
-        belongs to the reference pixel ``origin`` (row, col).
-    held
-        Blur (xx, xy, yy) that the coefficients hold already.
-    size
-        Rows and columns of the reference.
-    matrix
-        Homography from ideal follow-up to ideal reference pixels.
-    lens
-        Of `distorted_warp`.
-    psf, frame
-        Polynomial coefficients of the covariance, ``(3, n)``; its centre x, y, 1 / radius, and
-        where the follow-up's pixel (0, 0) lies in it, x, y.
-    table, radii
-        Of `SplineGaussianTable`.
-    tolerance_px2
-        A missing variance below minus this marks ``nearer``.
-    first
-        Row and column of the tile's first pixel.
-    image, nearer, outside
-        The tile, filled here; 0 and not nearer outside the reference.
+    A missing variance below ``-NEARER_TOLERANCE_PX2`` marks it ``nearer``.
     """
-    along_y = np.empty(table.shape[2], image.dtype)
-    along_x = np.empty(table.shape[2], image.dtype)
-    places, shares = np.empty(_POINTS_MAX), np.empty(_POINTS_MAX)
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1]):
+    # Taken out here, as a bundle's array costs a count of references every time it is taken.
+    matrix, lens, psf, frame = view
+    coefficients, origin, held, size = window
+    weights, radii = table
+    dtype = coefficients.dtype
+    image = np.zeros(shape, dtype)
+    nearer, outside = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
+    along_y, along_x = np.empty(weights.shape[2], dtype), np.empty(weights.shape[2], dtype)
+    points, shares = np.empty(_POINTS_MAX), np.empty(_POINTS_MAX)
+    for i in range(shape[0]):
+        for j in range(shape[1]):
             x, y, xx, xy, yy = _place(matrix, lens, psf, frame, first[1] + j, first[0] + i)
             is_inside = (
                 -BORDER_PX <= x <= size[1] - 1 + BORDER_PX
                 and -BORDER_PX <= y <= size[0] - 1 + BORDER_PX
             )
             outside[i, j] = not is_inside
-            nearer[i, j] = False
-            image[i, j] = 0
             if not is_inside:
                 continue
             xx, xy, yy, least = _positive_part(xx, xy, yy)
-            nearer[i, j] = least < -tolerance_px2
+            nearer[i, j] = least < -NEARER_TOLERANCE_PX2
             xx, xy, yy, _ = _positive_part(xx - held[0], xy - held[1], yy - held[2])
             x -= origin[1]
             y -= origin[0]
-            if abs(xy) < _UNCORRELATED_PX2:
-                level_y, upper_y = _level(yy, table)
-                level_x, upper_x = _level(xx, table)
-                high, wide = radii[level_y + 1], radii[level_x + 1]
-                top = _weights(y, level_y, upper_y, table, high, along_y)
-                left = _weights(x, level_x, upper_x, table, wide, along_x)
-                image[i, j] = _sum(coefficients, top, left, along_y, along_x, 2 * high, 2 * wide)
+            count = 0
+            sx = sy = 0.0
+            if abs(xy) >= _UNCORRELATED_PX2:
+                # diag(xx, yy) + s s^T, with the shortest s that leaves xx and yy positive.
+                sx2 = min(max(abs(xy), xy * xy / yy), xx)
+                sx = sqrt(sx2)
+                sy = xy / sx
+                count = _points(sqrt(sx2 + sy * sy), points, shares)
+                xx, yy = max(xx - sx2, 0.0), max(yy - sy * sy, 0.0)
+            blur_y, blur_x = _level(yy, weights), _level(xx, weights)
+            high, wide = radii[blur_y[0] + 1], radii[blur_x[0] + 1]
+            if count == 0:
+                top = _weights(y, blur_y, weights, high, along_y)
+                left = _weights(x, blur_x, weights, wide, along_x)
+                image[i, j] = _sum(coefficients, (top, left), (high, wide), along_y, along_x)
                 continue
-            # diag(a, b) + s s^T, with the shortest s that leaves a and b positive.
-            sx2 = min(max(abs(xy), xy * xy / yy), xx)
-            sx = sqrt(sx2)
-            sy = xy / sx
-            a, b = max(xx - sx2, 0.0), max(yy - sy * sy, 0.0)
-            length2 = sx2 + sy * sy
-            count = _points(sqrt(length2), places, shares)
             value = 0.0
-            level_y, upper_y = _level(b, table)
-            level_x, upper_x = _level(a, table)
-            high, wide = radii[level_y + 1], radii[level_x + 1]
             for k in range(-count, count + 1):
-                shift = places[k] if k >= 0 else -places[-k]
-                top = _weights(y + shift * sy, level_y, upper_y, table, high, along_y)
-                left = _weights(x + shift * sx, level_x, upper_x, table, wide, along_x)
-                part = _sum(coefficients, top, left, along_y, along_x, 2 * high, 2 * wide)
+                shift = points[k] if k >= 0 else -points[-k]
+                top = _weights(y + shift * sy, blur_y, weights, high, along_y)
+                left = _weights(x + shift * sx, blur_x, weights, wide, along_x)
+                part = _sum(coefficients, (top, left), (high, wide), along_y, along_x)
                 value += shares[abs(k)] * part
             image[i, j] = value
+    return Tile(image, nearer, outside)
 
 
 @_compiled

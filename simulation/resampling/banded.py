@@ -7,9 +7,8 @@ at a time, because neighbours read nearly the same input. Measured by
 ``benchmarks/bench_zoom_out.py``.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -21,7 +20,6 @@ __all__ = ["BandedMatrix", "apply_separable", "put_separable"]
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.floating[Any]]
-Function = TypeVar("Function", bound=Callable[..., object])
 
 _UNROLL = 4
 """Input rows combined in one go; the bands of pairs are widened to a multiple of it."""
@@ -251,10 +249,8 @@ def _combined(image: FloatImage, starts: NDArray[np.int64], weights: FloatImage)
     return out
 
 
-def _compiled(function: Function) -> Function:
-    # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-    decorate = njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
-    return cast("Function", decorate(function))
+# Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
+_compiled = njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 
 
 @_compiled

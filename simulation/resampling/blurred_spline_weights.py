@@ -5,9 +5,9 @@ interpolations keep the sum of the weights and their centre of mass: a constant 
 and a ramp a ramp. ``docs/theory-pose.md`` holds the errors.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, expm1, log1p
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,7 @@ _TAIL = 2e-5
 _SPLINE_RADIUS_PX = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SplineGaussianTable:
+class SplineGaussianTable(NamedTuple):
     """Weights of the spline coefficients around a place.
 
     Parameters

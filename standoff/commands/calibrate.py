@@ -111,7 +111,7 @@ def calibrate(
         )
     if method == "two-distance" and session is None and len(images or []) < 2:
         raise typer.BadParameter("two-distance needs two photographs, the nearest first")
-    from calibration.files import psf_document, read_correction, read_noise, write_psf
+    from calibration.files import json_object, read_correction, read_noise, write_psf
     from calibration.noise import level_noise
     from standoff.terminal import edge_csv, print_psf, print_psf_remarks
     from standoff.workflows import (
@@ -129,7 +129,7 @@ def calibrate(
         channel=channel or ("luma" if bayer is None else "green"),
         pattern=bayer,
         correction=None if correct is None else read_correction(correct),
-        frame_noise=None if noise is None else level_noise(read_noise(noise)),
+        frame_noise=None if noise is None else level_noise(read_noise(noise).capture_noise),
     )
     found = calibrate_camera(
         CalibrationRequest(
@@ -141,17 +141,16 @@ def calibrate(
             zoom=zoom,
         )
     )
-    calibration, origin = found.calibration, replace(found.origin, region=region)
-    write_psf(out, calibration, origin)
-    document = psf_document(calibration, origin)
+    calibration = found.calibration.with_origin(replace(found.origin, region=region))
+    write_psf(out, calibration)
     if csv is not None:
         write_file(csv, edge_csv(calibration).encode("utf-8"))
     if found.edges is not None:
         print_psf_remarks(calibration)
         if report is not None:
-            write_calibration_report(report, document, found.edges.load, found.edges.session)
+            write_calibration_report(report, calibration, found.edges.load, found.edges.session)
     if json:
-        print_json(document)
+        print_json(json_object(calibration))
         return
     print_psf(calibration)
     written = ", ".join(str(path) for path in (out, csv, report) if path is not None)

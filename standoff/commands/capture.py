@@ -70,7 +70,8 @@ def capture(
     A line typed meanwhile pauses it before the next capture; Ctrl-C ends it, and the same
     command resumes.
     """
-    from acquisition.capture import run_plan
+    from acquisition.bench import BenchDevices
+    from acquisition.capture import RunOperator, run_plan
     from acquisition.plan import estimate_plan, load_plan, plan_entries
     from acquisition.session import MANIFEST_NAME
     from standoff.terminal import flicker_warnings, frame_shape_of, preview_lines
@@ -106,20 +107,24 @@ def capture(
         person.hidden = bar.hidden
         summary = run_plan(
             out,
-            plan=planned,
-            bench=config,
-            camera=devices.camera,
-            stage=devices.stage,
-            operator=operator or getpass.getuser(),
-            place=_placement(
-                devices.simulated, person, is_asked=not (placed or (yes and is_simulated))
+            planned,
+            BenchDevices(
+                config=config,
+                camera=devices.camera,
+                stage=devices.stage,
+                clock=devices.clock,
+                sleep=devices.sleep,
             ),
-            progress=_shown_on(bar),
-            review=person.review,
-            before_capture=person.wait_if_asked,
+            RunOperator(
+                name=operator or getpass.getuser(),
+                place=_placement(
+                    devices.simulated, person, is_asked=not (placed or (yes and is_simulated))
+                ),
+                progress=_shown_on(bar),
+                review=person.review,
+                before_capture=person.wait_if_asked,
+            ),
             retake=retake or (),
-            clock=devices.clock,
-            sleep=devices.sleep,
         )
     _print_summary(out, summary, json=json)
 

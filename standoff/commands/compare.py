@@ -23,7 +23,7 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from calibration.files import StoredPsf
+    from calibration.psf import PsfCalibration
 
 __all__ = ["compare"]
 
@@ -138,7 +138,7 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
         say(f"wrote {report}")
 
 
-def _calibrations(paths: list[Path]) -> list[tuple[str, StoredPsf]]:
+def _calibrations(paths: list[Path]) -> list[tuple[str, PsfCalibration]]:
     """Read files, and every psf.json below folders; what cannot be read below one is noted."""
     from calibration.files import read_psf
 

@@ -52,7 +52,7 @@ def _print_summary(result: DemoResult) -> None:
             for row in result.truth
         ],
     )
-    means = result.comparison.means
+    means = result.validation.means("followup-grid")
     print_table(
         "Simulated against captured follow-ups, after the paper's processing",
         ["model", "correlation", "MSE", "NMI", "PSNR / dB", "SSIM", "MSE of bicubic / MSE"],

@@ -81,43 +81,46 @@ def detectability(
         raise typer.BadParameter(
             f"the change is wider than the window of {window} px; widen it", param_hint="--window"
         )
-    from analysis.detectability import curves_document, write_curves
+    from analysis.detectability import DetectionTask, SweepWorkers
+    from analysis.results_file import write_results
+    from calibration.documents import json_object
     from calibration.files import read_noise
     from standoff.workflows import (
-        CurvesRequest,
         curve_figures,
         expanded_images,
         measure_curves,
+        read_total_psf,
         require_writable,
     )
 
     require_writable([out])
-    request = CurvesRequest(
-        images=tuple(expanded_images(images)),
-        psf=psf,
-        models=models,
-        zooms=tuple(zoom_list),
-        change=change,
-        noise_dn=read_noise(Path(noise)) if noises is None else tuple(noises),
+    task = DetectionTask(
+        signal=change,
         contrasts_dn=tuple(contrasts),
+        noises_dn=tuple(noises or ()),
+        zooms=tuple(zoom_list),
+        models=models,
         observers=observers,
         reference_zoom=reference_zoom,
         window_px=window,
-        workers=workers,
-        scheduler=scheduler,
     )
-    curves = measure_curves(request, out.with_suffix(".cells.jsonl"))
-    document = curves_document(
-        curves,
-        images=len(request.images),
-        reference_zoom=reference_zoom,
-        window_px=window,
-        signal="gaussian" if signal is None else signal.name,
+    found = measure_curves(
+        expanded_images(images),
+        None if psf is None else read_total_psf(psf),
+        task,
+        read_noise(Path(noise)).capture_noise if noises is None else None,
+        SweepWorkers(count=workers, scheduler=scheduler),
+        out.with_suffix(".cells.jsonl"),
     )
-    write_curves(out, document)
+    if signal is not None:
+        found = found.model_copy(update={"signal": signal.name})
+    curves = found.curves
+    write_results(out, found)
     figures = curve_figures(out, curves, contrasts[0])
     if json:
-        print_json({"out": str(out), "figures": [str(path) for path in figures], **document})
+        print_json(
+            {"out": str(out), "figures": [str(path) for path in figures], **json_object(found)}
+        )
         return
     _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")

@@ -130,7 +130,7 @@ def _options(metric: FocusMeasure, region: str | None, noise: Path | None) -> Fo
     from calibration.files import read_noise
     from calibration.noise import level_noise
 
-    model = None if noise is None else level_noise(read_noise(noise))
+    model = None if noise is None else level_noise(read_noise(noise).capture_noise)
     return FocusOptions(
         measure=metric,
         region=None if region is None else _region(region),

@@ -20,7 +20,7 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from calibration.geometry import CharucoBoard, GeometryCalibration, Measured
+    from calibration.geometry import CharucoBoard, GeometryCalibration
 
 __all__ = ["geometry"]
 
@@ -56,7 +56,7 @@ def geometry(
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
     refuse_overwriting([out, report], [])
     from acquisition.session import Session
-    from calibration.files import geometry_document, write_geometry
+    from calibration.files import json_object, write_geometry
     from calibration.geometry import (
         CharucoBoard,
         GeometryOptions,
@@ -76,7 +76,7 @@ def geometry(
             raise typer.BadParameter(
                 f"expected a positive number, got {value:g}", param_hint=option
             )
-    opened = Session.open(session)
+    opened = Session(session)
     records = geometry_records(opened)
     with progress_bar("matching captures", len(records)) as bar:
         found = calibrate_geometry(
@@ -89,8 +89,8 @@ def geometry(
             bar.advance_to,
         )
     write_geometry(out, found)
-    for name, reason in found.excluded:
-        note(f"{name} is left out: {reason}")
+    for one in found.excluded:
+        note(f"{one.image} is left out: {one.reason}")
     for text in found.notes:
         note(text)
     if found.scale_source == "board":
@@ -98,43 +98,43 @@ def geometry(
     if report is not None:
         write_geometry_report(report, found, str(session))
     if json:
-        print_json(geometry_document(found))
+        print_json(json_object(found))
         return
     _print(found, layout)
     say(f"wrote {out}" + (f" and {report}" if report else ""))
 
 
 def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
-    pupil = found.pupil
     print_table(
         "Geometry",
         ["", "value", "standard error"],
         [
-            ["entrance pupil above height 0 / mm", f"{pupil.pupil_offset_mm:.3f}",
-             f"{pupil.pupil_offset_err_mm:.3f}"],
-            ["focal length / px", *_cells(found.focal_length_px, 2)],
-            ["k1, at the image corner", *_cells(found.k1, 5)],
-            ["k2, at the image corner", *_cells(found.k2, 5)],
-            ["tilt of target to sensor / deg", *_cells(found.tilt_deg, 4)],
-            ["drift of the axis / (px/mm)", *_cells(found.axis_drift_px_per_mm, 5)],
+            ["entrance pupil above height 0 / mm",
+             *_cells(found.pupil_offset_mm, found.pupil_offset_err_mm, 3)],
+            ["focal length / px", *_cells(found.focal_length_px, found.focal_length_err_px, 2)],
+            ["k1, at the image corner", *_cells(found.k1, found.k1_err, 5)],
+            ["k2, at the image corner", *_cells(found.k2, found.k2_err, 5)],
+            ["tilt of target to sensor / deg", *_cells(found.tilt_deg, found.tilt_err_deg, 4)],
+            ["drift of the axis / (px/mm)",
+             *_cells(found.axis_drift_px_per_mm, found.axis_drift_err_px_per_mm, 5)],
         ],
     )  # fmt: skip
-    if found.scales is not None and found.scale_source is not None:
+    scales, errs = found.scale_px_per_mm, found.scale_err_px_per_mm
+    if scales is not None and errs is not None and found.scale_source is not None:
         lowest = found.heights_mm[0]
         print_table(
             f"Heights (scale by {_SOURCES[found.scale_source].format(board=board)})",
             ["height / mm", "scale / (px/mm)", "standard error", f"zoom from {lowest:g} mm"],
             [
-                [f"{height:g}", f"{s.value:.5f}", f"{s.err:.5f}",
-                 f"{pupil.zoom(lowest, height)[0]:.5f}"]
-                for height, s in zip(found.heights_mm, found.scales, strict=True)
+                [f"{height:g}", f"{scale:.5f}", f"{err:.5f}", f"{found.zoom(lowest, height):.5f}"]
+                for height, scale, err in zip(found.heights_mm, scales, errs, strict=True)
             ],
         )  # fmt: skip
     for name, reason in found.undetermined.items():
         say(f"{name} is not determined: {reason}")
 
 
-def _cells(measured: Measured | None, digits: int) -> list[str]:
-    if measured is None:
+def _cells(value: float | None, err: float | None, digits: int) -> list[str]:
+    if value is None or err is None:
         return ["not determined", ""]
-    return [f"{measured.value:.{digits}f}", f"{measured.err:.{digits}f}"]
+    return [f"{value:.{digits}f}", f"{err:.{digits}f}"]

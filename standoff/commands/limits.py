@@ -85,7 +85,7 @@ def limits(
     check_options(context, _RULES)
     refuse_suffix(plot, "--plot", {".png", ".svg"})
     refuse_overwriting([plot], [curves, geometry])
-    from analysis.pose import contrast_found_at, pose_limits
+    from analysis.pose import FollowupPose, contrast_found_at, pose_limits
     from analysis.reports import plot_limits
     from standoff.workflows import require_writable, write_figure
 
@@ -95,9 +95,13 @@ def limits(
     found = pose_limits(curve, min_dprime, camera, reference_tilt, tilt_direction)
     least_dn = None
     if at_zoom is not None:
-        least_dn = contrast_found_at(
-            curve, min_dprime, camera, at_zoom, at_tilt, reference_tilt, tilt_direction
+        pose = FollowupPose(
+            zoom=at_zoom,
+            tilt_deg=at_tilt,
+            reference_tilt_deg=reference_tilt,
+            direction_deg=tilt_direction,
         )
+        least_dn = contrast_found_at(curve, min_dprime, camera, pose)
     if plot is not None:
         write_figure(plot, plot_limits(curve, found, min_dprime))
     if json:

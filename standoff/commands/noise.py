@@ -19,7 +19,7 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from calibration.noise import NoiseCalibration
+    from calibration.noise import NoiseMeasurement
 
 __all__ = ["noise"]
 
@@ -36,7 +36,7 @@ def noise(
     """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
     from acquisition.session import Session
     from analysis.reports import render_noise_report
-    from calibration.files import write_noise
+    from calibration.files import json_object, write_noise
     from calibration.noise import map_paths, measure_noise, noise_records
     from standoff.workflows import require_writable, write_page
 
@@ -44,24 +44,24 @@ def noise(
     refuse_suffix(out, "--out", {".json"})
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     require_writable([out, report])
-    opened = Session.open(session)
+    opened = Session(session)
     with progress_bar("reading captures", 2 * len(noise_records(opened))) as bar:
         found = measure_noise(opened, bar.advance_to)
-    document = write_noise(out, found)
+    written = write_noise(out, found)
     for text in found.transfer.notes:
         note(text)
     if report is not None:
         write_page(report, render_noise_report(found, str(session)))
     if json:
-        print_json(document)
+        print_json(json_object(written))
         return
     _print(found)
     maps = ", ".join(path.name for path in map_paths(out).values())
     say(f"wrote {out}, {maps}" + (f" and {report}" if report else ""))
 
 
-def _print(found: NoiseCalibration) -> None:
-    transfer, pixels = found.transfer, found.nonuniformity
+def _print(found: NoiseMeasurement) -> None:
+    calibration, transfer, pixels = found.calibration, found.transfer, found.nonuniformity
     dark, saturation = transfer.dark, transfer.saturation
     rows = [
         ["gain / (e/DN)", f"{transfer.gain_e_per_dn:.4f}", f"{transfer.gain_e_per_dn_err:.4f}"],
@@ -91,11 +91,11 @@ def _print(found: NoiseCalibration) -> None:
         ["defect pixels", str(pixels.defects), ""],
     ]
     print_table(
-        f"Noise at {found.gain_db:g} dB" if found.gain_db is not None else "Noise",
+        f"Noise at {calibration.gain_db:g} dB" if calibration.gain_db is not None else "Noise",
         ["", "value", "standard error"],
         rows,
     )
     say(
-        f"{found.darks} dark and {found.flats} flat captures, fitted from "
+        f"{calibration.darks} dark and {calibration.flats} flat captures, fitted from "
         f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"
     )

@@ -34,9 +34,10 @@ def paper(
 ) -> None:
     """Repeat the paper's experiment on the simulated bench: Tables I and II, Figures 2 and 3."""
     from acquisition.plan import load_plan
-    from analysis.validation import KernelBook
+    from analysis.validation import KernelBook, ValidationSettings
+    from calibration.documents import json_object
     from standoff.terminal import print_validation
-    from standoff.workflows import ValidationSettings, default_models, run_paper, short_bench
+    from standoff.workflows import default_models, run_paper, short_bench
 
     config = read_bench(shipped_config("paper_bench.toml"), settings)
     plan = "paper_validation_short.toml" if short else "paper_validation.toml"
@@ -55,7 +56,7 @@ def paper(
     )
     errors_px = result.registration_errors_px
     if json:
-        print_json({**result.document, "registration_errors_px": list(errors_px)})
+        print_json({**json_object(result.validation), "registration_errors_px": list(errors_px)})
         return
     print_validation(result.validation)
     say(

@@ -115,7 +115,7 @@ def pose(
         found, quality = _judged(near, followup, psf, curve, min_dprime, criterion)
         if picture is not None:
             _draw(picture, followup, quality)
-        _show_one(found, quality, curve, picture, about, json=json)
+        _show_one(found, quality, picture, json=json)
         return
     from analysis.pose import PoseTracker
     from standoff.workflows import StreamSummary, judge_stream, verdict_display
@@ -193,39 +193,30 @@ def _draw(picture: Path, followup: Path, quality: PoseQuality) -> None:
 
 
 def _show_one(
-    found: Registration,
-    quality: PoseQuality,
-    curve: DetectabilityCurve,
-    picture: Path | None,
-    about: dict[str, object],
-    *,
-    json: bool,
+    found: Registration, quality: PoseQuality, picture: Path | None, *, json: bool
 ) -> None:
+    curve = quality.curve
     if quality.beyond_curve:
         note(
             f"{100 * quality.beyond_curve:.0f} % of the overlap lies beyond the curve's zoom of "
             f"{curve.zoom[-1]:g}; its d' is taken as 0"
         )
-    facts = _facts(quality)
+    summary = quality.summary.model_copy(
+        update={
+            "registration_correlation": found.correlation,
+            "picture": None if picture is None else str(picture),
+        }
+    )
     if json:
-        print_json(
-            {
-                "is_accepted": quality.is_accepted,
-                **about,
-                **facts,
-                "homography": found.matrix.tolist(),
-                "registration_correlation": found.correlation,
-                "picture": None if picture is None else str(picture),
-            }
-        )
+        print_json(summary.model_dump(mode="json"))
         return
     say(
         f"{'accepted' if quality.is_accepted else 'rejected'}: {quality.criterion} d' "
         f"{quality.decisive_d_prime:.2f}, threshold {quality.min_d_prime:g} ({curve.name})"
     )
     say(
-        f"local zoom {facts['zoom_min']:.3f} to {facts['zoom_max']:.3f}, anisotropy up to "
-        f"{facts['anisotropy_max']:.3f}, overlap {100 * facts['overlap']:.0f} % of the follow-up"
+        f"local zoom {summary.zoom_min:.3f} to {summary.zoom_max:.3f}, anisotropy up to "
+        f"{summary.anisotropy_max:.3f}, overlap {100 * summary.overlap:.0f} % of the follow-up"
     )
     say("d' is an upper bound: registration, light, gloss, parallax and defocus only lower it")
 
@@ -255,19 +246,3 @@ def _show_stream(summary: StreamSummary, about: dict[str, object], *, json: bool
         + ("" if rate is None else f"; between them {rate:.0f} frames a second")
     )
     say(f"last: {summary.last.reason}")
-
-
-def _facts(quality: PoseQuality) -> dict[str, float]:
-    import numpy as np
-
-    sampling, inside = quality.sampling, quality.sampling.inside
-    return {
-        "dprime_decisive": quality.decisive_d_prime,
-        "dprime_min": float(np.nanmin(quality.d_prime)),
-        "dprime_max": float(np.nanmax(quality.d_prime)),
-        "zoom_min": float(sampling.best_zoom[inside].min()),
-        "zoom_max": float(sampling.worst_zoom[inside].max()),
-        "anisotropy_max": float(sampling.anisotropy[inside].max()),
-        "overlap": sampling.overlap,
-        "beyond_curve": quality.beyond_curve,
-    }

@@ -28,7 +28,7 @@ def report(
     )
 
     refuse_suffix(out, "--out", {".html", ".htm", ".pdf"})
-    session = Session.open(directory)
+    session = Session(directory)
     results = make_folder(directory / RESULTS_FOLDER)
     page = out or results / "report.html"
     require_writable([page])

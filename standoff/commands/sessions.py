@@ -81,7 +81,7 @@ def list_sessions(
     rows: list[dict[str, Any]] = []
     for path in manifests:
         try:
-            rows.append(_summary(Session.open(path.parent)))
+            rows.append(_summary(Session(path.parent)))
         except SessionError as error:
             note(str(error))
             rows.append({"session": str(path.parent), "error": str(error)})
@@ -112,7 +112,7 @@ def show(directory: Directory, json: Json = False) -> None:
     """Show the captures of a session, what was decided about them, and its notes."""
     from acquisition.session import Session
 
-    opened = Session.open(directory)
+    opened = Session(directory)
     captures = sorted(opened.captures, key=lambda capture: capture.record.index)
     notes = [event for event in opened.events if event.kind == "note"]
     if json:

@@ -191,7 +191,7 @@ def _camera(
             exposure=exposure,
             vignetting=vignetting,
             sharpening=None if sharpen is None else _sharpening(sharpen),
-            noise=None if noise is None else read_noise(noise),
+            noise=None if noise is None else read_noise(noise).capture_noise,
             seed=seed,
         )
     except ValueError as error:

@@ -98,15 +98,14 @@ def _opened(config: BenchConfig, action: Action) -> Iterator[Stage]:
 
 
 def _show(opened: Stage, action: Action, *, json: bool) -> None:
-    from acquisition.stages.grbl import GrblStage
-    from acquisition.stages.zaber import ZaberStage
+    from acquisition.stages import MotorStage
 
     state = opened.state
     try:
         position_mm = opened.position_mm()
     except StageNotHomedError:
         position_mm = None
-    warnings = list(opened.warnings) if isinstance(opened, GrblStage | ZaberStage) else []
+    warnings = list(opened.warnings) if isinstance(opened, MotorStage) else []
     if json:
         print_json(
             {

@@ -42,10 +42,15 @@ def validate(
 ) -> None:
     """Say how well every model predicts the captured follow-ups of a session."""
     from acquisition.session import Session
-    from analysis.validation import KernelBook, default_cache_folder, is_learned
+    from analysis.validation import (
+        KernelBook,
+        ValidationSettings,
+        default_cache_folder,
+        is_learned,
+    )
+    from calibration.documents import json_object
     from standoff.terminal import print_validation
     from standoff.workflows import (
-        ValidationSettings,
         default_models,
         read_total_psf,
         run_validation,
@@ -65,9 +70,9 @@ def validate(
         references=references,
         workers=workers,
     )
-    validation, document = run_validation(out, Session.open(session), total, str(psf), settings)
+    validation = run_validation(out, Session(session), total, str(psf), settings)
     if json:
-        print_json(document)
+        print_json(json_object(validation))
         return
     print_validation(validation)
     say(f"wrote {out / 'report.html'} and the tables and figures beside it")

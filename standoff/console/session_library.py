@@ -118,7 +118,7 @@ class SessionLibrary:
         SessionError
             If it cannot be read.
         """
-        return Session.open(self.path_of(name))
+        return Session(self.path_of(name))
 
     def report_of(self, name: str) -> bytes | None:
         """The session's report, or None if none was written yet.

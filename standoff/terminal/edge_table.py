@@ -6,7 +6,7 @@ from io import StringIO
 import numpy as np
 
 from calibration.edges import SFR_FREQ_CY_PER_PX
-from calibration.psf import PsfCalibration, edge_document
+from calibration.psf import PsfCalibration
 
 __all__ = ["edge_csv"]
 
@@ -21,7 +21,7 @@ def edge_csv(calibration: PsfCalibration) -> str:
     writer = csv.writer(text, lineterminator="\n")
     freq = np.array(SFR_FREQ_CY_PER_PX)
     for number, edge in enumerate(calibration.edges):
-        row = edge_document(edge)
+        row = edge.model_dump()
         if number == 0:
             writer.writerow([*row, "is_used", *(f"sfr_{f:.2f}" for f in SFR_FREQ_CY_PER_PX)])
         row["flags"] = " ".join(row["flags"])

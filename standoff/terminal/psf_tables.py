@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.blind import CLEAREST_SNR
+from calibration.blind import is_clear
 from calibration.psf import Estimate, PsfCalibration, share_of_correlation
 from standoff.terminal.output import note, print_table, say
 
@@ -24,7 +24,6 @@ _REMARKS = {
 
 def print_psf(calibration: PsfCalibration) -> None:
     """Print widths and correlation, and what they rest on."""
-    used = calibration.edges_used
     if calibration.pairs:
         print_table(
             "Pairs",
@@ -41,19 +40,20 @@ def print_psf(calibration: PsfCalibration) -> None:
             ],
         )
     elif calibration.softness_px2 is not None:
-        clear = sum(edge.fit.snr >= CLEAREST_SNR for edge in calibration.edges)
+        clear = sum(is_clear(edge) for edge in calibration.edges)
         say(f"{clear} of {len(calibration.edges)} edges are clear enough")
     else:
-        say(f"{len(used)} of {len(calibration.edges)} edges used")
+        say(f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used")
+    total, optical = calibration.total, calibration.optical
     print_table(
         "PSF",
         ["", "total", "95 % interval", "optical", "95 % interval"],
         [
-            [name, *_cells(total), *_cells(optical)]
-            for name, total, optical in (
-                ("sigma_x / px", calibration.sigma_x_px, calibration.optical_sigma_x_px),
-                ("sigma_y / px", calibration.sigma_y_px, calibration.optical_sigma_y_px),
-                ("rho", calibration.rho, calibration.optical_rho),
+            [name, *_cells(with_pixel), *_cells(lens)]
+            for name, with_pixel, lens in (
+                ("sigma_x / px", total.sigma_x_px, optical.sigma_x_px),
+                ("sigma_y / px", total.sigma_y_px, optical.sigma_y_px),
+                ("rho", total.rho, optical.rho),
             )
         ],
     )
@@ -64,14 +64,14 @@ def print_psf(calibration: PsfCalibration) -> None:
             [
                 [
                     name,
-                    _cells(one.sigma_x_px)[0],
-                    _cells(one.sigma_y_px)[0],
-                    str(len(one.edges_used)),
+                    _cells(one.total.sigma_x_px)[0],
+                    _cells(one.total.sigma_y_px)[0],
+                    "" if one.edge_count is None else str(one.edge_count),
                 ]
                 for name, one in calibration.channels.items()
             ],
         )
-    if calibration.field is not None:
+    if calibration.field is not None and calibration.field.worst_err is not None:
         say(
             "the PSF changes over the frame: psf.json holds its field, no width less sure than "
             f"{100 * calibration.field.worst_err:.1f} %"
@@ -93,7 +93,7 @@ def print_psf_remarks(calibration: PsfCalibration) -> None:
         if count:
             note(text.format(n=count, total=len(used)))
     if calibration.rho is None and used:
-        share = share_of_correlation(np.array([edge.fit.angle_deg for edge in used]))
+        share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
         if share * _USUAL_RHO > _WORTH_SAYING:
             note(
                 f"no diagonal edges tell the correlation rho: were it {_USUAL_RHO:g}, a width "

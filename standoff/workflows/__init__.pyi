@@ -7,11 +7,7 @@ from .change_search import (
     write_change_pictures as write_change_pictures,
 )
 from .demo import DemoResult as DemoResult, run_demo as run_demo
-from .detectability_run import (
-    CurvesRequest as CurvesRequest,
-    curve_figures as curve_figures,
-    measure_curves as measure_curves,
-)
+from .detectability_run import curve_figures as curve_figures, measure_curves as measure_curves
 from .devices import (
     OpenBench as OpenBench,
     open_bench as open_bench,
@@ -20,7 +16,7 @@ from .devices import (
     place_in_simulation as place_in_simulation,
     refuse_half_simulated as refuse_half_simulated,
 )
-from .edge_sources import Reading as Reading
+from .edge_sources import Reading as Reading, edge_image as edge_image
 from .figure_files import write_figure as write_figure
 from .focus_runs import (
     FocusSweep as FocusSweep,
@@ -30,10 +26,16 @@ from .focus_runs import (
     run_sweep as run_sweep,
     watch_focus as watch_focus,
 )
-from .followup import CaptureOptions as CaptureOptions, FollowUp as FollowUp
+from .followup import (
+    CaptureOptions as CaptureOptions,
+    FollowUp as FollowUp,
+    zoomed_out as zoomed_out,
+)
 from .image_files import (
+    ImageFile as ImageFile,
     expanded_images as expanded_images,
     read_grey as read_grey,
+    read_image as read_image,
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
 )
@@ -68,8 +70,8 @@ from .reports import (
     write_file as write_file,
     write_geometry_report as write_geometry_report,
     write_page as write_page,
-    write_session_report as write_session_report,
 )
+from .session_report import write_session_report as write_session_report
 from .simulated_photograph import (
     FollowUpRequest as FollowUpRequest,
     FoundKernel as FoundKernel,
@@ -80,22 +82,18 @@ from .sr_dataset import (
     SrDatasetSummary as SrDatasetSummary,
     write_sr_dataset as write_sr_dataset,
 )
-from .validation_run import (
-    ValidationSettings as ValidationSettings,
-    default_models as default_models,
-    run_validation as run_validation,
-)
+from .validation_run import default_models as default_models, run_validation as run_validation
 
 __all__ = [
     "RESULTS_FOLDER",
     "CalibrationRequest",
     "CaptureOptions",
-    "CurvesRequest",
     "DemoResult",
     "FocusSweep",
     "FollowUp",
     "FollowUpRequest",
     "FoundKernel",
+    "ImageFile",
     "ImportSettings",
     "NamedFrame",
     "OpenBench",
@@ -107,11 +105,11 @@ __all__ = [
     "SrDatasetSummary",
     "StreamSummary",
     "SweepRequest",
-    "ValidationSettings",
     "calibrate_camera",
     "camera_frames",
     "curve_figures",
     "default_models",
+    "edge_image",
     "expanded_images",
     "find_changes_of_files",
     "folder_frames",
@@ -126,6 +124,7 @@ __all__ = [
     "place_errors_px",
     "place_in_simulation",
     "read_grey",
+    "read_image",
     "read_total_psf",
     "refuse_half_simulated",
     "require_writable",
@@ -148,4 +147,5 @@ __all__ = [
     "write_page",
     "write_session_report",
     "write_sr_dataset",
+    "zoomed_out",
 ]

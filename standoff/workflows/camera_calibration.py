@@ -9,9 +9,9 @@ from calibration.blind import calibrate_from_distances, calibrate_from_scene
 from calibration.choices import CalibrationMethod
 from calibration.edges import EdgeImage, Region
 from calibration.errors import CalibrationError
-from calibration.files import PsfOrigin
 from calibration.psf import (
     PsfCalibration,
+    PsfOrigin,
     calibrate_mosaic,
     calibrate_psf,
     capture_images,
@@ -93,7 +93,7 @@ def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
     sources = (
         from_files(request.images, reading)
         if request.session is None
-        else from_session(Session.open(request.session), reading)
+        else from_session(Session(request.session), reading)
     )
     with progress_bar("measuring edges", sources.count) as bar:
         if reading.pattern is None:
@@ -140,7 +140,7 @@ def _scenes(request: CalibrationRequest) -> _Scenes:
     if request.session is None:
         sources = from_files(request.images, reading)
         return _Scenes(series=(tuple(sources.images),), origin=sources.origin)
-    session = Session.open(request.session)
+    session = Session(request.session)
     records = scene_records(session)
     series = tuple(
         tuple(

@@ -9,16 +9,17 @@ import numpy as np
 from acquisition.bench import BenchConfig
 from acquisition.plan import CapturePlan
 from acquisition.session import Session
-from analysis.comparison_plots import plot_processed
-from analysis.reports import png_bytes, render_session_report
-from analysis.series import SeriesComparison, compare_series, series_of, write_comparison
-from calibration.files import read_psf, write_psf
+from analysis.reports import plot_furthest, png_bytes
+from analysis.validation import Validation, furthest_pair
+from calibration.files import write_psf
 from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
 from hil_mocks import BenchTruth
 from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
-from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file, write_page
+from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file
+from standoff.workflows.session_report import write_session_report
 from standoff.workflows.simulated_session import capture_simulated
+from standoff.workflows.validation_run import session_validation
 
 __all__ = ["DemoResult", "TruthRow", "run_demo"]
 
@@ -51,7 +52,7 @@ class DemoResult:
     report: Path
     truth: tuple[TruthRow, ...]
     zooms: tuple[tuple[float, float], ...]
-    comparison: SeriesComparison
+    validation: Validation
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain lists and numbers."""
@@ -71,7 +72,10 @@ class DemoResult:
                 for row in self.truth
             ],
             "zooms": [{"truth": true, "measured": found} for true, found in self.zooms],
-            "mse": {model: mean.mse_dn2 for model, mean in self.comparison.means.items()},
+            "mse": {
+                model: mean.mse_dn2
+                for model, mean in self.validation.means("followup-grid").items()
+            },
         }
 
 
@@ -88,32 +92,28 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     session_path = out / "session"
     make_folder(out)
     capture_simulated(session_path, config, plan, operator="demo", what="the demo")
-    session = Session.open(session_path)
+    session = Session(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
-    calibration = _calibrate(session)
-    write_psf(results / "psf.json", calibration, from_session(session, Reading()).origin)
-    stored = read_psf(results / "psf.json")
-    with progress_bar("simulating", sum(len(s) - 1 for s in series_of(session))) as bar:
-        comparison = compare_series(session, stored.total_psf("psf.json"), bar.advance_to)
-    write_comparison(results / "comparison.json", comparison)
+    calibration = _calibrate(session).with_origin(from_session(session, Reading()).origin)
+    psf_path = results / "psf.json"
+    write_psf(psf_path, calibration)
+    name = str(psf_path)
+    validation = session_validation(session, calibration.total_psf(name), name)
     report = out / "report.html"
-    write_page(report, render_session_report(session, stored, comparison))
-    furthest = max(comparison.pairs, key=lambda pair: pair.comparison.registration.zoom)
-    write_file(out / "comparison.png", png_bytes(plot_processed(furthest)))
+    write_session_report(session, report)
+    furthest = furthest_pair(session, validation)
+    write_file(out / "comparison.png", png_bytes(plot_furthest(furthest)))
     truth = BenchTruth(config)
     return DemoResult(
         session=session_path,
-        psf=results / "psf.json",
+        psf=psf_path,
         report=report,
         truth=_beside_truth(calibration, truth, session.records[0].height_mm),
         zooms=tuple(
-            (
-                truth.zoom(pair.reference.height_mm, pair.followup.height_mm),
-                pair.comparison.registration.zoom,
-            )
-            for pair in comparison.pairs
+            (truth.zoom(pair.reference_height_mm, pair.followup_height_mm), pair.zoom)
+            for pair in validation.pairs
         ),
-        comparison=comparison,
+        validation=validation,
     )
 
 
@@ -126,10 +126,11 @@ def _beside_truth(
     calibration: PsfCalibration, truth: BenchTruth, height_mm: float
 ) -> tuple[TruthRow, ...]:
     (xx, xy), (_, yy) = truth.optical_covariance_px2(height_mm).tolist()
+    lens = calibration.optical
     true_values = (
-        ("optical sigma_x / px", np.sqrt(xx), calibration.optical_sigma_x_px),
-        ("optical sigma_y / px", np.sqrt(yy), calibration.optical_sigma_y_px),
-        ("optical rho", xy / np.sqrt(xx * yy), calibration.optical_rho),
+        ("optical sigma_x / px", np.sqrt(xx), lens.sigma_x_px),
+        ("optical sigma_y / px", np.sqrt(yy), lens.sigma_y_px),
+        ("optical rho", xy / np.sqrt(xx * yy), lens.rho),
     )
     return tuple(
         TruthRow(name=name, truth=float(value), estimate=estimate)

@@ -2,106 +2,70 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from analysis.detectability import (
-    ArtefactTiles,
-    ChangeSignal,
     DetectabilityCurve,
-    Observer,
-    Scenario,
-    SceneStatistics,
-    SweepPlan,
-    d_prime_curves,
+    DetectabilityCurves,
+    DetectionTask,
+    SweepWorkers,
+    curves_of,
     sweep_images,
-    tiles_per_side,
 )
 from analysis.reports import plot_detectability
-from simulation import Model
+from simulation import GaussianPsf
 from simulation.capture_noise import CaptureNoise
 from standoff.terminal import progress_bar
 from standoff.workflows.figure_files import write_figure
 from standoff.workflows.image_files import read_grey
-from standoff.workflows.psf_files import read_total_psf
 
-__all__ = ["CurvesRequest", "curve_figures", "measure_curves"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CurvesRequest:
-    """The photographs, the change to be found in them, which curves, and who does the work.
-
-    ``noise_dn`` are standard deviations, or the noise of a camera: then the one at the mean level
-    of the photographs. ``scheduler`` is Dask's, in place of ``workers`` processes.
-    """
-
-    images: tuple[Path, ...]
-    psf: Path | None
-    models: tuple[Model, ...]
-    zooms: tuple[float, ...]
-    change: ChangeSignal
-    noise_dn: tuple[float, ...] | CaptureNoise
-    contrasts_dn: tuple[float, ...]
-    observers: tuple[Observer, ...]
-    reference_zoom: float
-    window_px: int
-    workers: int
-    scheduler: str | None
+__all__ = ["curve_figures", "measure_curves"]
 
 
-def measure_curves(request: CurvesRequest, results: Path) -> list[DetectabilityCurve]:
-    """Measure the photographs and work out the curves, with bars on stderr.
+def measure_curves(
+    images: Sequence[Path],
+    psf: GaussianPsf | None,
+    task: DetectionTask,
+    camera: CaptureNoise | None,
+    workers: SweepWorkers,
+    results: Path,
+) -> DetectabilityCurves:
+    """Measure photographs and work out the curves, with bars on stderr.
 
-    ``results`` takes what was measured on each; an interrupted run goes on from it.
+    Parameters
+    ----------
+    images
+        The photographs.
+    psf
+        Theirs; None where no model needs it.
+    task
+        What is to be found, and by whom.
+    camera
+        Its noise at the mean level of the photographs takes the place of the task's.
+    workers
+        Who does the work.
+    results
+        File of what was measured on each photograph; an interrupted run goes on from it.
 
     Raises
     ------
-    ApplicationError, AnalysisError, CalibrationError
-        If a photograph, the PSF or the results cannot be read.
+    ApplicationError, AnalysisError
+        If a photograph or the results cannot be read.
     """
-    scenario = Scenario(
-        psf=None if request.psf is None else read_total_psf(request.psf),
-        reference_zoom=request.reference_zoom,
-        window_px=request.window_px,
-    )
-    plan = SweepPlan(
-        scenario=scenario,
-        models=request.models,
-        zooms=request.zooms,
-        tiles_per_side=tiles_per_side(len(request.images)),
-    )
-    with progress_bar("measuring images", len(request.images)) as bar:
+    plan = task.plan(psf, len(images))
+    with progress_bar("measuring images", len(images)) as bar:
         cells = sweep_images(
-            request.images,
-            read_grey,
-            plan,
-            results=results,
-            workers=request.workers,
-            scheduler=request.scheduler,
-            progress=bar.advance_to,
+            images, read_grey, plan, results=results, workers=workers, progress=bar.advance_to
         )
-    noises_dn = request.noise_dn
-    if isinstance(noises_dn, CaptureNoise):
+    if camera is not None:
         levels = np.array([cell.mean_dn for cell in cells])
-        noises_dn = (math.sqrt(float(noises_dn.variance_dn2(levels).mean())),)
-    curves = []
-    with progress_bar("working out d'", len(request.models)) as bar:
-        for number, model in enumerate(request.models):
-            curves += d_prime_curves(
-                _artefacts(cells, number, len(request.zooms)),
-                request.zooms,
-                request.change,
-                scenario,
-                model,
-                noises_dn=noises_dn,
-                contrasts_dn=request.contrasts_dn,
-                observers=request.observers,
-            )
-            bar.advance_to(number + 1)
-    return curves
+        noise_dn = math.sqrt(float(camera.variance_dn2(levels).mean()))
+        task = replace(task, noises_dn=(noise_dn,))
+    with progress_bar("working out d'", len(task.models)) as bar:
+        return curves_of(cells, plan, task, bar.advance_to)
 
 
 def curve_figures(
@@ -128,10 +92,3 @@ def curve_figures(
             write_figure(path, figure)
             written.append(path)
     return written
-
-
-def _artefacts(cells: Sequence[SceneStatistics], model: int, zooms: int) -> list[ArtefactTiles]:
-    return [
-        ArtefactTiles.joined([cell.artefact(model, zoom) for cell in cells])
-        for zoom in range(zooms)
-    ]

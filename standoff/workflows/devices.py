@@ -14,9 +14,9 @@ from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, PlanError
 from acquisition.plan import PlanEntry
-from acquisition.stages import ManualStage
-from acquisition.stages.grbl import GrblStage, open_grbl_stage
-from acquisition.stages.zaber import ZaberStage, open_zaber_stage
+from acquisition.stages import ManualStage, MotorStage
+from acquisition.stages.grbl import open_grbl_stage
+from acquisition.stages.zaber import open_zaber_stage
 from hil_mocks import SimulatedBench
 
 __all__ = [
@@ -143,7 +143,7 @@ def open_stage(
     *,
     first: Literal["nothing", "stop", "reset"] = "nothing",
     ask: Callable[[str], str] | None = None,
-) -> GrblStage | ZaberStage | ManualStage:
+) -> MotorStage | ManualStage:
     """Open the real stage that a bench file names; moves nothing.
 
     Parameters

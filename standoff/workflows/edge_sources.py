@@ -11,13 +11,20 @@ from numpy.typing import NDArray
 from acquisition.session import CaptureRecord, Session
 from calibration.edges import EdgeImage, Pattern, plane_places
 from calibration.errors import CalibrationError
-from calibration.files import PsfOrigin
 from calibration.noise import CorrectionMaps, LevelNoise
-from calibration.psf import Channel, edge_images, edge_records, luma_plane, srgb_to_linear
+from calibration.psf import (
+    CameraIdentity,
+    Channel,
+    PsfOrigin,
+    edge_images,
+    edge_records,
+    luma_plane,
+    srgb_to_linear,
+)
 from standoff.terminal import note
 from standoff.workflows.image_files import ImageFile, read_image
 
-__all__ = ["EdgeSources", "Reading", "from_files", "from_session", "origin_of"]
+__all__ = ["EdgeSources", "Reading", "edge_image", "from_files", "from_session", "origin_of"]
 
 _CLIPPED_FROM = 0.995  # of the saturation level
 
@@ -85,10 +92,10 @@ def from_files(paths: Sequence[Path], reading: Reading) -> EdgeSources:
             file = read_image(path)
             if reading.channel == "luma" and file.is_colour:
                 note(f"{path}: colour read as Rec. 601 luma; --channel picks one colour")
-            yield _edge_image(file, reading)
+            yield edge_image(file, reading)
 
     def load(name: str) -> NDArray[np.floating[Any]]:
-        return _shown(_edge_image(read_image(Path(name)), reading).image_dn, reading)
+        return _shown(edge_image(read_image(Path(name)), reading).image_dn, reading)
 
     channel = reading.channel if reading.pattern or reading.channel != "luma" else None
     return EdgeSources(
@@ -100,9 +107,11 @@ def origin_of(session: Session, records: Sequence[CaptureRecord]) -> PsfOrigin:
     """Return the camera of a session, and when the first of these captures was taken."""
     camera = session.devices.get("camera", {})
     return PsfOrigin(
-        camera_serial=_text(camera, "DeviceSerialNumber"),
-        camera_model=_text(camera, "DeviceModelName"),
-        camera_vendor=_text(camera, "DeviceVendorName"),
+        camera=CameraIdentity(
+            serial=_text(camera, "DeviceSerialNumber"),
+            model=_text(camera, "DeviceModelName"),
+            vendor=_text(camera, "DeviceVendorName"),
+        ),
         captured_utc=min(record.started_utc for record in records),
     )
 
@@ -112,7 +121,14 @@ def _text(snapshot: Mapping[str, object], key: str) -> str | None:
     return None if value in (None, "") else str(value)
 
 
-def _edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
+def edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
+    """Return a photograph of edges as a plane linear in light, with its clipped pixels.
+
+    Raises
+    ------
+    CalibrationError
+        If the photograph is not of the kind that ``reading`` asks for.
+    """
     pixels, saturation = file.pixels, file.saturation_dn
     full_scale = file.full_scale_dn or 1.0
     if reading.is_srgb:

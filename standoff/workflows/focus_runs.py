@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.devices import Camera
 from acquisition.focus import (
     FocusOptions,
@@ -157,14 +157,13 @@ def run_sweep(
             if points:
                 low_mm, high_mm = _about_the_best(points)
             points = sweep_focus(
-                opened.camera,
-                opened.stage,
+                BenchDevices(
+                    config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock
+                ),
                 _positions(config, low_mm, high_mm, request.steps),
                 options,
                 frames=request.frames,
-                stage_config=config.stage,
                 progress=show,
-                clock=opened.clock,
             )
     found = FocusSweep(points=points, peak=None, why_not=None)
     try:

@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.files import StoredHomography
+from calibration.registration import Homography
 from simulation import (
     CameraTransfer,
     GaussianPsf,
@@ -101,7 +101,7 @@ def zoomed_out(
     if isinstance(psf, PsfField):
         if model != "matched":
             raise ValueError(f"model {model!r} takes one PSF for the whole frame")
-        pose = StoredHomography(matrix=grid.matrix, width_px=grid.cols, height_px=grid.rows)
+        pose = Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
         # The follow-up is the middle of the camera's frame.
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
         return from_pose(reference, pose, psf, noise, origin_px=origin_px)
@@ -146,7 +146,7 @@ def followup_by(
 
 def from_pose(
     reference: NDArray[np.generic],
-    pose: StoredHomography,
+    pose: Homography,
     psf: GaussianPsf | PsfField,
     noise: CaptureNoise | None = None,
     *,
@@ -161,7 +161,7 @@ def from_pose(
     ValueError
         As ``simulate_pose``.
     """
-    size = pose.width_px, pose.height_px
+    size = pose.size
     matrix, distortion_k1 = pose.matrix, pose.distortion_k1
     simulated = simulate_pose(
         reference, matrix, size, psf, origin_px=origin_px, distortion_k1=distortion_k1

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -51,6 +51,30 @@ class ImageFile:
     saturation_dn: float | None
     is_jpeg: bool
 
+    @classmethod
+    def of_pixels(cls, path: Path, pixels: NDArray[Any], *, is_jpeg: bool = False) -> Self:
+        """Return the pixels of a file, with what their type and values tell of the clipping.
+
+        Raises
+        ------
+        ImageFileError
+            If they are no image, or hold values that are not finite.
+        """
+        if pixels.ndim not in (2, 3) or 0 in pixels.shape:
+            raise ImageFileError(f"{path}: expected one image, got an array of {pixels.shape}")
+        if pixels.dtype.kind not in "uifb" or not np.all(np.isfinite(pixels)):
+            raise ImageFileError(f"{path}: its pixels are not all finite numbers")
+        if pixels.dtype.kind == "b":
+            pixels = pixels.astype(np.uint8) * np.uint8(255)
+        full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
+        return cls(
+            path=path,
+            pixels=pixels,
+            full_scale_dn=full_scale,
+            saturation_dn=_saturation(pixels, full_scale),
+            is_jpeg=is_jpeg,
+        )
+
     @property
     def is_colour(self) -> bool:
         """Whether there are red, green and blue planes."""
@@ -83,20 +107,7 @@ def read_image(path: Path) -> ImageFile:
         raise ImageFileError(f"cannot read {path}: {error.strerror}") from error
     is_tiff = path.suffix.lower() in _TIFF_SUFFIXES or data[:4] in (b"II*\0", b"MM\0*")
     pixels = _tiff_pixels(data, path) if is_tiff else _pillow_pixels(data, path)
-    if pixels.ndim not in (2, 3) or 0 in pixels.shape:
-        raise ImageFileError(f"{path}: expected one image, got an array of {pixels.shape}")
-    if pixels.dtype.kind not in "uifb" or not np.all(np.isfinite(pixels)):
-        raise ImageFileError(f"{path}: its pixels are not all finite numbers")
-    if pixels.dtype.kind == "b":
-        pixels = pixels.astype(np.uint8) * np.uint8(255)
-    full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
-    return ImageFile(
-        path=path,
-        pixels=pixels,
-        full_scale_dn=full_scale,
-        saturation_dn=_saturation(pixels, full_scale),
-        is_jpeg=data[:3] == b"\xff\xd8\xff",
-    )
+    return ImageFile.of_pixels(path, pixels, is_jpeg=data[:3] == b"\xff\xd8\xff")
 
 
 def read_grey(path: Path) -> NDArray[np.float64]:

@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from acquisition.bench import BenchConfig
 from acquisition.plan import CapturePlan
 from acquisition.session import Session
-from analysis.validation import Validation
+from analysis.validation import Validation, ValidationSettings
 from calibration.edges import EdgeImage, Region
 from calibration.files import read_psf, write_psf
 from calibration.psf import calibrate_psf, edge_images, edge_records
@@ -19,7 +18,7 @@ from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder
 from standoff.workflows.simulated_session import capture_simulated
-from standoff.workflows.validation_run import ValidationSettings, run_validation
+from standoff.workflows.validation_run import run_validation
 
 __all__ = ["PaperResult", "place_errors_px", "run_paper", "short_bench"]
 
@@ -36,7 +35,6 @@ class PaperResult:
     """
 
     validation: Validation
-    document: dict[str, Any]
     registration_errors_px: tuple[float, ...]
 
 
@@ -69,23 +67,28 @@ def run_paper(
     make_folder(out)
     session_path = out / "session"
     capture_simulated(session_path, config, plan, operator="paper", what="the paper's experiment")
-    session = Session.open(session_path)
+    session = Session(session_path)
     psf_path = make_folder(session_path / RESULTS_FOLDER) / "psf.json"
     _calibrate_centre(session, psf_path)
     psf = read_psf(psf_path).total_psf(str(psf_path))
-    validation, document = run_validation(out, session, psf, str(psf_path), settings)
+    validation = run_validation(out, session, psf, str(psf_path), settings)
     truth = BenchTruth(config)
+    assert config.simulated is not None
+    shape = config.simulated.height_px, config.simulated.width_px
     errors = tuple(
         float(
             np.median(
                 place_errors_px(
-                    pair.registration.pose, truth, pair.reference.height_mm, pair.followup.height_mm
+                    pair.pose(shape, shape),
+                    truth,
+                    pair.reference_height_mm,
+                    pair.followup_height_mm,
                 )
             )
         )
         for pair in validation.pairs
     )
-    return PaperResult(validation=validation, document=document, registration_errors_px=errors)
+    return PaperResult(validation=validation, registration_errors_px=errors)
 
 
 def place_errors_px(
@@ -128,4 +131,4 @@ def _calibrate_centre(session: Session, path: Path) -> None:
     with progress_bar("measuring edges", len(edge_records(session))) as bar:
         calibration = calibrate_psf(edge_images(session), region=centre, progress=bar.advance_to)
     origin = replace(from_session(session, Reading()).origin, region="centre")
-    write_psf(path, calibration, origin)
+    write_psf(path, calibration.with_origin(origin))

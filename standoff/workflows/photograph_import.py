@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from acquisition.choices import CaptureKind
 from acquisition.plan import CapturePlan, parse_plan
-from acquisition.session import SessionWriter
+from acquisition.session import Photograph, SessionWriter
 from calibration.psf import luma_plane, srgb_to_linear
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.terminal import note, progress_bar
@@ -59,10 +59,12 @@ def import_into_session(out: Path, images: Sequence[Path], settings: ImportSetti
             plane = _plane(file, is_srgb=settings.is_srgb)
             session.add_photograph(
                 entry,
-                plane.astype(np.float32),
-                pixel_format=f"Mono{8 * file.pixels.dtype.itemsize}",
-                max_level_dn=_top_dn(file, plane, is_srgb=settings.is_srgb),
-                scale_px_per_mm=settings.scale_px_per_mm,
+                Photograph(
+                    image_dn=plane.astype(np.float32),
+                    pixel_format=f"Mono{8 * file.pixels.dtype.itemsize}",
+                    max_level_dn=_top_dn(file, plane, is_srgb=settings.is_srgb),
+                    scale_px_per_mm=settings.scale_px_per_mm,
+                ),
             )
             bar.advance_to(done)
     return len(pending)

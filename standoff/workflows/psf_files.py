@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from calibration.files import StoredPsf, read_psf
+from calibration.files import read_psf
+from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, Model, PsfField
 from standoff.terminal import note
 
@@ -53,7 +54,7 @@ def frame_psf(path: Path, frame: tuple[int, int] | None, model: Model) -> Gaussi
     return _total_psf(stored, path)
 
 
-def _total_psf(stored: StoredPsf, path: Path) -> GaussianPsf:
+def _total_psf(stored: PsfCalibration, path: Path) -> GaussianPsf:
     total = stored.total_psf(str(path))
     if stored.rho is None:
         note(f"{path}: rho is null (no diagonal edges); taken as 0, an axis-aligned PSF")

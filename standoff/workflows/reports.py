@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, atomic_write, file_sha256
-from analysis.errors import AnalysisError
 from analysis.reports import (
     ReportSection,
     calibration_sections,
@@ -21,16 +20,13 @@ from analysis.reports import (
     geometry_verdicts,
     noise_section,
     render_report,
-    render_session_report,
     stage_section,
     versions,
 )
-from analysis.series import compare_series, series_of, write_comparison
-from calibration.errors import PsfFileError
-from calibration.files import StoredEdge, StoredGeometry, StoredPsf, geometry_document, read_psf
+from calibration.edges import EdgeMeasurement
 from calibration.geometry import GeometryCalibration
+from calibration.psf import PsfCalibration
 from standoff.errors import ApplicationError
-from standoff.terminal import note, progress_bar
 
 __all__ = [
     "RESULTS_FOLDER",
@@ -42,7 +38,6 @@ __all__ = [
     "write_file",
     "write_geometry_report",
     "write_page",
-    "write_session_report",
 ]
 
 
@@ -86,7 +81,7 @@ RESULTS_FOLDER = "results"
 
 def write_calibration_report(
     path: Path,
-    document: dict[str, Any],
+    psf: PsfCalibration,
     load_image: Callable[[str], NDArray[np.floating[Any]]],
     session: Session | None = None,
 ) -> None:
@@ -96,8 +91,8 @@ def write_calibration_report(
     ----------
     path
         The file; its suffix says which.
-    document
-        What psf.json holds of it.
+    psf
+        The calibration.
     load_image
         Gives the linear image of a name that stands in the calibration.
     session
@@ -108,12 +103,11 @@ def write_calibration_report(
     ApplicationError
         If the file cannot be written.
     """
-    stored = StoredPsf.model_validate(document)
 
-    def load(edge: StoredEdge) -> NDArray[np.floating[Any]]:
+    def load(edge: EdgeMeasurement) -> NDArray[np.floating[Any]]:
         return load_image(edge.image)
 
-    names = list(dict.fromkeys(edge.image for edge in stored.edges))
+    names = list(dict.fromkeys(edge.image for edge in psf.edges))
     subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"
     before: list[ReportSection] = []
     after: list[ReportSection] = []
@@ -122,7 +116,7 @@ def write_calibration_report(
     else:
         subtitle = f"Session {session.plan.name}: {subtitle}"
         before = [captures_section(session)]
-        after = [s for s in (noise_section(session, stored), stage_section(session)) if s]
+        after = [s for s in (noise_section(session, psf), stage_section(session)) if s]
         hashes = [
             ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
             ("journal", f"sha256 {file_sha256(session.path / JOURNAL_NAME)}"),
@@ -131,50 +125,16 @@ def write_calibration_report(
     page = render_report(
         title="PSF calibration",
         subtitle=subtitle,
-        verdicts=calibration_verdicts(stored),
+        verdicts=calibration_verdicts(psf),
         sections=(
             *before,
-            *calibration_sections(stored, load),
+            *calibration_sections(psf, load),
             *after,
-            edge_table_section(stored),
+            edge_table_section(psf),
         ),
-        provenance=(("method", stored.method or ""), *hashes, *versions()),
+        provenance=(("method", psf.method or ""), *hashes, *versions()),
     )
     write_page(path, page)
-
-
-def write_session_report(session: Session, path: Path) -> None:
-    """Write the report of a session, from what its results folder holds.
-
-    Where the PSF is known and a target was captured at several heights, the captures are
-    compared with their simulations, and ``results/comparison.json`` is written too.
-
-    Raises
-    ------
-    ApplicationError
-        If a file cannot be written.
-    CalibrationError, SessionError
-        If the results or captures cannot be read.
-    """
-    results = session.path / RESULTS_FOLDER
-    psf_path = results / "psf.json"
-    psf = read_psf(psf_path) if psf_path.is_file() else None
-    comparison = None
-    pairs = sum(len(records) - 1 for records in series_of(session))
-    remarks: list[str] = []
-    if psf is not None and pairs:
-        try:
-            total = psf.total_psf(str(psf_path))
-            with progress_bar("comparing heights", pairs) as bar:
-                comparison = compare_series(session, total, bar.advance_to)
-        except (AnalysisError, PsfFileError) as error:
-            remarks.append(f"The comparison of captured with simulated follow-ups: {error}.")
-            note(f"the report leaves out the comparison of heights: {error}")
-    if comparison is not None:
-        for reason in comparison.left_out:
-            note(f"the report leaves out a pair: {reason}")
-        write_comparison(results / "comparison.json", comparison)
-    write_page(path, render_session_report(session, psf, comparison, tuple(remarks)))
 
 
 def write_page(path: Path, page: str) -> None:
@@ -245,12 +205,11 @@ def write_geometry_report(path: Path, geometry: GeometryCalibration, subtitle: s
     ApplicationError
         If the file cannot be written.
     """
-    stored = StoredGeometry.model_validate(geometry_document(geometry))
     page = render_report(
         title="Geometry",
         subtitle=subtitle,
-        verdicts=geometry_verdicts(stored),
-        sections=geometry_sections(stored),
+        verdicts=geometry_verdicts(geometry),
+        sections=geometry_sections(geometry),
         provenance=versions(),
     )
     write_page(path, page)

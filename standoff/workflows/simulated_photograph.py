@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.validation import KernelCache, default_cache_folder
-from calibration.files import StoredHomography, read_correction, read_homography, read_psf
+from calibration.files import read_correction, read_homography, read_psf
 from calibration.psf import luma_plane
+from calibration.registration import Homography
 from simulation import SamplingGrid
 from simulation.choices import GaussianForm, KernelModel, Model, Sampler
 from simulation.kernelgan import (
@@ -160,11 +161,11 @@ def _by_kernel(
 
 
 def _from_pose(
-    reference: NDArray[np.generic], request: FollowUpRequest, pose: StoredHomography
+    reference: NDArray[np.generic], request: FollowUpRequest, pose: Homography
 ) -> FollowUp:
     assert request.psf is not None
     frame = (reference.shape[1], reference.shape[0])
-    is_same_frame = (pose.width_px, pose.height_px) == frame
+    is_same_frame = pose.size == frame
     psf = frame_psf(request.psf, frame if is_same_frame else None, "matched")
     return from_pose(reference, pose, psf, request.camera.noise)
 

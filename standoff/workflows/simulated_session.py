@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from acquisition.bench import BenchConfig
-from acquisition.capture import CaptureProgress, run_plan
+from acquisition.bench import BenchConfig, BenchDevices
+from acquisition.capture import CaptureProgress, RunOperator, run_plan
 from acquisition.plan import CapturePlan, plan_entries
 from standoff.errors import ApplicationError
 from standoff.terminal import progress_bar
@@ -37,12 +37,9 @@ def capture_simulated(
 
         run_plan(
             path,
-            plan=plan,
-            bench=config,
-            camera=devices.camera,
-            stage=devices.stage,
-            operator=operator,
-            place=place_in_simulation(devices.simulated),
-            progress=show,
-            clock=devices.clock,
+            plan,
+            BenchDevices(
+                config=config, camera=devices.camera, stage=devices.stage, clock=devices.clock
+            ),
+            RunOperator(name=operator, place=place_in_simulation(devices.simulated), progress=show),
         )

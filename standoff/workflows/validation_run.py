@@ -1,47 +1,35 @@
 """Validates a session and writes everything that comes of it."""
 
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-from acquisition.session import Session
+from acquisition.session import JOURNAL_NAME, Session
+from analysis.errors import ResultsFileError
 from analysis.reports import plot_curves, plot_images, png_bytes, render_validation, svg_bytes
 from analysis.results_file import write_results
 from analysis.validation import (
     VALIDATION_MODELS,
-    KernelBook,
     Validation,
     ValidationModel,
+    ValidationSettings,
     both_tables,
     curves_csv,
     is_learned,
+    read_validation,
     registrations_at_most,
     screen,
+    shown_pairs,
     trainings_needed,
     validate,
-    validation_document,
 )
 from simulation import GaussianPsf
 from standoff.errors import ApplicationError
 from standoff.terminal import note, progress_bar
-from standoff.workflows.reports import make_folder, write_file, write_page
+from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file, write_page
 
-__all__ = ["ValidationSettings", "default_models", "run_validation"]
+__all__ = ["default_models", "run_validation", "session_validation"]
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ValidationSettings:
-    """How a validation is made.
-
-    ``references`` are the reference poses of every target, ``workers`` the processes that train
-    kernels.
-    """
-
-    models: tuple[ValidationModel, ...]
-    kernels: KernelBook
-    references: int = 2
-    workers: int = 1
+_FILE = "validation.json"
 
 
 def default_models() -> tuple[ValidationModel, ...]:
@@ -55,7 +43,7 @@ def default_models() -> tuple[ValidationModel, ...]:
 
 def run_validation(
     out: Path, session: Session, psf: GaussianPsf, psf_name: str, settings: ValidationSettings
-) -> tuple[Validation, dict[str, Any]]:
+) -> Validation:
     """Validate a session, and write tables, figures, report and JSON into the folder ``out``.
 
     Interrupted, the same command goes on with the kernels that were trained.
@@ -71,6 +59,65 @@ def run_validation(
             "with --models"
         )
     make_folder(out)
+    validation = _validated(session, psf, psf_name, settings)
+    _write_tables(out, validation)
+    shown = shown_pairs(session, validation, settings.kernels)
+    for name, figure in (
+        ("figure_2", plot_images(shown)),
+        ("figure_3", plot_curves(validation)),
+    ):
+        write_file(out / f"{name}.png", png_bytes(figure))
+        write_file(out / f"{name}.svg", svg_bytes(figure))
+    write_page(out / "report.html", render_validation(session, validation, shown))
+    # Last, so that who finds it finds the rest.
+    write_results(out / _FILE, validation)
+    return validation
+
+
+def session_validation(session: Session, psf: GaussianPsf, psf_name: str) -> Validation:
+    """Return the validation among a session's results, made first where there is none.
+
+    One that is there is taken as long as it is of this PSF and no older than the session's
+    journal. What is made here has the models that need no training, and its tables are written
+    beside it.
+
+    Raises
+    ------
+    AnalysisError, ApplicationError, SessionError
+        If the captures do not allow it or a file cannot be read or written.
+    """
+    results = session.path / RESULTS_FOLDER
+    stored = _stored_validation(session, psf)
+    if stored is not None:
+        return stored
+    validation = _validated(session, psf, psf_name, ValidationSettings())
+    make_folder(results)
+    _write_tables(results, validation)
+    write_results(results / _FILE, validation)
+    return validation
+
+
+def _stored_validation(session: Session, psf: GaussianPsf) -> Validation | None:
+    path = session.path / RESULTS_FOLDER / _FILE
+    if not path.is_file():
+        return None
+    try:
+        stored = read_validation(path)
+    except ResultsFileError as error:
+        note(f"{error}; the captures are compared again")
+        return None
+    is_of_psf = stored.psf_covariance_px2 == tuple(map(tuple, psf.covariance_px2.tolist()))
+    is_older = path.stat().st_mtime_ns < (session.path / JOURNAL_NAME).stat().st_mtime_ns
+    if is_of_psf and not is_older:
+        return stored
+    reason = "older than the session's journal" if is_older else "of another PSF"
+    note(f"{path} is {reason}: the captures are compared again")
+    return None
+
+
+def _validated(
+    session: Session, psf: GaussianPsf, psf_name: str, settings: ValidationSettings
+) -> Validation:
     total = registrations_at_most(session, settings.references)
     with progress_bar("aligning", total) as bar:
         screening = screen(session, psf, references=settings.references, progress=bar.advance_to)
@@ -83,31 +130,17 @@ def run_validation(
         with progress_bar("training kernels", len(needed)) as bar:
             settings.kernels.train_all(session, needed, settings.workers, bar.advance_to)
     with progress_bar("comparing", len(screening.pairs)) as bar:
-        validation = validate(
-            session, psf, screening, settings.models, settings.kernels, bar.advance_to
+        return validate(
+            session,
+            psf,
+            settings,
+            screening=screening,
+            psf_name=psf_name,
+            progress=bar.advance_to,
         )
-    document = validation_document(validation, _facts(session, psf, psf_name, settings))
-    _write_all(out, session, validation, document)
-    return validation, document
 
 
-def _facts(
-    session: Session, psf: GaussianPsf, psf_name: str, settings: ValidationSettings
-) -> dict[str, Any]:
-    return {
-        "session": str(session.path),
-        "psf": psf_name,
-        "psf_covariance_px2": psf.covariance_px2.tolist(),
-        "models": list(settings.models),
-        "references_per_target": settings.references,
-        "training_steps": settings.kernels.steps,
-        "training_seed": settings.kernels.seed,
-    }
-
-
-def _write_all(
-    out: Path, session: Session, validation: Validation, document: dict[str, Any]
-) -> None:
+def _write_tables(out: Path, validation: Validation) -> None:
     for table in both_tables(validation):
         for suffix, text in (
             (".txt", table.text()),
@@ -116,17 +149,3 @@ def _write_all(
         ):
             write_file(out / f"{table.name}{suffix}", text.encode("utf-8"))
     write_file(out / "curves.csv", curves_csv(validation).encode("utf-8"))
-    for name, figure in (
-        ("figure_2", plot_images(validation)),
-        ("figure_3", plot_curves(validation)),
-    ):
-        write_file(out / f"{name}.png", png_bytes(figure))
-        write_file(out / f"{name}.svg", svg_bytes(figure))
-    facts = (
-        ("psf", str(document["psf"])),
-        ("models", ", ".join(validation.models)),
-        ("steps of a training", str(document["training_steps"])),
-    )
-    write_page(out / "report.html", render_validation(session, validation, facts))
-    # Last, so that who finds it finds the rest.
-    write_results(out / "validation.json", document)

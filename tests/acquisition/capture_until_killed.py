@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 
 from acquisition.averaging import average_frames
-from acquisition.capture.runner import CaptureProgress, run_plan
+from acquisition.bench import BenchDevices
+from acquisition.capture.runner import CaptureProgress, RunOperator, run_plan
 from acquisition.devices import Frame
 from tests.acquisition.fakes import SETTINGS, ScriptedCamera, ScriptedStage, frame
 from tests.acquisition.session_fixtures import bench_of, plan_of
@@ -31,17 +32,11 @@ def capture(path: Path) -> None:
     plan = plan_of(heights_mm={"start": 1.0, "stop": float(HEIGHTS), "step": 1.0}, keep_frames=True)
     frames: list[Frame] = [frame(1000 + i % 7, i) for i in range(1, 3 * HEIGHTS * 4 + 1)]
     camera = ScriptedCamera(frames, settings=SETTINGS)
-    run_plan(
-        path,
-        plan=plan,
-        bench=bench_of(),
-        camera=camera,
-        stage=ScriptedStage(),
-        operator="Zoë",
-        place=lambda _: "ready",
-        progress=report,
-        clock=camera.clock,
+    devices = BenchDevices(
+        config=bench_of(), camera=camera, stage=ScriptedStage(), clock=camera.clock
     )
+    operator = RunOperator(name="Zoë", place=lambda _: "ready", progress=report)
+    run_plan(path, plan, devices, operator)
 
 
 def serve() -> None:

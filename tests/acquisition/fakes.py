@@ -183,7 +183,7 @@ class ScriptedStage:
         if not self.is_homed:
             raise StageNotHomedError("not homed")
         if not self.limits_mm[0] <= height_mm <= self.limits_mm[1]:
-            raise StageLimitError("out of travel")
+            raise StageLimitError("out of travel", height_mm=height_mm, limits_mm=self.limits_mm)
         self.on_move(height_mm)
         self.moves_mm.append(height_mm)
         self._position_mm = height_mm + self.error_mm

@@ -6,8 +6,8 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from acquisition.bench import StageConfig
+from acquisition.stages.grbl.axis import GrblAxis
 from acquisition.stages.grbl.controller import GrblController
-from acquisition.stages.grbl.motion import GrblMotion
 from acquisition.stages.grbl.wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
 
 CONFIG = StageConfig.model_validate(
@@ -116,8 +116,6 @@ class CreepingController(ScriptedController):
         )
 
 
-def motion_of(controller: ScriptedController, time: Time | None = None) -> GrblMotion:
+def axis_of(controller: ScriptedController, time: Time | None = None) -> GrblAxis:
     time = time or Time()
-    return GrblMotion(
-        CONFIG, cast("GrblController", controller), clock=time.clock, sleep=time.sleep
-    )
+    return GrblAxis(CONFIG, cast("GrblController", controller), clock=time.clock, sleep=time.sleep)

@@ -1,5 +1,6 @@
 """A small bench, plan and session, made of the fakes."""
 
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,10 @@ from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
+from acquisition.session.journal import Stamps
+from acquisition.session.reader import Session
 from acquisition.session.record import CaptureRecord
+from acquisition.session.take import Take
 from acquisition.session.writer import SessionWriter
 from tests.acquisition.fakes import COLS, ROWS, SETTINGS, FakeUids, FakeUtc
 
@@ -68,8 +72,7 @@ def writer(
         bench=bench or bench_of(),
         devices=DEVICES if devices is None else devices,
         operator="Zoë",
-        utc_now=FakeUtc(),
-        new_uid=FakeUids(prefix),
+        stamps=Stamps(utc_now=FakeUtc(), new_uid=FakeUids(prefix)),
     )
 
 
@@ -97,13 +100,15 @@ def add(
     now = FakeUtc()
     return session.add_capture(
         entry,
-        averaged(level),
-        settings=SETTINGS,
-        height_mm=entry.height_mm + 0.002,
-        focus_value=0.5,
-        started=now(),
-        finished=now(),
-        raw_frames=raw_frames,
+        Take(
+            averaged=averaged(level),
+            settings=SETTINGS,
+            height_mm=entry.height_mm + 0.002,
+            focus_value=0.5,
+            started=now(),
+            finished=now(),
+            raw_frames=raw_frames,
+        ),
     )
 
 
@@ -111,3 +116,11 @@ def whole_session(path: Path) -> tuple[CaptureRecord, ...]:
     """Capture every entry of the small plan."""
     with writer(path) as session:
         return tuple(add(session, entry, 1000.0 + entry.index) for entry in session.entries)
+
+
+def session_with(session: Session, **changes: Any) -> Session:
+    """A session as if its ``manifest`` or ``captures`` were others."""
+    other = copy(session)
+    for name, value in changes.items():
+        setattr(other, f"_{name}", value)
+    return other

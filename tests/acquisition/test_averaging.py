@@ -128,14 +128,16 @@ def test_a_frame_of_the_wrong_shape_is_replaced() -> None:
 def test_lost_frames_without_end_are_an_error_not_a_shorter_average() -> None:
     script = [frame(0, 1), frame(5, 2)] + [frame(0, i, is_complete=False) for i in range(3, 20)]
     camera = ScriptedCamera(script)
-    with pytest.raises(CaptureError, match=r"1 of 3 frames: gave up after 9 frames \(8 incompl"):
+    with pytest.raises(CaptureError) as refused:
         average(camera, 3)
+    assert (refused.value.frames_complete, refused.value.frames_asked) == (1, 3)
+    assert refused.value.frames_refused == {"incomplete": 8}
     assert not camera.is_streaming
 
 
 def test_a_camera_that_falls_mute_in_mid_average_is_an_error_with_the_count() -> None:
     camera = ScriptedCamera([frame(0, 1), frame(5, 2), frame(5, 3)])
-    with pytest.raises(CaptureError, match="2 of 10 frames: the camera stalled") as caught:
+    with pytest.raises(CaptureError) as caught:
         average(camera, 10)
     assert (caught.value.frames_complete, caught.value.frames_asked) == (2, 10)
     assert isinstance(caught.value.__cause__, DeviceTimeoutError)
@@ -153,14 +155,18 @@ def test_a_camera_that_delivers_too_slowly_ends_at_the_deadline() -> None:
             yield item
 
     camera = ScriptedCamera(crawl(), clock=clock)
-    with pytest.raises(CaptureError, match=r"time limit of 1\.9 s passed"):
+    begin_s = clock.now_s
+    with pytest.raises(CaptureError) as late:
         average(camera, 10)
+    assert late.value.frames_refused == {}
+    # 1 s + 4 (N + 1) / fps, which a frame of 0.5 s may overrun
+    assert clock.now_s - begin_s == pytest.approx(1.88, abs=0.5)
 
 
 def test_a_camera_that_is_gone_says_so_itself_even_when_it_cannot_be_stopped() -> None:
     camera = ScriptedCamera([frame(0, 1), DeviceDisconnectedError("cable out")])
     camera.stop_error = DeviceError("no answer")
-    with pytest.raises(DeviceDisconnectedError, match="cable out") as caught:
+    with pytest.raises(DeviceDisconnectedError) as caught:
         average(camera, 2)
     assert caught.value.__notes__ == ["stopping the stream failed too: no answer"]
 
@@ -192,6 +198,6 @@ def test_a_number_of_frames_without_a_variance_or_an_exact_sum_is_refused(
     frames_asked: int,
 ) -> None:
     camera = ScriptedCamera()
-    with pytest.raises(ValueError, match=str(frames_asked)):
+    with pytest.raises(ValueError):
         average(camera, frames_asked)
     assert camera.starts == 0

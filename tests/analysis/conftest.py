@@ -3,10 +3,12 @@ from pathlib import Path
 import pytest
 
 from acquisition.session.reader import Session
-from analysis.series import SeriesComparison, compare_series
-from calibration.files import StoredPsf, read_psf, write_psf
+from analysis.validation.document import Validation
+from analysis.validation.session import validate
+from calibration.files import read_psf, write_psf
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.captures import edge_images
+from calibration.psf.document import PsfCalibration
 from tests.analysis.bench_session import PSF, bench_session
 
 
@@ -17,8 +19,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 @pytest.fixture(scope="session")
-def comparison(session: Session) -> SeriesComparison:
-    return compare_series(session, PSF)
+def validation(session: Session) -> Validation:
+    return validate(session, PSF, psf_name="psf.json")
 
 
 @pytest.fixture(scope="session")
@@ -29,5 +31,5 @@ def psf_path(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="session")
-def psf(psf_path: Path) -> StoredPsf:
+def psf(psf_path: Path) -> PsfCalibration:
     return read_psf(psf_path)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
+from acquisition.session.take import Take
 from calibration.noise.noise_by_level import LevelNoise
 from simulation import GaussianPsf
 from tests.acquisition.fakes import SETTINGS, FakeUtc
@@ -95,11 +96,13 @@ def height_series(
                 frames = shaken(zoom, step_px, rng)
             session.add_capture(
                 entry,
-                frames,
-                settings=SETTINGS,
-                height_mm=entry.height_mm,
-                focus_value=0.5,
-                started=now(),
-                finished=now(),
+                Take(
+                    averaged=frames,
+                    settings=SETTINGS,
+                    height_mm=entry.height_mm,
+                    focus_value=0.5,
+                    started=now(),
+                    finished=now(),
+                ),
             )
-    return Session.open(path)
+    return Session(path)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
+from acquisition.session.take import Take
 from calibration.noise.noise_by_level import LevelNoise
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
@@ -57,11 +58,13 @@ def edge_session(path: Path, normals_deg: Iterable[float] = (6.0, 96.0)) -> Sess
             clean = photograph_dn(entry.orientation_deg) if entry.kind == "edge" else level
             session.add_capture(
                 entry,
-                averaged(clean, rng),
-                settings=SETTINGS,
-                height_mm=entry.height_mm,
-                focus_value=0.5,
-                started=now(),
-                finished=now(),
+                Take(
+                    averaged=averaged(clean, rng),
+                    settings=SETTINGS,
+                    height_mm=entry.height_mm,
+                    focus_value=0.5,
+                    started=now(),
+                    finished=now(),
+                ),
             )
-    return Session.open(path)
+    return Session(path)

@@ -1,19 +1,14 @@
 """Surveys matched by the bench's own optics: captures and their points, without any picture."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby
 
 import numpy as np
 
-from calibration.geometry.bundle_adjustment import (
-    LensPrior,
-    PlaneMatches,
-    SeriesLayout,
-    adjust_series,
-)
+from calibration.geometry.bundle_adjustment import Adjustment, adjust
 from calibration.geometry.camera import CapturePose, PlaneLens
-from calibration.geometry.series import GeometryCapture, SeriesAdjustment
+from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from tests.calibration.geometry_bench import (
     HEIGHT_PX,
@@ -62,62 +57,50 @@ class Survey:
 
     def adjusted(
         self, captures: Sequence[GeometryCapture] | None = None, lens: PlaneLens | None = None
-    ) -> SeriesAdjustment:
+    ) -> Adjustment:
         """What matching would give: the points of every placement, all adjusted together."""
         rng = np.random.default_rng(11)
         own = self.captures if captures is None else captures
         camera = pinhole()
-        series: list[int] = []
-        poses: list[CapturePose] = []
-        anchors: list[int] = []
-        boards: set[int] = set()
+        series: list[Series] = []
         matches: list[PlaneMatches] = []
-        for number, (_, run) in enumerate(groupby(own, key=lambda capture: capture.placement)):
+        for _, run in groupby(own, key=lambda capture: capture.placement):
             members = list(run)
-            start = len(series)
             stood = [self.stood[capture.name] for capture in members]
             distances = np.array([camera.distance_mm(pose.height_mm) for pose in stood])
-            if members[0].kind == "board":
-                boards.add(number)
-                matches += _board_points(camera, stood, start, self.noise_px, rng)
+            is_board = members[0].kind == "board"
+            if is_board:
+                matches += _board_points(camera, members, stood, self.noise_px, rng)
             else:
-                anchors.append(start)
                 distances /= distances[0]
-                matches += [
-                    replace(part, capture=part.capture + start, other=(part.other or 0) + start)
-                    for part in exact_matches(
-                        camera, stood, noise_px=self.noise_px, rng=rng, step_px=_STEP_PX
-                    )
-                ]
-            poses += [CapturePose(log_distance=float(np.log(d))) for d in distances]
-            series += [number] * len(members)
-        layout = SeriesLayout(series=tuple(series), anchors=tuple(anchors))
-        return SeriesAdjustment(
-            members=tuple(range(len(own))),
-            boards=frozenset(boards),
-            matches=tuple(matches),
-            adjustment=adjust_series(lens or start_lens(), poses, matches, layout),
-            prior=LensPrior(),
-        )
+                matches += exact_matches(
+                    camera, members, stood, noise_px=self.noise_px, rng=rng, step_px=_STEP_PX
+                )
+            posed = tuple(
+                PosedCapture(capture=capture, pose=CapturePose(log_distance=float(np.log(d))))
+                for capture, d in zip(members, distances, strict=True)
+            )
+            series.append(Series(lens=lens or start_lens(), captures=posed, is_in_mm=is_board))
+        return adjust(series, matches)
 
 
 def _board_points(
     camera: PinholeCamera,
+    captures: Sequence[GeometryCapture],
     stood: Sequence[CameraPose],
-    start: int,
     noise_px: float,
     rng: np.random.Generator,
 ) -> list[PlaneMatches]:
     """Corners 8 mm apart, about the middle of the board, as far as the frame shows them."""
     x, y = (axis.ravel() for axis in np.mgrid[-72.0:73.0:8.0, -56.0:57.0:8.0])
     parts = []
-    for number, pose in enumerate(stood):
+    for capture, pose in zip(captures, stood, strict=True):
         seen = np.column_stack(camera.to_pixel(x, y, pose))
         inside = np.all((seen >= 4) & (seen <= (WIDTH_PX - 5, HEIGHT_PX - 5)), axis=1)
         count = int(inside.sum())
         parts.append(
             PlaneMatches(
-                capture=start + number,
+                capture=capture,
                 seen_px=seen[inside] + rng.normal(0, noise_px, (count, 2)),
                 other=None,
                 other_points=np.column_stack([x, y])[inside],

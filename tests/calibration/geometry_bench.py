@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
-from calibration.geometry.bundle_adjustment import PlaneMatches, SeriesLayout
 from calibration.geometry.camera import CapturePose, PlaneLens
-from calibration.geometry.series import GeometryCapture
+from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from hil_mocks.scene.truth import BenchTruth
 
@@ -58,8 +57,24 @@ def poses_over(
     ]
 
 
+def blank_captures(heights_mm: Sequence[float], target: str = "brick") -> list[GeometryCapture]:
+    """Captures whose matches are known, so that nobody looks at their picture."""
+    return [
+        GeometryCapture(
+            name=f"{target}-{height:g}.tif",
+            kind="texture",
+            target=target,
+            orientation_deg=0.0,
+            height_mm=height,
+            image=np.zeros((HEIGHT_PX, WIDTH_PX)),
+        )
+        for height in heights_mm
+    ]
+
+
 def exact_matches(
     camera: PinholeCamera,
+    captures: Sequence[GeometryCapture],
     poses: Sequence[CameraPose],
     *,
     noise_px: float = 0.0,
@@ -82,9 +97,9 @@ def exact_matches(
             near_noise = 0.0 if rng is None else rng.normal(0, noise_px, other.shape)
             matches.append(
                 PlaneMatches(
-                    capture=far,
+                    capture=captures[far],
                     seen_px=(seen + far_noise)[inside],
-                    other=near,
+                    other=captures[near],
                     other_points=(other + near_noise)[inside],
                     covariance_px2=np.tile(
                         np.eye(2) * max(noise_px, 1e-3) ** 2, (int(inside.sum()), 1, 1)
@@ -94,13 +109,19 @@ def exact_matches(
     return matches
 
 
-def start_poses(heights_mm: Sequence[float]) -> list[CapturePose]:
+def start_series(captures: Sequence[GeometryCapture], focal_px: float = FOCAL_PX) -> Series:
     """Rough poses: distances without the pupil's offset, no turn, no place."""
-    return [CapturePose(log_distance=float(np.log(h / heights_mm[0]))) for h in heights_mm]
-
-
-def one_series(count: int) -> SeriesLayout:
-    return SeriesLayout(series=(0,) * count, anchors=(0,))
+    unit_mm = captures[0].height_mm
+    return Series(
+        lens=start_lens(focal_px),
+        captures=tuple(
+            PosedCapture(
+                capture=one, pose=CapturePose(log_distance=float(np.log(one.height_mm / unit_mm)))
+            )
+            for one in captures
+        ),
+        is_in_mm=False,
+    )
 
 
 @cache

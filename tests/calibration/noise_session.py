@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
+from acquisition.session.take import Take
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
 from tests.calibration.poisson_frames import BLACK_DN, GAIN_E_PER_DN, READ_NOISE_E
@@ -66,20 +67,22 @@ def noise_session(
             is_dark = entry.kind == "dark"
             session.add_capture(
                 entry,
-                captured(
-                    is_dark,
-                    entry.exposure_us,
-                    dark_dn_per_us=dark_dn_per_us,
-                    extra_variance_dn2=extra_variance_dn2,
+                Take(
+                    averaged=captured(
+                        is_dark,
+                        entry.exposure_us,
+                        dark_dn_per_us=dark_dn_per_us,
+                        extra_variance_dn2=extra_variance_dn2,
+                    ),
+                    settings=replace(
+                        SETTINGS,
+                        exposure_us=entry.exposure_us,
+                        gain_db=0.0 if is_dark else flat_gain_db,
+                    ),
+                    height_mm=100.0,
+                    focus_value=None,
+                    started=now(),
+                    finished=now(),
                 ),
-                settings=replace(
-                    SETTINGS,
-                    exposure_us=entry.exposure_us,
-                    gain_db=0.0 if is_dark else flat_gain_db,
-                ),
-                height_mm=100.0,
-                focus_value=None,
-                started=now(),
-                finished=now(),
             )
-    return Session.open(path)
+    return Session(path)

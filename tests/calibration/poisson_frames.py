@@ -31,7 +31,7 @@ def sample(
     """What a capture of these frames is to the fit."""
     return LevelSample(
         kind="dark" if kind == "dark" else "flat",
-        name=f"{kind} {exposure_us:g}",
+        capture=f"{kind} {exposure_us:g}",
         mean_dn=float(frames.mean()),
         variance_dn2=float(frames.var(axis=0, ddof=1).mean()) if len(frames) > 1 else 0.0,
         pixels=frames[0].size,

@@ -1,47 +1,103 @@
-"""Search for crashes by the clock: ``python -m tests.fuzz --minutes 30 [NAME...]``.
+"""The open search, by the clock: ``python -m tests.fuzz --minutes 30 [NAME...]``.
 
-Every target gets its turn with more examples each round. The input that crashed a reader is
-printed by Hypothesis, kept in ``.hypothesis`` and found again at once by the next run.
+In each round every reader is fed damaged input, and every property test gets examples that it has
+not seen. What is found is printed by Hypothesis, kept in ``.hypothesis`` and found again at once
+by the next run; it becomes a fixed case beside the test, as ``make test`` draws the same examples
+each time.
 """
 
 import argparse
+import subprocess
 import sys
 import time
 import traceback
 import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
+from tests.conftest import SEARCH_PROFILE
+from tests.fuzz.target import FuzzTarget
 from tests.fuzz.test_fuzz import TARGETS
 
 EXAMPLES_A_ROUND = 500
+ROOT = Path(__file__).parents[2]
+NOTHING_SELECTED = (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Searched:
+    """Something that is searched: one reader, or the property tests of one module."""
+
+    name: str
+    holds: Callable[[], bool]
+    """Search a round; False if something was found, which is printed."""
+
+
+def readers() -> Iterator[Searched]:
+    for target in TARGETS:
+        yield Searched(name=target.name, holds=partial(reader_holds, target))
+
+
+def property_tests() -> Iterator[Searched]:
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        if "@given" in path.read_text("utf-8"):
+            name = str(path.relative_to(ROOT))
+            yield Searched(name=name, holds=partial(properties_hold, name))
+
+
+def reader_holds(target: FuzzTarget) -> bool:
+    try:
+        target.search(EXAMPLES_A_ROUND)
+    except Exception:  # noqa: BLE001 - whatever it is, it is what was searched for
+        traceback.print_exc()
+        return False
+    return True
+
+
+def properties_hold(module: str) -> bool:
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "pytest", "-q", "--no-header", "-m", "hypothesis"),
+            *("-p", "no:cacheprovider", f"--hypothesis-profile={SEARCH_PROFILE}", module),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode in NOTHING_SELECTED:
+        return True
+    print(done.stdout, done.stderr, sep="\n")
+    return False
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="part of a target's name")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="part of a name")
     parser.add_argument("--minutes", type=float, default=10.0)
     given = parser.parse_args()
-    targets = [t for t in TARGETS if not given.names or any(n in t.name for n in given.names)]
-    if not targets:
-        parser.error(f"no such target; there are: {', '.join(t.name for t in TARGETS)}")
+    known = [*readers(), *property_tests()]
+    searched = [s for s in known if not given.names or any(n in s.name for n in given.names)]
+    if not searched:
+        parser.error(f"no such name; there are: {', '.join(s.name for s in known)}")
     warnings.simplefilter("error")
-    settings.register_profile("search", deadline=None, derandomize=False)
-    settings.load_profile("search")
-    end_s, crashed, rounds = time.monotonic() + 60 * given.minutes, set[str](), 0
-    while time.monotonic() < end_s and len(crashed) < len(targets):
-        for target in targets:
-            if target.name in crashed or time.monotonic() >= end_s:
+    settings.load_profile(SEARCH_PROFILE)
+    end_s, failed, rounds = time.monotonic() + 60 * given.minutes, set[str](), 0
+    while time.monotonic() < end_s and len(failed) < len(searched):
+        for one in searched:
+            if one.name in failed or time.monotonic() >= end_s:
                 continue
-            print(f"{target.name} ...", flush=True)
-            try:
-                target.search(EXAMPLES_A_ROUND)
-            except Exception:  # noqa: BLE001 - whatever it is, it is what was searched for
-                crashed.add(target.name)
-                traceback.print_exc()
+            print(f"{one.name} ...", flush=True)
+            if not one.holds():
+                failed.add(one.name)
         rounds += 1
-    print(f"{rounds} rounds of {len(targets)} targets; crashed: {', '.join(crashed) or 'none'}")
-    return 1 if crashed else 0
+    print(f"{rounds} rounds of {len(searched)} searches; failed: {', '.join(failed) or 'none'}")
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

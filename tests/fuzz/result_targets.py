@@ -24,7 +24,7 @@ from calibration.files import (
     GEOMETRY_SCHEMA,
     HOMOGRAPHY_SCHEMA,
     NOISE_SCHEMA,
-    psf_document,
+    json_object,
     read_correction,
     read_geometry,
     read_homography,
@@ -62,7 +62,7 @@ def photograph_samples() -> tuple[bytes, ...]:
     )
 
 
-PSF = psf_document(calibrate_psf(photographs([4.0, 94.0])))
+PSF = json_object(calibrate_psf(photographs([4.0, 94.0])))
 NOISE: dict[str, Any] = {
     "schema": NOISE_SCHEMA,
     "gain_e_per_dn": 5.0,
@@ -99,6 +99,7 @@ HOMOGRAPHY: dict[str, Any] = {
     "schema": HOMOGRAPHY_SCHEMA,
     "matrix": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]],
     "size": [30, 20],
+    "distortion_k1": 0.01,
 }
 CURVES: dict[str, Any] = {
     "schema": "standoff.detectability/1",

@@ -1,6 +1,5 @@
 """Files of the bench and of a capture session: TOML, JSON, journal and capture TIFF."""
 
-from datetime import UTC, datetime
 from io import BytesIO
 from pathlib import Path
 
@@ -54,7 +53,7 @@ def replay(data: bytes) -> object:
 
 def mend(path: Path) -> None:
     """Open for writing, which cuts a torn tail off; then all of it is sound."""
-    with JournalWriter(path, utc_now=lambda: datetime.now(UTC), new_uid=lambda: "n"):
+    with JournalWriter(path):
         pass
     assert not read_journal(path.read_bytes()).torn_tail
 

@@ -19,6 +19,7 @@ from standoff.errors import ApplicationError
 from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
 from tests.fuzz.damage import DEEP
 from tests.fuzz.result_targets import MAPS, NOISE, damaged_map, read_kernel
+from tests.fuzz.wire_targets import into_zaber
 
 THOUSANDS_OF_DIGITS = "9" * 5000
 
@@ -90,3 +91,8 @@ def test_a_manifest_that_is_no_text_is_named(tmp_path: Path) -> None:
     (tmp_path / MANIFEST_NAME).write_bytes(b'{"image_sha256": "\xf5"}\n')
     with pytest.raises(ApplicationError, match="not a manifest"):
         manifest_lines(tmp_path)
+
+
+def test_digits_of_other_scripts_are_no_zaber_address() -> None:
+    into_zaber("/²1 1 07 home\n".encode("latin-1"))
+    into_zaber(f"/{THOUSANDS_OF_DIGITS} 1 07 home\n".encode())

@@ -7,25 +7,11 @@ from hypothesis import strategies as st
 
 from acquisition.aravis.pixel_decoding import decode_pixels
 from acquisition.errors import DeviceError
-from acquisition.stages.grbl.stage import GrblStage
-from acquisition.stages.zaber.stage import ZaberStage
 from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
 from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
-from hil_mocks.gige.gvcp import (
-    CommandCode,
-    GvcpError,
-    RegisterWrite,
-    ResendRequest,
-    encode_command,
-    encode_read_memory,
-    encode_read_registers,
-    encode_resend_request,
-    encode_write_memory,
-    encode_write_registers,
-    parse_acknowledge,
-)
+from hil_mocks.gige.gvcp import CommandCode, GvcpError, RegisterWrite, ResendRequest
 from hil_mocks.gige.registers import RegisterMap
 from hil_mocks.gige.settings import CameraState
 from hil_mocks.stages.grbl import GrblFirmware
@@ -34,6 +20,15 @@ from hil_mocks.stages.serial_line import LineFaults, SerialLine
 from hil_mocks.stages.zaber import ZaberFirmware
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget
+from tests.hil_mocks.gige_wire import (
+    encode_command,
+    encode_read_memory,
+    encode_read_registers,
+    encode_resend_request,
+    encode_write_memory,
+    encode_write_registers,
+    parse_acknowledge,
+)
 from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, zaber_rig
 
 PEER = ("127.0.0.1", 5000)
@@ -121,9 +116,9 @@ def drive(rig: GrblRig | ZaberRig, data: bytes) -> None:
 
     Every step may fail with an error of its own, and the next one is tried all the same.
     """
-    stage: GrblStage | ZaberStage = rig.stage
+    stage = rig.stage
     steps: tuple[Callable[[], object], ...] = (
-        stage.connect,
+        rig.axis.connect,
         lambda: stage.home(60),
         lambda: stage.move_to(120.0, 20),
         stage.position_mm,

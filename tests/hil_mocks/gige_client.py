@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from hil_mocks.gige.bootstrap import BootstrapAddress
 from hil_mocks.gige.feature import Feature
 from hil_mocks.gige.features import features_of
-from hil_mocks.gige.gvcp import (
-    GVCP_PORT,
+from hil_mocks.gige.gvcp import GVCP_PORT, CommandCode, GvcpStatus, RegisterWrite, ResendRequest
+from hil_mocks.gige.gvsp import ImageLeader, PacketFormat
+from tests.hil_mocks.gige_wire import (
     Acknowledge,
-    CommandCode,
-    GvcpStatus,
-    RegisterWrite,
-    ResendRequest,
+    GvspPacket,
     encode_command,
     encode_read_memory,
     encode_read_registers,
@@ -29,8 +27,9 @@ from hil_mocks.gige.gvcp import (
     encode_write_memory,
     encode_write_registers,
     parse_acknowledge,
+    parse_leader,
+    parse_packet,
 )
-from hil_mocks.gige.gvsp import GvspPacket, ImageLeader, PacketFormat, parse_leader, parse_packet
 
 REPLY_S = 20.0
 FRAME_S = 20.0

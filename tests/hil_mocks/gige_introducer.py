@@ -10,15 +10,8 @@ from contextlib import contextmanager
 from threading import Thread
 from time import monotonic, sleep
 
-from hil_mocks.gige.gvcp import (
-    GVCP_PORT,
-    CommandCode,
-    GvcpError,
-    encode_acknowledge,
-    encode_command,
-    parse_acknowledge,
-    parse_command,
-)
+from hil_mocks.gige.gvcp import GVCP_PORT, CommandCode, GvcpError, encode_acknowledge, parse_command
+from tests.hil_mocks.gige_wire import encode_command, parse_acknowledge
 
 LOOPBACK = "127.0.0.1"
 PORT_WITHIN_S = 60.0

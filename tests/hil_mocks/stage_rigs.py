@@ -5,16 +5,19 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from acquisition.bench import StageConfig
-from acquisition.stages.grbl.stage import GrblStage
+from acquisition.stages.grbl.axis import GrblAxis
+from acquisition.stages.grbl.controller import GrblController
 from acquisition.stages.manual import ManualStage
+from acquisition.stages.motor import MotorStage
 from acquisition.stages.serial_link import SerialLink
-from acquisition.stages.zaber.stage import ZaberStage
+from acquisition.stages.zaber.axis import ZaberAxis
+from acquisition.stages.zaber.device import ZaberDevice
 from hil_mocks import SimulatedClock
-from hil_mocks.stages.grbl import GrblFirmware
+from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.serial_line import SerialLine
-from hil_mocks.stages.zaber import ZaberFirmware
-from hil_mocks.virtual_port import VirtualPort
+from hil_mocks.stages.zaber import ZaberFaults, ZaberFirmware
+from tests.hil_mocks.virtual_port import VirtualPort
 
 MICROSTEP_UM = 0.49609375
 
@@ -50,10 +53,21 @@ class EventClock(SimulatedClock):
 class StageRig:
     """Mechanics, the cable to their controller, and the time in which they move."""
 
+    stage: MotorStage
     plant: StagePlant
     line: SerialLine
     clock: EventClock
     config: StageConfig
+    round_mm: float
+
+    @property
+    def sent(self) -> list[str]:
+        """The commands that reached the controller."""
+        raise NotImplementedError
+
+    def fail(self, **faults: Any) -> None:
+        """Put the controller at fault; none heals it."""
+        raise NotImplementedError
 
     def in_mid_move(self, event: Callable[[], object], in_s: float = 2.0) -> None:
         """Plan something for a moment when the stage moves."""
@@ -73,13 +87,23 @@ class StageRig:
 class GrblRig(StageRig):
     """A Grbl stage, its controller, its mechanics and the cable between."""
 
-    stage: GrblStage
+    axis: GrblAxis
     firmware: GrblFirmware
+    round_mm: float = 0.005
+    """The position after a homing is known to a step of 0.004 mm."""
 
-    def reopen(self, *, reset: bool = False) -> GrblStage:
+    @property
+    def sent(self) -> list[str]:
+        return self.firmware.lines_received
+
+    def fail(self, **faults: Any) -> None:
+        self.firmware.faults = GrblFaults(**faults)
+
+    def reopen(self, *, reset: bool = False) -> MotorStage:
         """A new connection, as another process would make it."""
-        self.stage = _grbl_stage(self.config, self.line, self.clock)
-        self.stage.connect(reset=reset)
+        self.axis = _grbl_axis(self.config, self.line, self.clock)
+        self.stage = _stage(self.config, self.axis, self.clock)
+        self.axis.connect(reset=reset)
         return self.stage
 
 
@@ -87,13 +111,23 @@ class GrblRig(StageRig):
 class ZaberRig(StageRig):
     """A Zaber stage, its controller, its mechanics and the cable between."""
 
-    stage: ZaberStage
+    axis: ZaberAxis
     firmware: ZaberFirmware
+    round_mm: float = 0.006
+    """A step of homing at 1 mm/s and a microstep."""
 
-    def reopen(self) -> ZaberStage:
+    @property
+    def sent(self) -> list[str]:
+        return self.firmware.commands_received
+
+    def fail(self, **faults: Any) -> None:
+        self.firmware.faults = ZaberFaults(**faults)
+
+    def reopen(self) -> MotorStage:
         """A new connection, as another process would make it."""
-        self.stage = _zaber_stage(self.config, self.line, self.clock)
-        self.stage.connect()
+        self.axis = _zaber_axis(self.config, self.line, self.clock)
+        self.stage = _stage(self.config, self.axis, self.clock)
+        self.axis.connect()
         return self.stage
 
 
@@ -118,8 +152,10 @@ def grbl_rig(
     line = SerialLine(firmware)
     table = {**STAGE_KEYS, "driver": "grbl", "home_offset_mm": high_switch_mm, **keys}
     config = StageConfig.model_validate(table)
+    axis = _grbl_axis(config, line, clock)
     rig = GrblRig(
-        stage=_grbl_stage(config, line, clock),
+        stage=_stage(config, axis, clock),
+        axis=axis,
         firmware=firmware,
         plant=plant,
         line=line,
@@ -127,7 +163,7 @@ def grbl_rig(
         config=config,
     )
     if connect:
-        rig.stage.connect()
+        rig.axis.connect()
     return rig
 
 
@@ -150,8 +186,10 @@ def zaber_rig(*, connect: bool = True, **keys: object) -> ZaberRig:
         **keys,
     }
     config = StageConfig.model_validate(table)
+    axis = _zaber_axis(config, line, clock)
     rig = ZaberRig(
-        stage=_zaber_stage(config, line, clock),
+        stage=_stage(config, axis, clock),
+        axis=axis,
         firmware=firmware,
         plant=plant,
         line=line,
@@ -159,7 +197,7 @@ def zaber_rig(*, connect: bool = True, **keys: object) -> ZaberRig:
         config=config,
     )
     if connect:
-        rig.stage.connect()
+        rig.axis.connect()
     return rig
 
 
@@ -189,12 +227,23 @@ def manual_stage(*answers: str, **keys: object) -> tuple[ManualStage, Operator]:
     return ManualStage(config, ask=operator), operator
 
 
-def _grbl_stage(config: StageConfig, line: SerialLine, clock: EventClock) -> GrblStage:
-    return GrblStage(config, _link(line, clock), clock=lambda: clock.now_s, sleep=clock.advance)
+def _grbl_axis(config: StageConfig, line: SerialLine, clock: EventClock) -> GrblAxis:
+    controller = GrblController(_link(line, clock), clock=lambda: clock.now_s)
+    return GrblAxis(config, controller, clock=lambda: clock.now_s, sleep=clock.advance)
 
 
-def _zaber_stage(config: StageConfig, line: SerialLine, clock: EventClock) -> ZaberStage:
-    return ZaberStage(config, _link(line, clock), clock=lambda: clock.now_s, sleep=clock.advance)
+def _zaber_axis(config: StageConfig, line: SerialLine, clock: EventClock) -> ZaberAxis:
+    device = ZaberDevice(
+        _link(line, clock),
+        device=config.device_address,
+        axis=config.axis_number,
+        clock=lambda: clock.now_s,
+    )
+    return ZaberAxis(config, device, clock=lambda: clock.now_s, sleep=clock.advance)
+
+
+def _stage(config: StageConfig, axis: GrblAxis | ZaberAxis, clock: EventClock) -> MotorStage:
+    return MotorStage(config, axis, clock=lambda: clock.now_s, sleep=clock.advance)
 
 
 def _link(line: SerialLine, clock: EventClock) -> SerialLink:

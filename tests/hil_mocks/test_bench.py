@@ -24,13 +24,15 @@ def mean_of_frames(bench: SimulatedBench, count: int) -> NDArray[np.float64]:
 
 def test_a_bench_without_truth_is_refused() -> None:
     config = bench_config().model_copy(update={"simulated": None})
-    with pytest.raises(BenchConfigError, match="simulated"):
+    with pytest.raises(BenchConfigError) as refused:
         SimulatedBench(config)
+    assert refused.value.keys == ("simulated",)
 
 
 def test_a_lens_that_cannot_be_is_refused() -> None:
-    with pytest.raises(BenchConfigError, match="k1"):
+    with pytest.raises(BenchConfigError) as refused:
         SimulatedBench(bench_config(simulated__k1=-0.3))
+    assert "k1" in str(refused.value)
 
 
 def test_the_shipped_simulated_bench_opens() -> None:
@@ -42,7 +44,7 @@ def test_the_shipped_simulated_bench_opens() -> None:
 def test_an_unknown_target_leaves_the_old_one() -> None:
     bench = homed_bench()
     bench.place("flat")
-    with pytest.raises(ValueError, match="it has edge"):
+    with pytest.raises(ValueError):
         bench.place("flatt")
     assert bench.target == "flat"
 

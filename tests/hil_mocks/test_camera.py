@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeoutError
+from acquisition.errors import (
+    CameraFeatureError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceTimeoutError,
+)
 from hil_mocks.camera import CameraFaults, SimulatedCamera, following_frame_id
 from tests.hil_mocks.benches import homed_bench
 
@@ -63,8 +68,9 @@ def test_a_lost_frame_is_a_timeout_that_takes_its_time_and_an_id() -> None:
     bench.camera.faults = CameraFaults(lost_frames=frozenset({0}))
     bench.camera.start()
     before_s = bench.clock.now_s
-    with pytest.raises(DeviceTimeoutError, match="within 2"):
+    with pytest.raises(DeviceTimeoutError) as refused:
         bench.camera.next_frame(2.0)
+    assert refused.value.timeout_s == 2.0
     assert bench.clock.now_s - before_s == pytest.approx(2.0)
     assert bench.camera.next_frame(2.0).frame_id == 2
 
@@ -108,8 +114,9 @@ def test_mono8_has_a_sixteenth_of_the_black_level() -> None:
 
 
 def test_a_pixel_format_that_it_does_not_have_is_refused() -> None:
-    with pytest.raises(DeviceError, match=r"BayerRG8.*Mono8, Mono12"):
+    with pytest.raises(CameraFeatureError) as refused:
         homed_bench(camera__pixel_format="BayerRG8")
+    assert refused.value.feature == "PixelFormat"
 
 
 def test_a_closed_camera_does_nothing_more() -> None:
@@ -120,5 +127,5 @@ def test_a_closed_camera_does_nothing_more() -> None:
 
 
 def test_starting_twice_is_an_error() -> None:
-    with pytest.raises(DeviceError, match="already"):
+    with pytest.raises(DeviceError):
         started().start()

@@ -7,6 +7,7 @@ from typing import Literal
 
 from acquisition.errors import (
     DeviceProtocolError,
+    DeviceRefusalError,
     DeviceResetError,
     DeviceTimeoutError,
     StageAlarmError,
@@ -226,17 +227,18 @@ class GrblController:
 
         Raises
         ------
-        DeviceProtocolError
-            If they cannot be read.
+        DeviceRefusalError
+            If the controller cannot read them itself.
         """
         try:
             answer = self.command("$$")
         except (DeviceTimeoutError, DeviceProtocolError):
             answer = self.command("$$")  # a question may be asked twice
         if answer.error is not None:
-            raise DeviceProtocolError(
+            raise DeviceRefusalError(
                 f"{self.name} refuses its settings with {answer.error.text}; restore them with "
-                "$RST=$ in a terminal, then enter those of this stage"
+                "$RST=$ in a terminal, then enter those of this stage",
+                code=answer.error.code,
             )
         return {setting.number: setting.value for setting in answer.settings}
 

@@ -1,11 +1,12 @@
 """Finds lost steps by comparing where the home switch answers with where it should."""
 
-from collections.abc import Callable
+from threading import Event
 
 from acquisition.errors import DeviceTimeoutError, StageAlarmError, StageLimitError
-from acquisition.stages.grbl.controller import GrblController
+from acquisition.stages.axis import POLL_S
 from acquisition.stages.grbl.motion import GrblMotion
 from acquisition.stages.grbl.setup import GrblSetup
+from acquisition.stages.motor import halt, travel
 
 __all__ = ["SWITCH_TOLERANCE_MM", "reference_error_mm"]
 
@@ -18,31 +19,25 @@ LEAVE_STEPS = 20
 
 
 def reference_error_mm(
-    motion: GrblMotion,
-    controller: GrblController,
-    setup: GrblSetup,
-    *,
-    home_mm: float,
-    clock: Callable[[], float],
-    deadline: float,
+    axis: GrblMotion, setup: GrblSetup, *, home_mm: float, deadline: float, stop: Event
 ) -> float | None:
     """Height error of a homed stage: true height less the one it reads.
 
     The stage goes to where the last homing left it, watching the switch, then creeps at homing
     speed to where the switch answered then, and no further: what is found is a switch that
-    answers early. A stage
-    that lost steps *away* from its switch does not reach it, and is not measured.
+    answers early. A stage that lost steps *away* from its switch does not reach it, and is not
+    measured.
 
     Parameters
     ----------
-    motion, controller, setup
+    axis, setup
         Of a stage that stands and believes it is homed.
     home_mm
-        Machine position after the last homing.
-    clock
-        Seconds.
+        Height after the last homing.
     deadline
-        On that clock.
+        On the clock of the axis.
+    stop
+        Set by whoever wants the check to end.
 
     Returns
     -------
@@ -56,73 +51,69 @@ def reference_error_mm(
     DeviceError
         If the stage fails otherwise. A hard limit is no failure: it is what is looked for.
     """
-    switch_mm = home_mm + setup.towards_switch * setup.pull_off_mm
-    feed_mm_per_min = motion.feed_mm_per_min
+    pull_off_mm = axis.scale.sign * setup.towards_switch * setup.pull_off_mm
+    switch_mm = home_mm + pull_off_mm
+    feed_mm_per_min = axis.config.feed_mm_per_min
+    locate_feed = min(setup.locate_feed_mm_per_min, feed_mm_per_min)
+    found_mm = None
     try:
-        found_mm = _seek(motion, controller, home_mm, feed_mm_per_min, clock, deadline)
-        if found_mm is not None:
-            _leave_switch(motion, controller, setup, deadline)
-        locate_feed = min(setup.locate_feed_mm_per_min, feed_mm_per_min)
-        found_mm = _seek(motion, controller, switch_mm, locate_feed, clock, deadline)
-        if found_mm is not None:
-            _leave_switch(motion, controller, setup, deadline)
+        for target_mm, feed in ((home_mm, feed_mm_per_min), (switch_mm, locate_feed)):
+            if stop.is_set():
+                return None
+            found_mm = _seek(axis, target_mm, feed, deadline)
+            if found_mm is not None:
+                _leave_switch(axis, pull_off_mm, deadline, stop)
     except StageLimitError:
         return None
     except StageAlarmError as error:
         if error.code != HARD_LIMIT:
             raise
-        controller.reset()
-        found_mm = motion.machine_mm(controller.status())
-    if found_mm is None:
-        return None
-    return round(motion.axis.sign * (switch_mm - found_mm), 6)
+        axis.controller.reset()
+        found_mm = axis.height_mm()
+    return None if found_mm is None else round(switch_mm - found_mm, 6)
 
 
 def _seek(
-    motion: GrblMotion,
-    controller: GrblController,
-    target_mm: float,
-    feed_mm_per_min: float,
-    clock: Callable[[], float],
-    deadline: float,
+    axis: GrblMotion, target_mm: float, feed_mm_per_min: float, deadline: float
 ) -> float | None:
-    """Machine position at which the switch answers on the way; None if it does not.
+    """Height at which the switch answers on the way; None if it does not.
 
     Raises
     ------
     StageLimitError
         If the firmware keeps its jogs off the switch, as grblHAL does with hard limits.
     """
-    code = motion.jog(target_mm, feed_mm_per_min)
-    if code is not None:
-        raise motion.refused(code)
+    axis.jog(target_mm, feed_mm_per_min)
     idle_reports = 0
-    while clock() < deadline:
-        report = controller.status()
-        if motion.axis.letter in report.pins:
-            found_mm = motion.machine_mm(report)
-            motion.cancel()
+    while axis.clock() < deadline:
+        report = axis.controller.status()
+        if axis.scale.letter in report.pins:
+            found_mm = axis.reported_mm(report)
+            halt(axis, clock=axis.clock, sleep=axis.sleep)
             return found_mm
         # Idle may still be reported once after the ok.
         idle_reports = idle_reports + 1 if report.state == "Idle" else 0
         if idle_reports > IDLE_REPORTS:
             return None
-        motion.pause()
-    motion.cancel()
-    raise DeviceTimeoutError(f"{controller.name}: the check of the home switch did not end")
+        axis.sleep(POLL_S)
+    halt(axis, clock=axis.clock, sleep=axis.sleep)
+    raise DeviceTimeoutError(f"{axis.name}: the check of the home switch did not end")
 
 
-def _leave_switch(
-    motion: GrblMotion, controller: GrblController, setup: GrblSetup, deadline: float
-) -> None:
+def _leave_switch(axis: GrblMotion, pull_off_mm: float, deadline: float, stop: Event) -> None:
     """Go back in steps of the pull-off until the switch is released."""
     for _ in range(LEAVE_STEPS):
-        report = controller.status()
-        if motion.axis.letter not in report.pins:
+        report = axis.controller.status()
+        if axis.scale.letter not in report.pins:
             return
-        at_mm = motion.machine_mm(report)
-        motion.travel(at_mm - setup.towards_switch * setup.pull_off_mm, deadline)
+        travel(
+            axis,
+            axis.reported_mm(report) - pull_off_mm,
+            tolerance_mm=axis.config.tolerance_mm,
+            deadline=deadline,
+            stop=stop,
+        )
     raise StageAlarmError(
-        f"{controller.name}: the home switch stays pressed; check the switch and its wiring",
+        f"{axis.name}: the home switch stays pressed; check the switch and its wiring",
         code="switch",
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from acquisition.bench import StageConfig
-from acquisition.errors import DeviceError, DeviceProtocolError
+from acquisition.errors import DeviceProtocolError, DeviceSettingsError
 from acquisition.stages.grbl.wire import AXES
 
 __all__ = ["GrblSetup", "HeightAxis", "check_settings", "height_axis"]
@@ -27,7 +27,7 @@ class HeightAxis:
 
     @property
     def index(self) -> int:
-        """Place of the axis in a report."""
+        """Index of the axis in a report."""
         return AXES.index(self.letter)
 
     def height_mm(self, machine_mm: float) -> float:
@@ -67,25 +67,30 @@ def check_settings(settings: dict[int, str], config: StageConfig, *, name: str) 
 
     Raises
     ------
-    DeviceError
-        If the controller reports inches, or a setting is not as expected: one line names each.
+    DeviceSettingsError
+        If the controller reports inches, or settings are not as expected.
     DeviceProtocolError
         If a setting is missing or no number.
     """
     if _number(settings, REPORT_INCHES, name) != 0:
-        raise DeviceError(f"{name} reports inches; set $13=0 in a terminal")
-    faults = []
+        raise DeviceSettingsError(
+            f"{name} reports inches; set $13=0 in a terminal", settings=(f"${REPORT_INCHES}",)
+        )
+    faults = {}
     for key, expected in config.expected_settings.items():
         digits = key.removeprefix("$")
         if not digits.isdecimal():
-            raise DeviceError(f"expected_settings: {key!r} is not a Grbl setting such as '$102'")
+            raise DeviceSettingsError(
+                f"expected_settings: {key!r} is not a Grbl setting such as '$102'", settings=(key,)
+            )
         found = settings.get(int(digits))
         if found is None or _as_number(found) != expected:
-            faults.append(f"${digits} is {found or 'missing'}, expected {expected:g}")
+            faults[f"${digits}"] = f"${digits} is {found or 'missing'}, expected {expected:g}"
     if faults:
-        raise DeviceError(
-            f"{name} is not set as the bench file expects: {'; '.join(faults)}. "
-            "Enter the settings in a terminal, or correct expected_settings"
+        raise DeviceSettingsError(
+            f"{name} is not set as the bench file expects: {'; '.join(faults.values())}. "
+            "Enter the settings in a terminal, or correct expected_settings",
+            settings=tuple(faults),
         )
     homing = int(_number(settings, HOMING, name))
     inverted = int(_number(settings, HOMING_INVERTED, name))

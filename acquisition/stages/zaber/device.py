@@ -9,8 +9,9 @@ from typing import Self
 from acquisition.bench import StageConfig
 from acquisition.errors import (
     BenchConfigError,
-    DeviceError,
     DeviceProtocolError,
+    DeviceRefusalError,
+    DeviceSettingsError,
     DeviceTimeoutError,
 )
 from acquisition.stages.serial_link import SerialLink
@@ -46,7 +47,9 @@ class ZaberScale:
             If it gives no ``microstep_um``.
         """
         if config.microstep_um is None:
-            raise BenchConfigError("stage.microstep_um: the zaber driver needs it")
+            raise BenchConfigError(
+                "stage.microstep_um: the zaber driver needs it", keys=("stage.microstep_um",)
+            )
         sign = 1 if config.direction == "up" else -1
         return cls(
             mm_per_step=sign * config.microstep_um / 1000,
@@ -168,7 +171,7 @@ class ZaberDevice:
         ------
         DeviceTimeoutError, DeviceProtocolError
             If no readable reply came.
-        DeviceError
+        DeviceRefusalError
             If it was rejected.
         """
         reply = self._read_tries(text, axis=axis)
@@ -183,7 +186,7 @@ class ZaberDevice:
         ------
         DeviceProtocolError
             If it is no number.
-        DeviceError
+        DeviceRefusalError
             If the device does not know the setting.
         """
         data = self.ask(f"get {setting}", axis=axis).data
@@ -200,18 +203,19 @@ class ZaberDevice:
 
         Raises
         ------
-        DeviceError
-            If some differ: the message names each.
+        DeviceSettingsError
+            If some differ.
         """
-        faults = [
-            f"{setting} is {found:g}, expected {value:g}"
+        faults = {
+            setting: f"{setting} is {found:g}, expected {value:g}"
             for setting, value in expected.items()
             if (found := self.number(setting)) != value
-        ]
+        }
         if faults:
-            raise DeviceError(
-                f"{self.name} is not set as the bench file expects: {'; '.join(faults)}. "
-                "Correct the device or expected_settings"
+            raise DeviceSettingsError(
+                f"{self.name} is not set as the bench file expects: {'; '.join(faults.values())}. "
+                "Correct the device or expected_settings",
+                settings=tuple(faults),
             )
 
     def warnings(self) -> tuple[str, ...]:
@@ -221,10 +225,13 @@ class ZaberDevice:
             raise DeviceProtocolError(f"{self.name}: {count} warnings announced, {flags} sent")
         return tuple(flags)
 
-    def rejected(self, text: str, reply: ZaberReply) -> DeviceError:
+    def rejected(self, text: str, reply: ZaberReply) -> DeviceRefusalError:
         """Say why a command was rejected."""
         reason = REJECTIONS.get(reply.data, "see the protocol manual")
-        return DeviceError(f"{self.name} rejects {text!r}: {reply.data} ({reason}); nothing moved")
+        return DeviceRefusalError(
+            f"{self.name} rejects {text!r}: {reply.data} ({reason}); nothing moved",
+            code=reply.data,
+        )
 
     def close(self) -> None:
         """Close the link; closing twice is harmless."""

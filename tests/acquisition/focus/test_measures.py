@@ -109,11 +109,11 @@ def test_the_noise_between_two_frames_does_not_hold_flicker(flicker: float, sigm
 
 
 def test_frames_of_two_shapes_are_refused() -> None:
-    with pytest.raises(ValueError, match="frames of"):
+    with pytest.raises(ValueError):
         variance_between(np.zeros((4, 5)), np.zeros((5, 4)), 0.0)
 
 
 @pytest.mark.parametrize("measure", MEASURES[1:])
 def test_a_picture_smaller_than_the_measure_reaches_is_refused(measure: FocusMeasure) -> None:
-    with pytest.raises(ValueError, match="3 x 3"):
+    with pytest.raises(ValueError):
         focus_value(np.zeros((2, 9)), black_level_dn=0, measure=measure)

@@ -75,7 +75,7 @@ def runs() -> Iterator[Runs]:
 
 def captured(path: Path) -> int:
     """Count the captures, each of which must be whole."""
-    session = Session.open(path)
+    session = Session(path)
     assert verify(path).is_ok
     for record in session.records:
         session.load(record)
@@ -86,7 +86,7 @@ def files(path: Path) -> dict[str, bytes]:
     """Bytes of every file that the journal knows."""
     return {
         file: (path / file).read_bytes()
-        for capture in Session.open(path).captures
+        for capture in Session(path).captures
         for file in (capture.record.file, capture.record.frames_file)
         if file is not None
     }

@@ -15,38 +15,44 @@ def test_a_record_survives_json_text_and_back_exactly(record: CaptureRecord) -> 
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    ("changed", "key"),
     [
-        ({"index": "7"}, "index: .*integer"),
-        ({"index": True}, "index: .*integer"),
-        ({"index": -1}, "index must not be negative"),
-        ({"frames_used": 0}, "frames_used must be at least 1"),
-        ({"height_mm": None}, "height_mm: .*number"),
-        ({"height_mm": float("nan")}, "height_mm must be finite"),
-        ({"kind": "edges"}, "kind: .*edge"),
-        ({"started_utc": "yesterday"}, "started_utc must be a time in UTC"),
-        ({"started_utc": "2025-03-04T05:06:07"}, "started_utc must be a time in UTC"),
-        ({"started_utc": "2025-03-04T05:06:07+01:00"}, "started_utc must be a time in UTC"),
-        ({"file": "/etc/passwd"}, "file must lie inside"),
-        ({"frames_file": "frames/../../x.tif"}, "frames_file must lie inside"),
-        ({"colour": "red"}, "colour: Unexpected"),
+        ({"index": "7"}, "index"),
+        ({"index": True}, "index"),
+        ({"index": -1}, "index"),
+        ({"frames_used": 0}, "frames_used"),
+        ({"height_mm": None}, "height_mm"),
+        ({"height_mm": float("nan")}, "height_mm"),
+        ({"kind": "edges"}, "kind"),
+        ({"started_utc": "yesterday"}, "started_utc"),
+        ({"started_utc": "2025-03-04T05:06:07"}, "started_utc"),
+        ({"started_utc": "2025-03-04T05:06:07+01:00"}, "started_utc"),
+        ({"file": "/etc/passwd"}, "file"),
+        ({"frames_file": "frames/../../x.tif"}, "frames_file"),
+        ({"colour": "red"}, "colour"),
     ],
 )
-def test_a_record_that_is_not_one_names_the_key(changed: dict[str, object], message: str) -> None:
-    with pytest.raises(SessionError, match=f"line 3: .*({message})"):
+def test_a_record_that_is_not_one_names_the_key(changed: dict[str, object], key: str) -> None:
+    with pytest.raises(SessionError) as refused:
         CaptureRecord.from_json({**RECORD.to_json(), **changed}, source="line 3")
+    assert refused.value.fault == "damaged"
+    # A key that pydantic cannot check alone is named in the text only.
+    assert refused.value.keys in ((key,), ("",))
+    assert key in str(refused.value)
+    assert str(refused.value).startswith("line 3: ")
 
 
 @pytest.mark.parametrize("key", list(RECORD.to_json()))
 def test_no_key_may_be_missing(key: str) -> None:
     document = RECORD.to_json()
     del document[key]
-    with pytest.raises(SessionError, match=f"{key}: .*required"):
+    with pytest.raises(SessionError) as refused:
         CaptureRecord.from_json(document)
+    assert refused.value.keys == (key,)
 
 
 def test_a_height_that_is_not_a_number_cannot_be_recorded() -> None:
-    with pytest.raises(ValueError, match="height_mm"):
+    with pytest.raises(ValueError):
         replace(RECORD, height_mm=float("inf"))
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session.reader import Session, verify
+from acquisition.session.take import Photograph
 from acquisition.session.writer import SessionWriter
 from tests.acquisition.session_fixtures import (
     DEVICES,
@@ -28,13 +29,13 @@ def path(tmp_path: Path) -> Path:
 
 
 def kinds(path: Path) -> list[str]:
-    return [event.kind for event in Session.open(path).events]
+    return [event.kind for event in Session(path).events]
 
 
 def test_a_new_session_begins_with_start_and_plan(path: Path) -> None:
     with writer(path) as session:
         assert session.pending_entries() == session.entries
-    start, plan = Session.open(path).events
+    start, plan = Session(path).events
     assert (start.kind, plan.kind) == ("start", "plan")
     digest = hashlib.sha256((path / "session.json").read_bytes()).hexdigest()
     assert start.facts["session_sha256"] == digest
@@ -69,20 +70,23 @@ def test_a_session_that_was_killed_before_its_start_was_journaled_starts(path: P
 def test_a_directory_with_other_files_is_left_alone(path: Path) -> None:
     path.mkdir(parents=True)
     (path / "holiday.jpg").touch()
-    with pytest.raises(SessionError, match="holds files but is not a capture session"):
+    with pytest.raises(SessionError) as refused:
         writer(path)
+    assert refused.value.fault == "not a session"
     assert [file.name for file in path.iterdir()] == ["holiday.jpg"]
 
 
 def test_a_session_whose_session_json_is_gone_is_not_begun_anew(path: Path) -> None:
     whole_session(path)
     (path / "session.json").unlink()
-    with pytest.raises(SessionError, match="not a capture session"):
+    with pytest.raises(SessionError) as refused:
         writer(path)
+    assert refused.value.fault == "not a session"
     for folder in ("captures", "frames", "logs"):
         shutil.rmtree(path / folder)
-    with pytest.raises(SessionError, match="gone but the journal is not empty"):
+    with pytest.raises(SessionError) as refused:
         writer(path)
+    assert refused.value.fault == "damaged"
 
 
 def test_resuming_asks_only_for_what_is_missing_or_damaged(path: Path) -> None:
@@ -93,7 +97,7 @@ def test_resuming_asks_only_for_what_is_missing_or_damaged(path: Path) -> None:
     (path / records[2].file).unlink()
     with writer(path, prefix="later") as session:
         assert [entry.index for entry in session.pending_entries()] == [1, 2, 4, 5]
-    assert Session.open(path).events[-1].facts["pending"] == 4
+    assert Session(path).events[-1].facts["pending"] == 4
     assert kinds(path)[-1] == "resume"
 
 
@@ -114,25 +118,27 @@ def test_a_capture_whose_journal_line_was_cut_short_is_taken_again_under_its_nam
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    ("changed", "key"),
     [
-        ({"bench": bench_of(gain_db=3.0)}, r"bench\.camera\.gain_db was 0\.0, now 3\.0;"),
-        ({"plan": plan_of(heights_mm=[100.0, 111.0])}, r"plan\.heights_mm\.1 was 110\.0, now 111"),
-        ({"plan": plan_of(repeats=2)}, r"plan\.repeats was 1, now 2"),
+        ({"bench": bench_of(gain_db=3.0)}, "bench.camera.gain_db"),
+        ({"plan": plan_of(heights_mm=[100.0, 111.0])}, "plan.heights_mm.1"),
+        ({"plan": plan_of(repeats=2)}, "plan.repeats"),
         (
             {"devices": {**DEVICES, "camera": {"DeviceSerialNumber": "C2"}}},
-            r'camera\.DeviceSerialNumber was "C1", now "C2"',
+            "devices.camera.DeviceSerialNumber",
         ),
-        ({"devices": {}}, r"devices\.camera was .*, now not set"),
+        ({"devices": {}}, "devices.camera"),
     ],
 )
 def test_another_plan_bench_or_device_is_refused_with_the_difference_in_one_line(
-    path: Path, changed: dict[str, object], message: str
+    path: Path, changed: dict[str, object], key: str
 ) -> None:
     whole_session(path)
     before = (path / "journal.jsonl").read_bytes()
-    with pytest.raises(SessionError, match=message) as caught:
+    with pytest.raises(SessionError) as caught:
         writer(path, **changed)  # type: ignore[arg-type]
+    assert caught.value.fault == "made otherwise"
+    assert key in caught.value.keys
     assert "\n" not in str(caught.value)
     assert (path / "journal.jsonl").read_bytes() == before
     writer(path).close()  # the lock was given back
@@ -146,8 +152,9 @@ def test_a_warmer_camera_is_still_the_same_camera(path: Path) -> None:
 
 
 def test_a_second_process_is_refused(path: Path) -> None:
-    with writer(path), pytest.raises(SessionError, match="in use by another process"):
+    with writer(path), pytest.raises(SessionError) as refused:
         writer(path)
+    assert refused.value.fault == "in use"
 
 
 def test_a_full_disk_is_refused_before_the_start(
@@ -156,8 +163,9 @@ def test_a_full_disk_is_refused_before_the_start(
     with writer(path) as session:
         monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=70 * 2**20))
         session.require_space(5 * 2**20)
-        with pytest.raises(SessionError, match="73 MB free, the captures take 74 MB"):
+        with pytest.raises(SessionError) as refused:
             session.require_space(7 * 2**20)
+        assert refused.value.fault == "unwritable"
 
 
 @pytest.mark.parametrize("failing_write", [0, 1])
@@ -179,9 +187,10 @@ def test_a_disk_that_fills_up_in_mid_capture_leaves_a_session_that_resumes(
         first = add(session, session.entries[0])
         with monkeypatch.context() as patch:
             patch.setattr(Path, "open", full)
-            with pytest.raises(SessionError, match="No space left on device; see to the disk"):
+            with pytest.raises(SessionError) as refused:
                 add(session, session.entries[1], raw_frames=frames)
-    assert Session.open(path).records == (first,)
+            assert refused.value.fault == "unwritable"
+    assert Session(path).records == (first,)
     with writer(path, prefix="later") as session:
         assert session.pending_entries()[0].index == 1
         add(session, session.entries[1], raw_frames=frames)
@@ -198,8 +207,9 @@ def test_a_disk_that_fills_up_at_the_journal_line_leaves_a_session_that_resumes(
     with writer(path) as session:
         with monkeypatch.context() as patch:
             patch.setattr(os, "write", full)
-            with pytest.raises(SessionError, match="No space left"):
+            with pytest.raises(SessionError) as refused:
                 add(session, session.entries[0])
+            assert refused.value.fault == "unwritable"
         assert session.captures == ()
         add(session, session.entries[0])
     report = verify(path)
@@ -218,9 +228,10 @@ def test_a_foreign_photograph_is_a_capture_of_one_frame(path: Path) -> None:
     image = np.array([[0.5, 255.0], [7.0, 255.0]], np.float32)
     with writer(path, devices={}) as session:
         record = session.add_photograph(
-            session.entries[0], image, pixel_format="Mono8", max_level_dn=255, scale_px_per_mm=9.5
+            session.entries[0],
+            Photograph(image_dn=image, pixel_format="Mono8", max_level_dn=255, scale_px_per_mm=9.5),
         )
-    session_read = Session.open(path)
+    session_read = Session(path)
     assert session_read.records == (record,)
     assert (record.frames_used, record.saturated_pixels, record.min_dn) == (1, 2, 0.5)
     loaded = session_read.load(record)
@@ -240,8 +251,9 @@ def test_a_session_is_plain_json_that_people_can_read(path: Path) -> None:
 def test_a_path_that_is_a_file_is_refused(path: Path) -> None:
     path.parent.mkdir(parents=True)
     path.touch()
-    with pytest.raises(SessionError, match="File exists"):
+    with pytest.raises(SessionError) as refused:
         writer(path)
+    assert refused.value.fault == "unwritable"
 
 
 def test_closing_twice_is_harmless(path: Path) -> None:
@@ -264,5 +276,6 @@ def test_a_session_from_before_a_bench_key_goes_on(tmp_path: Path) -> None:
         assert len(session.pending_entries()) == 6
     other = bench_of()
     changed = {"capture": other.capture.model_copy(update={"mains_hz": 60})}
-    with pytest.raises(SessionError, match=r"bench\.capture\.mains_hz was 50, now 60"):
+    with pytest.raises(SessionError) as refused:
         writer(path, bench=other.model_copy(update=changed))
+    assert refused.value.keys == ("bench.capture.mains_hz",)

@@ -47,14 +47,15 @@ def test_lines_are_put_together_from_pieces() -> None:
 
 def test_silence_is_a_timeout_after_its_time() -> None:
     port = ScriptedPort(b"half a li")
-    with pytest.raises(DeviceTimeoutError, match=r"the stage did not answer within 0\.5 s"):
+    with pytest.raises(DeviceTimeoutError) as silent:
         link(port).read_line(0.5)
+    assert silent.value.timeout_s == 0.5
     assert port.now_s == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_line_without_an_end_is_a_protocol_error() -> None:
     opened = link(ScriptedPort(endless=b"x" * 100))
-    with pytest.raises(DeviceProtocolError, match="a line without an end"):
+    with pytest.raises(DeviceProtocolError):
         opened.read_line(10)
 
 
@@ -70,7 +71,7 @@ def test_draining_waits_for_silence_and_tells_what_it_heard() -> None:
 
 
 def test_a_line_that_never_falls_silent_is_an_error() -> None:
-    with pytest.raises(DeviceProtocolError, match="does not stop"):
+    with pytest.raises(DeviceProtocolError):
         link(ScriptedPort(endless=b"$GPGGA\r\n")).drain(quiet_s=0.1, timeout_s=1)
 
 
@@ -86,7 +87,7 @@ def test_a_closed_link_says_so() -> None:
     opened.close()
     opened.close()
     for call in (lambda: opened.write(b"?"), lambda: opened.read_line(1)):
-        with pytest.raises(DeviceDisconnectedError, match="is closed"):
+        with pytest.raises(DeviceDisconnectedError):
             call()
 
 

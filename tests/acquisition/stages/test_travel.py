@@ -28,8 +28,9 @@ def config(**keys: Any) -> StageConfig:
 
 @pytest.mark.parametrize("height_mm", [nan, inf, -inf, 9.999, 400.001])
 def test_heights_outside_are_refused(height_mm: float) -> None:
-    with pytest.raises(StageLimitError, match="nothing moved"):
+    with pytest.raises(StageLimitError) as refused:
         refuse_beyond_limits(height_mm, (10.0, 400.0))
+    assert refused.value.limits_mm == (10.0, 400.0)
 
 
 # Worked by hand for 0.5 mm of backlash, from 100 mm.
@@ -96,8 +97,9 @@ def test_a_move_may_take_twice_the_travel_at_its_feed() -> None:
     ],
 )
 def test_a_key_that_is_missing_or_wrong_is_named(keys: dict[str, Any], named: str) -> None:
-    with pytest.raises(ValidationError, match=named):
+    with pytest.raises(ValidationError) as refused:
         config(**keys)
+    assert named in str(refused.value.errors(include_url=False))
 
 
 class Operator:
@@ -145,12 +147,12 @@ class TestManualStage:
     def test_after_five_tries_it_is_an_error_and_the_height_unknown(self) -> None:
         stage, _ = by_hand("150", *["90"] * 5, *["no"] * 5)
         stage.home(1)
-        with pytest.raises(DeviceError, match="was not set to 120 mm"):
+        with pytest.raises(DeviceError):
             stage.move_to(120.0, 1)
         assert not stage.is_homed
         with pytest.raises(StageNotHomedError):
             stage.position_mm()
-        with pytest.raises(DeviceError, match="stated no height"):
+        with pytest.raises(DeviceError):
             stage.home(1)
 
     def test_an_operator_who_gives_up_leaves_the_height_unknown(self) -> None:
@@ -187,6 +189,6 @@ class TestManualStage:
         stage.home(1)
         stage.close()
         for use in (stage.position_mm, lambda: stage.move_to(120.0, 1), lambda: stage.home(1)):
-            with pytest.raises(DeviceDisconnectedError, match="the manual stage is closed"):
+            with pytest.raises(DeviceDisconnectedError):
                 use()
         assert len(operator.questions) == 1

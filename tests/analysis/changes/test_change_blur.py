@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from analysis.changes.filter import find_changes
 from analysis.changes.uncertainty import extra_blur
-from tests.analysis.changes.test_filter import MATRIX, PSF, pair
+from tests.analysis.changes.test_filter import MATRIX, PSF, pair, posed
 
 FloatArray = NDArray[np.float64]
 
@@ -68,5 +68,5 @@ def test_a_faint_noisy_scene_is_compared() -> None:
     rng = np.random.default_rng(1)
     noisy = [image + rng.normal(0.0, 0.6 * image.std(), image.shape) for image in
              (one.reference, one.followup)]  # fmt: skip
-    result = find_changes(noisy[0], noisy[1], MATRIX, PSF)
-    assert abs(result.extra_blur_px2) < 3 * result.extra_blur_err_px2
+    result = find_changes(noisy[0], noisy[1], PSF, posed(MATRIX, noise=None))
+    assert abs(result.summary.extra_blur_px2) < 3 * result.summary.extra_blur_err_px2

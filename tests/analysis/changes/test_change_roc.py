@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import ndtr
 
-from analysis.change_roc import roc_of
 from analysis.changes.filter import significance_threshold
-from analysis.reports.changes import plot_change_roc
+from benchmarks.change_roc import plot_change_roc, roc_of
 
 
 def test_a_worked_example() -> None:
@@ -24,7 +23,7 @@ def test_a_monotone_change_of_the_score_leaves_the_curve(seed: int, scale: float
 
 
 def test_scores_of_one_kind_only_are_refused() -> None:
-    with pytest.raises(ValueError, match="with and without"):
+    with pytest.raises(ValueError):
         roc_of(np.array([]), np.array([1.0]))
 
 

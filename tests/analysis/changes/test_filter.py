@@ -1,7 +1,9 @@
 """Changes on photographs of a scene known in closed form; the analysis resamples, these do not."""
 
+import json
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +11,19 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
-from analysis.change_roc import roc_of
-from analysis.changes.filter import ChangeResult, find_changes, significance_threshold
+from analysis.changes.document import read_changes
+from analysis.changes.filter import (
+    ChangeOptions,
+    ChangeResult,
+    find_changes,
+    significance_threshold,
+)
 from analysis.changes.uncertainty import fit_variance
-from analysis.errors import AnalysisError
+from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from analysis.reports.changes import plot_changes
-from calibration.registration.pair import register_distorted
+from analysis.results_file import write_results
+from benchmarks.change_roc import roc_of
+from calibration.registration.distorted_pose import DistortedPose
 from simulation import GaussianPsf
 from simulation.capture_noise import CaptureNoise
 from standoff.shipped_configs import shipped_config
@@ -57,9 +66,19 @@ def pair(seed: int, contrast_dn: float) -> Pair:
     return Pair(reference=noisy[0], followup=noisy[1], truth=truth)
 
 
+def posed(
+    matrix: Array,
+    noise: CaptureNoise | None = NOISE,
+    near: tuple[int, int] = NEAR,
+    far: tuple[int, int] = FAR,
+) -> ChangeOptions:
+    pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=near, followup_shape=far)
+    return ChangeOptions(pose=pose, noise=noise)
+
+
 @lru_cache
 def found(one: Pair, noise: CaptureNoise | None = NOISE) -> ChangeResult:
-    return find_changes(one.reference, one.followup, MATRIX, PSF, noise)
+    return find_changes(one.reference, one.followup, PSF, posed(MATRIX, noise))
 
 
 @pytest.mark.slow
@@ -69,10 +88,10 @@ def test_nothing_is_flagged_where_only_pose_and_light_changed(noise: CaptureNois
     # 0.05 pixels a frame are allowed.
     assert not result.is_change.any()
     assert result.significance[result.valid].std() == pytest.approx(1.0, abs=0.05)
-    assert result.gain == pytest.approx(1.05, abs=0.01)
-    assert abs(result.extra_blur_px2) < 0.05
+    assert result.summary.gain == pytest.approx(1.05, abs=0.01)
+    assert abs(result.summary.extra_blur_px2) < 0.05
     # The plain difference of the same pair is far beyond its noise.
-    noise_dn = np.sqrt(np.median(result.uncertainty.variance_dn2[result.valid]))
+    noise_dn = np.sqrt(np.median(result.variance_dn2[result.valid]))
     assert result.plain_difference_dn[result.valid].std() > 1.5 * noise_dn
 
 
@@ -92,7 +111,7 @@ def test_a_change_is_found_where_it_is_and_nowhere_else() -> None:
     assert result.is_change[core].mean() > 0.98
     clear = result.valid & (gaussian_filter(one.truth, 1.0) < 0.005 * one.truth.max())
     assert not result.is_change[clear].any()
-    assert "px changed" in plot_changes(one.followup, result).axes[0].get_title()
+    assert "px changed" in plot_changes(result).axes[0].get_title()
 
 
 @pytest.mark.slow
@@ -117,16 +136,18 @@ def test_a_softer_follow_up_is_refused() -> None:
     soft = photograph(blobs(1, 5000, 240.0), FAR, ZOOM, float(np.hypot(PSF_PX, 0.7)), SHIFT_PX)
     soft += np.sqrt(NOISE.variance_dn2(soft)) * rng.standard_normal(soft.shape)
     # A blur's slope on the Laplacian is less than its variance for so wide a one.
-    with pytest.raises(AnalysisError, match=r"softer than simulated by 0\.[4-6]"):
-        find_changes(pair(1, 0.0).reference, soft, MATRIX, PSF, NOISE)
+    with pytest.raises(SoftFollowupError) as refused:
+        find_changes(pair(1, 0.0).reference, soft, PSF, posed(MATRIX))
+    assert 0.4 <= refused.value.blur_px < 0.7
 
 
 def test_images_that_share_nothing_are_refused() -> None:
     one = pair(1, 0.0)
     away = MATRIX.copy()
     away[0, 2] += 320.0
-    with pytest.raises(AnalysisError, match="share too little"):
-        find_changes(one.reference, one.followup, away, PSF, NOISE)
+    with pytest.raises(OverlapError) as refused:
+        find_changes(one.reference, one.followup, PSF, posed(away))
+    assert refused.value.shared_px < 1000
 
 
 def test_the_variance_is_taken_apart_into_what_it_was_made_of() -> None:
@@ -160,10 +181,8 @@ def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() ->
             pitch_mm=16.0,
             seed=1,
         )
-        pose = register_distorted(one.reference, one.followup, psf).pose
-        result = find_changes(
-            one.reference, one.followup, pose.matrix, psf, bench_noise(truth), distortion_k1=pose.k1
-        )
+        options = ChangeOptions(noise=bench_noise(truth))
+        result = find_changes(one.reference, one.followup, psf, options)
         if not contrast:
             # 0.05 pixels a frame are allowed.
             assert not result.is_change.any()
@@ -196,14 +215,14 @@ def test_a_lens_that_distorts_flags_nothing_either() -> None:
         pitch_mm=30.0,
         seed=1,
     )
-    pose = register_distorted(one.reference, one.followup, psf).pose
-    assert pose.k1 == pytest.approx(-0.01, abs=3e-4)
-    result = find_changes(
-        one.reference, one.followup, pose.matrix, psf, noise, distortion_k1=pose.k1
-    )
+    result = find_changes(one.reference, one.followup, psf, ChangeOptions(noise=noise))
+    assert result.summary.distortion_k1 == pytest.approx(-0.01, abs=3e-4)
     # 0.05 pixels a frame are allowed, and come in clusters.
     assert result.is_change.sum() <= 4
-    bent = find_changes(one.reference, one.followup, one.matrix, psf, noise)
+    frame = one.reference.shape[0], one.reference.shape[1]
+    bent = find_changes(
+        one.reference, one.followup, psf, posed(one.matrix, noise, near=frame, far=frame)
+    )
     assert bent.is_change.sum() > 100
 
 
@@ -211,8 +230,28 @@ def test_a_pose_whose_horizon_is_in_the_frame_is_refused() -> None:
     one = pair(1, 0.0)
     tilted = MATRIX.copy()
     tilted[2, 0] = -0.01
-    with pytest.raises(AnalysisError, match="horizon"):
-        find_changes(one.reference, one.followup, tilted, PSF, NOISE)
+    with pytest.raises(AnalysisError) as refused:
+        find_changes(one.reference, one.followup, PSF, posed(tilted))
+    assert isinstance(refused.value.__cause__, ValueError)
+
+
+def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Path) -> None:
+    result = found(pair(1, 0.0), None)
+    path = tmp_path / "changes.json"
+    named = result.summary.model_copy(update={"reference": "a.tif", "followup": "b.tif"})
+    write_results(path, named)
+    assert read_changes(path) == named
+    assert list(json.loads(path.read_text())) == [
+        *("schema", "reference", "followup", "homography", "distortion_k1", "distortion_k1_err"),
+        *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain"),
+        *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
+        *("registration_err_px", "width_err_px2"),
+    ]
+    assert repr(result).startswith(f"<ChangeResult: 0 of {int(result.valid.sum())} px changed")
+    # Where nothing tells the blur, its error is infinite: null in the file.
+    write_results(path, named.model_copy(update={"extra_blur_err_px2": np.inf}))
+    assert json.loads(path.read_text())["extra_blur_err_px2"] is None
+    assert read_changes(path).extra_blur_err_px2 == np.inf
 
 
 def test_a_rate_that_every_pixel_reaches_has_no_threshold() -> None:

@@ -1,5 +1,6 @@
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,16 +15,18 @@ from analysis.detectability.curves import (
     AmbiguousCurveError,
     CurveChoice,
     DetectabilityCurve,
-    curves_document,
+    DetectabilityCurves,
     d_prime_between,
     read_curves,
-    write_curves,
 )
-from analysis.detectability.dprime import Scenario, d_prime_curves, scene_artefact
-from analysis.detectability.signal import GaussianSignal
-from analysis.errors import AnalysisError, ResultsFileError
+from analysis.detectability.scenario import Scenario
+from analysis.detectability.sweep import scene_statistics
+from analysis.detectability.task import DetectionTask, curves_of
+from analysis.errors import NotDetectableError, ResultsFileError
 from analysis.reports.detectability import plot_detectability
 from analysis.reports.page import png_bytes, svg_bytes
+from analysis.results_file import write_results
+from calibration.documents import json_object
 from simulation import GaussianPsf, Model
 
 FloatArray = NDArray[np.float64]
@@ -77,8 +80,9 @@ def test_beside_a_d_prime_of_nothing_there_is_nothing() -> None:
     np.testing.assert_array_equal(lost.d_prime_at(zooms), [4, 0, 0, 0, 0, 0, 1])
     assert lost.largest_zoom(1e-6) == 1.0
     assert lost.largest_zoom(4.0) == 1.0
-    with pytest.raises(AnalysisError, match=r"d' is 0 at zoom 1.25: no contrast"):
+    with pytest.raises(NotDetectableError) as refused:
         lost.contrast_found(1.25, 1.0)
+    assert (refused.value.zoom, refused.value.d_prime) == (1.25, 0.0)
 
 
 d_prime_values = st.floats(1e-3, 1e3)
@@ -148,18 +152,16 @@ PHOTOGRAPHS: dict[str, Callable[[], NDArray[np.uint8]]] = {
 def computed(scene: str, model: Model, noise_dn: float, zooms: list[float]) -> list[FloatArray]:
     """d' of two observers at the zooms: noise against 12 DN, a window of 15 px."""
     scene_dn = PHOTOGRAPHS[scene]()[:180, :220].astype(np.float64)
-    psf = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.9)
-    scenario = Scenario(psf=psf, window_px=15, positions=1)
-    curves = d_prime_curves(
-        [scene_artefact(scene_dn, scenario, model, zoom, 1) for zoom in zooms],
-        zooms,
-        GaussianSignal(sigma_px=2.0),
-        scenario,
-        model,
-        noises_dn=[noise_dn],
-        contrasts_dn=[12.0],
+    task = DetectionTask(
+        contrasts_dn=(12.0,),
+        noises_dn=(noise_dn,),
+        zooms=tuple(zooms),
+        models=(model,),
         observers=("npw", "hotelling"),
     )
+    scenario = Scenario(psf=GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.9), window_px=15, positions=1)
+    plan = replace(task.plan(scenario.psf, 16), scenario=scenario)
+    curves = curves_of([scene_statistics(scene_dn, plan)], plan, task).curves
     return [np.array(one.dprime) for one in curves]
 
 
@@ -198,7 +200,7 @@ def test_half_the_d_prime_needs_half_the_contrast() -> None:
 def test_a_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "curves.json"
     curves = [curve(), curve(observer="hotelling")]
-    write_curves(path, curves_document(curves, images=3))
+    write_results(path, DetectabilityCurves(curves=curves, images=3))
     assert read_curves(path).curves == curves
     document = json.loads(path.read_text())
     assert document["schema"] == "standoff.detectability/1"
@@ -211,42 +213,42 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
 
 def test_an_ambiguous_choice_says_what_tells_the_curves_apart(tmp_path: Path) -> None:
     path = tmp_path / "curves.json"
-    write_curves(path, curves_document([curve(), curve(noise_dn=4.0, observer="cho")]))
+    write_results(path, DetectabilityCurves(curves=[curve(), curve(noise_dn=4.0, observer="cho")]))
     file = read_curves(path)
-    with pytest.raises(AmbiguousCurveError, match=r"--observer \(cho, npw\) and --noise \(2, 4\)"):
+    with pytest.raises(AmbiguousCurveError) as refused:
         file.chosen(CurveChoice())
-    with pytest.raises(AmbiguousCurveError, match="no curve fits"):
+    assert refused.value.fitting == tuple(file.curves)
+    assert refused.value.open_choices == {"observer": ("cho", "npw"), "noise_dn": (2.0, 4.0)}
+    with pytest.raises(AmbiguousCurveError) as refused:
         file.chosen(CurveChoice(noise_dn=3.0))
+    assert refused.value.fitting == ()
     assert file.chosen(CurveChoice(noise_dn=4.0)).observer == "cho"
 
 
+WHOLE = json.dumps(json_object(DetectabilityCurves(curves=[curve()])))
+
+
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "key"),
     [
-        ("{", "not a curves.json"),
-        ('{"schema": "standoff.psf/1"}', "schema is 'standoff.psf/1'"),
-        ('{"schema": "standoff.detectability/1", "curves": []}', "curves: "),
-        (
-            json.dumps(curves_document([curve()])).replace("[1.0, 1.5, 2.0]", "[1.0, 1.5]"),
-            "dprime has 3 values",
-        ),
-        (
-            json.dumps(curves_document([curve()])).replace("[1.0, 1.5, 2.0]", "[1.0, 2.5, 2.0]"),
-            "zoom must rise",
-        ),
-        (
-            json.dumps(curves_document([curve()])).replace("[3.9, 1.9, 0.9]", "[3.9, 1.9, -0.9]"),
-            "0 or more",
+        ("{", None),
+        ('{"schema": "standoff.psf/1"}', "schema"),
+        ('{"schema": "standoff.detectability/1", "curves": []}', "curves"),
+        pytest.param(WHOLE.replace("1.5, 2.0]", "1.5]"), "curves.0", id="of two lengths"),
+        pytest.param(WHOLE.replace("[1.0, 1.5", "[1.0, 2.5"), "curves.0", id="falling zooms"),
+        pytest.param(
+            WHOLE.replace("[3.9, 1.9, 0.9]", "[3.9, 1.9, -0.9]"), "curves.0", id="below 0"
         ),
     ],
 )
-def test_a_broken_file_is_told_by_name(tmp_path: Path, text: str, message: str) -> None:
+def test_a_broken_file_is_told_by_name(tmp_path: Path, text: str, key: str | None) -> None:
     path = tmp_path / "curves.json"
+    path.write_text(WHOLE)
+    read_curves(path)
     path.write_text(text)
-    with pytest.raises(ResultsFileError, match=message):
+    with pytest.raises(ResultsFileError) as refused:
         read_curves(path)
-    with pytest.raises(ResultsFileError, match="cannot read"):
-        read_curves(tmp_path / "none.json")
+    assert (refused.value.source, refused.value.key) == (str(path), key)
 
 
 def test_a_figure_draws_what_is_read() -> None:

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.errors import AnalysisError
+from analysis.errors import (
+    AnalysisError,
+    BeyondCurveError,
+    NotDetectableError,
+    OverlapError,
+)
 from analysis.pose.limits import contrast_found_at, pose_limits, shift_overlap, worst_zoom
 from analysis.pose.local_sampling import local_sampling
 from analysis.pose.quality import judge_pose
-from analysis.pose.viewing_camera import ViewingCamera
+from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
 from analysis.reports.pose import plot_limits, plot_pose
 from simulation import SamplingGrid
 from tests.analysis.detectability.test_curves import curve
@@ -51,10 +56,11 @@ def test_a_tilted_camera_samples_as_the_closed_form_says(
 
 def test_the_horizon_in_the_frame_is_refused() -> None:
     matrix = CAMERA.followup_to_reference(1.0, 72.0)
-    with pytest.raises(ValueError, match="horizon"):
+    with pytest.raises(ValueError):
         local_sampling(matrix, (640, 480), (640, 480))
-    with pytest.raises(AnalysisError, match="horizon"):
+    with pytest.raises(AnalysisError) as refused:
         judge_pose(matrix, (640, 480), (640, 480), curve(), 3.0)
+    assert isinstance(refused.value.__cause__, ValueError)
 
 
 # d' = 4 / (2 z - 1) is 3 at zoom 7/6.
@@ -71,6 +77,24 @@ def test_a_pose_is_accepted_up_to_the_threshold(zoom: float, is_accepted: bool) 
     assert found.beyond_curve == (1.0 if zoom > 2 else 0.0)
 
 
+def test_the_verdict_in_figures_is_what_is_printed() -> None:
+    grid = SamplingGrid.centred((480, 640), 1.5)
+    found = judge_pose(grid.matrix, (grid.cols, grid.rows), (640, 480), curve(), 3.0)
+    assert repr(found) == "<PoseQuality: rejected, min d' 2.00, threshold 3>"
+    document = found.summary.model_dump(mode="json")
+    assert list(document) == [
+        *("is_accepted", "criterion", "min_dprime", "curve", "is_upper_bound"),
+        *("dprime_decisive", "dprime_min", "dprime_max", "zoom_min", "zoom_max"),
+        *("anisotropy_max", "overlap", "beyond_curve", "homography"),
+        *("registration_correlation", "picture"),
+    ]
+    assert document["curve"] == {
+        **{"model": "matched", "observer": "npw"},
+        **{"noise_dn": 2.0, "contrast_dn": 12.0},
+    }
+    assert document["homography"] == grid.matrix.tolist()
+
+
 def test_the_quantile_forgives_a_small_corner() -> None:
     matrix = CAMERA.followup_to_reference(1.1, 10.0)
     size = CAMERA.size
@@ -85,8 +109,9 @@ def test_the_quantile_forgives_a_small_corner() -> None:
 def test_no_overlap_is_an_error() -> None:
     matrix = np.eye(3)
     matrix[0, 2] = 5000.0
-    with pytest.raises(AnalysisError, match="nothing of the reference"):
+    with pytest.raises(OverlapError) as refused:
         judge_pose(matrix, (640, 480), (640, 480), curve(), 1.0)
+    assert refused.value.shared_px == 0
 
 
 def test_limits_meet_the_threshold_exactly() -> None:
@@ -124,8 +149,9 @@ def test_a_curve_that_never_falls_below_is_a_limit_of_the_curve() -> None:
 
 
 def test_a_threshold_above_the_curve_is_told() -> None:
-    with pytest.raises(AnalysisError, match="d' is 4 at zoom 1 already, below 9"):
+    with pytest.raises(NotDetectableError) as refused:
         pose_limits(curve(), 9.0, CAMERA)
+    assert (refused.value.zoom, refused.value.d_prime) == (1.0, 4.0)
 
 
 def test_a_reference_as_tilted_as_the_follow_up_allows_more() -> None:
@@ -136,20 +162,21 @@ def test_a_reference_as_tilted_as_the_follow_up_allows_more() -> None:
 
 
 def test_the_contrast_found_at_a_pose_reaches_the_threshold_there() -> None:
-    assert contrast_found_at(curve(), 2.0, CAMERA, 1.5) == pytest.approx(12.0)
+    assert contrast_found_at(curve(), 2.0, CAMERA, FollowupPose(zoom=1.5)) == pytest.approx(12.0)
     local = worst_zoom(CAMERA, 1.2, 10.0)
     assert 1.2 < local < 1.5
     # 12 DN give 4 / (2 z - 1) there.
     expected = 12.0 * 2.0 * (2 * local - 1) / 4
-    assert contrast_found_at(curve(), 2.0, CAMERA, 1.2, 10.0) == pytest.approx(expected)
-    with pytest.raises(AnalysisError, match="beyond the curve"):
-        contrast_found_at(curve(), 2.0, CAMERA, 2.5)
+    leaning = FollowupPose(zoom=1.2, tilt_deg=10.0)
+    assert contrast_found_at(curve(), 2.0, CAMERA, leaning) == pytest.approx(expected)
+    with pytest.raises(BeyondCurveError) as refused:
+        contrast_found_at(curve(), 2.0, CAMERA, FollowupPose(zoom=2.5))
+    assert refused.value.zoom == pytest.approx(2.5)
+    assert refused.value.largest_zoom == 2.0
 
 
-@pytest.mark.parametrize(
-    ("values", "message"), [({"focal_length_px": 0.0}, "positive"), ({"width_px": 3}, "16 x 16")]
-)
-def test_a_camera_that_is_none_is_refused(values: dict[str, float], message: str) -> None:
+@pytest.mark.parametrize("values", [{"focal_length_px": 0.0}, {"width_px": 3}, {"height_px": 15}])
+def test_a_camera_that_is_none_is_refused(values: dict[str, float]) -> None:
     about = {"focal_length_px": 800.0, "width_px": 640, "height_px": 480} | values
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError):
         ViewingCamera(**about)  # type: ignore[arg-type]

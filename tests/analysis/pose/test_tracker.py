@@ -75,7 +75,7 @@ def test_a_threshold_above_the_curve_is_told_to_be_beyond_any_pose() -> None:
 
 
 def test_a_threshold_that_is_none_is_refused() -> None:
-    with pytest.raises(ValueError, match="min_d_prime must be positive"):
+    with pytest.raises(ValueError):
         tracker(0.0)
 
 

@@ -12,12 +12,13 @@ from analysis.reports.bench import (
     plot_stage,
     stage_section,
 )
-from calibration.files import StoredPsf
 from calibration.noise.noise_by_level import LevelNoise
+from calibration.psf.document import PsfCalibration
+from tests.acquisition.session_fixtures import session_with
 from tests.calibration.edge_session import FRAME_NOISE, FRAMES
 
 
-def test_gain_and_read_noise_are_those_of_the_frames(session: Session, psf: StoredPsf) -> None:
+def test_gain_and_read_noise_are_those_of_the_frames(session: Session, psf: PsfCalibration) -> None:
     section = noise_section(session, psf)
     assert section is not None
     [row] = section.tables[0].rows
@@ -28,7 +29,7 @@ def test_gain_and_read_noise_are_those_of_the_frames(session: Session, psf: Stor
 
 
 def test_averaging_is_measured_against_the_root_of_the_frames(
-    session: Session, psf: StoredPsf
+    session: Session, psf: PsfCalibration
 ) -> None:
     section = noise_section(session, psf)
     assert section is not None
@@ -61,11 +62,11 @@ def test_the_stage_is_compared_with_what_was_asked(session: Session) -> None:
     assert "mean +2.0 µm, largest 2.0 µm" in section.text[0]
     line = plot_stage(session.records).axes[0].get_lines()[0]
     np.testing.assert_allclose(np.asarray(line.get_ydata()), 2.0, rtol=1e-6)
-    assert stage_section(replace(session, captures=())) is None
+    assert stage_section(session_with(session, captures=())) is None
 
 
 def test_a_capture_that_was_left_out_says_why(session: Session) -> None:
     first, *others = session.captures
     marked = replace(first, excluded_because="lamp flickered")
-    section = captures_section(replace(session, captures=(marked, *others)))
+    section = captures_section(session_with(session, captures=(marked, *others)))
     assert section.tables[0].rows[0][-1] == "excluded: lamp flickered"

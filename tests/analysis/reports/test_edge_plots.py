@@ -3,14 +3,15 @@ import pytest
 from matplotlib.figure import Figure
 
 from analysis.reports.edge_plots import plot_edges, plot_profile, plot_widths_by_angle
-from calibration.files import StoredEdge, StoredPsf
+from calibration.edges.measurement import EdgeMeasurement
+from calibration.psf.document import PsfCalibration
 from tests.calibration.closed_form import edge_image
 
 NONE: frozenset[str] = frozenset()
 
 
-def edge_of(angle_deg: float = 95.0, **changes: object) -> StoredEdge:
-    return StoredEdge.model_validate(
+def edge_of(angle_deg: float = 95.0, **changes: object) -> EdgeMeasurement:
+    return EdgeMeasurement.model_validate(
         {
             "image": "edge.tif",
             "capture": 0,
@@ -83,7 +84,7 @@ def test_an_edge_without_optical_width_is_drawn_with_its_total_one() -> None:
     assert "fit, total sigma 0.300 px" in legend_of(plot_profile(image, edge))
 
 
-def test_every_width_stands_at_its_angle_with_its_error(psf: StoredPsf) -> None:
+def test_every_width_stands_at_its_angle_with_its_error(psf: PsfCalibration) -> None:
     figure = plot_widths_by_angle(psf, NONE)
     # Each edge has a total and an optical width; two curves for the two covariances.
     assert len(figure.axes[0].containers) == 2 * len(psf.edges)
@@ -94,7 +95,7 @@ def test_every_width_stands_at_its_angle_with_its_error(psf: StoredPsf) -> None:
     assert np.asarray(curves[0].get_ydata())[180] == pytest.approx(psf.sigma_x_px)
 
 
-def test_rejected_edges_have_no_width_to_show(psf: StoredPsf) -> None:
+def test_rejected_edges_have_no_width_to_show(psf: PsfCalibration) -> None:
     flagged = [psf.edges[0].model_copy(update={"flags": ["saturated"]}), *psf.edges[1:]]
     figure = plot_widths_by_angle(
         psf.model_copy(update={"edges": flagged}), frozenset({"saturated"})
@@ -118,7 +119,7 @@ def test_a_mosaic_is_drawn_and_its_profile_taken_from_its_own_colour_alone() -> 
 
 
 def test_an_edge_that_is_hardly_known_does_not_set_the_scale() -> None:
-    psf = StoredPsf(edges=[edge_of(), edge_of(93.0, sigma_px=0.8, sigma_err_px=500.0)])
+    psf = PsfCalibration(edges=(edge_of(), edge_of(93.0, sigma_px=0.8, sigma_err_px=500.0)))
     low, high = plot_widths_by_angle(psf, NONE).axes[0].get_ylim()
     assert 0.5 < low < 0.64
     assert 0.8 < high < 0.9

@@ -12,15 +12,14 @@ from analysis.reports.geometry_plots import (
     plot_travel,
 )
 from analysis.reports.page import png_bytes
-from calibration.files import StoredGeometry
-from calibration.geometry.document import StoredGeometryCapture
+from calibration.geometry import CaptureGeometry, GeometryCalibration
 
-HEIGHTS = [100.0, 150.0, 200.0]
+HEIGHTS = (100.0, 150.0, 200.0)
 
 
-def stored(**changes: object) -> StoredGeometry:
+def stored(**changes: object) -> GeometryCalibration:
     captures = [
-        StoredGeometryCapture(
+        CaptureGeometry(
             image=f"{height:g}.tif", kind="board", target="board", height_mm=height,
             scale_px_per_mm=1000 / (height + 10), scale_err_px_per_mm=1e-4,
             height_residual_mm=0.001, sideways_mm=(0.001, -0.002), matches=70, rms_px=0.01,
@@ -45,13 +44,13 @@ def stored(**changes: object) -> StoredGeometry:
         "captures": captures,
         **changes,
     }
-    return StoredGeometry.model_validate(values)
+    return GeometryCalibration.model_validate(values)
 
 
 @pytest.mark.parametrize(
     "plot", [plot_scale_by_height, plot_distortion, plot_squareness, plot_travel]
 )
-def test_every_axis_has_a_unit(plot: Callable[[StoredGeometry], Figure | None]) -> None:
+def test_every_axis_has_a_unit(plot: Callable[[GeometryCalibration], Figure | None]) -> None:
     figure = plot(stored())
     assert figure is not None
     assert png_bytes(figure).startswith(b"\x89PNG")
@@ -84,7 +83,7 @@ def test_what_is_not_determined_is_said_and_not_drawn() -> None:
 
 
 def test_a_file_with_the_contract_alone_makes_a_report() -> None:
-    least = StoredGeometry(
+    least = GeometryCalibration(
         heights_mm=HEIGHTS, scale_px_per_mm=None, pupil_offset_mm=3.0, k1=None, k2=None,
         tilt_deg=None, axis_drift_px_per_mm=None,
     )  # fmt: skip

@@ -9,10 +9,14 @@ from analysis.reports.psf import (
     edge_table_section,
 )
 from analysis.reports.psf_plots import field_section, widths_section
-from calibration.files import StoredEdge, StoredField, StoredPsf
+from calibration.edges.measurement import EdgeMeasurement
+from calibration.psf.document import PsfCalibration
+from calibration.psf.field import FieldFit
 
 
-def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(psf: StoredPsf) -> None:
+def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(
+    psf: PsfCalibration,
+) -> None:
     x, y, rho, edges = calibration_verdicts(psf)
     assert x.value == f"{psf.sigma_x_px:.4f} px"
     low, high = psf.intervals_95["sigma_x_px"]
@@ -22,7 +26,9 @@ def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(psf: S
     assert (edges.value, edges.remark) == (str(len(psf.edges)), f"of {len(psf.edges)} found")
 
 
-def test_what_is_null_is_not_determined_and_rejected_edges_do_not_count(psf: StoredPsf) -> None:
+def test_what_is_null_is_not_determined_and_rejected_edges_do_not_count(
+    psf: PsfCalibration,
+) -> None:
     flagged = [psf.edges[0].model_copy(update={"flags": ["saturated"]}), *psf.edges[1:]]
     partial = psf.model_copy(update={"sigma_y_px": None, "rho": None, "edges": flagged})
     _, y, rho, edges = calibration_verdicts(partial)
@@ -32,23 +38,23 @@ def test_what_is_null_is_not_determined_and_rejected_edges_do_not_count(psf: Sto
 
 
 def test_a_psf_of_total_values_alone_has_a_report_too() -> None:
-    def no_image(edge: StoredEdge) -> NDArray[np.float64]:
+    def no_image(edge: EdgeMeasurement) -> NDArray[np.float64]:
         raise AssertionError(edge)
 
-    [section] = calibration_sections(StoredPsf(sigma_x_px=0.8, sigma_y_px=0.7), no_image)
+    [section] = calibration_sections(PsfCalibration(sigma_x_px=0.8, sigma_y_px=0.7), no_image)
     assert section.tables[0].rows[0] == ("sigma x / px", "0.8000", "", "not determined", "")
     assert len(section.figures) == 1
-    assert calibration_verdicts(StoredPsf(sigma_x_px=0.8))[0].remark == ""
+    assert calibration_verdicts(PsfCalibration(sigma_x_px=0.8))[0].remark == ""
 
 
 @pytest.mark.slow
 def test_photographs_of_different_directions_are_shown_and_each_orientation_has_a_profile(
-    psf: StoredPsf, session: Session
+    psf: PsfCalibration, session: Session
 ) -> None:
     records = {record.file: record for record in session.records}
     read: list[str] = []
 
-    def load(edge: StoredEdge) -> NDArray[np.float32]:
+    def load(edge: EdgeMeasurement) -> NDArray[np.float32]:
         read.append(edge.image)
         return session.load(records[edge.image]).mean_dn
 
@@ -72,7 +78,7 @@ def test_photographs_of_different_directions_are_shown_and_each_orientation_has_
     assert set(read) <= set(records)
 
 
-def test_the_table_of_edges_gives_widths_with_errors_and_remarks(psf: StoredPsf) -> None:
+def test_the_table_of_edges_gives_widths_with_errors_and_remarks(psf: PsfCalibration) -> None:
     first = psf.edges[0].model_copy(
         update={
             "image": "captures/0001.tif",
@@ -95,15 +101,17 @@ def test_the_table_of_edges_gives_widths_with_errors_and_remarks(psf: StoredPsf)
     assert row[12] == "too short, jpeg"
 
 
-def test_a_long_list_of_edges_is_cut_and_says_so(psf: StoredPsf) -> None:
+def test_a_long_list_of_edges_is_cut_and_says_so(psf: PsfCalibration) -> None:
     many = psf.model_copy(update={"edges": psf.edges[:1] * 230})
     section = edge_table_section(many)
     assert len(section.tables[0].rows) == 200
     assert section.text == ("30 more edges are in psf.json.",)
 
 
-def test_edges_of_foreign_photographs_are_counted_and_said_to_be_left_out(psf: StoredPsf) -> None:
-    def no_image(edge: StoredEdge) -> NDArray[np.float64]:
+def test_edges_of_foreign_photographs_are_counted_and_said_to_be_left_out(
+    psf: PsfCalibration,
+) -> None:
+    def no_image(edge: EdgeMeasurement) -> NDArray[np.float64]:
         raise AssertionError(edge)
 
     sections = {s.title: s for s in calibration_sections(psf, no_image, frozenset())}
@@ -115,15 +123,15 @@ def test_edges_of_foreign_photographs_are_counted_and_said_to_be_left_out(psf: S
     assert sections["Width by angle and height"].figures
 
 
-def test_a_field_that_is_none_is_left_out_with_its_fault(psf: StoredPsf) -> None:
-    bad = StoredField(width_px=100, height_px=80, coefficients_px2=[[-1.0], [0.0], [1.0]])
+def test_a_field_that_is_none_is_left_out_with_its_fault(psf: PsfCalibration) -> None:
+    bad = FieldFit(width_px=100, height_px=80, coefficients_px2=((-1.0,), (0.0,), (1.0,)))
     section = field_section(psf.model_copy(update={"field": bad}))
     assert section is not None
     assert section.text[0].startswith("Left out: psf.json: field: the covariance is not positive")
-    good = StoredField(
+    good = FieldFit(
         width_px=100,
         height_px=80,
-        coefficients_px2=[[0.25], [0.0], [0.16]],
+        coefficients_px2=((0.25,), (0.0,), (0.16,)),
         p_value=1e-5,
         worst_err=0.01,
     )
@@ -133,7 +141,7 @@ def test_a_field_that_is_none_is_left_out_with_its_fault(psf: StoredPsf) -> None
     assert "p = 1e-05" in section.text[0]
 
 
-def test_a_drift_of_the_focus_is_said_in_words(psf: StoredPsf) -> None:
+def test_a_drift_of_the_focus_is_said_in_words(psf: PsfCalibration) -> None:
     trend = psf.height_trend
     assert trend is not None
     assert "No change of the width" in widths_section(psf).text[0]
@@ -143,8 +151,8 @@ def test_a_drift_of_the_focus_is_said_in_words(psf: StoredPsf) -> None:
     assert "1e-06" in text
 
 
-def test_how_it_was_measured_is_said(psf: StoredPsf) -> None:
-    other = StoredPsf(sigma_x_px=0.8, method="paper", region="centre", channel="green")
+def test_how_it_was_measured_is_said(psf: PsfCalibration) -> None:
+    other = PsfCalibration(sigma_x_px=0.8, method="paper", region="centre", channel="green")
     text = " ".join(calibration_sections(other, lambda _: np.zeros((2, 2)))[0].text)
     assert "biased by +5 % at 0.5 px" in text
     assert "Only the part centre of the frame was used." in text

@@ -4,11 +4,11 @@ from analysis.reports.psf_history import (
     ordered_history,
     plot_history,
 )
-from calibration.psf.document import StoredPsf
+from calibration.psf.document import PsfCalibration
 
 
-def psf(sigma_x_px: float, captured_utc: str | None, serial: str | None = "A7") -> StoredPsf:
-    return StoredPsf.model_validate(
+def psf(sigma_x_px: float, captured_utc: str | None, serial: str | None = "A7") -> PsfCalibration:
+    return PsfCalibration.model_validate(
         {
             "sigma_x_px": sigma_x_px,
             "sigma_x_err_px": 0.002,
@@ -55,7 +55,7 @@ def test_widths_are_drawn_with_their_intervals() -> None:
 
 
 def test_what_cannot_be_compared_says_so() -> None:
-    bare = StoredPsf.model_validate({"sigma_x_px": 0.8, "camera": {"serial": "A7"}})
+    bare = PsfCalibration.model_validate({"sigma_x_px": 0.8, "camera": {"serial": "A7"}})
     [_, second] = ordered_history([("a", bare), ("b", bare)])["A7"]
     assert second.verdict.startswith("not comparable: the two share no parameter")
 

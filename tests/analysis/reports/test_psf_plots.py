@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from analysis.reports.psf_plots import plot_field, plot_heights, plot_mtf
-from calibration.edges.esfr import gaussian_mtf50, pixel_mtf50
-from calibration.files import StoredPsf
-from calibration.psf.document import StoredCurve, StoredTransfer
+from calibration.edges.esfr import AxisTransfer, MeasuredTransfer, gaussian_mtf50, pixel_mtf50
+from calibration.psf.document import PsfCalibration
 from tests.analysis.reports.test_edge_plots import edge_of, legend_of
 from tests.calibration.edge_field import FIELD
 
@@ -13,7 +12,9 @@ NONE: frozenset[str] = frozenset()
 
 def test_the_mtf_names_its_frequency_of_half_contrast() -> None:
     figure = plot_mtf(
-        StoredPsf(sigma_x_px=0.8, sigma_y_px=0.7, optical_sigma_x_px=None, optical_sigma_y_px=0.6)
+        PsfCalibration(
+            sigma_x_px=0.8, sigma_y_px=0.7, optical_sigma_x_px=None, optical_sigma_y_px=0.6
+        )
     )
     assert figure is not None
     assert legend_of(figure) == [
@@ -24,23 +25,23 @@ def test_the_mtf_names_its_frequency_of_half_contrast() -> None:
 
 def test_the_measured_curve_stands_beside_the_gaussian() -> None:
     freq = np.linspace(0, 1, 51)
-    curve = StoredCurve(freq_cy_per_px=freq.tolist(), mtf=(1 - 0.8 * freq).tolist())
-    figure = plot_mtf(StoredPsf(sigma_x_px=0.8, transfer=StoredTransfer(x=curve)))
+    curve = AxisTransfer(freq_cy_per_px=freq.tolist(), mtf=(1 - 0.8 * freq).tolist())
+    figure = plot_mtf(PsfCalibration(sigma_x_px=0.8, transfer=MeasuredTransfer(x=curve)))
     assert figure is not None
     # By hand: 1 - 0.8 f = 0.5 at 0.625.
     assert legend_of(figure)[0] == "along x, e-SFR: MTF50 0.625 cy/px"
-    high = StoredCurve(freq_cy_per_px=freq.tolist(), mtf=(1 - 0.1 * freq).tolist())
-    sharp = plot_mtf(StoredPsf(transfer=StoredTransfer(y=high)))
+    high = AxisTransfer(freq_cy_per_px=freq.tolist(), mtf=(1 - 0.1 * freq).tolist())
+    sharp = plot_mtf(PsfCalibration(transfer=MeasuredTransfer(y=high)))
     assert sharp is not None
     assert legend_of(sharp) == ["along y, e-SFR: MTF50 beyond 1 cy/px"]
 
 
 def test_without_a_width_or_a_curve_there_is_no_mtf() -> None:
-    assert plot_mtf(StoredPsf()) is None
+    assert plot_mtf(PsfCalibration()) is None
 
 
 def test_the_field_is_mapped_over_its_frame() -> None:
-    figure = plot_field(StoredPsf(edges=[edge_of()]), FIELD)
+    figure = plot_field(PsfCalibration(edges=(edge_of(),)), FIELD)
     axes = figure.axes[0]
     assert axes.get_xlim() == (-0.5, 519.5)
     assert axes.get_ylim() == (389.5, -0.5)
@@ -52,7 +53,7 @@ def test_the_field_is_mapped_over_its_frame() -> None:
     assert figure.axes[1].get_ylabel() == "total sigma, geometric mean / px"
 
 
-def test_widths_by_height_need_two_heights(psf: StoredPsf) -> None:
+def test_widths_by_height_need_two_heights(psf: PsfCalibration) -> None:
     figure = plot_heights(psf, NONE)
     assert figure is not None
     assert psf.height_trend is not None
@@ -64,7 +65,7 @@ def test_widths_by_height_need_two_heights(psf: StoredPsf) -> None:
     assert plot_heights(psf.model_copy(update={"edges": unknown}), NONE) is None
 
 
-def test_without_a_trend_the_edges_are_shown_alone(psf: StoredPsf) -> None:
+def test_without_a_trend_the_edges_are_shown_alone(psf: PsfCalibration) -> None:
     figure = plot_heights(psf.model_copy(update={"height_trend": None}), NONE)
     assert figure is not None
     assert len(figure.axes) == 1

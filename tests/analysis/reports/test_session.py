@@ -1,19 +1,18 @@
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from acquisition.session.reader import Session
 from analysis.reports.session import render_session_report, versions
-from analysis.series import SeriesComparison
-from calibration.files import StoredPsf
+from analysis.validation.document import ExcludedCapture, Validation
+from calibration.psf.document import PsfCalibration
 from tests.acquisition.session_fixtures import whole_session
 from tests.analysis.html_page import Page
 
 
 @pytest.fixture(scope="module")
-def page(session: Session, psf: StoredPsf, comparison: SeriesComparison) -> Page:
-    return Page(render_session_report(session, psf, comparison))
+def page(session: Session, psf: PsfCalibration, validation: Validation) -> Page:
+    return Page(render_session_report(session, psf, validation))
 
 
 def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
@@ -35,7 +34,7 @@ def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
 
 def test_the_report_is_one_file_with_its_figures_in_it(page: Page) -> None:
     assert page.fetched == []
-    # MTF, three profiles, widths by angle and height, error by zoom, noise, stage; photographs
+    # MTF, three profiles, widths by angle and height, metrics by zoom, noise, stage; photographs
     # as PNG.
     assert page.tags.count("svg") == 9
     assert page.tags.count("img") == 5
@@ -53,10 +52,11 @@ def test_the_report_names_operator_session_devices_and_versions(
 
 
 def test_the_figures_of_the_report_are_those_of_the_results(
-    page: Page, psf: StoredPsf, comparison: SeriesComparison
+    page: Page, psf: PsfCalibration, validation: Validation
 ) -> None:
     assert f"{psf.sigma_x_px:.4f} px" in page.texts
-    means = comparison.means
+    means = validation.means("followup-grid")
+    assert list(means) == ["bicubic", "paper", "matched", "lmmse"]
     for mean in means.values():
         assert f"{mean.mse_dn2:.2f}" in page.texts
     assert f"MSE {means['matched'].mse_dn2:.2f}" in page.texts
@@ -66,13 +66,13 @@ def test_the_figures_of_the_report_are_those_of_the_results(
 
 def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
     whole_session(tmp_path / "s")
-    page = Page(render_session_report(Session.open(tmp_path / "s"), None, None))
+    page = Page(render_session_report(Session(tmp_path / "s"), None, None))
     assert page.headings == ["Session small", "Captures", "Stage", "Where this comes from"]
     assert "6 of 6 planned; complete." in page.texts
 
 
 def test_edges_of_other_photographs_are_left_out_of_the_drawings(
-    session: Session, psf: StoredPsf
+    session: Session, psf: PsfCalibration
 ) -> None:
     foreign = psf.edges[0].model_copy(update={"image": "elsewhere/photo.tif"})
     mixed = psf.model_copy(update={"edges": [foreign, *psf.edges[:1]]})
@@ -84,10 +84,12 @@ def test_edges_of_other_photographs_are_left_out_of_the_drawings(
 
 
 def test_what_is_left_out_stands_first_with_its_reason(
-    session: Session, comparison: SeriesComparison
+    session: Session, validation: Validation
 ) -> None:
-    lame = replace(comparison, left_out=("a.tif and b.tif: no common detail",))
+    other = ExcludedCapture(capture=7, target="moss", height_mm=120.0, reason="no common detail")
+    lame = validation.model_copy(update={"excluded": (other,), "remarks": ("it is dim",)})
     page = Page(render_session_report(session, None, lame, ("The PSF: sigma_y_px is null.",)))
     assert page.headings[:3] == ["Session small", "Left out", "Captures"]
     assert "The PSF: sigma_y_px is null." in page.texts
-    assert "Left out: a.tif and b.tif: no common detail." in page.texts
+    assert f"Left out: {other.text}." in page.texts
+    assert "Remark: it is dim." in page.texts

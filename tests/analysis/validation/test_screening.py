@@ -3,9 +3,15 @@ from pathlib import Path
 import pytest
 
 from acquisition.session.reader import Session
-from analysis.errors import AnalysisError
-from analysis.validation.screening import Screening, registrations_at_most, screen
+from analysis.validation.screening import (
+    NothingToCompareError,
+    Screening,
+    registrations_at_most,
+    screen,
+    series_of,
+)
 from tests.acquisition.session_fixtures import whole_session
+from tests.analysis.bench_session import chart_session
 from tests.analysis.height_series import PSF, height_series
 
 
@@ -14,7 +20,7 @@ def pairs_of(screening: Screening) -> list[tuple[int, int]]:
 
 
 def excluded_of(screening: Screening) -> list[int]:
-    return [one.record.index for one in screening.excluded]
+    return [one.capture for one in screening.excluded]
 
 
 def test_the_two_nearest_captures_are_references_of_all_further_ones(tmp_path: Path) -> None:
@@ -70,13 +76,41 @@ def test_a_capture_from_another_height_than_recorded_is_excluded(tmp_path: Path)
     assert "by the images" in screening.excluded[0].reason
 
 
-def test_a_session_without_textures_has_nothing_to_validate(tmp_path: Path) -> None:
+def test_a_capture_from_nearer_than_its_reference_is_excluded_with_the_reason(
+    tmp_path: Path,
+) -> None:
+    session = height_series(tmp_path / "series", height_errors_mm={150.0: -80.0})
+    screening = screen(session, PSF)
+    assert excluded_of(screening) == [2]
+    assert pairs_of(screening) == [(0, 1), (0, 3), (1, 3)]
+
+
+def test_a_series_runs_from_the_nearest_to_the_furthest(session: Session) -> None:
+    [series] = series_of(session)
+    assert [record.height_asked_mm for record in series] == [100.0, 150.0, 200.0]
+    assert {record.kind for record in series} == {"texture"}
+
+
+def test_a_target_at_one_height_is_no_series(tmp_path: Path) -> None:
+    session = chart_session(tmp_path / "s", 3)
+    assert series_of(session) == []
+    with pytest.raises(NothingToCompareError) as refused:
+        screen(session, PSF)
+    assert refused.value.excluded == ()
+
+
+def test_edges_and_flats_are_not_compared(tmp_path: Path) -> None:
     whole_session(tmp_path / "edges")
-    with pytest.raises(AnalysisError, match="no target of kind texture or chart"):
-        screen(Session.open(tmp_path / "edges"), PSF)
+    session = Session(tmp_path / "edges")
+    assert series_of(session) == []
+    assert registrations_at_most(session, 2) == 0
+    with pytest.raises(NothingToCompareError):
+        screen(session, PSF)
 
 
 def test_a_pair_that_shows_two_targets_leaves_nothing(tmp_path: Path) -> None:
     session = height_series(tmp_path / "two", other_target_at=150.0, heights_mm=(100.0, 150.0))
-    with pytest.raises(AnalysisError, match="no pair of captures can be compared: capture 1"):
+    with pytest.raises(NothingToCompareError) as refused:
         screen(session, PSF)
+    assert [one.capture for one in refused.value.excluded] == [1]
+    assert refused.value.excluded[0].text in str(refused.value)

@@ -1,40 +1,39 @@
 import csv
 import json
-from dataclasses import replace
 from io import StringIO
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.session.reader import Session
-from analysis.errors import ResultsFileError
 from analysis.reports.page import png_bytes
 from analysis.reports.validation import render_validation
 from analysis.reports.validation_plots import plot_curves, plot_images
 from analysis.results_file import write_results
 from analysis.validation.alignment import PROCEDURES
+from analysis.validation.document import (
+    METRICS,
+    PAPER_TABLE_1,
+    PAPER_TABLE_2,
+    VALIDATION_SCHEMA,
+    Validation,
+    read_validation,
+)
 from analysis.validation.kernels import KernelBook, trainings_needed
 from analysis.validation.metrics import ImageMetrics
 from analysis.validation.models import ValidationModel
 from analysis.validation.screening import screen
 from analysis.validation.session import (
-    METRICS,
-    Validation,
-    curve_errors,
-    table_1,
-    table_2,
+    ValidationSettings,
+    curve_differences,
+    mean_metrics,
     validate,
 )
-from analysis.validation.tables import (
-    PAPER_TABLE_1,
-    PAPER_TABLE_2,
-    VALIDATION_SCHEMA,
-    both_tables,
-    curves_csv,
-    validation_document,
-)
+from analysis.validation.shown import ShownPair, shown_pairs
+from analysis.validation.tables import both_tables, curves_csv
 from tests.analysis.height_series import PSF, height_series
 
 MODELS: tuple[ValidationModel, ...] = ("bicubic", "paper", "matched")
@@ -49,16 +48,30 @@ def series(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 @pytest.fixture(scope="module")
-def validation(series: Session, tmp_path_factory: pytest.TempPathFactory) -> Validation:
-    book = KernelBook(folder=tmp_path_factory.mktemp("kernels"))
+def book(tmp_path_factory: pytest.TempPathFactory) -> KernelBook:
+    return KernelBook(folder=tmp_path_factory.mktemp("kernels"))
+
+
+@pytest.fixture(scope="module")
+def validation(series: Session, book: KernelBook) -> Validation:
     screening = screen(series, PSF)
     assert trainings_needed(series, screening.pairs, MODELS, book) == []
-    return validate(series, PSF, screening, MODELS, book)
+    settings = ValidationSettings(models=MODELS, kernels=book)
+    return validate(series, PSF, settings, screening=screening, psf_name="psf.json")
+
+
+@pytest.fixture(scope="module")
+def shown(series: Session, validation: Validation, book: KernelBook) -> list[ShownPair]:
+    return shown_pairs(series, validation, book)
+
+
+def point(**values: float) -> ImageMetrics:
+    return POINT.model_copy(update=values)
 
 
 def test_the_difference_of_curves_by_hand() -> None:
-    moved = replace(POINT, correlation=0.8, mse_dn2=14.0, psnr_db=37.0)
-    found = curve_errors([(POINT, POINT), (POINT, moved)])
+    moved = point(correlation=0.8, mse_dn2=14.0, psnr_db=37.0)
+    found = curve_differences([(POINT, POINT), (POINT, moved)])
     assert found.correlation == pytest.approx(0.1**2 / 2)
     assert found.mse_dn2 == pytest.approx(4.0**2 / 2)
     assert found.psnr_db == pytest.approx(1.0 / 2)
@@ -66,45 +79,64 @@ def test_the_difference_of_curves_by_hand() -> None:
 
 
 def test_two_curves_that_are_both_infinite_do_not_differ() -> None:
-    equal = replace(POINT, psnr_db=inf)
-    assert curve_errors([(equal, equal)]).psnr_db == 0.0
+    equal = point(psnr_db=inf)
+    assert curve_differences([(equal, equal)]).psnr_db == 0.0
 
 
 def test_no_points_are_no_curve() -> None:
-    with pytest.raises(ValueError, match="no points"):
-        curve_errors([])
+    with pytest.raises(ValueError):
+        curve_differences([])
 
 
 @given(shifts=st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=8))
 def test_the_difference_of_curves_is_symmetric_and_nothing_for_one_curve(
     shifts: list[float],
 ) -> None:
-    points = [replace(POINT, ssim=POINT.ssim + shift) for shift in shifts]
-    forth = curve_errors((POINT, point) for point in points)
-    back = curve_errors((point, POINT) for point in points)
+    points = [point(ssim=POINT.ssim + shift) for shift in shifts]
+    forth = curve_differences((POINT, point) for point in points)
+    back = curve_differences((point, POINT) for point in points)
     assert forth == back
-    assert curve_errors((point, point) for point in points).ssim == 0.0
+    assert curve_differences((point, point) for point in points).ssim == 0.0
 
 
 def test_the_models_that_know_the_psf_beat_the_one_that_does_not(validation: Validation) -> None:
     assert len(validation.pairs) == 5
-    curves, means = table_1(validation), table_2(validation)
+    curves = {(row.alignment, row.model): row for row in validation.table_1}
     for procedure in PROCEDURES:
-        bicubic, paper = means[procedure, "bicubic"], means[procedure, "paper"]
+        means = validation.means(procedure)
+        bicubic, paper = means["bicubic"], means["paper"]
         assert paper.mse_dn2 < bicubic.mse_dn2
         for name in ("correlation", "nmi", "psnr_db", "ssim"):
             assert getattr(paper, name) > getattr(bicubic, name)
         for name in METRICS:
             known, unknown = (curves[procedure, model] for model in ("paper", "bicubic"))
             assert getattr(known, name) < getattr(unknown, name)
-    best = means["followup-grid", "matched"].mse_dn2
-    assert best < means["as-in-paper", "paper"].mse_dn2 / 2
+    best = validation.means("followup-grid")["matched"].mse_dn2
+    assert best < validation.means("as-in-paper")["paper"].mse_dn2 / 2
 
 
-def test_only_one_pair_of_a_target_keeps_its_images(validation: Validation) -> None:
-    kept = [pair for pair in validation.pairs if pair.images is not None]
+def test_the_means_are_those_of_the_pairs(validation: Validation) -> None:
+    assert [(row.alignment, row.model) for row in validation.table_2] == [
+        (procedure, model) for procedure in PROCEDURES for model in MODELS
+    ]
+    for row in validation.table_2:
+        own = mean_metrics([p.of(row.alignment, row.model).agreement for p in validation.pairs])
+        assert own.pairs == 5
+        assert all(getattr(row, name) == value for name, value in own)
+
+
+def test_progress_counts_the_pairs_of_a_validation_with_what_is_usual(series: Session) -> None:
+    told: list[int] = []
+    usual = validate(series, PSF, progress=told.append)
+    assert told == [1, 2, 3, 4, 5]
+    assert usual.models == ("bicubic", "paper", "matched", "lmmse")
+    assert repr(usual).startswith("<Validation of 5 pairs: MSE bicubic ")
+
+
+def test_figure_2_shows_one_pair_of_a_target(shown: list[ShownPair]) -> None:
     # The one of the first reference that is nearest to twice the distance.
-    assert [(pair.reference.index, pair.followup.index) for pair in kept] == [(0, 3)]
+    assert [(one.pair.reference, one.pair.followup) for one in shown] == [(0, 3)]
+    assert list(shown[0].simulated) == list(MODELS)
 
 
 def test_the_tables_say_the_same_in_every_form(validation: Validation) -> None:
@@ -131,26 +163,29 @@ def test_the_points_of_the_curves_are_written_out(validation: Validation) -> Non
     assert float(captured[0]["ssim"]) == pair.captured_curves["as-in-paper"].ssim
 
 
-def test_the_document_is_written_as_json(validation: Validation, tmp_path: Path) -> None:
-    document = validation_document(validation, {"session": "here"})
+def test_the_document_comes_back_as_it_was_written(validation: Validation, tmp_path: Path) -> None:
     path = tmp_path / "validation.json"
-    write_results(path, document)
-    assert json.loads(path.read_text()) == json.loads(json.dumps(document))
+    write_results(path, validation)
+    assert read_validation(path) == validation
+    document: dict[str, Any] = json.loads(path.read_text())
     assert document["schema"] == VALIDATION_SCHEMA
+    assert list(document["table_1"][0]) == ["alignment", "model", *METRICS, "pairs"]
+    assert list(document["table_2"][0]) == [
+        *("alignment", "model", "correlation", "mse_dn2", "nmi"),
+        *("psnr_db", "psnr_of_mean_db", "ssim", "pairs"),
+    ]
     assert document["table_2"][0]["alignment"] == "as-in-paper"
     assert len(document["pairs"]) == 5
-    with pytest.raises(ResultsFileError, match="cannot write"):
-        write_results(tmp_path / "nowhere" / "v.json", document)
 
 
 def test_the_figures_and_the_report_show_every_model(
-    validation: Validation, series: Session
+    validation: Validation, series: Session, shown: list[ShownPair]
 ) -> None:
-    images, curves = plot_images(validation), plot_curves(validation)
+    images, curves = plot_images(shown), plot_curves(validation)
     assert len(images.axes) == 2 + len(MODELS)
     assert len(curves.axes) == len(METRICS)
     for figure in (images, curves):
         assert png_bytes(figure).startswith(b"\x89PNG")
-    page = render_validation(series, validation, (("psf", "psf.json"),))
+    page = render_validation(series, validation, shown)
     for words in ("Table I:", "Table II:", "as-in-paper", "the paper&#39;s own", "leaves"):
         assert words in page

@@ -62,8 +62,10 @@ def test_outliers_do_not_pull() -> None:
     assert np.linalg.det(found.covariance_px2) ** 0.25 == pytest.approx(0.6, rel=0.06)
 
 
-def test_too_few_sure_edges_are_refused_with_their_number() -> None:
+def test_too_few_sure_edges_are_refused() -> None:
     angles, widths, errs = drawn(30, 0.36 * np.eye(2), 0.2)
     errs[FEWEST_EDGES - 1 :] = widths[FEWEST_EDGES - 1 :]
-    with pytest.raises(ValueError, match=f"{FEWEST_EDGES - 1} edges .* {FEWEST_EDGES} are needed"):
+    with pytest.raises(ValueError):
         fit_sharpest_widths(angles, widths, errs)
+    errs[FEWEST_EDGES - 1] = 0.1 * widths[FEWEST_EDGES - 1]
+    assert fit_sharpest_widths(angles, widths, errs).edges_used == FEWEST_EDGES

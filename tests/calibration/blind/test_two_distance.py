@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from calibration.blind.two_distance import PairPsf, combined, pair_psf
-from calibration.errors import CalibrationError
+from calibration.errors import PairError
 from tests.calibration.blob_scene import blob_photograph, far_to_near
 
 Array = NDArray[np.float64]
@@ -74,20 +74,23 @@ def test_vignetting_and_distortion_are_taken_up(near: Array) -> None:
 
 
 def test_photographs_from_one_distance_are_refused(near: Array) -> None:
-    with pytest.raises(CalibrationError, match=r"1\.0\d* times as far"):
+    with pytest.raises(PairError) as refused:
         pair_psf(near, near, far_to_near(1.02))
+    assert refused.value.reason == "one_distance"
 
 
 def test_a_far_photograph_that_is_too_sharp_is_refused(near: Array) -> None:
     sharp = blob_photograph(2.0, 0.02 * np.eye(2))
-    with pytest.raises(CalibrationError, match="not softer"):
+    with pytest.raises(PairError) as refused:
         pair_psf(near, sharp, far_to_near(2.0))
+    assert refused.value.reason == "sharp"
 
 
 def test_photographs_that_hardly_overlap_are_refused(near: Array, far: Array) -> None:
     aside = far_to_near(2.0) + np.array([[0, 0, 600.0], [0, 0, 0], [0, 0, 0]])
-    with pytest.raises(CalibrationError, match="overlap"):
+    with pytest.raises(PairError) as refused:
         pair_psf(near, far, aside)
+    assert refused.value.reason == "little_overlap"
 
 
 def test_pairs_are_weighted_by_their_errors_and_disagreement_counts(
@@ -114,5 +117,5 @@ def test_pairs_that_disagree_widen_the_error_by_how_much() -> None:
     mean, errors = combined([pair(0.4), pair(0.5)])
     np.testing.assert_allclose(mean, [0.45, 0.0, 0.4])
     np.testing.assert_allclose(errors, np.eye(3) * 0.5e-4 * 50 / 3)
-    with pytest.raises(ValueError, match="no pair"):
+    with pytest.raises(ValueError):
         combined([])

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
+from calibration.edges.detection import find_edges
+from calibration.edges.fit import fit_edge
 from calibration.edges.mosaic import (
     PATTERNS,
     Pattern,
@@ -16,7 +18,7 @@ from calibration.edges.mosaic import (
     plane_places,
 )
 from calibration.errors import NoEdgeError
-from calibration.psf.calibration import EdgeImage, Region, calibrate_mosaic, measure_edges
+from calibration.psf.calibration import EdgeImage, Region, calibrate_mosaic
 from tests.calibration.closed_form import edge_image, pixel_edge
 
 SIGMAS = {"red": 0.75, "green": 0.6, "blue": 0.9}
@@ -56,22 +58,22 @@ def test_each_colour_gives_the_optical_width_behind_one_sensor_pixel() -> None:
     assert psf.channels is not None
     assert set(psf.channels) == {"red", "green", "blue"}
     for colour, one in psf.channels.items():
-        for estimate in (one.optical_sigma_x_px, one.optical_sigma_y_px):
-            assert estimate is not None
-            # What the fit's window and weights do otherwise than plain least squares: 0.1 %.
-            assert estimate.value == pytest.approx(SIGMAS[colour], rel=0.001)
-    assert psf.sigma_x_px == psf.channels["green"].sigma_x_px
-    assert psf.sigma_x_px is not None
-    assert psf.sigma_x_px.value == pytest.approx(sqrt(0.6**2 + 1 / 12), rel=0.005)
+        # What the fit's window and weights do otherwise than plain least squares: 0.1 %.
+        assert one.optical_sigma_x_px == pytest.approx(SIGMAS[colour], rel=0.001)
+        assert one.optical_sigma_y_px == pytest.approx(SIGMAS[colour], rel=0.001)
+        # Green has two planes; each shows one edge of each of the two photographs.
+        assert one.edge_count == (4 if colour == "green" else 2)
+    assert psf.total.sigma_x_px == psf.channels["green"].total.sigma_x_px
+    assert psf.sigma_x_px == pytest.approx(sqrt(0.6**2 + 1 / 12), rel=0.005)
 
 
 def test_places_lengths_and_frequencies_are_in_pixels_of_the_sensor() -> None:
     psf = calibrate_mosaic([mosaic(5.0)], "GRBG", "red")
     [edge] = psf.edges
     turn = np.deg2rad(5.0)
-    across = np.cos(turn) * (edge.fit.x_px - 109.5) + np.sin(turn) * (edge.fit.y_px - 89.5)
+    across = np.cos(turn) * (edge.x_px - 109.5) + np.sin(turn) * (edge.y_px - 89.5)
     assert across == pytest.approx(0.37, abs=0.01)
-    assert edge.fit.length_px == pytest.approx(180, abs=4)
+    assert edge.length_px == pytest.approx(180, abs=4)
     assert edge.esfr is not None
     # The transfer of the optical Gaussian and one sensor pixel, whatever the pitch is.
     assert edge.esfr.mtf50_cy_per_px == pytest.approx(edge.mtf50_cy_per_px, rel=0.003)
@@ -81,7 +83,7 @@ def test_a_region_is_given_in_pixels_of_the_sensor() -> None:
     whole = mosaic(5.0)
     upper = Region(x_px=0, y_px=0, width_px=220, height_px=80)
     psf = calibrate_mosaic([whole], "GRBG", region=lambda _: upper)
-    assert all(edge.fit.y_px < 80 for edge in psf.edges)
+    assert all(edge.y_px < 80 for edge in psf.edges)
     outside = Region(x_px=0, y_px=0, width_px=220, height_px=400)
     with pytest.raises(ValueError, match=r"region 0,0,220,400 does not lie inside raw-5\.tif"):
         calibrate_mosaic([whole], "GRBG", region=lambda _: outside)
@@ -112,10 +114,12 @@ def test_a_colour_without_an_edge_is_named() -> None:
 
 
 def test_an_edge_as_sharp_as_a_sensor_pixel_alone_has_no_optical_width() -> None:
-    [edge] = measure_edges(EdgeImage(name="e", image_dn=edge_image(0.8, 5.0)))
+    image = edge_image(0.8, 5.0)
+    fit = fit_edge(image, find_edges(image)[0])
+    assert fit is not None
     # 0.24 sensor px in all, where the square alone has sqrt(1/12) = 0.29.
-    sharp = in_sensor_pixels(replace(edge.fit, sigma_px=0.12), 2)
+    sharp = in_sensor_pixels(replace(fit, sigma_px=0.12), 2)
     assert sharp.sigma_px == pytest.approx(0.24)
     assert sharp.optical_sigma_px is None
     assert sharp.optical_sigma_err_px is None
-    assert in_sensor_pixels(replace(edge.fit, sigma_px=0.3), 2).optical_sigma_px is not None
+    assert in_sensor_pixels(replace(fit, sigma_px=0.3), 2).optical_sigma_px is not None

@@ -3,6 +3,8 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from calibration.edges.detection import find_edges
+from calibration.edges.fit import fit_edge
 from calibration.edges.paper_method import BIN_PX, lsf_fit
 from calibration.edges.samples import EdgeSamples
 from calibration.psf.calibration import EdgeImage, calibrate_psf, measure_edges
@@ -18,7 +20,7 @@ def test_the_bias_is_that_of_the_bin_and_the_difference(sigma_px: float) -> None
     widths = [
         measure_edges(EdgeImage(name="e", image_dn=edge_image(sigma_px, normal)), method="paper")[
             0
-        ].fit.sigma_px
+        ].sigma_px
         for normal in (3.0, 5.0, 8.0, 11.0, 97.0, 103.0)
     ]
     # How the pixels' places beat with the bins moves single edges by up to 3 % at 0.4 px.
@@ -29,24 +31,21 @@ def test_the_bias_is_that_of_the_bin_and_the_difference(sigma_px: float) -> None
 def test_the_bias_at_half_a_pixel_is_five_percent() -> None:
     sources = [EdgeImage(name=f"{n}", image_dn=edge_image(0.5, n)) for n in (4.0, 7.0, 94.0, 97.0)]
     psf = calibrate_psf(sources, method="paper")
-    assert psf.sigma_x_px is not None
-    assert psf.sigma_y_px is not None
-    assert psf.sigma_x_px.value == pytest.approx(0.5 * 1.051, rel=0.01)
-    assert psf.sigma_y_px.value == pytest.approx(0.5 * 1.051, rel=0.01)
+    assert psf.sigma_x_px == pytest.approx(0.5 * 1.051, rel=0.01)
+    assert psf.sigma_y_px == pytest.approx(0.5 * 1.051, rel=0.01)
 
 
 def test_widths_are_medians_and_nothing_optical_and_no_rho_is_told() -> None:
     psf = calibrate_psf(photographs([2.0, 5.0, 8.0, 45.0, 93.0]), method="paper")
-    upright = [e.fit.sigma_px for e in psf.edges if e.orientation == "vertical"]
-    assert psf.sigma_x_px is not None
-    assert psf.sigma_x_px.value == np.median(upright)
+    upright = [e.sigma_px for e in psf.edges if e.orientation == "vertical"]
+    assert psf.sigma_x_px == np.median(upright)
     assert psf.method == "paper"
     assert psf.rho is None
     assert psf.covariance_px2 is None
     assert psf.optical_sigma_x_px is None
     assert psf.field is None
-    assert all(edge.fit.optical_sigma_px is None for edge in psf.edges)
-    assert all(edge.fit.chi2_reduced is None for edge in psf.edges)
+    assert all(edge.optical_sigma_px is None for edge in psf.edges)
+    assert all(edge.chi2_reduced is None for edge in psf.edges)
 
 
 def test_diagonal_edges_alone_determine_nothing_in_the_papers_way() -> None:
@@ -75,7 +74,9 @@ def test_the_error_of_a_median_by_hand() -> None:
     ],
 )
 def test_pixels_that_tell_no_width_have_none(reach_px: float, rise: float) -> None:
-    [edge] = measure_edges(EdgeImage(name="e", image_dn=edge_image(0.8, 5.0)))
+    image = edge_image(0.8, 5.0)
+    fit = fit_edge(image, find_edges(image)[0])
+    assert fit is not None
     distance = np.linspace(-reach_px, reach_px, 2000)
     samples = EdgeSamples(
         distance_px=distance,
@@ -86,4 +87,4 @@ def test_pixels_that_tell_no_width_have_none(reach_px: float, rise: float) -> No
         normal_rad=0.1,
         half_length_px=30.0,
     )
-    assert lsf_fit(samples, edge.fit) is None
+    assert lsf_fit(samples, fit) is None

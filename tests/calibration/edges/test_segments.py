@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges.segments import EdgeSegment, band_half_width, band_pixels, side_level
+from calibration.edges.segments import (
+    EdgeLine,
+    EdgeSegment,
+    band_half_width,
+    band_pixels,
+    side_level,
+)
 from tests.calibration.closed_form import edge_image
 
 SEGMENT = EdgeSegment(
@@ -61,30 +67,28 @@ def test_the_band_holds_every_pixel_of_the_band_and_no_other(
 ) -> None:
     rows, cols = 80, 120
     image = np.arange(rows * cols, dtype=np.float64).reshape(rows, cols)
-    band_x, band_y, values, distance = band_pixels(
-        image, x, y, normal, band_half_width(sigma), 25.0
-    )
+    band = band_pixels(image, EdgeLine(x, y, normal, 25.0), band_half_width(sigma))
     # Every pixel names itself by its value.
-    picked_y, picked_x = np.divmod(values, cols)
-    np.testing.assert_allclose(band_x, picked_x - x, atol=1e-9)
-    np.testing.assert_allclose(band_y, picked_y - y, atol=1e-9)
+    picked_y, picked_x = np.divmod(band.values, cols)
+    np.testing.assert_allclose(band.x, picked_x - x, atol=1e-9)
+    np.testing.assert_allclose(band.y, picked_y - y, atol=1e-9)
     all_y, all_x = np.mgrid[:rows, :cols].astype(np.float64)
     across = np.cos(normal) * (all_x - x) + np.sin(normal) * (all_y - y)
     beside = -np.sin(normal) * (all_x - x) + np.cos(normal) * (all_y - y)
     inside = (np.abs(across) <= 6 * sigma + 3) & (np.abs(beside) <= 25.0)
-    np.testing.assert_array_equal(np.sort(values), image[inside])
-    np.testing.assert_allclose(np.sort(distance), np.sort(across[inside]), atol=1e-9)
+    np.testing.assert_array_equal(np.sort(band.values), image[inside])
+    np.testing.assert_allclose(np.sort(band.across), np.sort(across[inside]), atol=1e-9)
 
 
 def test_the_levels_of_the_sides_are_those_of_the_edge() -> None:
     image = edge_image(0.8, np.rad2deg(0.2), shape=(81, 121), offset_px=0.0)
-    _, _, values, across = band_pixels(image, 60.0, 40.0, 0.2, band_half_width(0.8), 25.0)
-    sides = side_level(values, -across, 0.8), side_level(values, across, 0.8)
+    band = band_pixels(image, EdgeLine(60.0, 40.0, 0.2, 25.0), band_half_width(0.8))
+    sides = side_level(band.values, -band.across, 0.8), side_level(band.values, band.across, 0.8)
     # Beyond 1.5 sigma a Gaussian edge is within 7 % of its level, on average within 0.3 %.
     assert sides == pytest.approx((8_000.0, 52_000.0), abs=0.005 * 44_000.0)
 
 
 def test_a_band_outside_the_image_is_empty() -> None:
-    _, _, values, across = band_pixels(np.zeros((30, 30)), 500.0, 40.0, 0.2, 7.8, 25.0)
-    assert values.size == 0
-    assert side_level(values, across, 0.8) == 0.0
+    band = band_pixels(np.zeros((30, 30)), EdgeLine(500.0, 40.0, 0.2, 25.0), 7.8)
+    assert band.values.size == 0
+    assert side_level(band.values, band.across, 0.8) == 0.0

@@ -2,57 +2,51 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.geometry.bundle_adjustment import Adjustment, PlaneMatches, adjust_series
-from calibration.geometry.pupil import PupilFit, fit_pupil
+from calibration.geometry.bundle_adjustment import Adjustment, adjust
+from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil
+from calibration.geometry.series import PlaneMatches
 from calibration.geometry.stage_axis import stage_axis
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
     HEIGHTS_MM,
     PUPIL_MM,
+    blank_captures,
     exact_matches,
-    one_series,
     pinhole,
     poses_over,
-    start_lens,
-    start_poses,
+    start_series,
 )
 
-COUNT = len(HEIGHTS_MM)
+CAPTURES = blank_captures(HEIGHTS_MM)
 
 
 def pupil_of(found: Adjustment) -> PupilFit:
-    columns = [found.layout.pose_columns(n)[0] for n in range(COUNT)]
-    return fit_pupil(
-        np.array(HEIGHTS_MM),
-        found.layout.series,
-        np.array([pose.log_distance for pose in found.poses]),
-        found.covariance[np.ix_(columns, columns)],
-    )
+    return fit_pupil(SeriesDistances.of(found))
 
 
 def adjusted(matches: list[PlaneMatches]) -> Adjustment:
-    return adjust_series(start_lens(), start_poses(HEIGHTS_MM), matches, one_series(COUNT))
+    return adjust([start_series(CAPTURES)], matches)
 
 
 def test_exact_points_give_back_lens_tilt_and_pupil() -> None:
     poses = poses_over(HEIGHTS_MM, tilt_deg=(2.0, -1.0))
-    found = adjusted(exact_matches(pinhole(), poses))
-    lens = found.lenses[0]
+    found = adjusted(exact_matches(pinhole(), CAPTURES, poses))
+    lens = found.series[0].lens
     # The prior pulls by its own weight against matches good to 1e-3 px: far below 1e-4.
     assert lens.k1 == pytest.approx(-0.01, abs=1e-5)
     assert lens.k2 == pytest.approx(0.0, abs=1e-5)
     assert np.rad2deg(lens.tilt_x_rad) == pytest.approx(2.0, abs=1e-3)
     assert np.rad2deg(lens.tilt_y_rad) == pytest.approx(-1.0, abs=1e-3)
     assert pupil_of(found).pupil_offset_mm == pytest.approx(PUPIL_MM, abs=1e-3)
-    assert max(found.rms_px) < 1e-3
+    assert max(one.rms_px for one in found.captures) < 1e-3
 
 
 def test_a_leaning_stage_pierces_the_image_where_it_leans() -> None:
     # The camera goes 0.01 mm to the right for each mm up: the picture grows out of the pixel
     # 0.01 focal lengths to the left, as a thing seen there keeps its place.
     poses = poses_over(HEIGHTS_MM, drift_mm_per_mm=(0.01, -0.004))
-    found = adjusted(exact_matches(pinhole(k1=0.0), poses))
-    axis = stage_axis(found, list(range(COUNT)))
+    found = adjusted(exact_matches(pinhole(k1=0.0), CAPTURES, poses))
+    axis = stage_axis(found, 0)
     np.testing.assert_allclose(axis.offset_px, [-0.01 * FOCAL_PX, 0.004 * FOCAL_PX], atol=2e-3)
     assert np.abs(axis.sideways).max() < 1e-5
 
@@ -60,7 +54,7 @@ def test_a_leaning_stage_pierces_the_image_where_it_leans() -> None:
 def test_the_pierced_pixel_stands_still() -> None:
     camera = pinhole()
     poses = poses_over(HEIGHTS_MM, drift_mm_per_mm=(0.02, 0.01), tilt_deg=(1.0, -2.0))
-    x, y = stage_axis(adjusted(exact_matches(camera, poses)), list(range(COUNT))).pierce_px
+    x, y = stage_axis(adjusted(exact_matches(camera, CAPTURES, poses)), 0).pierce_px
     plane = camera.to_plane_mm(np.array([x]), np.array([y]), poses[0])
     for pose in poses[1:]:
         np.testing.assert_allclose(camera.to_pixel(*plane, pose), [[x], [y]], atol=0.01)
@@ -75,12 +69,17 @@ def test_standard_errors_cover_the_truth() -> None:
     truth_px = -FOCAL_PX * np.tan(np.arctan(0.01) + np.deg2rad(1.0))
     for seed in range(20):
         matches = exact_matches(
-            pinhole(), poses, noise_px=0.05, rng=np.random.default_rng(seed), step_px=24
+            pinhole(),
+            CAPTURES,
+            poses,
+            noise_px=0.05,
+            rng=np.random.default_rng(seed),
+            step_px=24,
         )
         found = adjusted(matches)
-        lens, errs = found.lenses[0], np.sqrt(np.diag(found.covariance))
+        lens, errs = found.series[0].lens, np.sqrt(np.diag(found.covariance))
         pupil = pupil_of(found)
-        axis = stage_axis(found, list(range(COUNT)))
+        axis = stage_axis(found, 0)
         axis_err_px = np.sqrt(axis.covariance_px2[0, 0])
         inside["pupil"] += abs(pupil.pupil_offset_mm - PUPIL_MM) < 2 * pupil.pupil_offset_err_mm
         inside["k1"] += abs(lens.k1 + 0.01) < 2 * errs[0]
@@ -90,35 +89,22 @@ def test_standard_errors_cover_the_truth() -> None:
 
 
 @settings(max_examples=3)
-@given(order=st.permutations(range(COUNT)))
+@given(order=st.permutations(range(1, len(CAPTURES))))
 def test_the_order_of_the_captures_does_not_matter(order: list[int]) -> None:
     rng = np.random.default_rng(5)
     poses = poses_over(HEIGHTS_MM, tilt_deg=(0.5, 1.0))
-    matches = exact_matches(pinhole(), poses, noise_px=0.05, rng=rng, step_px=48)
-    place = {capture: number for number, capture in enumerate(order)}
-    shuffled = [
-        PlaneMatches(
-            capture=place[m.capture],
-            seen_px=m.seen_px,
-            other=None if m.other is None else place[m.other],
-            other_points=m.other_points,
-            covariance_px2=m.covariance_px2,
-        )
-        for m in matches
-    ]
-    layout = one_series(COUNT)
-    starts = start_poses(HEIGHTS_MM)
-    straight = adjust_series(start_lens(), starts, matches, layout)
-    again = adjust_series(
-        start_lens(),
-        [starts[c] for c in order],
-        shuffled,
-        type(layout)(series=layout.series, anchors=(place[0],)),
+    matches = exact_matches(pinhole(), CAPTURES, poses, noise_px=0.05, rng=rng, step_px=48)
+    # The first stays: its distance is the unit.
+    shuffled = [CAPTURES[n] for n in (0, *order)]
+    straight, again = (
+        {
+            one.capture: one.pose.log_distance
+            for one in adjust([start_series(captures)], matches).captures
+        }
+        for captures in (CAPTURES, shuffled)
     )
-    for capture, number in place.items():
-        assert again.poses[number].log_distance == pytest.approx(
-            straight.poses[capture].log_distance, abs=1e-8
-        )
+    for capture in CAPTURES:
+        assert again[capture] == pytest.approx(straight[capture], abs=1e-8)
 
 
 @pytest.mark.slow
@@ -127,12 +113,10 @@ def test_the_order_of_the_captures_does_not_matter(order: list[int]) -> None:
 def test_the_pupil_does_not_depend_on_the_assumed_focal_length(scale: float) -> None:
     rng = np.random.default_rng(6)
     poses = poses_over(HEIGHTS_MM)
-    matches = exact_matches(pinhole(), poses, noise_px=0.05, rng=rng, step_px=48)
+    matches = exact_matches(pinhole(), CAPTURES, poses, noise_px=0.05, rng=rng, step_px=48)
     offsets, errs = [], []
     for focal_px in (FOCAL_PX, scale * FOCAL_PX):
-        found = adjust_series(
-            start_lens(focal_px), start_poses(HEIGHTS_MM), matches, one_series(COUNT)
-        )
+        found = adjust([start_series(CAPTURES, focal_px)], matches)
         offsets.append(pupil_of(found).pupil_offset_mm)
         errs.append(pupil_of(found).pupil_offset_err_mm)
     # Exactly but for the square of the tilt, which is no more than noise here.
@@ -141,7 +125,7 @@ def test_the_pupil_does_not_depend_on_the_assumed_focal_length(scale: float) -> 
 
 def test_wrong_matches_are_not_believed() -> None:
     rng = np.random.default_rng(7)
-    matches = exact_matches(pinhole(), poses_over(HEIGHTS_MM), noise_px=0.05, rng=rng)
+    matches = exact_matches(pinhole(), CAPTURES, poses_over(HEIGHTS_MM), noise_px=0.05, rng=rng)
     spoilt = []
     for m in matches:
         points = m.other_points.copy()

@@ -1,5 +1,6 @@
 """Geometry of the simulated bench's photographs against its truth."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,16 +8,18 @@ import numpy as np
 import pytest
 
 from calibration.errors import GeometryError, RegistrationError
-from calibration.files import GEOMETRY_SCHEMA, geometry_document, read_geometry, write_geometry
+from calibration.files import GEOMETRY_SCHEMA, read_geometry, write_geometry
 from calibration.geometry.board import CharucoBoard, find_board
-from calibration.geometry.calibration import calibrate_geometry
-from calibration.geometry.results import GeometryCalibration, GeometryOptions
+from calibration.geometry.calibration import GeometryOptions, calibrate_geometry
+from calibration.geometry.document import GeometryCalibration
 from calibration.geometry.series import GeometryCapture
 from hil_mocks.scene.pinhole import CameraPose
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
+    HEIGHT_PX,
     HEIGHTS_MM,
     PUPIL_MM,
+    WIDTH_PX,
     captures,
     pinhole,
     truth,
@@ -73,26 +76,24 @@ def test_the_corners_of_a_board_are_where_the_bench_puts_them() -> None:
 
 @pytest.mark.parametrize("text", ["11x8", "11x8:12:13", "2x8:12:9", "11x8:12:9:NONE", ""])
 def test_a_board_that_cannot_be_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"board|marker|dictionary"):
+    with pytest.raises(ValueError):
         CharucoBoard.from_text(text)
 
 
 def test_a_picture_without_a_board_is_refused() -> None:
-    with pytest.raises(RegistrationError, match="only 0 corners"):
+    with pytest.raises(RegistrationError) as refused:
         find_board(np.full((100, 120), 7.0), CharucoBoard.from_text("11x8:12:9"))
+    assert (refused.value.reason, refused.value.count) == ("no_board", 0)
 
 
 @pytest.mark.slow
 def test_a_board_gives_scale_focal_length_and_pupil(by_board: GeometryCalibration) -> None:
     assert by_board.scale_source == "board"
-    assert by_board.focal_length_px is not None
-    assert by_board.focal_length_px.value == pytest.approx(FOCAL_PX, rel=5e-4)
-    assert by_board.pupil.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
-    assert by_board.scales is not None
-    for height, scale in zip(by_board.heights_mm, by_board.scales, strict=True):
-        assert scale.value == pytest.approx(truth().scale_px_per_mm(height), rel=5e-4)
-    assert by_board.k1 is not None
-    assert by_board.k1.value == pytest.approx(-0.01, rel=0.03)
+    assert by_board.focal_length_px == pytest.approx(FOCAL_PX, rel=5e-4)
+    assert by_board.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
+    expected = [truth().scale_px_per_mm(height) for height in by_board.heights_mm]
+    assert by_board.scale_px_per_mm == pytest.approx(expected, rel=5e-4)
+    assert by_board.k1 == pytest.approx(-0.01, rel=0.03)
 
 
 @pytest.mark.slow
@@ -100,18 +101,15 @@ def test_a_tilted_texture_gives_pupil_zooms_tilt_and_distortion(
     by_texture: GeometryCalibration,
 ) -> None:
     assert by_texture.scale_source == "bench"
-    pupil = by_texture.pupil
-    assert pupil.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
-    assert abs(pupil.pupil_offset_mm - PUPIL_MM) < 4 * pupil.pupil_offset_err_mm
+    assert by_texture.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
+    assert by_texture.pupil_offset_err_mm is not None
+    assert abs(by_texture.pupil_offset_mm - PUPIL_MM) < 4 * by_texture.pupil_offset_err_mm
     for near in HEIGHTS_MM:
         for far in HEIGHTS_MM:
-            assert pupil.zoom(near, far)[0] == pytest.approx(truth().zoom(near, far), rel=1e-4)
-    assert by_texture.k1 is not None
-    assert by_texture.k1.value == pytest.approx(-0.01, rel=0.05)
-    assert by_texture.tilt_x_deg is not None
-    assert by_texture.tilt_y_deg is not None
-    assert by_texture.tilt_x_deg.value == pytest.approx(2.0, abs=0.05)
-    assert by_texture.tilt_y_deg.value == pytest.approx(0.0, abs=0.05)
+            assert by_texture.zoom(near, far) == pytest.approx(truth().zoom(near, far), rel=1e-4)
+    assert by_texture.k1 == pytest.approx(-0.01, rel=0.05)
+    assert by_texture.tilt_x_deg == pytest.approx(2.0, abs=0.05)
+    assert by_texture.tilt_y_deg == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.slow
@@ -120,26 +118,25 @@ def test_a_vertical_stage_under_a_tilted_camera_drifts_by_the_tilt(
 ) -> None:
     # Closed form: the stage pierces the image f tan(tilt) from the axis; over the distance.
     expected = -FOCAL_PX * np.tan(np.deg2rad(2.0)) / (HEIGHTS_MM[0] + PUPIL_MM)
-    assert by_texture.axis_drift[0].value == pytest.approx(expected, abs=2e-3)
-    assert by_texture.axis_drift[1].value == pytest.approx(0.0, abs=2e-3)
+    assert by_texture.axis_drift_x_px_per_mm == pytest.approx(expected, abs=2e-3)
+    assert by_texture.axis_drift_y_px_per_mm == pytest.approx(0.0, abs=2e-3)
 
 
 @pytest.mark.slow
 def test_what_is_written_is_read_back(by_texture: GeometryCalibration, tmp_path: Path) -> None:
     path = tmp_path / "geometry.json"
     write_geometry(path, by_texture)
-    document = geometry_document(by_texture)
+    document = json.loads(path.read_text("utf-8"))
     assert document.keys() >= CONTRACT
     assert document["schema"] == GEOMETRY_SCHEMA
-    stored = read_geometry(path)
-    assert stored.heights_mm == list(HEIGHTS_MM)
-    assert stored.pupil_offset_mm == by_texture.pupil.pupil_offset_mm
-    assert stored.tilt_deg == document["tilt_deg"]
-    assert stored.zoom(180.0, 430.0) == by_texture.pupil.zoom(180.0, 430.0)[0]
+    assert document["heights_mm"] == list(HEIGHTS_MM)
+    assert read_geometry(path) == by_texture
+    # The file says the zooms, too.
+    for pair in by_texture.zooms:
+        assert pair.zoom == by_texture.zoom(pair.near_height_mm, pair.far_height_mm)
     # OpenCV's k1 by its definition: at the corner it must move a point as ours does.
-    corner = by_texture.corner_radius_px / FOCAL_PX
-    assert by_texture.k1 is not None
-    assert document["k1_opencv"] * corner**2 == pytest.approx(by_texture.k1.value, rel=1e-9)
+    corner = np.hypot(WIDTH_PX - 1, HEIGHT_PX - 1) / 2 / FOCAL_PX
+    assert document["k1_opencv"] * corner**2 == pytest.approx(by_texture.k1, rel=1e-9)
 
 
 @pytest.mark.slow
@@ -147,9 +144,10 @@ def test_a_wrong_height_is_named_and_left_out(board_series: list[GeometryCapture
     spoilt = list(board_series)
     spoilt[2] = replace(spoilt[2], height_mm=spoilt[2].height_mm + 1.5)
     found = calibrate_geometry(spoilt)
-    assert [name for name, _ in found.excluded] == [spoilt[2].name]
-    assert "235" in found.excluded[0][1]
-    assert found.pupil.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
+    [excluded] = found.excluded
+    assert excluded.image == spoilt[2].name
+    assert "235" in excluded.reason
+    assert found.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
 
 
 @pytest.mark.slow
@@ -158,8 +156,9 @@ def test_a_moved_target_is_named_and_left_out(board_series: list[GeometryCapture
     moved = np.roll(spoilt[3].image, 9, axis=1)
     spoilt[3] = replace(spoilt[3], image=moved)
     found = calibrate_geometry(spoilt)
-    assert [name for name, _ in found.excluded] == [spoilt[3].name]
-    assert "moved" in found.excluded[0][1]
+    [excluded] = found.excluded
+    assert excluded.image == spoilt[3].name
+    assert "moved" in excluded.reason
 
 
 @pytest.mark.slow
@@ -169,8 +168,8 @@ def test_another_target_among_the_captures_is_named_and_left_out(
     spoilt = list(texture_series)
     spoilt[1] = replace(spoilt[1], image=captures("gravel", HEIGHTS_MM[1:2])[0].image)
     found = calibrate_geometry(spoilt, NOMINAL)
-    assert [name for name, _ in found.excluded] == [spoilt[1].name]
-    assert found.pupil.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
+    assert [one.image for one in found.excluded] == [spoilt[1].name]
+    assert found.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
 
 
 def test_captures_at_one_height_are_refused_with_the_remedy() -> None:
@@ -182,8 +181,9 @@ def test_captures_at_one_height_are_refused_with_the_remedy() -> None:
         )
         for n in range(3)
     ]  # fmt: skip
-    with pytest.raises(GeometryError, match=r"height 0 mm.*--height-mm"):
+    with pytest.raises(GeometryError) as refused:
         calibrate_geometry(flat)
+    assert refused.value.reason == "one_height"
 
 
 def test_captures_without_texture_are_refused_by_name() -> None:
@@ -195,5 +195,6 @@ def test_captures_without_texture_are_refused_by_name() -> None:
         )
         for n in range(3)
     ]  # fmt: skip
-    with pytest.raises(GeometryError, match=r"0\.tif: .*features.*photograph a flat target"):
+    with pytest.raises(GeometryError) as refused:
         calibrate_geometry(flat)
+    assert (refused.value.reason, refused.value.subject) == ("not_matched", "0.tif")

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import assume, given, strategies as st
 
 from calibration.geometry.camera import CapturePose, PlaneLens
 from hil_mocks.scene.pinhole import CameraPose
@@ -30,7 +30,27 @@ def test_slopes_and_pixels_are_inverse(
         tilt_x_rad=tilt[0],
         tilt_y_rad=tilt[1],
     )
+    # Beyond the fold of a strong barrel the lens shows nothing: no plane point is seen there.
+    radius = np.hypot(*(GRID_PX - camera.principal_px).T).max() / camera.corner_radius_px
+    ideal = np.linspace(0.0, 3.0, 3001)
+    assume(np.max(ideal * (1 + k1 * ideal**2 + k2 * ideal**4)) > radius)
     np.testing.assert_allclose(camera.pixels(camera.slopes(GRID_PX)), GRID_PX, atol=1e-7)
+
+
+def test_a_pixel_that_the_lens_cannot_show_has_finite_slopes_and_changes() -> None:
+    # The corner lies 1.12 corners from the principal point; this lens shows 1.09.
+    camera = lens(k1=-0.1, k2=-0.01, principal_x_px=20.0, principal_y_px=20.0)
+    corner = GRID_PX[:1]
+    assert np.isfinite(camera.slopes(corner)).all()
+    assert np.isfinite(camera.slope_changes(corner)).all()
+
+
+def test_a_plane_point_beyond_the_fold_is_not_seen_in_the_frame() -> None:
+    # Ideally 3 corners out: r (1 - 0.1 r^2) would bring it back to 0.3.
+    camera = lens(k1=-0.1)
+    slopes = 3.0 * camera.corner_radius_px / FOCAL_PX * np.array([[0.8, 0.6]])
+    away_px = np.hypot(*(camera.pixels(slopes) - camera.principal_px)[0])
+    assert away_px > camera.corner_radius_px
 
 
 @pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (2.0, 0.0), (0.0, -3.0), (1.5, 1.0)])

@@ -9,11 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.errors import GeometryError, RegistrationError
-from calibration.geometry import series
+from calibration.geometry import matching
 from calibration.geometry.board import DEFAULT_BOARD, BoardCorners, CharucoBoard
 from calibration.geometry.captures import nominal_focal_px
-from calibration.geometry.series import adjust_captures
+from calibration.geometry.matching import adjust_captures
 from hil_mocks.scene.pinhole import CameraPose
+from tests.acquisition.session_fixtures import session_with
 from tests.calibration.edge_session import edge_session
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import (
@@ -41,49 +42,58 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[BoardCorners]:
     def find_board(_image: NDArray[Any], _board: CharucoBoard) -> BoardCorners:
         next_one = found.pop(0)
         if len(next_one.seen_px) == 0:
-            raise RegistrationError("only 0 corners of a ChArUco board")
+            raise RegistrationError("only 0 corners of a ChArUco board", reason="no_board", count=0)
         return next_one
 
-    monkeypatch.setattr(series, "find_board", find_board)
+    monkeypatch.setattr(matching, "find_board", find_board)
     return found
 
 
-def test_lone_captures_of_targets_are_refused_with_the_remedy() -> None:
+def test_lone_captures_of_targets_are_refused_with_the_first_ones_name() -> None:
     survey = Survey().add("brick", poses_over(HEIGHTS_MM[:1]))
     survey.add("grass", poses_over(HEIGHTS_MM[1:2]))
-    excluded: dict[int, str] = {}
-    with pytest.raises(GeometryError, match=r"brick-0-0\.tif: it is the only capture of its targe"):
-        adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD, excluded)
-    assert sorted(excluded) == [0, 1]
-    assert all("capture it at two heights or more" in reason for reason in excluded.values())
+    with pytest.raises(GeometryError) as refused:
+        adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD)
+    assert (refused.value.reason, refused.value.subject) == ("not_matched", "brick-0-0.tif")
 
 
 def test_boards_alone_are_adjusted_in_mm(shown: list[BoardCorners]) -> None:
     poses = poses_over(HEIGHTS_MM[:3])
     shown += [corners(pose, 63, 0) for pose in poses]
     done: list[int] = []
-    found = adjust_captures(
-        Survey().add("A4", poses, kind="board").captures,
-        start_lens(),
-        DEFAULT_BOARD,
-        {},
-        done.append,
-    )
-    distances = [pose.distance for pose in found.adjustment.poses]
+    survey = Survey().add("A4", poses, kind="board")
+    found = adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD, done.append)
+    distances = [one.pose.distance for one in found.adjustment.captures]
     np.testing.assert_allclose(distances, np.array(HEIGHTS_MM[:3]) + PUPIL_MM, rtol=1e-4)
     assert done == [3]
+
+
+def test_a_lone_texture_beside_a_board_is_left_out_with_the_remedy(
+    shown: list[BoardCorners],
+) -> None:
+    poses = poses_over(HEIGHTS_MM[:3])
+    shown += [corners(pose, 63, 0) for pose in poses]
+    survey = Survey().add("A4", poses, kind="board").add("grass", poses[:1])
+    found = adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD)
+    [exclusion] = found.exclusions
+    assert exclusion.capture is survey.captures[3]
+    assert exclusion.reason == (
+        "it is the only capture of its target: capture it at two heights or more"
+    )
 
 
 def test_a_board_that_is_not_found_is_left_out_with_the_remedy(shown: list[BoardCorners]) -> None:
     poses = poses_over(HEIGHTS_MM[:3])
     shown += [corners(poses[0], 63, 0), corners(poses[1], 0, 0), corners(poses[2], 63, 0)]
-    excluded: dict[int, str] = {}
     survey = Survey().add("A4", poses, kind="board")
-    found = adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD, excluded)
-    assert found.members == (0, 2)
-    assert excluded == {
-        1: "only 0 corners of a ChArUco board; show more of the board, or name it with --board"
-    }
+    found = adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD)
+    first, second, third = survey.captures
+    assert [one.capture for one in found.adjustment.captures] == [first, third]
+    [exclusion] = found.exclusions
+    assert exclusion.capture is second
+    assert exclusion.reason == (
+        "only 0 corners of a ChArUco board; show more of the board, or name it with --board"
+    )
 
 
 def test_a_capture_with_fewer_than_12_believable_points_is_left_out(
@@ -92,13 +102,13 @@ def test_a_capture_with_fewer_than_12_believable_points_is_left_out(
     poses = poses_over(HEIGHTS_MM[:3])
     # 13 corners, of which two are wrong: eleven are left.
     shown += [corners(poses[0], 63, 0), corners(poses[1], 63, 2), corners(poses[2], 13, 2)]
-    excluded: dict[int, str] = {}
     survey = Survey().add("A4", poses, kind="board")
-    found = adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD, excluded)
-    assert found.members == (0, 1)
-    assert list(excluded) == [2]
-    assert excluded[2].startswith("it agrees too little with the other captures; photograph a flat")
-    assert found.adjustment.match_counts == (63, 61)
+    found = adjust_captures(survey.captures, start_lens(), DEFAULT_BOARD)
+    used = [(one.capture, one.match_count) for one in found.adjustment.captures]
+    assert used == list(zip(survey.captures[:2], (63, 61), strict=True))
+    [exclusion] = found.exclusions
+    assert exclusion.capture is survey.captures[2]
+    assert exclusion.reason.startswith("it agrees too little with the other captures; photograph")
 
 
 @pytest.mark.parametrize(
@@ -122,5 +132,5 @@ def test_the_focal_length_is_the_benchs_or_not_known(
 ) -> None:
     session = edge_session(tmp_path / "s", [])
     bench: dict[str, Any] = {} if optics is None else {"optics": optics}
-    altered = replace(session, manifest=replace(session.manifest, bench=bench))
+    altered = session_with(session, manifest=replace(session.manifest, bench=bench))
     assert nominal_focal_px(altered) == focal_px

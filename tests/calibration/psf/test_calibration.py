@@ -27,18 +27,18 @@ def known(estimate: Estimate | None) -> Estimate:
 def test_a_tilted_lens_behind_square_pixels_is_recovered_from_eight_angles() -> None:
     psf = calibrate_psf(photographs(EIGHT_NORMALS_DEG))
     for estimate, truth in (
-        (psf.optical_sigma_x_px, SIGMA_X_PX),
-        (psf.optical_sigma_y_px, SIGMA_Y_PX),
-        (psf.optical_rho, RHO),
+        (psf.optical.sigma_x_px, SIGMA_X_PX),
+        (psf.optical.sigma_y_px, SIGMA_Y_PX),
+        (psf.optical.rho, RHO),
     ):
         fitted = known(estimate)
         assert fitted.low <= truth <= fitted.high
-    assert known(psf.optical_sigma_x_px).err < 0.003
-    assert known(psf.optical_rho).err < 0.01
+    assert known(psf.optical.sigma_x_px).err < 0.003
+    assert known(psf.optical.rho).err < 0.01
     assert len(psf.edges_used) == 8
     # Optics and pixel: the square adds 1/12 along either axis, and is no Gaussian (3 %).
-    assert known(psf.sigma_x_px).value == pytest.approx(sqrt(SIGMA_X_PX**2 + 1 / 12), rel=0.03)
-    assert known(psf.sigma_y_px).value == pytest.approx(sqrt(SIGMA_Y_PX**2 + 1 / 12), rel=0.03)
+    assert psf.sigma_x_px == pytest.approx(sqrt(SIGMA_X_PX**2 + 1 / 12), rel=0.03)
+    assert psf.sigma_y_px == pytest.approx(sqrt(SIGMA_Y_PX**2 + 1 / 12), rel=0.03)
 
 
 @pytest.mark.slow
@@ -47,9 +47,9 @@ def test_the_intervals_hold_the_truth_in_19_of_20_calibrations() -> None:
     for seed in range(40):
         psf = calibrate_psf(photographs(EIGHT_NORMALS_DEG, seed))
         for estimate, truth in (
-            (psf.optical_sigma_x_px, SIGMA_X_PX),
-            (psf.optical_sigma_y_px, SIGMA_Y_PX),
-            (psf.optical_rho, RHO),
+            (psf.optical.sigma_x_px, SIGMA_X_PX),
+            (psf.optical.sigma_y_px, SIGMA_Y_PX),
+            (psf.optical.rho, RHO),
         ):
             inside += known(estimate).low <= truth <= known(estimate).high
     # 120 draws of probability 0.95 scatter by 2.4 (a little more, being correlated).
@@ -59,7 +59,7 @@ def test_the_intervals_hold_the_truth_in_19_of_20_calibrations() -> None:
 def test_a_vertical_edge_alone_leaves_sigma_y_and_rho_open() -> None:
     psf = calibrate_psf(photographs([4.0]))
     # The normal lies 4 degrees off the x axis: the width is that of the axis within 4 %.
-    assert known(psf.optical_sigma_x_px).value == pytest.approx(SIGMA_X_PX, rel=0.04)
+    assert psf.optical_sigma_x_px == pytest.approx(SIGMA_X_PX, rel=0.04)
     assert psf.sigma_y_px is None
     assert psf.optical_sigma_y_px is None
     assert psf.rho is None
@@ -80,7 +80,7 @@ def test_a_region_restricts_which_edges_count() -> None:
     assert len(measure_edges(source, on_it)) == 1
     assert measure_edges(source, beside_it) == []
     psf = calibrate_psf([source], region=lambda _: on_it)
-    assert psf.edges[0].fit.length_px < 80
+    assert psf.edges[0].length_px < 80
 
 
 def test_places_in_a_region_are_those_of_the_whole_image() -> None:
@@ -88,9 +88,9 @@ def test_places_in_a_region_are_those_of_the_whole_image() -> None:
     source = EdgeImage(name="edge.tif", image_dn=image)
     [edge] = measure_edges(source, Region(x_px=20, y_px=15, width_px=60, height_px=50))
     # The line is cos(3) (x - 79.5) + sin(3) (y - 44.5) = -30, the middle of the region y = 39.5.
-    assert edge.fit.y_px == pytest.approx(39.5, abs=1.0)
+    assert edge.y_px == pytest.approx(39.5, abs=1.0)
     turn = np.deg2rad(3.0)
-    across = np.cos(turn) * (edge.fit.x_px - 79.5) + np.sin(turn) * (edge.fit.y_px - 44.5)
+    across = np.cos(turn) * (edge.x_px - 79.5) + np.sin(turn) * (edge.y_px - 44.5)
     assert across == pytest.approx(-30.0, abs=0.01)
 
 
@@ -103,7 +103,7 @@ def test_places_in_a_region_are_those_of_the_whole_image() -> None:
     ],
 )
 def test_a_region_outside_the_image_is_refused(region: Region) -> None:
-    with pytest.raises(ValueError, match=r"does not lie inside edge-4\.tif \(110x90\)"):
+    with pytest.raises(ValueError):
         measure_edges(photographs([4.0])[0], region)
 
 
@@ -114,17 +114,20 @@ def test_the_central_half_of_an_odd_sized_image_by_hand() -> None:
 
 def test_no_edge_at_all_says_what_to_photograph() -> None:
     flat = EdgeImage(name="flat.tif", image_dn=np.full((60, 80), 100.0))
-    with pytest.raises(NoEdgeError, match=r"flat\.tif: no straight edge found; photograph"):
-        calibrate_psf([flat])
-    with pytest.raises(NoEdgeError, match="2 images: no straight edge found"):
-        calibrate_psf([flat, flat])
+    for sources in ([flat], [flat, flat]):
+        with pytest.raises(NoEdgeError) as refused:
+            calibrate_psf(sources)
+        assert (refused.value.found, refused.value.flags) == (0, frozenset())
+        assert ("flat.tif" in str(refused.value)) is (len(sources) == 1)
 
 
 def test_saturated_edges_alone_say_to_shorten_the_exposure() -> None:
     image = np.minimum(edge_image(0.6, 4.0), 45_000.0)
     source = EdgeImage(name="bright.tif", image_dn=image, saturation_dn=45_000.0)
-    with pytest.raises(NoEdgeError, match=r"none of the 1 edges can be used .saturated: shorten"):
+    with pytest.raises(NoEdgeError) as refused:
         calibrate_psf([source])
+    assert (refused.value.found, refused.value.flags) == (1, frozenset({"saturated"}))
+    assert "shorten the exposure" in str(refused.value)
 
 
 def test_a_saturated_edge_does_not_count_beside_a_good_one() -> None:
@@ -154,8 +157,9 @@ def test_an_edge_knows_its_photograph_capture_and_height() -> None:
 
 
 def test_without_photographs_there_is_no_edge() -> None:
-    with pytest.raises(NoEdgeError, match="0 images"):
+    with pytest.raises(NoEdgeError) as refused:
         calibrate_psf([])
+    assert refused.value.found == 0
 
 
 @pytest.mark.parametrize(("optical_only", "edges"), [(False, 0), (True, 1)])
@@ -171,4 +175,4 @@ def test_a_width_less_sure_than_itself_is_no_width(
     monkeypatch.setattr("calibration.edges.measurement.fit_edge", unsure)
     found = measure_edges(photographs([4.0])[0])
     assert len(found) == edges
-    assert all(edge.fit.optical_sigma_px is None for edge in found)
+    assert all(edge.optical_sigma_px is None for edge in found)

@@ -5,6 +5,7 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session.reader import Session
+from acquisition.session.take import Photograph
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.psf.calibration import calibrate_psf
@@ -38,13 +39,13 @@ def test_the_noise_is_that_of_the_mean_from_the_temporal_variance(tmp_path: Path
 
 def test_a_session_gives_the_psf_of_its_lens(tmp_path: Path) -> None:
     psf = calibrate_psf(edge_images(edge_session(tmp_path / "s", EIGHT_NORMALS_DEG)))
-    assert psf.optical_sigma_x_px is not None
-    assert psf.optical_sigma_y_px is not None
-    x, y = psf.optical_sigma_x_px, psf.optical_sigma_y_px
+    x, y = psf.optical.sigma_x_px, psf.optical.sigma_y_px
+    assert x is not None
+    assert y is not None
     assert x.value == pytest.approx(SIGMA_X_PX, abs=4 * x.err)
     assert y.value == pytest.approx(SIGMA_Y_PX, abs=4 * y.err)
     # The noise is known independently, so the goodness of fit is given. Around 900 pixels each.
-    chi2 = [edge.fit.chi2_reduced for edge in psf.edges]
+    chi2 = [edge.chi2_reduced for edge in psf.edges]
     assert all(value is not None and value == pytest.approx(1.0, abs=0.25) for value in chi2)
 
 
@@ -53,18 +54,20 @@ def test_a_single_photograph_has_no_noise_of_its_own(tmp_path: Path) -> None:
     with writer(tmp_path / "s", plan=plan) as session:
         image_dn = photograph_dn(6.0).astype(np.float32)
         session.add_photograph(
-            session.entries[0], image_dn, pixel_format="Mono16", max_level_dn=4095.0
+            session.entries[0],
+            Photograph(image_dn=image_dn, pixel_format="Mono16", max_level_dn=4095.0),
         )
-    [image] = edge_images(Session.open(tmp_path / "s"))
+    [image] = edge_images(Session(tmp_path / "s"))
     assert image.noise is None
-    assert calibrate_psf([image]).edges[0].fit.chi2_reduced is None
+    assert calibrate_psf([image]).edges[0].chi2_reduced is None
 
 
 def test_a_session_without_edges_is_named(tmp_path: Path) -> None:
     session = edge_session(tmp_path / "flats", [])
-    with pytest.raises(NoEdgeError, match="flats: the session has no capture of kind edge or"):
+    with pytest.raises(NoEdgeError) as refused:
         edge_records(session)
-    with pytest.raises(NoEdgeError, match="no capture of kind edge"):
+    assert str(session.path) in str(refused.value)
+    with pytest.raises(NoEdgeError):
         next(iter(edge_images(session)))
 
 
@@ -74,8 +77,9 @@ def test_a_changed_capture_is_refused(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
     path.write_bytes(bytes(data))
-    with pytest.raises(SessionError, match="is not the file that was captured"):
+    with pytest.raises(SessionError) as refused:
         list(edge_images(session))
+    assert path.name in str(refused.value)
 
 
 def scene_session(path: Path, targets: list[dict[str, object]]) -> Session:
@@ -83,7 +87,7 @@ def scene_session(path: Path, targets: list[dict[str, object]]) -> Session:
     with writer(path, plan=plan) as session:
         for entry in session.entries:
             add(session, entry)
-    return Session.open(path)
+    return Session(path)
 
 
 def test_scenes_are_the_textures_as_they_lie_from_the_nearest_on(tmp_path: Path) -> None:
@@ -107,8 +111,9 @@ def test_scenes_are_the_textures_as_they_lie_from_the_nearest_on(tmp_path: Path)
 
 def test_a_session_whose_scenes_have_one_height_each_is_named(tmp_path: Path) -> None:
     session = edge_session(tmp_path / "edges")
-    with pytest.raises(CalibrationError, match="edges: no target of kind texture or chart was"):
+    with pytest.raises(CalibrationError) as refused:
         scene_records(session)
+    assert str(session.path) in str(refused.value)
 
 
 def even_maps(shape: tuple[int, int]) -> CorrectionMaps:
@@ -124,10 +129,10 @@ def even_maps(shape: tuple[int, int]) -> CorrectionMaps:
 def test_maps_of_another_camera_are_refused_with_the_capture(tmp_path: Path) -> None:
     session = edge_session(tmp_path / "s")
     file = edge_records(session)[0].file
-    with pytest.raises(
-        CalibrationError, match=rf"{file}: an image of \(90, 110\).*maps of \(90, 100\)"
-    ):
+    with pytest.raises(CalibrationError) as refused:
         next(iter(edge_images(session, correction=even_maps((90, 100)))))
+    for fact in (file, "(90, 110)", "(90, 100)"):
+        assert fact in str(refused.value)
 
 
 def test_correction_is_taken_off_the_level_the_noise_and_not_off_what_is_clipped(

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from calibration.psf.calibration import calibrate_psf
-from calibration.psf.document import psf_document
 from calibration.psf.height_trend import HeightTrend, fit_height_trend
 from tests.calibration.edge_photographs import photographs
 
@@ -71,11 +70,12 @@ def test_heights_of_diagonal_edges_alone_have_a_relative_width_and_none_along_an
         for seed, height_mm in enumerate((100.0, 150.0, 200.0))
         for source in photographs((45.0, 50.0, 130.0, 135.0), seed=seed)
     ]
-    trend = psf_document(calibrate_psf(sources))["height_trend"]
-    assert [row["height_mm"] for row in trend["heights"]] == [100.0, 150.0, 200.0]
-    for row in trend["heights"]:
-        assert row["edges"] == 4
+    trend = calibrate_psf(sources).height_trend
+    assert trend is not None
+    assert [group.height_mm for group in trend.heights] == [100.0, 150.0, 200.0]
+    for group in trend.heights:
+        assert group.edges == 4
         # One lens at all heights.
-        assert row["relative_width"] == pytest.approx(1.0, abs=4 * row["relative_width_err"])
-        assert row["sigma_x_px"] is row["sigma_x_err_px"] is None
-        assert row["sigma_y_px"] is row["sigma_y_err_px"] is None
+        assert group.relative_width == pytest.approx(1.0, abs=4 * group.relative_width_err)
+        assert group.sigma_x_px is group.sigma_x_err_px is None
+        assert group.sigma_y_px is group.sigma_y_err_px is None

@@ -4,12 +4,14 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration.features import FeatureMatches, homography_pose
+from calibration.registration.features import FeatureMatches, homography_pose, match_features
 
 FloatArray = NDArray[np.float64]
 
+SHAPE = (100, 120)
 POINTS = np.random.default_rng(1).uniform(0.0, 300.0, (60, 2))
 
 
@@ -41,11 +43,28 @@ def test_what_turns_the_scene_inside_out_is_refused(
     everyone = np.ones((len(POINTS), 1), dtype=np.uint8)
     monkeypatch.setattr(cv2, "findHomography", lambda *_arguments: (known, everyone))
     matches = FeatureMatches(followup_px=POINTS, reference_px=mapped(known))
-    with pytest.raises(RegistrationError, match="turned inside out"):
+    with pytest.raises(RegistrationError) as refused:
         homography_pose(matches)
+    assert refused.value.reason == "inside_out"
 
 
 def test_points_without_an_order_agree_on_nothing() -> None:
     away = np.random.default_rng(2).uniform(0.0, 300.0, POINTS.shape)
-    with pytest.raises(RegistrationError, match="feature matches agree on a pose"):
+    with pytest.raises(RegistrationError) as refused:
         homography_pose(FeatureMatches(followup_px=POINTS, reference_px=away))
+    assert refused.value.reason == "no_common_pose"
+    assert refused.value.count is not None
+    assert refused.value.count < 12
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+@pytest.mark.parametrize("at_fault", ["reference", "followup"])
+def test_the_image_without_detail_is_the_one_at_fault(at_fault: str, level: float) -> None:
+    rng = np.random.default_rng(3)
+    images = dict.fromkeys(("reference", "followup"), gaussian_filter(rng.normal(size=SHAPE), 1.5))
+    # A constant or a ramp.
+    images[at_fault] = np.full(SHAPE, 50.0) + level * np.arange(SHAPE[1])
+    with pytest.raises(RegistrationError) as refused:
+        match_features(**images)
+    error = refused.value
+    assert (error.reason, error.at_fault, error.count) == ("no_detail", at_fault, 0)

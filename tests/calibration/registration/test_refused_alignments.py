@@ -12,7 +12,6 @@ from calibration.errors import RegistrationError
 from calibration.registration import pair
 from calibration.registration.distortion_refinement import refined_distorted_pose
 from calibration.registration.features import FeatureMatches
-from calibration.registration.motions import AXIAL, HOMOGRAPHY
 from calibration.registration.pair import register_distorted
 from calibration.registration.refinement import refined_pose
 from simulation import GaussianPsf
@@ -42,30 +41,28 @@ def truth(aside_px: float = 0.0) -> FloatArray:
 
 
 def by_homography(reference: FloatArray, followup: FloatArray, start: FloatArray) -> object:
-    return refined_pose(reference, followup, PSF, start, HOMOGRAPHY)
-
-
-def along_the_axis(reference: FloatArray, followup: FloatArray, start: FloatArray) -> object:
-    return refined_pose(reference, followup, PSF, start, AXIAL)
+    return refined_pose(reference, followup, PSF, start)
 
 
 def with_distortion(reference: FloatArray, followup: FloatArray, start: FloatArray) -> object:
     return refined_distorted_pose(reference, followup, PSF, start)
 
 
-EACH = pytest.mark.parametrize("refine", [by_homography, along_the_axis, with_distortion])
+EACH = pytest.mark.parametrize("refine", [by_homography, with_distortion])
 
 
 @EACH
 def test_a_negative_of_the_scene_is_refused(refine: Refine) -> None:
-    with pytest.raises(RegistrationError, match="does not look like the reference"):
+    with pytest.raises(RegistrationError) as refused:
         refine(seen(1.0), 256.0 - seen(ZOOM), truth())
+    assert refused.value.reason == "unlike"
 
 
 @EACH
 def test_a_start_that_leaves_no_overlap_is_refused(refine: Refine) -> None:
-    with pytest.raises(RegistrationError, match="overlap too little"):
+    with pytest.raises(RegistrationError) as refused:
         refine(seen(1.0), seen(ZOOM), truth(aside_px=400.0))
+    assert refused.value.reason == "little_overlap"
 
 
 @EACH
@@ -73,20 +70,19 @@ def test_a_scene_drowned_in_noise_is_refused_with_the_correlation(refine: Refine
     # Noise of twice the contrast where both overlap: a correlation of 1 / sqrt(1 + 4).
     contrast = np.std(seen(ZOOM)[20:100, 27:133])
     noisy = seen(ZOOM) + np.random.default_rng(2).normal(0, 2 * contrast, SHAPE)
-    with pytest.raises(RegistrationError, match=r"correlate by 0\.\d\d only, 0\.5 is ") as refused:
+    with pytest.raises(RegistrationError) as refused:
         refine(seen(1.0), noisy, truth())
+    assert refused.value.reason == "low_correlation"
     # 8000 pixels: 0.01.
-    assert float(str(refused.value).split()[5]) == pytest.approx(5**-0.5, abs=0.03)
+    assert refused.value.correlation == pytest.approx(5**-0.5, abs=0.03)
 
 
 @EACH
 @pytest.mark.parametrize("seed", range(70, 77))
 def test_no_other_scene_is_taken_for_the_reference(refine: Refine, seed: int) -> None:
-    with pytest.raises(
-        RegistrationError,
-        match=r"does not look like the reference|did not settle|correlate by|no lens has",
-    ):
+    with pytest.raises(RegistrationError) as refused:
         refine(seen(1.0), seen(ZOOM, seed), truth())
+    assert refused.value.reason in ("unlike", "not_settled", "low_correlation", "no_lens")
 
 
 @pytest.fixture
@@ -117,16 +113,19 @@ def test_features_that_agree_with_the_pixels_are_aligned(
 def test_features_of_a_mirror_image_are_refused(matched: Callable[[FloatArray], None]) -> None:
     mirrored = np.array([[-ZOOM, 0.0, SHAPE[1] - 1.0], [0.0, ZOOM, 0.0], [0.0, 0.0, 1.0]])
     matched(mirrored)
-    with pytest.raises(RegistrationError, match="only 0 feature matches agree on a pose"):
+    with pytest.raises(RegistrationError) as refused:
         register_distorted(seen(1.0), seen(ZOOM), PSF)
+    assert (refused.value.reason, refused.value.count) == ("no_common_pose", 0)
 
 
 def test_features_that_contradict_the_pixels_are_refused_with_how_much(
     matched: Callable[[FloatArray], None],
 ) -> None:
     matched(truth(aside_px=2.5))
-    with pytest.raises(RegistrationError, match=r"features lie 2\.[456] px from where the pixels"):
+    with pytest.raises(RegistrationError) as refused:
         register_distorted(seen(1.0), seen(ZOOM), PSF)
+    assert refused.value.reason == "contradiction"
+    assert refused.value.error_px == pytest.approx(2.5, abs=0.15)
 
 
 def test_a_pose_that_the_pixels_hardly_tell_is_refused_with_its_error(
@@ -136,5 +135,8 @@ def test_a_pose_that_the_pixels_hardly_tell_is_refused_with_its_error(
     near, far = (gaussian_filter(seen(zoom), 8.0 / zoom) for zoom in (1.0, ZOOM))
     noise = np.random.default_rng(3).normal(0, 0.9 * np.std(far[20:100, 27:133]), SHAPE)
     matched(truth())
-    with pytest.raises(RegistrationError, match=r"unsure by \d\.\d\d px, 0\.25 px are allowed"):
+    with pytest.raises(RegistrationError) as refused:
         register_distorted(near, far + noise, PSF)
+    assert refused.value.reason == "uncertain"
+    assert refused.value.error_px is not None
+    assert 0.25 < refused.value.error_px < 10

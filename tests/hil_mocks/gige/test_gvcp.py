@@ -14,20 +14,22 @@ from hil_mocks.gige.gvcp import (
     RegisterWrite,
     ResendRequest,
     encode_acknowledge,
-    encode_command,
     encode_pending,
-    encode_read_memory,
-    encode_read_registers,
-    encode_resend_request,
-    encode_write_memory,
-    encode_write_registers,
-    parse_acknowledge,
     parse_command,
     parse_read_memory,
     parse_read_registers,
     parse_resend_request,
     parse_write_memory,
     parse_write_registers,
+)
+from tests.hil_mocks.gige_wire import (
+    encode_command,
+    encode_read_memory,
+    encode_read_registers,
+    encode_resend_request,
+    encode_write_memory,
+    encode_write_registers,
+    parse_acknowledge,
 )
 
 WORDS = st.integers(0, 2**32 - 1)

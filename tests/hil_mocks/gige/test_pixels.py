@@ -35,7 +35,7 @@ def test_packed_pixels_come_back_as_they_went(level_dn: np.ndarray) -> None:
 
 
 def test_an_odd_number_of_packed_pixels_is_refused() -> None:
-    with pytest.raises(ValueError, match="even"):
+    with pytest.raises(ValueError):
         wire_bytes(np.zeros((3, 3), np.uint16), PIXEL_LAYOUTS["Mono12Packed"])
 
 

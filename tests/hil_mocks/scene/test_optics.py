@@ -46,5 +46,5 @@ def test_the_variance_of_the_blur_disc_is_a_sixteenth_of_its_diameter_squared() 
 
 
 def test_a_lens_cannot_be_focused_within_its_focal_length() -> None:
-    with pytest.raises(ValueError, match="beyond the focal length"):
+    with pytest.raises(ValueError):
         lens(7.0)

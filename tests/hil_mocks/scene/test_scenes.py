@@ -93,5 +93,6 @@ def test_every_target_reflects_between_nothing_and_white_paper(target: str) -> N
 
 
 def test_an_unknown_target_is_an_error_that_lists_the_known_ones() -> None:
-    with pytest.raises(ValueError, match=r"no target 'egde'.*edge.*brick.*flat"):
+    with pytest.raises(ValueError) as refused:
         scene_of("egde")
+    assert all(name in str(refused.value) for name in ("edge", "brick", "flat"))

@@ -4,15 +4,15 @@ import pytest
 
 from acquisition.errors import (
     DeviceError,
-    DeviceProtocolError,
+    DeviceRefusalError,
     DeviceResetError,
-    DeviceTimeoutError,
+    DeviceSettingsError,
     StageAlarmError,
     StageNotHomedError,
 )
 from hil_mocks.stages.grbl import GrblFaults
 from hil_mocks.stages.grbl_lines import GrblDialect
-from tests.hil_mocks.grbl_checks import (
+from tests.hil_mocks.stage_checks import (
     DIALECTS,
     TARGET_MM,
     assert_nothing_moves,
@@ -40,34 +40,12 @@ class TestController:
     def test_a_reset_in_mid_move_ends_it(self, dialect: GrblDialect) -> None:
         rig = homed_grbl(dialect)
         rig.in_mid_move(rig.firmware.press_reset)
-        with pytest.raises((StageAlarmError, DeviceResetError), match="home"):
+        with pytest.raises((StageAlarmError, DeviceResetError)):
             rig.stage.move_to(TARGET_MM, 120)
         assert rig.plant.true_height_mm < TARGET_MM
         assert not rig.stage.is_homed
         assert_nothing_moves(rig) if rig.stage.state == "alarm" else None
         clear_home_and_work(rig)
-
-    def test_a_brown_out_when_idle_is_a_reset(self) -> None:
-        rig = homed_grbl()
-        rig.firmware.power_cycle()
-        with pytest.raises(DeviceError):
-            rig.stage.move_to(TARGET_MM, 120)
-        rig.wait(2.0)
-        assert_nothing_moves(rig)
-        rig.stage.home(120)
-        assert_works_again(rig)
-
-    def test_a_brown_out_in_mid_move_ends_it(self) -> None:
-        rig = homed_grbl()
-        rig.in_mid_move(rig.firmware.power_cycle)
-        with pytest.raises((DeviceResetError, DeviceTimeoutError)):
-            rig.stage.move_to(TARGET_MM, 120)
-        assert rig.plant.true_height_mm < TARGET_MM
-        assert not rig.stage.is_homed
-        rig.wait(2.0)
-        assert_nothing_moves(rig)
-        rig.stage.home(120)
-        assert_works_again(rig)
 
     @DIALECTS
     def test_it_starts_in_alarm_where_homing_is_required(self, dialect: GrblDialect) -> None:
@@ -96,10 +74,10 @@ class TestController:
         rig = homed_grbl(expected_settings=expected)
         rig.firmware.lose_settings()
         before_mm = rig.plant.true_height_mm
-        with pytest.raises(DeviceError, match=r"\$102 is 800.000, expected 250"):
-            rig.stage.home(120)
-        with pytest.raises(DeviceError, match=r"\$102 is 800.000, expected 250"):
-            rig.reopen()
+        for call in (lambda: rig.stage.home(120), rig.reopen):
+            with pytest.raises(DeviceSettingsError) as lost:
+                call()
+            assert lost.value.settings == ("$102",)
         assert rig.plant.true_height_mm == before_mm
         rig.firmware.settings.update({102: 250, 22: 1, 23: 4, 20: 1})
         rig.reopen().home(120)
@@ -108,41 +86,31 @@ class TestController:
     def test_blank_memory_is_an_error_with_the_remedy(self) -> None:
         rig = grbl_rig(connect=False)
         rig.firmware.faults = GrblFaults(memory_is_blank=True)
-        with pytest.raises(DeviceProtocolError, match=r"error:7 .*\$RST=\$"):
-            rig.stage.connect()
+        with pytest.raises(DeviceRefusalError) as refused:
+            rig.axis.connect()
+        assert refused.value.code == 7
+        assert "$RST=$" in str(refused.value)
         rig.firmware.faults = GrblFaults()
         rig.reopen().home(120)
         assert_works_again(rig)
 
     def test_inch_mode_is_refused(self) -> None:
         rig = grbl_rig(settings={13: 1}, connect=False)
-        with pytest.raises(DeviceError, match=r"inches; set \$13=0"):
-            rig.stage.connect()
+        with pytest.raises(DeviceSettingsError) as refused:
+            rig.axis.connect()
+        assert refused.value.settings == ("$13",)
         rig.firmware.settings[13] = 0
         rig.reopen().home(120)
         rig.firmware.settings[13] = 1
-        with pytest.raises(DeviceError, match="inches"):
+        with pytest.raises(DeviceSettingsError):
             rig.stage.home(120)
 
     def test_homing_that_is_switched_off_is_named(self) -> None:
         rig = grbl_rig(settings={22: 0})
-        with pytest.raises(DeviceError, match=r"\$22=1"):
+        with pytest.raises(DeviceSettingsError) as refused:
             rig.stage.home(120)
+        assert refused.value.settings == ("$22",)
         assert rig.plant.true_height_mm == 150.0
-
-    @pytest.mark.parametrize("in_s", [0.0, 2.0], ids=["idle", "mid-move"])
-    def test_a_controller_that_hangs_is_a_timeout(self, in_s: float) -> None:
-        rig = homed_grbl()
-        hangs = GrblFaults(hangs=True)
-        rig.in_mid_move(lambda: setattr(rig.firmware, "faults", hangs), in_s)
-        with pytest.raises(DeviceTimeoutError):
-            rig.stage.move_to(TARGET_MM, 120)
-        rig.firmware.faults = GrblFaults()
-        rig.firmware.power_cycle()
-        rig.wait(5.0)
-        assert_nothing_moves(rig, DeviceError)
-        rig.stage.home(120)
-        assert_works_again(rig)
 
     @pytest.mark.parametrize(
         ("shown", "state"),
@@ -167,7 +135,7 @@ class TestController:
             rig.firmware.axis.brake()
 
         rig.in_mid_move(strike, in_s)
-        with pytest.raises(StageAlarmError, match=shown.partition(":")[0]) as caught:
+        with pytest.raises(StageAlarmError) as caught:
             rig.stage.move_to(TARGET_MM, 120)
         assert caught.value.code == shown.partition(":")[0]
         assert rig.stage.state == state
@@ -180,8 +148,9 @@ class TestController:
     def test_opening_in_a_hold_says_so_and_a_reset_at_opening_is_the_way_back(self) -> None:
         rig = homed_grbl()
         rig.firmware.faults = GrblFaults(shows_state="Hold:0")
-        with pytest.raises(StageAlarmError, match="Hold"):
+        with pytest.raises(StageAlarmError) as caught:
             rig.reopen()
+        assert caught.value.code == "Hold"
         rig.firmware.faults = GrblFaults()
         rig.reopen(reset=True)
         assert not rig.stage.is_homed
@@ -189,45 +158,15 @@ class TestController:
         assert_works_again(rig)
 
     @DIALECTS
-    def test_an_emergency_stop_in_mid_move_halts_at_once(self, dialect: GrblDialect) -> None:
-        rig = homed_grbl(dialect)
-        rig.in_mid_move(rig.stage.emergency_stop)
-        with pytest.raises((StageAlarmError, DeviceResetError)):
-            rig.stage.move_to(TARGET_MM, 120)
-        stopped_mm = rig.plant.true_height_mm
-        assert stopped_mm < TARGET_MM
-        assert rig.stage.state == "alarm"
-        with pytest.raises(StageAlarmError, match="emergency"):
-            rig.stage.home(120)
-        with pytest.raises(StageNotHomedError):
-            rig.stage.position_mm()
-        rig.wait(5.0)
-        assert rig.plant.true_height_mm == stopped_mm
-        clear_home_and_work(rig)
-
-    @DIALECTS
     def test_an_emergency_button_at_the_controller_is_an_alarm(self, dialect: GrblDialect) -> None:
         rig = homed_grbl(dialect)
         rig.firmware.raise_alarm(10)
-        with pytest.raises(StageAlarmError, match="emergency stop") as caught:
+        with pytest.raises(StageAlarmError) as caught:
             rig.stage.move_to(TARGET_MM, 120)
         assert caught.value.code == 10
         assert rig.stage.state == "alarm"
         assert_nothing_moves(rig, DeviceError)
         clear_home_and_work(rig)
-
-    def test_a_second_move_while_one_runs_is_refused(self) -> None:
-        rig = homed_grbl()
-        refused: list[str] = []
-
-        def move_too() -> None:
-            with pytest.raises(DeviceError, match="moving already") as caught:
-                rig.stage.move_to(20.0, 120)
-            refused.append(str(caught.value))
-
-        rig.in_mid_move(move_too)
-        assert rig.stage.move_to(TARGET_MM, 120) == pytest.approx(TARGET_MM, abs=0.01)
-        assert len(refused) == 1
 
     def test_a_work_offset_of_another_program_does_not_shift_the_stage(self) -> None:
         for mask in (1, 0):

@@ -8,8 +8,9 @@ import pytest
 
 from acquisition.bench import StageConfig
 from acquisition.errors import DeviceDisconnectedError, DeviceError
-from acquisition.stages.grbl.stage import GrblStage, open_grbl_stage
-from acquisition.stages.zaber.stage import ZaberStage, open_zaber_stage
+from acquisition.stages.grbl.axis import open_grbl_stage
+from acquisition.stages.motor import MotorStage
+from acquisition.stages.zaber.axis import open_zaber_stage
 from hil_mocks.stages.serial_line import LineFaults
 from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
 from tests.busy_machine import BUSY_S
@@ -19,7 +20,7 @@ pytestmark = pytest.mark.slow
 JOIN_S = 30.0
 
 
-def opened(served: SerialStage, protocol: StageProtocol) -> GrblStage | ZaberStage:
+def opened(served: SerialStage, protocol: StageProtocol) -> MotorStage:
     config = StageConfig.model_validate(
         {
             "driver": protocol,

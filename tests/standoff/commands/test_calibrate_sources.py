@@ -10,8 +10,10 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from calibration.errors import NoiseFileError
+from calibration.files import write_document
 from calibration.noise.correction_maps import CorrectionMaps
-from calibration.noise.document import write_map_files
+from calibration.noise.document import NoiseCalibration, write_map_files
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_field import frame_of_edges
 from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN, Command
@@ -27,16 +29,15 @@ def maps_beside(path: Path, response: NDArray[np.float64]) -> Path:
         defects=np.zeros(response.shape, np.uint8),
         black_level_dn=DARK_DN,
     )
-    document = {
-        "schema": "standoff.noise/1",
-        "gain_e_per_dn": 4.0,
-        "read_noise_e": 8.0,
-        "black_level_dn": DARK_DN,
-        "saturation_dn": 65535.0,
-        "frames_averaged": 1,
-        "maps": write_map_files(path, maps),
-    }
-    path.write_text(json.dumps(document))
+    noise = NoiseCalibration(
+        gain_e_per_dn=4.0,
+        read_noise_e=8.0,
+        black_level_dn=DARK_DN,
+        saturation_dn=65535.0,
+        frames_averaged=1,
+        maps=write_map_files(path, maps),
+    )
+    write_document(path, noise, NoiseFileError)
     return path
 
 

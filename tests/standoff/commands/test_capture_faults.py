@@ -92,12 +92,12 @@ def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
     assert (done.status, done.out) == (1, "")
     [line] = [line for line in done.err.splitlines() if line.startswith("standoff:")]
     assert named in line
-    session = Session.open(tmp_path / "s")
+    session = Session(tmp_path / "s")
     assert 1 <= len(session.records) < 6
     assert session.events[-1].kind == "error"
     resumed = json.loads(command(*words, "--yes", "--json").out)
     assert resumed["captured"] == 6 - len(session.records)
-    assert Session.open(tmp_path / "s").is_complete
+    assert Session(tmp_path / "s").is_complete
     assert verify(tmp_path / "s").is_ok
 
 
@@ -122,7 +122,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
         done = command(*words, "--yes")
     assert done.status == 1
     assert "No space left on device; see to the disk and run the same command again" in done.err
-    assert len(Session.open(tmp_path / "s").records) == 2
+    assert len(Session(tmp_path / "s").records) == 2
     assert json.loads(command(*words, "--yes", "--json").out)["captured"] == 4
 
 
@@ -214,4 +214,4 @@ def test_at_a_terminal_the_operator_answers_pauses_and_goes_on(
     os.close(controller)
     assert answered == 3
     assert paused == 1
-    assert Session.open(tmp_path / "s").is_complete
+    assert Session(tmp_path / "s").is_complete

@@ -12,7 +12,8 @@ import pytest
 
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 
-from analysis.detectability.curves import curves_document, write_curves
+from analysis.detectability.curves import DetectabilityCurves
+from analysis.results_file import write_results
 from standoff.shipped_configs import shipped_config
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
@@ -92,7 +93,7 @@ def test_with_curves_the_pose_can_be_judged_and_curves_that_do_not_tell_are_refu
     command: Command, served: list[object], tmp_path: Path
 ) -> None:
     curves = tmp_path / "curves.json"
-    write_curves(curves, curves_document([curve()]))
+    write_results(curves, DetectabilityCurves(curves=[curve()]))
     done = command("console", *BENCH, "--port", 0, "--curves", curves, "--json")
     assert done.status == 0, done.err
     assert json.loads(done.out)["url"].startswith("http://127.0.0.1:")

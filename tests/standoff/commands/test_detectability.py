@@ -6,7 +6,8 @@ import pytest
 import tifffile
 from scipy.ndimage import gaussian_filter
 
-from analysis.detectability.curves import curves_document, read_curves, write_curves
+from analysis.detectability.curves import DetectabilityCurves, read_curves
+from analysis.results_file import write_results
 from simulation import GaussianPsf, zoom_out
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
@@ -34,7 +35,7 @@ def scene_file(tmp_path: Path) -> Path:
 @pytest.fixture
 def curves_file(tmp_path: Path) -> Path:
     path = tmp_path / "known.json"
-    write_curves(path, curves_document([curve(), curve(observer="hotelling")]))
+    write_results(path, DetectabilityCurves(curves=[curve(), curve(observer="hotelling")]))
     return path
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.bench import load_bench
+from acquisition.bench import BenchDevices, load_bench
 from acquisition.devices import Camera
 from acquisition.focus.live import FocusOptions, FocusPoint, focus_values, sweep_focus
 from acquisition.focus.measures import Region
@@ -103,14 +103,16 @@ def test_the_peak_is_within_one_percent_at_snr_20_with_20_percent_of_drift(bench
 
         rig.place("edge", 5.0)
         points = sweep_focus(
-            rig.camera,
-            rig.stage,
+            BenchDevices(
+                config=config,
+                camera=rig.camera,
+                stage=rig.stage,
+                clock=lambda rig=rig: rig.clock.now_s,  # type: ignore[misc]  # bound at once
+            ),
             heights,
             FocusOptions(measure="tenengrad", region=along_the_edge),
             frames=10,
-            stage_config=config.stage,
             progress=drift,
-            clock=lambda rig=rig: rig.clock.now_s,  # type: ignore[misc]  # bound at once
         )
         peak = fit_focus_peak(
             np.array([p.height_mm for p in points]), np.array([p.value for p in points])

@@ -8,6 +8,7 @@ import pytest
 
 from acquisition.bench import BenchConfig
 from acquisition.plan import parse_plan
+from acquisition.session.take import Photograph
 from acquisition.session.writer import SessionWriter
 from calibration.geometry.series import GeometryCapture
 from tests.acquisition.session_fixtures import bench_of
@@ -43,9 +44,11 @@ def imported(
             assert entry.height_mm == one.height_mm
             session.add_photograph(
                 entry,
-                one.image.astype(np.float32),
-                pixel_format="Mono12",
-                max_level_dn=4095.0,
+                Photograph(
+                    image_dn=one.image.astype(np.float32),
+                    pixel_format="Mono12",
+                    max_level_dn=4095.0,
+                ),
             )
     return path
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from acquisition.bench import load_bench
-from acquisition.stages.grbl.stage import open_grbl_stage
-from acquisition.stages.zaber.stage import open_zaber_stage
+from acquisition.stages.grbl.axis import open_grbl_stage
+from acquisition.stages.zaber.axis import open_zaber_stage
 from hil_mocks.practice_bench import PracticeBench
 from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
 from standoff.shipped_configs import shipped_config

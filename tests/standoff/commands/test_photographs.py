@@ -20,10 +20,10 @@ def test_photographs_become_a_session_that_calibrates(
     words = ("import", edge_file, "--kind", "edge", "--height-mm", 250, "--scale", 12.5)
     done = json.loads(command(*words, "--out", out, "--json").out)
     assert (done["imported"], done["photographs"]) == (1, 1)
-    [record] = Session.open(out).records
+    [record] = Session(out).records
     assert (record.height_mm, record.scale_px_per_mm, record.frames_used) == (250.0, 12.5, 1)
     np.testing.assert_array_equal(
-        Session.open(out).load(record).mean_dn, tifffile.imread(edge_file).astype(np.float32)
+        Session(out).load(record).mean_dn, tifffile.imread(edge_file).astype(np.float32)
     )
     assert command("verify", out).status == 0
     psf = tmp_path / "psf.json"
@@ -39,7 +39,7 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
     done = command("import", path, "--kind", "texture", "--srgb", "--out", tmp_path / "s")
     assert done.status == 0
     assert "recorded as 0 mm" in done.err
-    session = Session.open(tmp_path / "s")
+    session = Session(tmp_path / "s")
     mean_dn = session.load(session.records[0]).mean_dn
     # IEC 61966-2-1: ((188 / 255 + 0.055) / 1.055)^2.4 = 0.50289 of 255.
     np.testing.assert_allclose(mean_dn, 128.236, rtol=1e-4)
@@ -92,6 +92,6 @@ def test_a_float_photograph_tells_no_level_at_which_it_clips(
     done = command(*words)
     assert done.status == 0, done.err
     assert done.out == f"{tmp_path / 's'}: 1 of 1 photographs imported\n"
-    [record] = Session.open(tmp_path / "s").records
+    [record] = Session(tmp_path / "s").records
     assert record.saturated_pixels == 0
     assert record.max_level_dn > 0.75

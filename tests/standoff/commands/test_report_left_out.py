@@ -4,13 +4,13 @@ from pathlib import Path
 import pytest
 
 from calibration.files import PSF_SCHEMA
-from tests.analysis.test_series import chart_session
+from tests.analysis.bench_session import chart_session
 from tests.standoff.conftest import Command
 
 
 @pytest.mark.parametrize(
     ("sigma_y_px", "seeds", "reason"),
-    [(None, (3, 3), "sigma_y_px is null"), (0.7, (3, 77), "the captures cannot be")],
+    [(None, (3, 3), "sigma_y_px is null"), (0.7, (3, 77), "no pair of captures can be")],
 )
 def test_the_report_leaves_out_what_it_cannot_compare_and_says_why(
     command: Command,
@@ -34,7 +34,7 @@ def test_the_report_leaves_out_what_it_cannot_compare_and_says_why(
 
 
 @pytest.mark.slow
-def test_one_pair_that_cannot_be_aligned_is_noted_and_the_others_are_reported(
+def test_one_capture_that_cannot_be_aligned_is_noted_and_the_others_are_reported(
     command: Command, tmp_path: Path
 ) -> None:
     session = chart_session(tmp_path / "s", 3, 3, 77)
@@ -44,8 +44,9 @@ def test_one_pair_that_cannot_be_aligned_is_noted_and_the_others_are_reported(
     (results / "psf.json").write_text(json.dumps(content))
     done = command("report", session.path)
     assert done.status == 0, done.err
-    [line] = [line for line in done.err.splitlines() if "leaves out a pair" in line]
-    assert session.records[2].file in line
-    compared = json.loads((results / "comparison.json").read_text())
+    [line] = [line for line in done.err.splitlines() if "excluded: capture" in line]
+    assert "capture 2" in line
+    compared = json.loads((results / "validation.json").read_text())
     assert len(compared["pairs"]) == 1
-    assert session.records[2].file in compared["left_out"][0]
+    assert [one["capture"] for one in compared["excluded"]] == [2]
+    assert "Left out: capture 2" in (results / "report.html").read_text()

@@ -117,7 +117,7 @@ def test_a_session_of_five_heights_and_four_orientations_over_the_real_protocols
     assert summary["captured"] == 20
     assert tuple(placed) == ORIENTATIONS_DEG
     assert command("verify", out).status == 0
-    session = Session.open(out)
+    session = Session(out)
     assert session.is_complete
     assert session.devices["camera"]["driver"] == "aravis"
     assert session.devices["stage"]["driver"] == "grbl"

@@ -7,8 +7,10 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from calibration.errors import NoiseFileError
+from calibration.files import write_document
 from calibration.noise.correction_maps import CorrectionMaps
-from calibration.noise.document import write_map_files
+from calibration.noise.document import NoiseCalibration, write_map_files
 from simulation import GaussianPsf, zoom_out
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, TEXTURE, Command
 
@@ -182,16 +184,15 @@ def written_maps(
     defects[7, 9] = 1
     maps = CorrectionMaps(dark_dn=dark, response=response, defects=defects, black_level_dn=64.0)
     path = tmp_path / "noise.json"
-    document = {
-        "schema": "standoff.noise/1",
-        "gain_e_per_dn": 4.0,
-        "read_noise_e": 8.0,
-        "black_level_dn": 64.0,
-        "saturation_dn": 4095.0,
-        "frames_averaged": 1,
-        "maps": write_map_files(path, maps),
-    }
-    path.write_text(json.dumps(document), encoding="utf-8")
+    noise = NoiseCalibration(
+        gain_e_per_dn=4.0,
+        read_noise_e=8.0,
+        black_level_dn=64.0,
+        saturation_dn=4095.0,
+        frames_averaged=1,
+        maps=write_map_files(path, maps),
+    )
+    write_document(path, noise, NoiseFileError)
     image = dark.astype(np.float64) + response * (1000.0 - 64.0)
     image[7, 9] = 4095.0
     return path, image

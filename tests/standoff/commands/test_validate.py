@@ -68,6 +68,68 @@ def test_the_tables_are_printed_for_people(
         assert words in done.out
 
 
+@pytest.mark.slow
+def test_the_report_and_the_validation_of_a_session_have_the_same_numbers(
+    command: Command, psf: Path, tmp_path: Path
+) -> None:
+    session = height_series(tmp_path / "session", other_target_at=150.0).path
+    results = session / "results"
+    results.mkdir()
+    calibration = results / "psf.json"
+    calibration.write_bytes(psf.read_bytes())
+    done = command("report", session)
+    assert done.status == 0, done.err
+    reported = json.loads((results / "validation.json").read_text())
+    done = command(
+        "validate", "--session", session, "--psf", calibration, "--out", tmp_path / "v",
+        "--models", "bicubic,paper,matched,lmmse", "--json",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    assert json.loads(done.out) == reported
+    page = (results / "report.html").read_text()
+    for row in reported["table_2"]:
+        if row["alignment"] == "followup-grid":
+            assert f"<td>{row['mse_dn2']:.2f}</td>" in page
+    for name in ("table_1", "table_2"):
+        for suffix in (".txt", ".csv", ".tex"):
+            table = f"{name}{suffix}"
+            assert (results / table).read_bytes() == (tmp_path / "v" / table).read_bytes()
+
+
+@pytest.mark.slow
+def test_a_report_takes_the_validation_that_is_there_while_it_is_current(
+    command: Command, psf: Path, tmp_path: Path
+) -> None:
+    session = height_series(tmp_path / "session", heights_mm=(100.0, 120.0, 150.0)).path
+    results = session / "results"
+    results.mkdir()
+    calibration = results / "psf.json"
+    calibration.write_bytes(psf.read_bytes())
+    done = command(
+        "validate", "--session", session, "--psf", calibration, "--out", results,
+        "--models", "paper", "--references", 1,
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    stored = results / "validation.json"
+    before = stored.read_bytes()
+    assert command("report", session).status == 0
+    assert stored.read_bytes() == before
+    # What a person decides about a capture afterwards counts.
+    done = command("session", "exclude", 1, session, "--reason", "hair")
+    assert done.status == 0, done.err
+    done = command("report", session)
+    assert "validation.json is older than the session's journal" in done.err
+    anew = json.loads(stored.read_text())
+    assert [(pair["reference"], pair["followup"]) for pair in anew["pairs"]] == [(0, 2)]
+    assert anew["models"] == ["bicubic", "paper", "matched", "lmmse"]
+    # And another calibration.
+    wider = json.loads(calibration.read_text()) | {"sigma_x_px": 0.8}
+    calibration.write_text(json.dumps(wider))
+    done = command("report", session)
+    assert "validation.json is of another PSF" in done.err
+    assert json.loads(stored.read_text())["psf_covariance_px2"][0][0] == pytest.approx(0.64)
+
+
 def identity_kernel() -> EstimatedKernel:
     weights = np.zeros((13, 13))
     weights[6, 6] = 1.0

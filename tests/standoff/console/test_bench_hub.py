@@ -77,7 +77,7 @@ def test_a_plan_is_run_as_a_session_with_the_exposure_of_the_live_picture(
     operator.wait_idle()
     assert hub.run.view.state == "finished"
     assert states(hub) == ["done", "done"]
-    session = Session.open(hub.sessions.folder / "first")
+    session = Session(hub.sessions.folder / "first")
     assert session.is_complete
     assert verify(session.path).is_ok
     assert session.manifest.operator == "Ada"
@@ -107,7 +107,7 @@ def test_a_session_is_paused_stopped_resumed_and_retaken(hub: BenchHub, operator
     assert states(hub)[0] == "done"
     operator.answer("ready")
     operator.wait_idle()
-    session = Session.open(hub.sessions.folder / "first")
+    session = Session(hub.sessions.folder / "first")
     kinds = [event.kind for event in session.events]
     assert kinds.count("stop") == 1
     assert kinds.count("retake") == 1
@@ -141,7 +141,7 @@ def test_a_retake_during_a_pause_begins_the_run_anew_with_it(
     operator.say(do="go-on")
     operator.wait_idle()
     assert states(hub) == ["done", "done"]
-    session = Session.open(hub.sessions.folder / "first")
+    session = Session(hub.sessions.folder / "first")
     assert [capture.record.index for capture in session.captures] == [0, 0, 1]
     assert session.is_complete
 

@@ -73,9 +73,9 @@ def test_the_95_percent_intervals_contain_the_truth(half: int) -> None:
             config.simulated.optical_rho,
         )
         estimates = (
-            calibration.optical_sigma_x_px,
-            calibration.optical_sigma_y_px,
-            calibration.optical_rho,
+            calibration.optical.sigma_x_px,
+            calibration.optical.sigma_y_px,
+            calibration.optical.rho,
         )
         inside += [_contains(e, t) for e, t in zip(estimates, truths, strict=True)]
     assert np.all(inside >= 8)

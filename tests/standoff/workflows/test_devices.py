@@ -87,6 +87,6 @@ def test_a_capture_on_a_real_bench_tells_its_warnings_and_asks_for_target_and_he
     assert "camera.frame_rate_hz" in done.err
     assert "4000 us is no multiple of the 10 ms" in done.err
     assert "Place edge 'edge' at 5 degrees." in done.err
-    [record] = Session.open(tmp_path / "s").records
+    [record] = Session(tmp_path / "s").records
     assert "That is +0.300 mm off." in done.err
     assert record.height_mm == 200.004

@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.files import StoredHomography
+from calibration.registration import Homography
 from simulation import GaussianPsf, PsfField, SamplingGrid
 from simulation.capture_noise import CaptureNoise
 from standoff.workflows.followup import CaptureOptions, FollowUp, captured, from_pose, zoomed_out
@@ -18,9 +18,9 @@ LOOKS = {
 }
 
 
-def pose_of_zoom(shape: tuple[int, int], zoom: float) -> StoredHomography:
+def pose_of_zoom(shape: tuple[int, int], zoom: float) -> Homography:
     grid = SamplingGrid.centred(shape, zoom)
-    return StoredHomography(matrix=grid.matrix, width_px=grid.cols, height_px=grid.rows)
+    return Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
 
 
 @pytest.mark.parametrize("look", LOOKS)

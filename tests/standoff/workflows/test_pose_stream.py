@@ -11,7 +11,8 @@ import pytest
 import tifffile
 
 from acquisition.focus.live import newest_frames
-from analysis.detectability.curves import curves_document, write_curves
+from analysis.detectability.curves import DetectabilityCurves
+from analysis.results_file import write_results
 from hil_mocks import SimulatedBench
 from hil_mocks.camera import CameraFaults
 from standoff.terminal.options import read_bench
@@ -26,7 +27,7 @@ from tests.standoff.conftest import Command
 @pytest.fixture
 def asked(tmp_path: Path) -> tuple[object, ...]:
     tifffile.imwrite(tmp_path / "reference.tif", scene().astype(np.float32))
-    write_curves(tmp_path / "curves.json", curves_document([curve()]))
+    write_results(tmp_path / "curves.json", DetectabilityCurves(curves=[curve()]))
     return (
         *("pose", tmp_path / "reference.tif", "--curves", tmp_path / "curves.json"),
         *("--min-dprime", 3.2),
@@ -102,7 +103,7 @@ def test_a_camera_is_judged_frame_by_frame(
     bench = SimulatedBench(read_bench(bench_file, keys))
     bench.place("coins")
     tifffile.imwrite(tmp_path / "reference.tif", next(newest_frames(bench.camera)).image_dn)
-    write_curves(tmp_path / "curves.json", curves_document([curve()]))
+    write_results(tmp_path / "curves.json", DetectabilityCurves(curves=[curve()]))
     asked = ("pose", tmp_path / "reference.tif", "--curves", tmp_path / "curves.json")
     live = ("--bench", bench_file, "--target", "coins", "--frames", 3, "--json")
     settings = (part for key in keys for part in ("--set", key))

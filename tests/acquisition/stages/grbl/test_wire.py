@@ -98,7 +98,7 @@ def test_the_published_lines_are_understood(line: bytes, message: GrblMessage) -
     ],
 )
 def test_anything_else_is_a_protocol_error(line: bytes) -> None:
-    with pytest.raises(DeviceProtocolError, match="not a message of Grbl"):
+    with pytest.raises(DeviceProtocolError):
         parse_line(line)
 
 
@@ -175,11 +175,11 @@ def test_every_jog_fits_in_a_line_of_grbl(position_mm: float, feed: float) -> No
     ("position_mm", "feed"), [(nan, 1.0), (inf, 1.0), (1.0, nan), (1.0, 0.0), (1.0, -5.0)]
 )
 def test_a_jog_to_nowhere_is_refused(position_mm: float, feed: float) -> None:
-    with pytest.raises(ValueError, match="not a jog"):
+    with pytest.raises(ValueError):
         jog_command("Z", position_mm, feed)
 
 
 @pytest.mark.parametrize("text", ["x" * 80, "$H\n$H", "ü", "\x18"])
 def test_what_is_not_one_line_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="not a Grbl line"):
+    with pytest.raises(ValueError):
         encode_line(text)

@@ -6,7 +6,12 @@ from typing import cast
 
 import pytest
 
-from acquisition.errors import DeviceError, DeviceProtocolError, DeviceTimeoutError
+from acquisition.errors import (
+    DeviceProtocolError,
+    DeviceRefusalError,
+    DeviceSettingsError,
+    DeviceTimeoutError,
+)
 from acquisition.stages.serial_link import SerialLink
 from acquisition.stages.zaber.device import READ_TRIES, ZaberDevice
 from acquisition.stages.zaber.wire import checksum
@@ -88,21 +93,22 @@ def test_a_question_is_asked_again_where_its_answer_was_lost() -> None:
 
 def test_a_question_that_is_never_answered_is_an_error() -> None:
     link = PlannedLink(silence)
-    with pytest.raises(DeviceTimeoutError, match="does not answer"):
+    with pytest.raises(DeviceTimeoutError):
         device_on(link).ask("")
     assert len(link.written) == READ_TRIES
 
 
 def test_a_rejected_question_says_why() -> None:
-    with pytest.raises(DeviceError, match=r"rejects 'get pos': BADDATA \(.*\); nothing moved"):
+    with pytest.raises(DeviceRefusalError) as rejected:
         device_on(PlannedLink(reply("BADDATA", flag="RJ"))).number("pos")
+    assert rejected.value.code == "BADDATA"
 
 
 def test_once_checksums_are_on_a_reply_without_one_is_spoilt() -> None:
     link = PlannedLink(reply("0"), reply("5", is_sealed=False))
     device = device_on(link)
     device.connect()
-    with pytest.raises(DeviceProtocolError, match="reply without checksum"):
+    with pytest.raises(DeviceProtocolError):
         device.ask("")
 
 
@@ -115,23 +121,25 @@ def test_firmware_that_has_no_checksums_is_believed_without() -> None:
 
 def test_a_line_where_something_else_talks_is_told_with_what_it_said() -> None:
     link = PlannedLink(silence, noise=(b"Grbl 1.1h ['$' for help]",))
-    with pytest.raises(DeviceTimeoutError, match=r"it said b\"Grbl 1\.1h .* before"):
+    with pytest.raises(DeviceTimeoutError) as silent:
         device_on(link).connect()
+    assert "Grbl 1.1h" in str(silent.value)
     garbled = PlannedLink(lambda _: [b"ok"])
-    with pytest.raises(DeviceProtocolError, match="is this the right port and baud rate"):
+    with pytest.raises(DeviceProtocolError):
         device_on(garbled).connect()
 
 
 @pytest.mark.parametrize("data", ["fast", "nan", "inf", "1e999"])
 def test_a_setting_that_is_no_number_is_named(data: str) -> None:
-    with pytest.raises(DeviceProtocolError, match=r"pos is .*, no number"):
+    with pytest.raises(DeviceProtocolError):
         device_on(PlannedLink(reply(data))).number("pos")
 
 
 def test_every_setting_that_differs_is_named() -> None:
     device = device_on(PlannedLink(reply("64"), reply("100"), reply("3")))
-    with pytest.raises(DeviceError, match=r"resolution is 64, expected 32; maxspeed is 3, expec"):
+    with pytest.raises(DeviceSettingsError) as differing:
         device.check_settings({"resolution": 32.0, "accel": 100.0, "maxspeed": 5.0})
+    assert differing.value.settings == ("resolution", "maxspeed")
 
 
 def test_warnings_are_all_of_those_announced() -> None:
@@ -141,5 +149,5 @@ def test_warnings_are_all_of_those_announced() -> None:
 
 @pytest.mark.parametrize("data", ["02 FS", "00 WR", "FS"])
 def test_warnings_that_do_not_add_up_are_a_spoilt_reply(data: str) -> None:
-    with pytest.raises(DeviceProtocolError, match="warnings announced"):
+    with pytest.raises(DeviceProtocolError):
         device_on(PlannedLink(reply(data))).warnings()

@@ -45,7 +45,7 @@ def test_an_empty_command_asks_for_the_state() -> None:
 def test_what_is_not_one_command_is_refused(
     device: int, axis: int, message_id: int, command: str
 ) -> None:
-    with pytest.raises(ValueError, match="not a Zaber command"):
+    with pytest.raises(ValueError):
         encode_command(device, axis, message_id, command)
 
 

@@ -163,7 +163,7 @@ def test_closing_the_console_stops_a_session_which_can_be_resumed(tmp_path: Path
         wait_for(lambda: hub.prompts.current is not None, "a question")
     assert hub.jobs.current is None
     assert run_state(hub) == "stopped"
-    assert Session.open(tmp_path / "sessions" / "first").events[-1].kind == "stop"
+    assert Session(tmp_path / "sessions" / "first").events[-1].kind == "stop"
 
 
 def test_a_stage_that_cannot_be_stopped_is_told_once(
@@ -310,7 +310,7 @@ def test_after_a_session_with_exposures_of_its_own_the_live_picture_has_its_own_
     operator.say(do="run", plan="ladder", session="first")
     operator.answer("ready")
     operator.wait_idle()
-    session = Session.open(hub.sessions.folder / "first")
+    session = Session(hub.sessions.folder / "first")
     assert {record.exposure_us for record in session.records} == {2000.0, 4000.0}
     wait_for(lambda: getattr(hub.camera.settings, "exposure_us", 0) == 7000.0, "exposure")
     # What a session began with is set again when it goes on, whatever was set meanwhile.
@@ -320,7 +320,7 @@ def test_after_a_session_with_exposures_of_its_own_the_live_picture_has_its_own_
     operator.answer("ready")
     operator.wait_idle()
     assert run_state(hub) == "finished"
-    retaken = Session.open(hub.sessions.folder / "first").records
+    retaken = Session(hub.sessions.folder / "first").records
     assert {record.gain_db for record in retaken} == {2.0}
 
 
@@ -348,7 +348,7 @@ def test_after_a_session_that_broke_off_too_the_live_picture_has_its_exposure_ag
         operator.answer("ready")
         operator.wait_idle()
         assert run_state(hub) == ("failed" if has_failed else "stopped")
-        [record, *_] = Session.open(hub.sessions.folder / "first").records
+        [record, *_] = Session(hub.sessions.folder / "first").records
         assert record.exposure_us == 2000.0
         wait_for(lambda: getattr(hub.camera.settings, "exposure_us", 0) == 7000.0, "exposure")
 
@@ -368,7 +368,7 @@ def test_a_capture_found_bad_is_taken_again_or_kept_as_the_operator_says(hub: Be
     operator.wait_idle()
     assert states(hub) == ["done", "done"]
     assert all("saturated" in row.note for row in hub.run.view.rows)
-    assert [c.record.index for c in Session.open(hub.sessions.folder / "first").captures] == [
+    assert [c.record.index for c in Session(hub.sessions.folder / "first").captures] == [
         0,
         0,
         1,

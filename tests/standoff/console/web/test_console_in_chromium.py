@@ -101,7 +101,7 @@ def test_a_session_of_two_heights_is_captured_and_shown(rig: ConsoleRig) -> None
         page.wait_for_selector("text=Open report")
         page.goto(f"{rig.url}sessions/two%20heights/report")
         assert "two heights" in page.content()
-    session = Session.open(rig.sessions / "two heights")
+    session = Session(rig.sessions / "two heights")
     assert session.is_complete
     assert session.manifest.operator == "Ada"
     assert verify(session.path).is_ok
@@ -172,7 +172,7 @@ def test_a_session_outlives_its_tab_and_resumes_after_a_stop(rig: ConsoleRig) ->
         wait_until(lambda: page.is_visible("#prompt"), "asked to place for the retake")
         page.click("#prompt-choices button >> nth=0")
         wait_until(lambda: text(page, "#run-state") == "finished", "finished again")
-    session = Session.open(rig.sessions / "five")
+    session = Session(rig.sessions / "five")
     assert session.is_complete
     assert [event.kind for event in session.events].count("stop") == 1
     assert len(session.captures) == 6

@@ -4,8 +4,6 @@ from acquisition.errors import DeviceDisconnectedError, DeviceTimeoutError
 from hil_mocks.clock import SimulatedClock
 from hil_mocks.stages import SerialLine
 
-__all__ = ["VirtualPort"]
-
 READ_SLICE_S = 0.005
 BYTE_S = 10 / 115200
 """A start bit, 8 data bits and a stop bit."""

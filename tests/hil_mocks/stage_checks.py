@@ -1,25 +1,24 @@
-"""What a Grbl stage does after a fault: it stands still, and works again once it is homed."""
+"""What a stage does after a fault: it stands still, and works again once it is homed."""
 
 import pytest
 
 from acquisition.errors import DeviceError, StageAlarmError, StageNotHomedError
-from tests.hil_mocks.stage_rigs import GrblRig
+from tests.hil_mocks.stage_rigs import StageRig
 
 TARGET_MM = 120.0
-ROUND_MM = 0.005  # the position after a homing is known to a step of 0.004 mm
 
 DIALECTS = pytest.mark.parametrize("dialect", ["grbl", "grblhal"])
 
 
-def assert_works_again(rig: GrblRig) -> None:
+def assert_works_again(rig: StageRig) -> None:
     """The stage goes where it is sent, and is where it says."""
     read_back_mm = rig.stage.move_to(60.0, 120)
     assert read_back_mm == pytest.approx(60.0, abs=rig.config.tolerance_mm)
-    assert rig.plant.true_height_mm == pytest.approx(read_back_mm, abs=ROUND_MM)
+    assert rig.plant.true_height_mm == pytest.approx(read_back_mm, abs=rig.round_mm)
 
 
 def assert_nothing_moves(
-    rig: GrblRig,
+    rig: StageRig,
     refusal: type[DeviceError] | tuple[type[DeviceError], ...] = (
         StageAlarmError,
         StageNotHomedError,
@@ -33,7 +32,15 @@ def assert_nothing_moves(
     assert rig.plant.true_height_mm == before_mm
 
 
-def clear_home_and_work(rig: GrblRig) -> None:
+def assert_stands(rig: StageRig) -> float:
+    """Height at which the stage stands, and still does after a while."""
+    at_mm = rig.plant.true_height_mm
+    rig.wait(10.0)
+    assert rig.plant.true_height_mm == at_mm
+    return at_mm
+
+
+def clear_home_and_work(rig: StageRig) -> None:
     """The documented way back from an alarm."""
     rig.stage.clear_alarm()
     rig.stage.home(120)

@@ -3,11 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-__all__ = ["Roc", "roc_of"]
+from analysis.reports import in_report_style, new_figure
+
+__all__ = ["Roc", "plot_change_roc", "roc_of"]
 
 FloatArray = NDArray[np.float64]
+
+_COLOURS = ("#D55E00", "#0072B2", "#009E73")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -28,8 +33,8 @@ class Roc:
 
     def false_at(self, true_positive_rate: float) -> int:
         """Pixels without a change that are flagged where at least this share is found."""
-        place = int(np.searchsorted(self.true_positive_rate, true_positive_rate - 1e-12))
-        return round(float(self.false_positive_rate[place]) * self.negatives)
+        index = int(np.searchsorted(self.true_positive_rate, true_positive_rate - 1e-12))
+        return round(float(self.false_positive_rate[index]) * self.negatives)
 
 
 def roc_of(with_change: FloatArray, without: FloatArray) -> Roc:
@@ -50,3 +55,23 @@ def roc_of(with_change: FloatArray, without: FloatArray) -> Roc:
         false_positive_rate=np.concatenate([[0.0], 1 - alarms / without.size]),
         negatives=without.size,
     )
+
+
+@in_report_style
+def plot_change_roc(rocs: dict[str, Roc]) -> Figure:
+    """Plot true against false positives, the latter on a logarithmic axis, by name."""
+    figure = new_figure(5.2, 3.6)
+    axes = figure.subplots()
+    for (name, roc), colour in zip(rocs.items(), _COLOURS, strict=False):
+        # A rate below one pixel cannot be measured.
+        rate = np.maximum(roc.false_positive_rate, 0.5 / roc.negatives)
+        axes.plot(rate, roc.true_positive_rate, color=colour, label=name, drawstyle="steps-post")
+    axes.set(
+        xscale="log",
+        xlim=(min(0.5 / roc.negatives for roc in rocs.values()), 1.0),
+        ylim=(0.0, 1.02),
+        xlabel="false positives / pixels without a change",
+        ylabel="true positives / pixels with one",
+    )
+    axes.legend(loc="lower left")
+    return figure

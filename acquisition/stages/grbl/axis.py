@@ -1,0 +1,246 @@
+"""One axis of a Grbl 1.1 or grblHAL controller as a stage."""
+
+from threading import Event
+from time import monotonic, sleep
+from typing import Literal
+
+from acquisition.bench import StageConfig
+from acquisition.devices import DeviceInfo, StageState
+from acquisition.errors import (
+    DeviceProtocolError,
+    DeviceRefusalError,
+    DeviceResetError,
+    DeviceSettingsError,
+    DeviceTimeoutError,
+    StageAlarmError,
+    StageNotHomedError,
+)
+from acquisition.stages.axis import AxisTraits
+from acquisition.stages.grbl.controller import GrblController
+from acquisition.stages.grbl.motion import GrblMotion
+from acquisition.stages.grbl.reference import SWITCH_TOLERANCE_MM, reference_error_mm
+from acquisition.stages.grbl.setup import GrblSetup, check_settings
+from acquisition.stages.grbl.wire import JOG_CANCEL, ErrorReply
+from acquisition.stages.motor import MotorStage
+from acquisition.stages.serial_link import open_stage_link
+
+__all__ = ["GrblAxis", "open_grbl_stage"]
+
+STATES: dict[str, StageState] = {
+    "Idle": "idle",
+    "Run": "moving",
+    "Jog": "moving",
+    "Home": "homing",
+    "Hold": "hold",
+    "Door": "door",
+    "Alarm": "alarm",
+}
+UNLOCK_NEEDS_HOMING = (45, 46)
+"""grblHAL refuses to unlock where homing is the only way on."""
+
+
+class GrblAxis(GrblMotion):
+    """A `MotorAxis` that moves with jogs.
+
+    A height is the controller's position, turned to point up, plus ``home_offset_mm``.
+    `connect` begins the dialogue; the constructor sends nothing.
+
+    Attributes
+    ----------
+    reference_error_mm
+        True height less the one read, as the last homing found it; None where not measured.
+    warnings
+        What the operator should know; anew with each homing.
+    """
+
+    traits = AxisTraits(
+        repeat_mm=0.0,
+        is_homing_cancellable=False,
+        # A reset ends every motion.
+        may_move_after=(DeviceTimeoutError, DeviceProtocolError),
+    )
+    reference_error_mm: float | None = None
+    warnings: tuple[str, ...] = ()
+    _home_mm: float | None = None
+    _setup: GrblSetup | None = None
+
+    def connect(self, *, reset: bool = False) -> None:
+        """Get in step with the controller and check its settings; moves nothing.
+
+        A controller that gives evidence that it is homed is believed: grblHAL's ``H:`` field,
+        unless it keeps that through resets (``$22`` bit 7). Grbl 1.1 gives none.
+
+        Parameters
+        ----------
+        reset
+            Reset it first: for a controller in a state in which it answers no question.
+
+        Raises
+        ------
+        DeviceError
+            If it does not answer, is not Grbl, or is not set as the bench file expects.
+        """
+        if reset:
+            self.controller.reset()
+        else:
+            self.controller.get_in_step(may_boot=True)
+        setup = self._read_setup()
+        firmware = self.controller.firmware
+        if firmware is not None and firmware.family == "grblHAL":
+            report = self.controller.status(full=True)
+            self.is_position_known = (
+                report.state == "Idle"
+                and report.is_homed(self.scale.letter)
+                and not setup.keeps_homed_on_reset
+            )
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Stage.info`."""
+        firmware = self.controller.firmware
+        if firmware is None:
+            return DeviceInfo(vendor="", model="", serial_number="", firmware="", driver="grbl")
+        return DeviceInfo(
+            vendor="Grbl",
+            model=f"{firmware.family} {firmware.board}".strip(),
+            serial_number=firmware.user_text,
+            firmware=firmware.version,
+            driver="grbl",
+        )
+
+    def state(self) -> StageState:
+        """See `MotorAxis.state`."""
+        try:
+            return STATES.get(self.controller.status().state, "unknown")
+        except StageAlarmError:
+            return "alarm"
+        except DeviceResetError as error:
+            self.warnings = (*self.warnings, str(error))
+            return STATES.get(self.controller.status().state, "unknown")
+        except (DeviceProtocolError, DeviceTimeoutError):
+            if self.controller.alarm is None:
+                raise
+            return "alarm"  # in a critical alarm Grbl answers nothing
+
+    def known_height_mm(self) -> float | None:
+        """See `MotorAxis.known_height_mm`."""
+        report = self.controller.status()
+        return self.reported_mm(report) if self.is_position_known else None
+
+    def travel_height_mm(self) -> float | None:
+        """See `TravellingStage`: from the last report, so that nothing is sent."""
+        report = self.controller.last_report
+        if report is None or report.machine is None:
+            return None
+        return self.scale.height_mm(report.machine[self.scale.index])
+
+    def ready_height_mm(self) -> float:
+        """See `MotorAxis.ready_height_mm`."""
+        report = self.controller.status()
+        # Where homing is required, Grbl is in alarm from the start, with nothing to clear.
+        is_start = report.state == "Alarm" and self.controller.alarm is None
+        if not self.is_position_known and (report.state == "Idle" or is_start):
+            raise StageNotHomedError(f"{self.name} must be homed before it moves")
+        if report.state != "Idle":
+            raise self.not_ready(report)
+        return self.reported_mm(report)
+
+    def prepare_homing(self) -> None:
+        """See `MotorAxis.prepare_homing`."""
+        if not self.is_position_known:
+            self._home_mm = None
+        self.controller.get_in_step(may_boot=True)
+        self._setup = self._read_setup()
+        if not self._setup.is_homing_enabled:
+            raise DeviceSettingsError(
+                f"{self.name} cannot home, as homing is not enabled; set $22=1 in a terminal",
+                settings=("$22",),
+            )
+        self.reference_error_mm, self.warnings = None, ()
+
+    def check_reference(self, deadline: float, stop: Event) -> None:
+        """See `MotorAxis.check_reference`.
+
+        A stage that believes it is homed creeps to where its switch should be; what it finds
+        there is `reference_error_mm`. Beyond what a switch repeats to, it is a warning.
+        """
+        if not self.is_position_known or self._home_mm is None or self._setup is None:
+            return
+        error_mm = reference_error_mm(
+            self, self._setup, home_mm=self._home_mm, deadline=deadline, stop=stop
+        )
+        self.reference_error_mm = error_mm
+        if error_mm is not None and abs(error_mm) > SWITCH_TOLERANCE_MM:
+            self.warnings = (
+                f"the home switch answered {abs(error_mm):.2f} mm from where it should: the stage "
+                "has lost steps, and heights since the homing before are wrong",
+            )
+
+    def find_reference(self, deadline: float) -> None:
+        """See `MotorAxis.find_reference`."""
+        line = "$H" + (self.scale.letter if self.config.homing == "single_axis" else "")
+        refusal = self.controller.command(line, max(deadline - self.clock(), 0.0)).error
+        if refusal is not None:
+            raise self._refused(refusal)
+        report = self.controller.status()
+        if report.state != "Idle":
+            raise self.not_ready(report)
+        self.controller.alarm = None
+        self._home_mm = self.reported_mm(report)
+
+    def refresh_warnings(self) -> None:
+        """See `MotorAxis.refresh_warnings`; Grbl has none of its own."""
+
+    def clear_alarm(self) -> None:
+        """See `MotorAxis.clear_alarm`: a reset and an unlock. The position is void: home next."""
+        self.controller.reset()
+        report = self.controller.status()
+        if report.state == "Alarm":
+            refusal = self.controller.command("$X").error
+            if refusal is not None and refusal.code not in UNLOCK_NEEDS_HOMING:
+                raise self._refused(refusal)
+        elif report.state != "Idle":
+            raise self.not_ready(report)
+
+    def close(self) -> None:
+        """See `MotorAxis.close`."""
+        self.controller.close()
+
+    def _read_setup(self) -> GrblSetup:
+        return check_settings(self.controller.settings(), self.config, name=self.name)
+
+    def _refused(self, refusal: ErrorReply) -> DeviceRefusalError:
+        return DeviceRefusalError(
+            f"{self.name} refuses with {refusal.text}; nothing moved", code=refusal.code
+        )
+
+
+def open_grbl_stage(
+    config: StageConfig, *, first: Literal["nothing", "stop", "reset"] = "nothing"
+) -> MotorStage:
+    """Open the port of a bench file and begin the dialogue; moves nothing.
+
+    Parameters
+    ----------
+    config
+        The stage's section.
+    first
+        What to send before anything is asked: ``stop`` cancels a jog that another program left
+        running, ``reset`` ends a state in which the controller answers no question.
+
+    Raises
+    ------
+    DeviceError
+        If the port cannot be opened or the controller is not as expected.
+    """
+    link = open_stage_link(config, name="the Grbl stage")
+    controller = GrblController(link, clock=monotonic)
+    axis = GrblAxis(config, controller, clock=monotonic, sleep=sleep)
+    try:
+        if first == "stop":
+            link.write(JOG_CANCEL)
+        axis.connect(reset=first == "reset")
+    except BaseException:
+        axis.close()
+        raise
+    return MotorStage(config, axis, clock=monotonic, sleep=sleep)

@@ -1,0 +1,314 @@
+"""What every motorised stage does, whatever its controller: move, settle, stop, home."""
+
+from collections.abc import Callable
+from threading import Event
+
+from acquisition.bench import StageConfig
+from acquisition.devices import DeviceInfo, StageState
+from acquisition.errors import (
+    DeviceError,
+    DeviceProtocolError,
+    DeviceTimeoutError,
+    StageAlarmError,
+    StageNotHomedError,
+    StageStoppedError,
+)
+from acquisition.stages.axis import POLL_S, MotorAxis, MovableAxis
+from acquisition.stages.travel import approach_heights_mm, refuse_beyond_limits
+
+__all__ = ["MotorStage", "halt", "travel"]
+
+STOP_TIMEOUT_S = 5.0
+"""Longer than any ramp down."""
+
+ROUNDING_MM = 1e-6
+"""Heights are rounded to it, so that it forgives the noise of binary fractions."""
+
+
+class MotorStage:
+    """Approaches heights from one side, and believes only what it reads back.
+
+    Parameters
+    ----------
+    config
+        Limits, settling, tolerance, side of approach.
+    axis
+        Connected before anything is asked of the stage; `close` closes it.
+    clock, sleep
+        Seconds, and how to let them pass.
+    """
+
+    def __init__(
+        self,
+        config: StageConfig,
+        axis: MotorAxis,
+        *,
+        clock: Callable[[], float],
+        sleep: Callable[[float], None],
+    ) -> None:
+        self._config = config
+        self._axis = axis
+        self._clock = clock
+        self._sleep = sleep
+        self._stop = Event()
+        self._is_flank_taken = False
+        self._is_homing = False
+        self._is_moving = False
+        self._is_emergency = False
+
+    @property
+    def info(self) -> DeviceInfo:
+        """See `Stage.info`."""
+        return self._axis.info
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the operator should know."""
+        return self._axis.warnings
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """See `Stage.limits_mm`."""
+        return self._config.limits_mm
+
+    @property
+    def is_homed(self) -> bool:
+        """See `Stage.is_homed`."""
+        return self._axis.is_position_known and not self._is_emergency
+
+    @property
+    def state(self) -> StageState:
+        """See `Stage.state`."""
+        if self._is_emergency:
+            return "alarm"
+        state = self._axis.state()
+        return "homing" if state == "moving" and self._is_homing else state
+
+    def position_mm(self) -> float:
+        """See `Stage.position_mm`.
+
+        Raises
+        ------
+        StageNotHomedError
+            If the position is not known.
+        """
+        height_mm = None if self._is_emergency else self._axis.known_height_mm()
+        if height_mm is None:
+            raise StageNotHomedError(f"{self._axis.name} does not know its height: home it")
+        return height_mm
+
+    def travel_height_mm(self) -> float | None:
+        """See `TravellingStage`."""
+        return self._axis.travel_height_mm() if self.is_homed else None
+
+    def home(self, timeout_s: float) -> None:
+        """See `Stage.home`."""
+        self._refuse_emergency()
+        deadline = self._clock() + timeout_s
+        self._stop.clear()
+        self._axis.prepare_homing()
+        self._check_reference(deadline)
+        self._axis.is_position_known = False
+        self._is_flank_taken = False
+        # Stays set through a keyboard interrupt: `stop` must know what it has to end.
+        self._is_homing = True
+        try:
+            self._axis.find_reference(deadline)
+        except (DeviceTimeoutError, DeviceProtocolError) as error:
+            text = f"{self._axis.name} is not homed within {timeout_s:g} s: {error}"
+            raise self._halted(error, text, timeout_s) from error
+        except DeviceError:
+            self._is_homing = False
+            raise
+        self._is_homing = False
+        if self._stop.is_set():
+            raise _told_to_stop(self._axis)
+        self._axis.is_position_known = True
+
+    def move_to(self, height_mm: float, timeout_s: float) -> float:
+        """See `Stage.move_to`."""
+        refuse_beyond_limits(height_mm, self.limits_mm)
+        if self._is_moving:
+            raise DeviceError(f"{self._axis.name} is moving already; nothing was sent")
+        self._stop.clear()
+        self._refuse_emergency()
+        deadline = self._clock() + timeout_s
+        stops_mm = approach_heights_mm(
+            self._config,
+            start_mm=self._axis.ready_height_mm(),
+            target_mm=height_mm,
+            is_flank_taken=self._is_flank_taken,
+        )
+        self._is_moving, self._is_flank_taken = True, False
+        try:
+            for stop_mm in stops_mm:
+                travel(
+                    self._axis,
+                    stop_mm,
+                    tolerance_mm=self._config.tolerance_mm,
+                    deadline=deadline,
+                    stop=self._stop,
+                )
+            read_back_mm = self._settle(height_mm, deadline)
+        except self._axis.traits.may_move_after as error:
+            text = str(error)
+            if isinstance(error, DeviceTimeoutError):
+                where = f"{self._axis.name} did not settle at {height_mm:g} mm"
+                text = f"{where} within {timeout_s:g} s: {error}"
+            raise self._halted(error, text, timeout_s) from error
+        finally:
+            self._is_moving = False
+        self._is_flank_taken = True
+        self._axis.refresh_warnings()
+        return read_back_mm
+
+    def stop(self) -> None:
+        """See `Stage.stop`; a stage that was homing has to be homed again."""
+        self._stop.set()
+        self._is_flank_taken = False
+        was_homing, self._is_homing = self._is_homing, False
+        if was_homing and not self._axis.traits.is_homing_cancellable:
+            # At once: another thread may be in the dialogue until homing ends.
+            self._axis.interrupt()
+            self._axis.abort()
+            return
+        halt(self._axis, clock=self._clock, sleep=self._sleep)
+
+    def emergency_stop(self) -> None:
+        """See `Stage.emergency_stop`; leaves an alarm."""
+        self._is_emergency = True
+        self._is_homing = False
+        self._stop.set()
+        self._axis.is_position_known = False
+        self._axis.interrupt()
+
+    def clear_alarm(self) -> None:
+        """See `Stage.clear_alarm`."""
+        self._is_homing = False
+        self._axis.clear_alarm()
+        self._is_emergency = False
+
+    def close(self) -> None:
+        """See `Stage.close`."""
+        self._axis.close()
+
+    def _refuse_emergency(self) -> None:
+        if self._is_emergency:
+            raise StageAlarmError(
+                f"{self._axis.name} was stopped in an emergency; clear the alarm, then home",
+                code="emergency",
+            )
+
+    def _check_reference(self, deadline: float) -> None:
+        self._is_moving, self._is_flank_taken = True, False
+        try:
+            self._axis.check_reference(deadline, self._stop)
+        except DeviceTimeoutError as error:
+            raise self._halted(error, str(error), None) from error
+        finally:
+            self._is_moving = False
+        if self._stop.is_set():
+            raise _told_to_stop(self._axis)
+
+    def _settle(self, height_mm: float, deadline: float) -> float:
+        """Read back after the settling time, until two readings agree."""
+        before_mm = self._axis.height_mm()
+        while True:
+            self._sleep(self._config.settle_s)
+            reading = self._axis.reading()
+            moved_mm = abs(reading.height_mm - before_mm)
+            if not reading.is_moving and moved_mm <= self._axis.traits.repeat_mm:
+                break
+            before_mm = reading.height_mm
+            if self._clock() >= deadline:
+                raise DeviceTimeoutError(f"it creeps, now at {before_mm:.3f} mm")
+            self._sleep(POLL_S)
+        if not abs(reading.height_mm - height_mm) <= self._config.tolerance_mm + ROUNDING_MM:
+            raise DeviceTimeoutError(f"it crept to {reading.height_mm:.3f} mm")
+        return reading.height_mm
+
+    def _halted(self, error: DeviceError, text: str, timeout_s: float | None) -> DeviceError:
+        """Stop after a failure, and return the error that says what came of it."""
+        text = f"{text}; {self._halt()}"
+        if isinstance(error, DeviceTimeoutError):
+            return DeviceTimeoutError(text, timeout_s=timeout_s)
+        return type(error)(text)
+
+    def _halt(self) -> str:
+        try:
+            if self._is_homing and not self._axis.traits.is_homing_cancellable:
+                self._is_homing = False
+                self._axis.abort()
+                return "it was reset: home it again"
+            self.stop()
+            if self.is_homed:
+                return f"it was stopped at {self._axis.height_mm():.3f} mm"
+        except DeviceError as error:
+            return f"stopping it failed: {error}"
+        return "it was stopped"
+
+
+def travel(
+    axis: MovableAxis, height_mm: float, *, tolerance_mm: float, deadline: float, stop: Event
+) -> None:
+    """Move to a height and wait there; a lost answer is made good once.
+
+    Raises
+    ------
+    DeviceTimeoutError
+        If it is not there by the deadline; it may be moving.
+    StageStoppedError
+        If it stands elsewhere, whether or not ``stop`` was set.
+    DeviceError
+        If it cannot move.
+    """
+    for is_last_try in (False, True):
+        if stop.is_set():
+            raise _told_to_stop(axis)
+        lost: DeviceError | None = None
+        try:
+            axis.start_move(height_mm)
+            if stop.is_set():  # another thread said so just before the move
+                axis.cancel()
+        except (DeviceTimeoutError, DeviceProtocolError) as error:
+            # The axis may move or not: ask where it is before anything is sent again.
+            lost = error
+        at_mm = axis.wait_until_still(height_mm, deadline)
+        if abs(at_mm - height_mm) <= tolerance_mm + ROUNDING_MM:
+            return
+        if lost is not None and is_last_try and not stop.is_set():
+            raise lost
+        if lost is None or stop.is_set():
+            why = ", as it was told to" if stop.is_set() else "; home it and try again"
+            raise StageStoppedError(
+                f"{axis.name} stopped at {at_mm:.3f} mm, not at {height_mm:.3f} mm{why}",
+                is_asked=stop.is_set(),
+                height_mm=at_mm,
+            )
+
+
+def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[float], None]) -> None:
+    """Stop under control, and wait until the motor stands.
+
+    Raises
+    ------
+    DeviceTimeoutError
+        If it does not stop; the move was aborted, and the position is void.
+    """
+    axis.cancel()
+    deadline = clock() + STOP_TIMEOUT_S
+    while axis.is_moving():
+        if clock() >= deadline:
+            axis.abort()
+            raise DeviceTimeoutError(
+                f"{axis.name} did not stop within {STOP_TIMEOUT_S:g} s and was halted as in an "
+                "emergency: home it again",
+                timeout_s=STOP_TIMEOUT_S,
+            )
+        sleep(POLL_S)
+
+
+def _told_to_stop(axis: MovableAxis) -> StageStoppedError:
+    return StageStoppedError(
+        f"{axis.name} was told to stop; nothing more was sent", is_asked=True, height_mm=None
+    )

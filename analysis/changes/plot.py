@@ -1,0 +1,42 @@
+"""Picture of what changed: follow-up, plain difference, what is left of it, significance."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from analysis.changes.filter import ChangeResult
+
+__all__ = ["changes_figure"]
+
+
+def changes_figure(found: "ChangeResult") -> Figure:
+    """Show the follow-up with its changes outlined, both differences and the significance."""
+    rows, cols = found.followup_dn.shape
+    figure = Figure(figsize=(9.0, 0.8 + 7.2 * rows / cols), layout="constrained")
+    panels = figure.subplots(2, 2)
+    threshold = found.summary.threshold_sd
+    reach = max(float(np.percentile(np.abs(found.plain_difference_dn[found.valid]), 99.5)), 1e-6)
+    panels[0, 0].imshow(found.followup_dn, cmap="gray")
+    if found.is_change.any():
+        panels[0, 0].contour(found.is_change, levels=[0.5], colors="#D55E00", linewidths=1.0)
+    panels[0, 0].set_title(f"follow-up, {found.summary.changed_px} px changed")
+    for axes, image, title, span, label in (
+        (panels[0, 1], found.plain_difference_dn, "plain difference", reach, "DN"),
+        (panels[1, 0], found.difference_dn, "what the pose does not explain", reach, "DN"),
+        (
+            panels[1, 1],
+            found.significance,
+            f"significance, threshold {threshold:.1f}",
+            2 * threshold,
+            "standard deviations",
+        ),
+    ):
+        shown = axes.imshow(image, cmap="RdBu", vmin=-span, vmax=span)
+        axes.set_title(title)
+        figure.colorbar(shown, ax=axes, label=label, shrink=0.8)
+    for axes in panels.flat:
+        axes.set(xticks=[], yticks=[])
+        axes.grid(visible=False)
+    return figure

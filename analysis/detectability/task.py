@@ -1,0 +1,193 @@
+"""Curves of d' against zoom: what is asked for, and how the images answer."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX, Observer
+from analysis.detectability.artefact import ArtefactTiles
+from analysis.detectability.curves import DetectabilityCurve, DetectabilityCurves
+from analysis.detectability.dprime import DPrime, d_primes
+from analysis.detectability.local import local_changes
+from analysis.detectability.observers import auc_of
+from analysis.detectability.scenario import Scenario
+from analysis.detectability.signal import ChangeSignal, GaussianSignal
+from analysis.detectability.sweep import (
+    SceneStatistics,
+    SweepPlan,
+    scene_statistics,
+    tiles_per_side,
+)
+from simulation import GaussianPsf, Model
+
+__all__ = ["DetectionTask", "curves_of", "d_prime_curves"]
+
+FloatArray = NDArray[np.float64]
+
+_USUAL_ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectionTask:
+    """What is to be found, in which noise, at which zooms and by whom.
+
+    Parameters
+    ----------
+    signal
+        The change, of contrast 1 on the photograph.
+    contrasts_dn
+        Peaks of the change.
+    noises_dn
+        Standard deviations of the white noise in either image.
+    zooms
+        Ratios of the follow-up's distance to the reference's, rising, from 1.
+    models
+        Capture models; all but ``bicubic`` need a PSF.
+    observers
+        Who looks.
+    reference_zoom
+        Ratio of the reference's distance to the photograph's.
+    window_px
+        Side of the observer's window on the reference, odd.
+    seed
+        Of the bootstrap over images.
+
+    Raises
+    ------
+    ValueError
+        If the zooms do not rise from 1 or more.
+    """
+
+    signal: ChangeSignal = field(default_factory=GaussianSignal)
+    contrasts_dn: tuple[float, ...] = (12.0,)
+    noises_dn: tuple[float, ...] = (1.0, 2.0, 4.0)
+    zooms: tuple[float, ...] = _USUAL_ZOOMS
+    models: tuple[Model, ...] = ("bicubic", "paper", "matched")
+    observers: tuple[Observer, ...] = OBSERVERS
+    reference_zoom: float = REFERENCE_ZOOM
+    window_px: int = WINDOW_PX
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.zooms or self.zooms[0] < 1 or np.any(np.diff(self.zooms) <= 0):
+            raise ValueError(f"zooms must rise from 1 or more, got {self.zooms}")
+
+    def plan(self, psf: GaussianPsf | None, images: int) -> SweepPlan:
+        """Return what is measured on each of so many images."""
+        return SweepPlan(
+            scenario=Scenario(
+                psf=psf, reference_zoom=self.reference_zoom, window_px=self.window_px
+            ),
+            models=self.models,
+            zooms=self.zooms,
+            tiles_per_side=tiles_per_side(images),
+        )
+
+
+def d_prime_curves(
+    images: Sequence[FloatArray], psf: GaussianPsf | None, task: DetectionTask | None = None
+) -> DetectabilityCurves:
+    """Say how well a change can be found in photographs from different distances, at best.
+
+    Parameters
+    ----------
+    images
+        Photographs of the scene, grey, shape ``(rows, cols)`` each, finite.
+    psf
+        Total PSF of the photographs; None for model ``bicubic`` alone.
+    task
+        What is asked for, if not the usual.
+
+    Returns
+    -------
+    DetectabilityCurves
+        A curve for every model, observer, noise and contrast.
+
+    Raises
+    ------
+    ValueError
+        If there is no image or one is too small, the change is wider than the window, a noise is
+        not positive, or a model has no PSF.
+    """
+    if not images:
+        raise ValueError("no images: a curve is worked out from one or more")
+    task = task or DetectionTask()
+    plan = task.plan(psf, len(images))
+    return curves_of([scene_statistics(image, plan) for image in images], plan, task)
+
+
+def curves_of(
+    cells: Sequence[SceneStatistics],
+    plan: SweepPlan,
+    task: DetectionTask,
+    progress: Callable[[int], None] = lambda _: None,
+) -> DetectabilityCurves:
+    """Work out the curves of images that were measured.
+
+    Parameters
+    ----------
+    cells
+        What the images gave, in a fixed order.
+    plan
+        What was measured on them; its models and zooms count.
+    task
+        What is asked for.
+    progress
+        Called with the number of models done.
+
+    Raises
+    ------
+    ValueError
+        If the change is wider than the window, or a noise is not positive.
+    """
+    curves: list[DetectabilityCurve] = []
+    for number, model in enumerate(plan.models):
+        artefacts = [
+            ArtefactTiles.joined([cell.artefact(number, index) for cell in cells])
+            for index in range(len(plan.zooms))
+        ]
+        curves += _curves_of_model(model, artefacts, plan, task)
+        progress(number + 1)
+    return DetectabilityCurves(
+        images=len(cells),
+        reference_zoom=plan.scenario.reference_zoom,
+        window_px=plan.scenario.window_px,
+        signal=task.signal.name,
+        curves=curves,
+    )
+
+
+def _curves_of_model(
+    model: Model, artefacts: Sequence[ArtefactTiles], plan: SweepPlan, task: DetectionTask
+) -> list[DetectabilityCurve]:
+    found: dict[tuple[Observer, float], list[DPrime]] = {}
+    for zoom, artefact in zip(plan.zooms, artefacts, strict=True):
+        changes = local_changes(task.signal, plan.scenario, model, zoom)
+        for noise_dn in task.noises_dn:
+            results = d_primes(changes, artefact, noise_dn, task.observers, seed=task.seed)
+            for observer, result in results.items():
+                found.setdefault((observer, noise_dn), []).append(result)
+    curves = []
+    for observer in task.observers:
+        for noise_dn in task.noises_dn:
+            results_at = found[observer, noise_dn]
+            for contrast_dn in task.contrasts_dn:
+                # The noise does not depend on the signal: d' is proportional to the contrast.
+                values = [contrast_dn * result.value for result in results_at]
+                curves.append(
+                    DetectabilityCurve(
+                        model=model,
+                        observer=observer,
+                        noise_dn=noise_dn,
+                        contrast_dn=contrast_dn,
+                        signal_sigma_px=task.signal.sigma_px,
+                        zoom=list(plan.zooms),
+                        dprime=values,
+                        dprime_low=[contrast_dn * result.low for result in results_at],
+                        dprime_high=[contrast_dn * result.high for result in results_at],
+                        auc=auc_of(np.array(values)).tolist(),
+                    )
+                )
+    return curves

@@ -1,0 +1,83 @@
+"""Documents as JSON files: each is a pydantic model that names its schema."""
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from acquisition.session import atomic_write
+from acquisition.untrusted import parse_json
+from calibration.errors import DocumentError
+
+__all__ = ["json_object", "read_document", "write_document"]
+
+Document = TypeVar("Document", bound=BaseModel)
+
+
+def json_object(document: BaseModel) -> dict[str, Any]:
+    """Return the content of a document's file as plain lists, numbers and text."""
+    return document.model_dump(mode="json", by_alias=True)
+
+
+def write_document(path: Path, document: BaseModel, failure: type[DocumentError]) -> None:
+    """Write a document as JSON, whole or not at all.
+
+    Raises
+    ------
+    DocumentError
+        As ``failure``, if the file cannot be written.
+    ValueError
+        If a number is infinite or NaN.
+    """
+    text = json.dumps(json_object(document), indent=1, allow_nan=False) + "\n"
+    try:
+        atomic_write(path, text.encode("utf-8"))
+    except OSError as error:
+        raise failure(f"cannot write {path}: {error.strerror}", source=str(path)) from error
+
+
+def read_document(
+    path: Path, model: type[Document], failure: type[DocumentError], remedy: str
+) -> Document:
+    """Read a JSON file into the model of its schema.
+
+    Parameters
+    ----------
+    path
+        The file.
+    model
+        Names its schema as the default of the field ``schema_name``, whose alias is ``schema``.
+    failure
+        The error to raise.
+    remedy
+        What to do about a file of another schema.
+
+    Raises
+    ------
+    DocumentError
+        As ``failure``, if the file cannot be read, is of another schema or does not fit the model.
+    """
+    source = str(path)
+    schema = model.model_fields["schema_name"].default
+    try:
+        document = parse_json(path.read_bytes())
+    except OSError as error:
+        raise failure(f"cannot read {path}: {error.strerror}", source=source) from error
+    except ValueError as error:
+        raise failure(f"{path}: not JSON: {error}", source=source) from error
+    found = document.get("schema") if isinstance(document, dict) else None
+    if found != schema:
+        raise failure(
+            f"{path}: schema is {found!r}, expected {schema!r}; {remedy}",
+            source=source,
+            key="schema",
+        )
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(str(part) for part in fault["loc"]) or None
+        problem = fault["msg"].removeprefix("Value error, ")
+        where = source if key is None else f"{source}: {key}"
+        raise failure(f"{where}: {problem}", source=source, key=key) from error

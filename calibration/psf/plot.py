@@ -1,0 +1,172 @@
+"""Figures of a PSF: the widths of its edges by angle, and its contrast by frequency.
+
+The functions draw on axes that the caller gives, in the caller's style.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from calibration.edges import REJECTING_FLAGS
+
+if TYPE_CHECKING:
+    from calibration.psf.document import PsfCalibration
+
+__all__ = [
+    "ORIENTATION_COLOURS",
+    "draw_mtf",
+    "draw_widths",
+    "draw_widths_by_angle",
+    "psf_figure",
+]
+
+Array = NDArray[np.float64]
+
+# Okabe and Ito's palette, which colour-blind readers can tell apart.
+ORIENTATION_COLOURS = {"vertical": "#0072B2", "horizontal": "#D55E00", "diagonal": "#009E73"}
+_INK = "#1b1f24"
+_AXES = (("x", "vertical"), ("y", "horizontal"))
+
+
+def psf_figure(psf: "PsfCalibration") -> Figure:
+    """Plot the widths of a PSF's edges by angle, and its contrast by frequency.
+
+    Parameters
+    ----------
+    psf
+        One that is read from a file without edges shows the contrast alone.
+    """
+    figure = Figure(figsize=(10.0, 3.6) if psf.edges else (5.2, 3.6), layout="constrained")
+    panels = figure.subplots(1, 2 if psf.edges else 1, squeeze=False)[0]
+    draw_mtf(panels[-1], psf)
+    if psf.edges:
+        draw_widths_by_angle(panels[0], psf)
+        panels[0].legend(fontsize=8)
+    for axes in panels:
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def draw_widths_by_angle(
+    axes: Axes, psf: "PsfCalibration", rejected: frozenset[str] = REJECTING_FLAGS
+) -> None:
+    """Draw the width across every edge against its angle, with the fitted covariance.
+
+    Edges with one of the flags ``rejected`` are left out.
+    """
+    draw_widths(axes, psf, rejected, [edge.angle_deg for edge in psf.edges])
+    angles = np.linspace(0, 180, 361)
+    normal = np.deg2rad(angles + 90)
+    nx, ny = np.cos(normal), np.sin(normal)
+    for matrix, name, style in (
+        (psf.covariance_px2, "total", "-"),
+        (psf.optical_covariance_px2, "optical", "--"),
+    ):
+        if matrix is not None:
+            (xx, xy), (_, yy) = matrix
+            width = np.sqrt(np.maximum(xx * nx**2 + 2 * xy * nx * ny + yy * ny**2, 0))
+            axes.plot(angles, width, style, color=_INK, linewidth=1, label=f"{name} covariance")
+    axes.set(
+        xlim=(0, 180),
+        xticks=range(0, 181, 30),
+        xlabel="direction of the edge against +x / deg",
+        ylabel="sigma across the edge / px",
+    )
+
+
+def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
+    """Draw the contrast by frequency along x and y: as measured, and of the fitted Gaussian.
+
+    False, and nothing drawn, where neither is known.
+    """
+    freq = np.linspace(0, 1, 501)
+    for axis, orientation in _AXES:
+        colour = ORIENTATION_COLOURS[orientation]
+        total: float | None = getattr(psf, f"sigma_{axis}_px")
+        optical: float | None = getattr(psf, f"optical_sigma_{axis}_px")
+        measured = getattr(psf.transfer, axis, None)
+        if measured is not None:
+            places, values = np.array(measured.freq_cy_per_px), np.array(measured.mtf)
+            label = f"along {axis}, e-SFR: {_half(places, values)}"
+            axes.plot(places, values, color=colour, label=label)
+            _mark_half(axes, places, values, colour)
+        if total is not None:
+            curve = (
+                np.exp(-2 * (np.pi * total * freq) ** 2)
+                if optical is None
+                else np.exp(-2 * (np.pi * optical * freq) ** 2) * np.sinc(freq)
+            )
+            axes.plot(
+                freq,
+                curve,
+                color=colour,
+                linewidth=1.0,
+                linestyle="--",
+                label=f"along {axis}, Gaussian: {_half(freq, curve)}",
+            )
+            _mark_half(axes, freq, curve, colour)
+    if not axes.lines:
+        return False
+    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
+    axes.annotate("Nyquist", (0.51, 0.55), fontsize=8, va="bottom")
+    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast left")
+    axes.legend(loc="upper right", fontsize=8)
+    return True
+
+
+def draw_widths(
+    axes: Axes, psf: "PsfCalibration", rejected: frozenset[str], positions: Sequence[float]
+) -> None:
+    """Draw the width across every edge, total and optical, at a position on the x axis each."""
+    labels = set()
+    shown: list[float] = []
+    for edge, position in zip(psf.edges, positions, strict=True):
+        if rejected & set(edge.flags):
+            continue
+        for width, err, name, filled in (
+            (edge.sigma_px, edge.sigma_err_px, edge.orientation, True),
+            (edge.optical_sigma_px, edge.optical_sigma_err_px, "open: optical", False),
+        ):
+            if width is None or err is None:
+                continue
+            shown.append(width)
+            colour = ORIENTATION_COLOURS[edge.orientation]
+            axes.errorbar(
+                position,
+                width,
+                yerr=err,
+                fmt="o",
+                markersize=3.5,
+                linewidth=0.8,
+                color=colour,
+                markerfacecolor=colour if filled else "white",
+                label=None if name in labels else name,
+            )
+            labels.add(name)
+    if shown:  # a width that is hardly known must not set the scale by its error
+        room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
+        axes.set_ylim(min(shown) - room, max(shown) + room)
+
+
+def _half(freq: Array, values: Array) -> str:
+    half = _half_frequency(freq, values)
+    return "MTF50 beyond 1 cy/px" if half is None else f"MTF50 {half:.3f} cy/px"
+
+
+def _half_frequency(freq: Array, values: Array) -> float | None:
+    below = np.flatnonzero(values < 0.5)
+    if below.size == 0 or below[0] == 0:
+        return None
+    pair = slice(below[0] - 1, below[0] + 1)
+    return float(np.interp(-0.5, -values[pair], freq[pair]))
+
+
+def _mark_half(axes: Axes, freq: Array, values: Array, colour: str) -> None:
+    half = _half_frequency(freq, values)
+    if half is not None:
+        axes.plot([half], [0.5], "o", color=colour, markersize=4)

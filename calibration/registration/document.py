@@ -1,0 +1,63 @@
+"""What an H.json holds: a follow-up's pose in its reference."""
+
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
+
+__all__ = ["HOMOGRAPHY_SCHEMA", "Homography"]
+
+HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
+
+
+def _matrix(value: object) -> NDArray[np.float64]:
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError("expected 3 x 3 numbers") from error
+    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
+        raise ValueError("expected 3 x 3 finite numbers")
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _distortion(value: object) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1:
+        return float(value)
+    raise ValueError(f"{value!r} is no number between -1 and 1")
+
+
+class Homography(BaseModel):
+    """A homography from a follow-up to its reference.
+
+    Parameters
+    ----------
+    matrix
+        Shape (3, 3): takes follow-up pixel centres ``(x, y, 1)`` to reference pixel centres; with
+        a distortion those of an ideal lens.
+    size
+        ``(width, height)`` of the follow-up in px.
+    distortion_k1
+        Radial distortion of the lens that took both, relative at the corner of the reference.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="ignore", allow_inf_nan=False, arbitrary_types_allowed=True
+    )
+
+    schema_name: Literal["standoff.homography/1"] = Field(default=HOMOGRAPHY_SCHEMA, alias="schema")
+    matrix: Annotated[
+        NDArray[np.float64],
+        BeforeValidator(_matrix),
+        PlainSerializer(lambda matrix: matrix.tolist(), return_type=list[list[float]]),
+    ]
+    size: tuple[Annotated[int, Field(strict=True, gt=0)], Annotated[int, Field(strict=True, gt=0)]]
+    distortion_k1: Annotated[float, BeforeValidator(_distortion)] = 0.0
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"{type(self).__name__}({width} x {height} px, distortion_k1={self.distortion_k1:g})"
+
+    def __str__(self) -> str:
+        return repr(self)

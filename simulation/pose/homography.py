@@ -1,0 +1,55 @@
+"""A homography on coordinates: where it takes them, their depth and its derivative there.
+
+The functions take numbers or arrays alike, and compiled code calls them as they are. ``matrix`` has
+the shape (3, 3) and takes ``(x, y, 1)`` to the image's coordinates times their depth.
+"""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numba.extending import register_jitable
+from numpy.typing import NDArray
+
+__all__ = ["project", "projection_depth", "projection_slopes"]
+
+FloatArray = NDArray[np.float64]
+Function = TypeVar("Function", bound=Callable[..., object])
+Coordinate = TypeVar("Coordinate", float, FloatArray)
+
+
+def _compiled_or_not(function: Function) -> Function:
+    compiled: Function = register_jitable(function)
+    return compiled
+
+
+@_compiled_or_not
+def projection_depth(matrix: FloatArray, x: Coordinate, y: Coordinate) -> Coordinate:
+    """Denominator of the homography: positive in front of the camera, 0 on the horizon."""
+    depth: Coordinate = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
+    return depth
+
+
+@_compiled_or_not
+def project(matrix: FloatArray, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
+    """Coordinates (x, y) to which the homography takes a point."""
+    depth = projection_depth(matrix, x, y)
+    return (
+        (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth,
+        (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / depth,
+    )
+
+
+@_compiled_or_not
+def projection_slopes(
+    matrix: FloatArray, x: Coordinate, y: Coordinate
+) -> tuple[Coordinate, Coordinate, Coordinate, Coordinate]:
+    """Derivative of the homography at a point: dx'/dx, dx'/dy, dy'/dx, dy'/dy."""
+    depth = projection_depth(matrix, x, y)
+    to_x, to_y = project(matrix, x, y)
+    return (
+        (matrix[0, 0] - to_x * matrix[2, 0]) / depth,
+        (matrix[0, 1] - to_x * matrix[2, 1]) / depth,
+        (matrix[1, 0] - to_y * matrix[2, 0]) / depth,
+        (matrix[1, 1] - to_y * matrix[2, 1]) / depth,
+    )

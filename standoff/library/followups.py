@@ -1,0 +1,116 @@
+"""How a scene looks from further away or from another pose."""
+
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibration.files import read_homography
+from calibration.registration import Homography
+from simulation import MODELS, Model, SimulatedPose, simulate_pose as simulate_pose_of_array
+from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
+from standoff.workflows import zoomed_out
+
+__all__ = ["simulate_pose", "zoom_out"]
+
+
+def zoom_out(
+    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = "matched"
+) -> NDArray[np.floating[Any]]:
+    """Return the image of the same scene from ``zoom`` times further away.
+
+    Parameters
+    ----------
+    image
+        The photograph, linear in light: an array of shape ``(rows, cols)`` or ``(rows, cols,
+        channels)``, or a file.
+    zoom
+        Ratio of the distances, at least 1.
+    psf
+        Of the camera: a ``GaussianPsf``, a calibration or the path of a psf.json. ``matched``
+        takes a PSF that changes over the frame where the image is a whole frame. ``bicubic``
+        needs none.
+    model
+        ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
+
+    Returns
+    -------
+    ndarray of float32, or float64 for float64 input
+        In the image's levels; ``floor(N / zoom)`` pixels along each axis, the image centres
+        coinciding.
+
+    Raises
+    ------
+    TypeError
+        If the image or the PSF is none.
+    ValueError
+        If the zoom is below 1, the image too small for it, or the model needs a PSF.
+    """
+    if model not in MODELS:
+        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
+    planes = colour_planes(image)
+    frame = planes.shape[1], planes.shape[0]
+    camera = None if psf is None else camera_psf(psf, frame, model)
+    return zoomed_out(planes, zoom, camera, model).image
+
+
+def simulate_pose(
+    image: ImageLike,
+    homography: ArrayLike | Homography | FilePath,
+    psf: PsfLike,
+    size: tuple[int, int] | None = None,
+) -> SimulatedPose:
+    """Return the image of the same plane from another pose of the same camera.
+
+    Parameters
+    ----------
+    image
+        The photograph, linear in light: an array or a file.
+    homography
+        Follow-up pixel ``(x, y, 1)`` to pixel of the image: shape (3, 3), or the path of an
+        H.json.
+    psf
+        Of the camera.
+    size
+        ``(width, height)`` of the follow-up; that of H.json, or else of the image.
+
+    Returns
+    -------
+    SimulatedPose
+        The follow-up, and where it would be sharper than can be simulated or lies outside.
+
+    Raises
+    ------
+    TypeError
+        If an argument is not of a kind named above.
+    ValueError
+        If the homography is none of a camera in front of the plane.
+    """
+    planes = colour_planes(image)
+    frame = planes.shape[1], planes.shape[0]
+    pose = _homography(homography, size or frame)
+    return simulate_pose_of_array(
+        planes,
+        pose.matrix,
+        size or pose.size,
+        camera_psf(psf, frame if pose.size == frame else None, "matched"),
+        distortion_k1=pose.distortion_k1,
+    )
+
+
+def _homography(homography: ArrayLike | Homography | FilePath, size: tuple[int, int]) -> Homography:
+    if isinstance(homography, Homography):
+        return homography
+    if isinstance(homography, str | PathLike):
+        return read_homography(Path(homography))
+    if not isinstance(homography, np.ndarray | list | tuple):
+        raise TypeError(
+            "homography: expected a 3 x 3 matrix or the path of an H.json, "
+            f"got {type(homography).__name__}"
+        )
+    matrix = np.asarray(homography, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
+        raise ValueError(f"homography: expected 3 x 3 finite numbers, got shape {matrix.shape}")
+    return Homography(matrix=matrix, size=size)

@@ -1,0 +1,154 @@
+"""Arguments as a person gives them: an array or a path, a PSF or its file."""
+
+from collections.abc import Iterable
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.files import read_noise, read_psf
+from calibration.psf import PsfCalibration, luma_plane
+from simulation import GaussianPsf, Model, PsfField
+from simulation.capture_noise import CaptureNoise
+from standoff.workflows import ImageFile, read_image
+
+__all__ = [
+    "FilePath",
+    "ImageLike",
+    "NoiseLike",
+    "PsfLike",
+    "camera_noise",
+    "camera_psf",
+    "colour_planes",
+    "grey_image",
+    "image_file",
+    "listed_images",
+    "path_of",
+    "total_psf",
+]
+
+FilePath: TypeAlias = str | PathLike[str]
+ImageLike: TypeAlias = NDArray[Any] | FilePath
+"""Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""
+
+PsfLike: TypeAlias = GaussianPsf | PsfCalibration | FilePath
+"""A PSF, a calibration that holds one, or the path of a psf.json."""
+
+NoiseLike: TypeAlias = CaptureNoise | FilePath
+"""The noise of a capture, or the path of a noise.json."""
+
+
+def path_of(path: object, name: str) -> Path:
+    """Return a path, or refuse what is none.
+
+    Raises
+    ------
+    TypeError
+        If it is no path; the message holds ``name`` and the type that came.
+    """
+    if isinstance(path, str | PathLike):
+        return Path(path)
+    raise TypeError(f"{name}: expected a path, got {_kind(path)}")
+
+
+def image_file(image: ImageLike, name: str = "image") -> ImageFile:
+    """Return an image with what its file, or the type of its array, tells of its levels.
+
+    Raises
+    ------
+    TypeError
+        If it is neither an array nor a path.
+    ImageFileError
+        If the file is none that can be read, or the array is no finite image.
+    """
+    if isinstance(image, np.ndarray):
+        return ImageFile.of_pixels(Path(name), image)
+    if isinstance(image, str | PathLike):
+        return read_image(Path(image))
+    raise TypeError(f"{name}: expected an array or the path of an image, got {_kind(image)}")
+
+
+def colour_planes(image: ImageLike, name: str = "image") -> NDArray[np.generic]:
+    """Return the levels of an image without an opacity plane, grey or in colour."""
+    return image_file(image, name).colour_planes
+
+
+def grey_image(image: ImageLike, name: str = "image") -> NDArray[np.float64]:
+    """Return the grey levels of an image, shape ``(rows, cols)``; of colours their luma."""
+    return luma_plane(image_file(image, name).colour_planes)
+
+
+def listed_images(images: ImageLike | Iterable[ImageLike]) -> list[ImageLike]:
+    """Return one image or several as a list.
+
+    A three-dimensional array is one image in colour; several are a list of arrays.
+    """
+    if isinstance(images, np.ndarray | str | PathLike):
+        return [images]
+    if isinstance(images, Iterable):
+        listed = list(images)
+        if listed:
+            return listed
+        raise ValueError("images: expected one image at least, got none")
+    raise TypeError(f"images: expected arrays or paths of images, got {_kind(images)}")
+
+
+def total_psf(psf: PsfLike) -> GaussianPsf:
+    """Return the total PSF (optics and pixel) as one Gaussian for the whole frame.
+
+    Raises
+    ------
+    TypeError
+        If it is no PSF, calibration or path.
+    PsfFileError
+        If the file cannot be read, or a width is not determined.
+    """
+    if isinstance(psf, GaussianPsf):
+        return psf
+    calibration, source = _calibration(psf)
+    return calibration.total_psf(source)
+
+
+def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> GaussianPsf | PsfField:
+    """Return the PSF as a model takes it: over the frame where it can, else as one Gaussian.
+
+    Parameters
+    ----------
+    psf
+        Of the camera.
+    frame
+        Columns and rows of the image; None where it is not a whole frame of the camera.
+    model
+        ``matched`` alone takes a PSF that changes over the frame.
+    """
+    if isinstance(psf, GaussianPsf):
+        return psf
+    calibration, source = _calibration(psf)
+    field = calibration.total_field(source) if model == "matched" else None
+    if field is not None and frame == (field.width_px, field.height_px):
+        return field
+    return calibration.total_psf(source)
+
+
+def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
+    """Return the noise of a capture, read from its noise.json where a path was given."""
+    if noise is None or isinstance(noise, CaptureNoise):
+        return noise
+    return read_noise(path_of(noise, "noise")).capture_noise
+
+
+def _calibration(psf: PsfLike) -> tuple[PsfCalibration, str]:
+    if isinstance(psf, PsfCalibration):
+        return psf, "psf"
+    if isinstance(psf, str | PathLike):
+        return read_psf(Path(psf)), str(psf)
+    raise TypeError(
+        "psf: expected a GaussianPsf, a PSF calibration or the path of a psf.json, "
+        f"got {_kind(psf)}"
+    )
+
+
+def _kind(value: object) -> str:
+    return "None" if value is None else type(value).__name__

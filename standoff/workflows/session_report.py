@@ -1,0 +1,48 @@
+"""Writes the report of a session."""
+
+from pathlib import Path
+
+from acquisition.session import Session
+from analysis.errors import AnalysisError
+from analysis.reports import render_session_report
+from analysis.validation import Validation, registrations_at_most
+from calibration.errors import PsfFileError
+from calibration.files import read_psf
+from calibration.psf import PsfCalibration
+from standoff.terminal import note
+from standoff.workflows.reports import RESULTS_FOLDER, write_page
+from standoff.workflows.validation_run import session_validation
+
+__all__ = ["write_session_report"]
+
+
+def write_session_report(session: Session, path: Path) -> None:
+    """Write the report of a session, from what its results folder holds.
+
+    Where the PSF is known and a target was captured at several heights, the captures are
+    compared with their simulations: by ``results/validation.json``, which is written where it is
+    missing or out of date.
+
+    Raises
+    ------
+    ApplicationError
+        If a file cannot be written.
+    CalibrationError, SessionError
+        If the results or captures cannot be read.
+    """
+    psf_path = session.path / RESULTS_FOLDER / "psf.json"
+    psf = read_psf(psf_path) if psf_path.is_file() else None
+    validation = None
+    remarks: tuple[str, ...] = ()
+    if psf is not None and registrations_at_most(session, 1):
+        try:
+            validation = _validation(session, psf, psf_path)
+        except (AnalysisError, PsfFileError) as error:
+            remarks = (f"The comparison of captured with simulated follow-ups: {error}.",)
+            note(f"the report leaves out the comparison of heights: {error}")
+    write_page(path, render_session_report(session, psf, validation, remarks))
+
+
+def _validation(session: Session, psf: PsfCalibration, psf_path: Path) -> Validation:
+    name = str(psf_path)
+    return session_validation(session, psf.total_psf(name), name)
