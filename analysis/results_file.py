@@ -25,6 +25,9 @@ class StoredValues(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
+    def __str__(self) -> str:
+        return repr(self)
+
 
 class ResultsDocument(StoredValues):
     """A whole document; subclasses state its schema, with a default."""

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from analysis.reports import MODEL_COLOURS, in_report_style, new_figure, png_bytes
+from analysis.detectability import MODEL_COLOURS
+from analysis.reports import in_report_style, new_figure, png_bytes
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
 from simulation import MODELS, GaussianPsf, SamplingGrid, zoom_out

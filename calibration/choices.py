@@ -1,4 +1,4 @@
-"""What a caller of this package may choose from: names of methods, without any library."""
+"""The names of methods, channels and patterns to choose from; imports no other library."""
 
 from typing import Literal, get_args
 
@@ -10,7 +10,7 @@ Channel = Literal["luma", "red", "green", "blue"]
 
 Pattern = Literal["RGGB", "GRBG", "GBRG", "BGGR"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
-"""Colours of the first two pixels of the first row, then of the second (as in GenICam, EMVA)."""
+"""Colours of the first two pixels of the first row, then of the second row (as GenICam, EMVA)."""
 
 DEFAULT_BOARD_TEXT = "11x8:12:9:4X4_50"
-"""The ChArUco board that is meant where none is named, as ``CharucoBoard.from_text`` reads it."""
+"""The default ChArUco board, in the form that ``CharucoBoard.from_text`` reads."""

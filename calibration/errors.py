@@ -1,4 +1,4 @@
-"""What can go wrong between photographs and a calibration."""
+"""Errors raised between photographs and a calibration."""
 
 from typing import Literal
 
@@ -45,10 +45,10 @@ class CalibrationError(Exception):
 
 
 class DocumentError(CalibrationError):
-    """A file cannot be read or written, or does not hold what is needed of it.
+    """A file cannot be read or written, or lacks something that is needed.
 
-    ``source`` names the file, ``key`` the value at fault in dotted form (``edges.0.snr``); it is
-    None where the fault is not in a value.
+    ``source`` names the file, ``key`` the value at fault in dotted form (``edges.0.snr``); ``key``
+    is None if the fault is not in a single value.
     """
 
     def __init__(self, message: str, *, source: str | None = None, key: str | None = None) -> None:
@@ -58,9 +58,10 @@ class DocumentError(CalibrationError):
 
 
 class GeometryError(CalibrationError):
-    """The captures do not tell the geometry of camera and stage.
+    """The captures do not determine the geometry of camera and stage.
 
-    ``reason`` says what is wrong, ``subject`` names the capture or target where it is one.
+    ``reason`` says what is wrong; ``subject`` names the capture or target, if a single one is at
+    fault.
     """
 
     def __init__(
@@ -80,9 +81,9 @@ class HomographyFileError(DocumentError):
 
 
 class NoEdgeError(CalibrationError):
-    """No edge that may count was found.
+    """No usable edge was found.
 
-    ``found`` is the number of edges there are, ``flags`` are those for which they do not count.
+    ``found`` is the number of edges found, ``flags`` the flags for which they were rejected.
     """
 
     def __init__(
@@ -94,11 +95,11 @@ class NoEdgeError(CalibrationError):
 
 
 NoiseReason = Literal["no_dark", "no_flat", "settings", "levels", "no_gain"]
-"""What captures lack: darks, flats, one gain and format for all, levels, a rising variance."""
+"""What the captures lack: darks, flats, a common gain and format, levels, a rising variance."""
 
 
 class NoiseError(CalibrationError):
-    """Dark and flat captures do not tell a camera's noise.
+    """Dark and flat captures do not determine a camera's noise.
 
     ``saturated`` is the number of flats that could not be used because they are clipped.
     """
@@ -120,9 +121,9 @@ PairReason = Literal[
 
 
 class PairError(CalibrationError):
-    """Photographs of a scene from two distances do not tell the PSF.
+    """Photographs of a scene from two distances do not determine the PSF.
 
-    ``photographs`` names those that ``reason`` is about, where they are known.
+    ``photographs`` names the photographs at fault, if they are known.
     """
 
     def __init__(
@@ -140,9 +141,9 @@ class PsfFileError(DocumentError):
 class RegistrationError(CalibrationError):
     """Two images could not be aligned well enough to be compared.
 
-    ``reason`` says which requirement failed, ``at_fault`` which image where it is one alone. What
-    was found is a ``count`` of features, matches or corners, a ``correlation``, or an ``error_px``;
-    None where the reason has no such figure.
+    ``reason`` says which requirement failed, ``at_fault`` which image if only one is to blame. The
+    figure that failed is a ``count`` of features, matches or corners, a ``correlation`` or an
+    ``error_px``; those that do not apply to the reason are None.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Reads and writes psf.json, noise.json, geometry.json and H.json: nothing else does."""
+"""Reading and writing psf.json, noise.json, geometry.json and H.json; no other module does it."""
 
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def read_psf(path: Path) -> PsfCalibration:
     Raises
     ------
     PsfFileError
-        If it cannot be read, is of another schema or holds values that are not numbers.
+        If it cannot be read, has another schema or contains values that are not numbers.
     """
     return read_document(path, PsfCalibration, PsfFileError, "write it with standoff calibrate")
 
@@ -81,7 +81,7 @@ def read_geometry(path: Path) -> GeometryCalibration:
     Raises
     ------
     GeometryFileError
-        If it cannot be read, is of another schema or lacks a value.
+        If it cannot be read, has another schema or lacks a value.
     """
     return read_document(
         path, GeometryCalibration, GeometryFileError, "write it with standoff geometry"
@@ -105,9 +105,9 @@ def read_homography(path: Path) -> Homography:
     Raises
     ------
     HomographyFileError
-        If it cannot be read, is of another schema, or its matrix, size or distortion is none.
+        If it cannot be read, has another schema, or its matrix, size or distortion is not valid.
     """
-    return read_document(path, Homography, HomographyFileError, "name an H.json")
+    return read_document(path, Homography, HomographyFileError, "give an H.json")
 
 
 def read_noise(path: Path) -> NoiseCalibration:
@@ -116,13 +116,13 @@ def read_noise(path: Path) -> NoiseCalibration:
     Raises
     ------
     NoiseFileError
-        If it cannot be read, is of another schema, or lacks a value.
+        If it cannot be read, has another schema or lacks a value.
     """
-    return read_document(path, NoiseCalibration, NoiseFileError, "name a noise.json")
+    return read_document(path, NoiseCalibration, NoiseFileError, "give a noise.json")
 
 
 def write_noise(path: Path, noise: NoiseMeasurement) -> NoiseCalibration:
-    """Write the maps, then noise.json, each whole or not at all; return what it holds.
+    """Write the maps, then noise.json, each whole or not at all; return the document written.
 
     Raises
     ------
@@ -140,6 +140,6 @@ def read_correction(path: Path) -> CorrectionMaps:
     Raises
     ------
     NoiseFileError
-        If it or a map cannot be read, or a map is not the one it was written with.
+        If the file or a map cannot be read, or a map is not the one it was written with.
     """
     return read_map_files(path, read_noise(path))

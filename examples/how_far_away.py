@@ -43,17 +43,23 @@ figure.savefig(given.out / "followups.png")
 curves = standoff.d_prime_curves(
     [near],
     psf,
-    zooms=(1, 1.01, 1.1, 1.25, 1.5, 2),
-    noise_dn=(1, 2),
-    contrast_dn=12,
-    signal_sigma_px=2,
+    standoff.DetectionTask(
+        zooms=(1, 1.01, 1.1, 1.25, 1.5, 2),
+        noises_dn=(1, 2),
+        contrasts_dn=(12,),
+        models=("bicubic", "matched"),
+    ),
 )
 print(curves)
 curves.plot().savefig(given.out / "curves.png")
 
 # %% What that allows: distance ratio and tilt
 limits = standoff.pose_limits(
-    curves.chosen(model="matched", observer="hotelling", noise_dn=2),
+    next(
+        curve
+        for curve in curves.curves
+        if (curve.model, curve.observer, curve.noise_dn) == ("matched", "hotelling", 2)
+    ),
     min_d_prime=2,
     focal_length_px=964,
     image_size=(780, 580),

@@ -22,6 +22,7 @@ from acquisition.bench import (
 )
 from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.session import CaptureRecord, EventKind, Manifest
+from analysis.changes import ChangeSummary
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
 from calibration.geometry import (
@@ -143,6 +144,11 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
         "curves.json",
         "Schema `standoff.detectability/1`. Written by `detectability`.",
         (DetectabilityCurves, DetectabilityCurve),
+    ),
+    (
+        "changes.json",
+        "Schema `standoff.changes/1`. Written by `changes`.",
+        (ChangeSummary,),
     ),
     (
         "session.json",

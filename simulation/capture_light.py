@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from simulation.zoom import FloatImage
+from simulation.arrays import FloatImage
 
 __all__ = ["exposed", "unsharp_masked", "vignetted"]
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.zoom import FloatImage, SeparableSum, ZoomOperator
+from simulation.arrays import FloatArray, FloatImage
+from simulation.zoom import SeparableSum, ZoomOperator
 
 __all__ = ["CaptureNoise", "propagated_variance", "with_capture_noise"]
 
@@ -56,16 +57,14 @@ class CaptureNoise:
         if self.frames_averaged < 1:
             raise ValueError(f"frames_averaged must be at least 1, got {self.frames_averaged}")
 
-    def variance_dn2(self, level_dn: NDArray[np.floating]) -> NDArray[np.float64]:
+    def variance_dn2(self, level_dn: NDArray[np.floating]) -> FloatArray:
         """Variance of a pixel of the mean at each level, in DN^2."""
         light_dn = np.maximum(np.asarray(level_dn, dtype=np.float64) - self.black_level_dn, 0.0)
         read_dn = self.read_noise_e / self.gain_e_per_dn
         return np.asarray((light_dn / self.gain_e_per_dn + read_dn**2) / self.frames_averaged)
 
 
-def propagated_variance(
-    operator: ZoomOperator, variance_dn2: NDArray[np.floating]
-) -> NDArray[np.float64]:
+def propagated_variance(operator: ZoomOperator, variance_dn2: NDArray[np.floating]) -> FloatArray:
     """Variance of a simulated image whose reference has independent noise in each pixel.
 
     Parameters
@@ -95,7 +94,7 @@ def propagated_variance(
 
 def with_capture_noise(
     followup_dn: FloatImage,
-    own_variance_dn2: NDArray[np.float64],
+    own_variance_dn2: FloatArray,
     noise: CaptureNoise,
     rng: np.random.Generator,
 ) -> FloatImage:

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import lu_factor, lu_solve, toeplitz
 
+from simulation.arrays import FloatArray
 from simulation.psf import CameraTransfer, GaussianTransfer, Transfer
 from simulation.resampling import BandedMatrix, SamplingGrid
 
 __all__ = ["SCENE_CORRELATION_PX", "lmmse_terms"]
-
-FloatArray = NDArray[np.float64]
 
 SCENE_CORRELATION_PX = 30.0
 """Correlation length of the scene prior; from 3 to 100 px the errors differ by less than 1 %."""

@@ -9,12 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import ceil, floor
 
-import numpy as np
-from numpy.typing import NDArray
-
+from simulation.arrays import AnyArray, FloatImage
 from simulation.psf import GaussianPsf
 from simulation.resampling import SamplingGrid
-from simulation.zoom import FloatImage, Model, zoom_out_on_grid
+from simulation.zoom import Model, zoom_out_on_grid
 
 __all__ = ["SrPair", "crop_origins", "sr_pairs"]
 
@@ -34,7 +32,7 @@ class SrPair:
 
     top_px: int
     left_px: int
-    high: NDArray[np.generic]
+    high: AnyArray
     low: FloatImage
 
 
@@ -57,7 +55,7 @@ def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
 
 
 def sr_pairs(
-    image: NDArray[np.generic],
+    image: AnyArray,
     zoom: float,
     psf: GaussianPsf,
     *,

@@ -17,12 +17,12 @@ Four models. All are linear, noise-free and separable up to the correlation of t
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from simulation.arrays import AnyArray, FloatArray, FloatImage
 from simulation.choices import MODELS, Model
 from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
 from simulation.psf import CameraTransfer, GaussianPsf, Transfer
@@ -51,8 +51,6 @@ __all__ = [
     "zoom_out",
     "zoom_out_on_grid",
 ]
-
-FloatImage = NDArray[np.floating[Any]]
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
@@ -99,7 +97,7 @@ class ZoomOperator:
 
 
 def zoom_out(
-    image: NDArray[np.generic],
+    image: AnyArray,
     zoom: float,
     psf: GaussianPsf | None = None,
     model: Model = "matched",
@@ -142,7 +140,7 @@ def zoom_out(
 
 
 def zoom_out_on_grid(
-    image: NDArray[np.generic],
+    image: AnyArray,
     grid: SamplingGrid,
     psf: GaussianPsf | None = None,
     model: Model = "matched",
@@ -320,9 +318,6 @@ def _needed(psf: GaussianPsf | None, model: Model) -> GaussianPsf:
     return psf
 
 
-FloatArray = NDArray[np.float64]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BlurredSpline:
     """Coefficients of the quintic spline through a blurred image, shape ``(rows, cols)``."""
@@ -330,7 +325,7 @@ class BlurredSpline:
     coefficients: FloatArray
 
     @classmethod
-    def of(cls, image: NDArray[np.generic], psf: GaussianPsf, zoom: float) -> Self:
+    def of(cls, image: AnyArray, psf: GaussianPsf, zoom: float) -> Self:
         """Blur an image by what its PSF grows to from ``zoom`` times further away.
 
         Parameters

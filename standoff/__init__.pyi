@@ -1,3 +1,9 @@
+from .library.comparison import find_changes as find_changes, register as register
+from .library.detection import (
+    DetectionTask as DetectionTask,
+    d_prime_curves as d_prime_curves,
+    pose_limits as pose_limits,
+)
 from .library.followups import simulate_pose as simulate_pose, zoom_out as zoom_out
 from .library.psfs import (
     GaussianPsf as GaussianPsf,
@@ -9,12 +15,16 @@ from .library.psfs import (
 )
 
 __all__ = [
+    "DetectionTask",
     "GaussianPsf",
     "Session",
-    "__version__",
     "calibrate_psf",
+    "d_prime_curves",
+    "find_changes",
     "measure_edges",
+    "pose_limits",
     "read_psf",
+    "register",
     "simulate_pose",
     "write_psf",
     "zoom_out",

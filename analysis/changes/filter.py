@@ -18,6 +18,7 @@ from analysis.changes.document import ChangeSummary
 from analysis.changes.uncertainty import extra_blur, fit_variance
 from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
+from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
 from simulation import GaussianPsf, simulate_pose
 from simulation.capture_noise import CaptureNoise
@@ -51,6 +52,7 @@ _SPREAD_ERR = 0.06
 the fitted sizes and the neighbours' correlation leave open. Without it a third more pixels than
 stated are flagged at a rate of 1 a frame (``benchmarks/bench_changes.py``, where it was chosen)."""
 
+_SHOWN = ("changed_px", "compared_px", "threshold_sd", "zoom", "gain", "extra_blur_px2")
 _CLIP = 2.5
 _BORDER_PX = 4
 _LIGHT_ROUNDS = 5
@@ -119,6 +121,10 @@ class ChangeResult:
             f"<ChangeResult: {found.changed_px} of {found.compared_px} px changed, beyond "
             f"{found.threshold_sd:.2f} standard deviations, zoom {found.zoom:.3f}>"
         )
+
+    def _repr_html_(self) -> str:
+        facts = self.summary.model_dump(include=set(_SHOWN))
+        return html_table("Changes", ("", ""), [(name, f"{facts[name]:.5g}") for name in _SHOWN])
 
     def plot(self) -> "Figure":
         """Return a figure of the follow-up with its changes, both differences, significance."""

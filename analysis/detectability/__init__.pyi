@@ -16,6 +16,11 @@ from .observers import (
     observer_templates as observer_templates,
 )
 from .pair import compared_pair as compared_pair
+from .plot import (
+    MODEL_COLOURS as MODEL_COLOURS,
+    curves_figure as curves_figure,
+    draw_curve as draw_curve,
+)
 from .scenario import Scenario as Scenario
 from .signal import (
     ChangeSignal as ChangeSignal,
@@ -36,6 +41,7 @@ from .task import (
 )
 
 __all__ = [
+    "MODEL_COLOURS",
     "OBSERVERS",
     "AmbiguousCurveError",
     "ArtefactTiles",
@@ -54,10 +60,12 @@ __all__ = [
     "SweepWorkers",
     "WindowCovariance",
     "compared_pair",
+    "curves_figure",
     "curves_of",
     "d_prime_between",
     "d_prime_curves",
     "d_primes",
+    "draw_curve",
     "local_changes",
     "observer_templates",
     "read_curves",

@@ -1,7 +1,7 @@
 """curves.json: d' against zoom, what it holds, how it is read, and which curve is meant."""
 
 from pathlib import Path
-from typing import Final, Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,11 @@ from analysis.detectability.observers import Observer
 from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
+from calibration.notebook import html_table
 from simulation import Model
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "CURVES_SCHEMA",
@@ -112,8 +116,18 @@ class DetectabilityCurve(StoredValues):
         Below the first zoom, and below 1, the first value holds: a nearer follow-up is no worse.
         ``d_prime_between`` says why.
         """
-        value = d_prime_between(self.zoom, self.dprime, zoom)
+        value = self.between(self.dprime, zoom)
         return np.asarray(np.where(np.asarray(zoom) > self.zoom[-1] + 1e-9, np.nan, value))
+
+    def between(self, values: ArrayLike, zoom: ArrayLike) -> NDArray[np.float64]:
+        """Return any values of d' at the curve's zooms, read between them as d' is."""
+        return d_prime_between(self.zoom, values, zoom)
+
+    def plot(self) -> "Figure":
+        """Return a figure of d' against zoom with its interval."""
+        from analysis.detectability.plot import curves_figure  # matplotlib, for whoever looks
+
+        return curves_figure([self], "noise_dn")
 
     def largest_zoom(self, min_dprime: float) -> float | None:
         """Largest zoom up to which ``d_prime_at`` stays at the threshold or above.
@@ -164,6 +178,21 @@ class DetectabilityCurves(ResultsDocument):
         kinds = ", ".join(dict.fromkeys(f"{one.model} {one.observer}" for one in self.curves))
         zooms = self.curves[0].zoom
         return f"<{len(self.curves)} curves of d', zoom {zooms[0]:g} to {zooms[-1]:g}: {kinds}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(one.name, *(f"{d_prime:.3g}" for d_prime in one.dprime)) for one in self.curves]
+        zooms = (f"{zoom:g}" for zoom in self.curves[0].zoom)
+        return html_table("d' against zoom, an upper bound", ("zoom", *zooms), rows)
+
+    def plot(self) -> "Figure":
+        """Return a figure of d' against zoom by noise (Figure 4), else by contrast (Figure 5)."""
+        from analysis.detectability.plot import curves_figure  # matplotlib, for whoever looks
+
+        first = self.curves[0]
+        if any(one.noise_dn != first.noise_dn for one in self.curves):
+            shown = [one for one in self.curves if one.contrast_dn == first.contrast_dn]
+            return curves_figure(shown, "noise_dn")
+        return curves_figure(self.curves, "contrast_dn")
 
     def chosen(self, choice: CurveChoice) -> DetectabilityCurve:
         """Return the one curve that is meant.

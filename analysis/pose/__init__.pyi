@@ -3,6 +3,7 @@ from .limits import (
     contrast_found_at as contrast_found_at,
     pose_limits as pose_limits,
 )
+from .plot import limits_figure as limits_figure, pose_figure as pose_figure
 from .quality import (
     Criterion as Criterion,
     PoseQuality as PoseQuality,
@@ -23,5 +24,7 @@ __all__ = [
     "ViewingCamera",
     "contrast_found_at",
     "judge_pose",
+    "limits_figure",
+    "pose_figure",
     "pose_limits",
 ]

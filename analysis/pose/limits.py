@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan2, degrees
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,10 @@ from analysis.detectability import DetectabilityCurve
 from analysis.errors import BeyondCurveError, NotDetectableError
 from analysis.pose.local_sampling import sampled_places
 from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
+from calibration.notebook import html_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["PoseLimits", "contrast_found_at", "pose_limits", "shift_overlap", "worst_zoom"]
 
@@ -130,6 +135,8 @@ class PoseLimits:
 
     Parameters
     ----------
+    curve, min_d_prime
+        What was asked for.
     zoom
         Largest ratio of the distances for a straight move back, without any tilt.
     is_zoom_beyond_curve
@@ -144,6 +151,8 @@ class PoseLimits:
         that remains; the sampling does not change.
     """
 
+    curve: DetectabilityCurve
+    min_d_prime: float
     zoom: float
     is_zoom_beyond_curve: bool
     tilt_deg: float | None
@@ -154,6 +163,19 @@ class PoseLimits:
         more = " and more" if self.is_zoom_beyond_curve else ""
         tilt = "no tilt" if self.tilt_deg is None else f"tilt up to {self.tilt_deg:.1f} degrees"
         return f"<PoseLimits: zoom up to {self.zoom:.3f}{more}, {tilt}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (f"{tilt:g}", "none" if zoom is None else f"{zoom:.3f}")
+            for tilt, zoom in self.zoom_by_tilt
+        ]
+        return html_table(repr(self)[1:-1], ("tilt / degrees", "zoom up to"), rows)
+
+    def plot(self) -> "Figure":
+        """Return a figure of d' against zoom with the threshold, and the zoom against the tilt."""
+        from analysis.pose.plot import limits_figure  # matplotlib, for whoever looks
+
+        return limits_figure(self)
 
 
 def pose_limits(
@@ -208,6 +230,8 @@ def pose_limits(
 
         by_tilt.append((tilt, _largest(zoom_needed, 1.0, allowed, allowed)))
     return PoseLimits(
+        curve=curve,
+        min_d_prime=min_d_prime,
         zoom=allowed,
         is_zoom_beyond_curve=min(curve.dprime) >= min_d_prime,
         tilt_deg=tilt_deg,

@@ -4,8 +4,6 @@ from .bench import (
     noise_section as noise_section,
     stage_section as stage_section,
 )
-from .changes import plot_changes as plot_changes
-from .detectability import plot_detectability as plot_detectability
 from .focus import plot_focus_sweep as plot_focus_sweep
 from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
 from .noise import render_noise_report as render_noise_report
@@ -17,7 +15,6 @@ from .page import (
     render_report as render_report,
     svg_bytes as svg_bytes,
 )
-from .pose import plot_limits as plot_limits, plot_pose as plot_pose
 from .psf import (
     calibration_sections as calibration_sections,
     calibration_verdicts as calibration_verdicts,
@@ -28,17 +25,21 @@ from .psf_history import (
     history_sections as history_sections,
     ordered_history as ordered_history,
 )
+from .results import (
+    plot_changes as plot_changes,
+    plot_detectability as plot_detectability,
+    plot_limits as plot_limits,
+    plot_pose as plot_pose,
+)
 from .session import render_session_report as render_session_report, versions as versions
 from .validation import render_validation as render_validation
 from .validation_plots import (
-    MODEL_COLOURS as MODEL_COLOURS,
     plot_curves as plot_curves,
     plot_furthest as plot_furthest,
     plot_images as plot_images,
 )
 
 __all__ = [
-    "MODEL_COLOURS",
     "ReportSection",
     "calibration_sections",
     "calibration_verdicts",

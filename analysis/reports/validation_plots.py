@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from analysis.detectability import MODEL_COLOURS
 from analysis.reports.page import in_report_style, new_figure
 from analysis.validation import (
     METRICS,
@@ -16,16 +17,8 @@ from analysis.validation import (
     drawn_procedure,
 )
 
-__all__ = ["MODEL_COLOURS", "plot_curves", "plot_furthest", "plot_images"]
+__all__ = ["plot_curves", "plot_furthest", "plot_images"]
 
-MODEL_COLOURS: dict[str, str] = {
-    "bicubic": "#CC79A7",
-    "paper": "#D55E00",
-    "matched": "#0072B2",
-    "lmmse": "#009E73",
-    "kernelgan": "#E69F00",
-    "gaussian-kernelgan": "#56B4E9",
-}
 _LABELS = {
     "correlation": "correlation",
     "mse_dn2": "MSE",

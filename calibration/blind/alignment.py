@@ -1,8 +1,8 @@
-"""Where far pixels lie in a near photograph, and how much brighter they are: smooth corrections.
+"""Smooth corrections to the position and brightness of far pixels in a near photograph.
 
-A homography misses the lens's distortion, and two photographs see the same place under different
-vignetting. Both change slowly over the frame: a cubic displacement and a quartic gain on top of the
-homography, found by Gauss-Newton from coarse to fine.
+A homography leaves out the lens's distortion, and two photographs see the same point under
+different vignetting. Both change slowly over the frame: a cubic displacement and a quartic gain are
+added to the homography, found by Gauss-Newton from coarse to fine.
 """
 
 from dataclasses import dataclass
@@ -28,10 +28,10 @@ _LEAST_PIXELS = 2000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SmoothAlignment:
-    """Near coordinates and gain of every far pixel, each of the far image's shape.
+    """Near coordinates and gain of every far pixel, each in the shape of the far image.
 
     ``far(p) = gain(p) (blurred near)(y(p), x(p)) + offset``. ``jacobian``, shape (2, 2), is the
-    mean of d(near x, near y) / d(far x, far y) over the pixels that both see.
+    mean of d(near x, near y) / d(far x, far y) over the overlap.
     """
 
     y_px: Array
@@ -49,7 +49,7 @@ def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothA
     near_dn, far_dn
         Linear in light, shape ``(rows, cols)``.
     far_to_near
-        Homography from far to near pixel centres, shape (3, 3), good to a few px.
+        Homography from far to near pixel centres, shape (3, 3), accurate to a few px.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothA
     inside = _inside(start_y, start_x, near_dn.shape)
     if np.count_nonzero(inside) < _LEAST_PIXELS:
         raise PairError(
-            "the two photographs hardly overlap: take the same scene in both",
+            "the two photographs hardly overlap: photograph the same scene in both",
             reason="little_overlap",
         )
     u, v = _normalised(cols, inside), _normalised(rows, inside)
@@ -80,10 +80,10 @@ def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothA
         own_px = sqrt((zoom * blur) ** 2 + _PSF_GUESS_PX**2 * (zoom**2 - 1))
         smooth = gaussian_filter(near_dn, own_px)
         slope_y, slope_x = _slopes(smooth)
-        place = np.stack([y[used], x[used]])
-        seen = map_coordinates(smooth, place, order=1)
-        seen_y = map_coordinates(slope_y, place, order=1)
-        seen_x = map_coordinates(slope_x, place, order=1)
+        points = np.stack([y[used], x[used]])
+        seen = map_coordinates(smooth, points, order=1)
+        seen_y = map_coordinates(slope_y, points, order=1)
+        seen_x = map_coordinates(slope_x, points, order=1)
         target = gaussian_filter(far_dn, blur)[used]
         shapes, lights = moves[:, used], gains[:, used]
         brightness = 1.0 if not gain.any() else gain @ lights
@@ -116,9 +116,9 @@ def _inside(y: Array, x: Array, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return np.asarray(within_y & (x >= _MARGIN_PX) & (x <= shape[1] - 1 - _MARGIN_PX))
 
 
-def _normalised(place: Array, inside: NDArray[np.bool_]) -> Array:
-    low, high = float(place[inside].min()), float(place[inside].max())
-    return np.asarray(2 * (place - low) / max(high - low, 1.0) - 1)
+def _normalised(coordinate: Array, inside: NDArray[np.bool_]) -> Array:
+    low, high = float(coordinate[inside].min()), float(coordinate[inside].max())
+    return np.asarray(2 * (coordinate - low) / max(high - low, 1.0) - 1)
 
 
 def _monomials(u: Array, v: Array, degree: int) -> Array:

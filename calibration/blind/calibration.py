@@ -1,4 +1,4 @@
-"""The PSF from photographs of scenes that were not made for it: one image, or two distances."""
+"""The PSF from photographs of ordinary scenes: from one image, or from two distances."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ _MOST_SATURATED = 0.005
 
 
 def is_clear(edge: EdgeMeasurement) -> bool:
-    """Whether an edge of a scene stands out from the scatter of what lies beside it."""
+    """Whether an edge in a scene stands out from the scatter on either side of it."""
     return edge.snr is None or edge.snr >= _CLEAREST_SNR
 
 
@@ -38,10 +38,10 @@ def calibrate_from_scene(
     region: Callable[[EdgeImage], Region | None] = lambda _: None,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
-    """Measure the PSF from the edges that ordinary photographs hold (method single-image).
+    """Measure the PSF from the edges in ordinary photographs (method single-image).
 
-    Right to some 10 to 15 % where the scene's edges are sharper than a pixel; softer scenes read
-    as a wider PSF. Parameters are those of ``calibrate_psf``.
+    Accurate to some 10 to 15 % if the scene's edges are sharper than a pixel; softer scenes give
+    too wide a PSF. Parameters are those of ``calibrate_psf``.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def calibrate_from_scene(
     names: list[str] = []
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
-        # What lies beside an edge of a scene is its noise, whatever the camera's is.
+        # The texture beside an edge in a scene acts as its noise, whatever the camera's is.
         edges.extend(measure_edges(replace(source, noise=None), region(source)))
         progress(done)
     clear = [edge for edge in edges if "saturated" not in edge.flags and is_clear(edge)]
@@ -88,21 +88,21 @@ def calibrate_from_distances(
     Parameters
     ----------
     series
-        Photographs of each scene, the nearest first; each further one is compared with it.
+        Photographs of each scene, the nearest first; each of the others is compared with it.
     zoom
-        Ratio of the distances, where features alone do not tell how the photographs lie; None
-        finds it by matching features.
+        Ratio of the distances, if matched features do not suffice to align the photographs; None
+        to align them by their features.
     region
-        Gives the part of the nearest photograph that is used; None for all of it.
+        Returns the part of the nearest photograph to use, None for all of it.
     progress
         Called with the number of pairs done.
 
     Raises
     ------
     PairError
-        If no pair can be aligned, or tells the PSF; that of the first pair.
+        If no pair can be aligned and determines the PSF; the error of the first pair.
     ValueError
-        If a region does not lie inside its photograph.
+        If a region is not inside its photograph.
     """
     found: list[tuple[EdgeImage, EdgeImage, PairPsf]] = []
     failures: list[tuple[EdgeImage, EdgeImage, PairError]] = []
@@ -117,7 +117,7 @@ def calibrate_from_distances(
             progress(done)
     if not found:
         if not failures:
-            raise PairError("no scene was given twice", reason="no_pair")
+            raise PairError("no scene has two photographs", reason="no_pair")
         near, far, fault = failures[0]
         raise PairError(
             f"{near.name} and {far.name}: {fault}",
@@ -141,7 +141,7 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
             if share > _MOST_SATURATED:
                 raise PairError(
                     f"{source.name}: {100 * share:.1f} % of the pixels are saturated; "
-                    "expose shorter",
+                    "shorten the exposure",
                     reason="saturated",
                     photographs=(source.name,),
                 )
@@ -150,7 +150,7 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
             matrix = register(near.image_dn, far.image_dn).matrix
         except RegistrationError as error:
             raise PairError(
-                f"{error}; the nearer photograph comes first", reason="not_aligned"
+                f"{error}; give the nearer photograph first", reason="not_aligned"
             ) from error
     else:
         matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)

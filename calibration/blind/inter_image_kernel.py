@@ -1,10 +1,10 @@
-"""The kernel that takes a near photograph to a far one of the same scene.
+"""The blur kernel between a near photograph and a far one of the same scene.
 
 Delbracio, Almansa, Musé, Morel: Subpixel point spread function estimation from two photographs at
 different distances. SIAM J. Imaging Sciences 5 (2012) 1234-1260. With the near image interpolated
-at the places of the far pixels, the far image is linear in the kernel between them. What is added
-here: the near image's own noise is taken out of the normal equations (it would widen the kernel),
-and a model of the kernel is fitted by them as by the pixels themselves.
+at the positions of the far pixels, the far image is linear in the kernel between them. Two things
+are added here: the near image's own noise is removed from the normal equations (it would widen the
+kernel), and a model of the kernel can be fitted to them just as to the pixels themselves.
 """
 
 from dataclasses import dataclass
@@ -28,12 +28,12 @@ _TAPS = _ORDER + 1
 _CHUNK = 2048
 _MOST_PIXELS = 120_000
 _PHASES = 32
-_REACH = 24  # samples at which the cardinal spline has died away
+_REACH = 24  # samples after which the cardinal spline is negligible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class InterImageKernel:
-    """What two photographs say of the kernel between them: the normal equations of its weights.
+    """Normal equations of the weights of the kernel between two photographs.
 
     ``far(p) = sum_q weights[r + q] near(H p + q) + offset``. The unknowns are the weights, row by
     row, and the offset.
@@ -43,16 +43,16 @@ class InterImageKernel:
     radius_px
         Reach r of the kernel on either side, near pixels.
     normal
-        Normal matrix without the near image's noise, shape ``(n, n)``; where the near image holds
-        nothing but noise it says nothing, and may fall below zero.
+        Normal matrix without the near image's noise, shape ``(n, n)``; it may be negative in
+        directions in which the near image has nothing but noise.
     noisy_normal
-        The same as the pixels gave it.
+        The normal matrix as the pixels give it, noise included.
     right
         Right-hand side, shape ``(n,)``.
     squares
-        Sum of the far pixels' squares.
+        Sum of the squares of the far pixels.
     pixels
-        Far pixels used.
+        Number of far pixels used.
     """
 
     radius_px: int
@@ -63,7 +63,7 @@ class InterImageKernel:
     pixels: int
 
     def squared_error(self, unknowns: Array) -> float:
-        """Sum over the far pixels of the squared difference, the near image's noise taken out."""
+        """Sum of the squared differences at the far pixels, without the near image's noise."""
         return float(self.squares - 2 * self.right @ unknowns + unknowns @ self.normal @ unknowns)
 
 
@@ -82,40 +82,40 @@ def estimate_kernel(
     near_dn, far_dn
         Linear in light, shape ``(rows, cols)``.
     alignment
-        Where the far pixels lie in the near image; the kernel takes up a shift.
+        Where the far pixels are in the near image; the kernel absorbs a remaining shift.
     radius_px
         Reach of the kernel in near pixels.
     near_noise_dn2
-        Variance of the noise of a pixel of the near image, zero where it is not known.
+        Noise variance of a pixel of the near image, zero if it is not known.
 
     Raises
     ------
     PairError
         If the images overlap too little for that many weights.
     """
-    places = _far_places(alignment, near_dn.shape, radius_px)
+    points = _far_points(alignment, near_dn.shape, radius_px)
     unknowns = (2 * radius_px + 1) ** 2 + 1
-    if len(places.rows) < 4 * unknowns:
+    if len(points.rows) < 4 * unknowns:
         raise PairError(
-            f"{len(places.rows)} pixels of the far image lie inside the near one, "
-            f"{4 * unknowns} are needed: take the same scene in both",
+            f"only {len(points.rows)} pixels of the far image are inside the near one, "
+            f"{4 * unknowns} are needed: photograph the same scene in both",
             reason="little_overlap",
         )
-    # Means are taken off for the sake of rounding; the offset takes up what they make.
+    # Means are subtracted to reduce rounding errors; the offset absorbs them.
     coefficients = spline_filter(near_dn - near_dn.mean(), order=_ORDER, mode="mirror")
-    values = (far_dn / alignment.gain)[places.rows, places.cols]
+    values = (far_dn / alignment.gain)[points.rows, points.cols]
     values = values - values.mean()
     normal, right = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     for start in range(0, len(values), _CHUNK):
         part = slice(start, start + _CHUNK)
         block = np.ones((len(values[part]), unknowns))
-        block[:, :-1] = _samples(coefficients, places.y[part], places.x[part], radius_px)
+        block[:, :-1] = _samples(coefficients, points.y[part], points.x[part], radius_px)
         normal += block.T @ block
         right += block.T @ values[part]
     squares = float(values @ values)
     noisy = normal.copy()
     if near_noise_dn2 > 0:
-        normal[:-1, :-1] -= near_noise_dn2 * len(values) * _noise_covariance(places, radius_px)
+        normal[:-1, :-1] -= near_noise_dn2 * len(values) * _noise_covariance(points, radius_px)
     return InterImageKernel(
         radius_px=radius_px,
         normal=normal,
@@ -127,24 +127,26 @@ def estimate_kernel(
 
 
 @dataclass(frozen=True, slots=True)
-class _Places:
+class _FarPoints:
     rows: NDArray[np.intp]
     cols: NDArray[np.intp]
     y: Array
     x: Array
 
 
-def _far_places(alignment: SmoothAlignment, near_shape: tuple[int, ...], radius_px: int) -> _Places:
-    """Far pixels whose whole kernel lies in the near image, thinned evenly to a bounded number."""
+def _far_points(
+    alignment: SmoothAlignment, near_shape: tuple[int, ...], radius_px: int
+) -> _FarPoints:
+    """Far pixels whose whole kernel is inside the near image, thinned evenly to a limit."""
     y, x = alignment.y_px, alignment.x_px
     margin = radius_px + _TAPS
     inside = (x >= margin) & (x <= near_shape[1] - 1 - margin)
     inside &= (y >= margin) & (y <= near_shape[0] - 1 - margin)
     chosen = np.flatnonzero(inside)
-    # A stride that shares no factor with the rows spreads the pixels over the frame.
+    # A stride with no common factor with the rows spreads the pixels over the frame.
     chosen = chosen[:: max(1, -(-len(chosen) // _MOST_PIXELS))]
     rows, cols = np.unravel_index(chosen, inside.shape)
-    return _Places(rows=rows, cols=cols, y=y.ravel()[chosen], x=x.ravel()[chosen])
+    return _FarPoints(rows=rows, cols=cols, y=y.ravel()[chosen], x=x.ravel()[chosen])
 
 
 def _samples(coefficients: Array, y: Array, x: Array, radius_px: int) -> Array:
@@ -166,7 +168,7 @@ def _samples(coefficients: Array, y: Array, x: Array, radius_px: int) -> Array:
 
 
 def _spline_taps(fraction: Array) -> Array:
-    """Weights of the six B-spline coefficients around each place, shape ``(n, 6)``."""
+    """Weights of the six B-spline coefficients around each position, shape ``(n, 6)``."""
     distance = fraction[:, None] - (np.arange(_TAPS) - _TAPS // 2 + 1)
     return np.asarray(_basis()(distance))
 
@@ -192,12 +194,12 @@ def _interpolated_noise() -> Array:
     return table
 
 
-def _noise_covariance(places: _Places, radius_px: int) -> Array:
-    """Mean over the pixels of what unit noise of the near image adds to the normal matrix."""
+def _noise_covariance(points: _FarPoints, radius_px: int) -> Array:
+    """Contribution of unit noise in the near image to the normal matrix, averaged over pixels."""
     table = _interpolated_noise()
     lag = np.abs(np.subtract.outer(np.arange(2 * radius_px + 1), np.arange(2 * radius_px + 1)))
     axes = []
-    for place in (places.y, places.x):
-        phase = np.floor((place - np.floor(place)) * _PHASES).astype(np.intp) % _PHASES
-        axes.append((np.bincount(phase, minlength=_PHASES) / len(place)) @ table)
+    for position in (points.y, points.x):
+        phase = np.floor((position - np.floor(position)) * _PHASES).astype(np.intp) % _PHASES
+        axes.append((np.bincount(phase, minlength=_PHASES) / len(position)) @ table)
     return np.asarray(np.kron(axes[0][lag], axes[1][lag]), dtype=np.float64)

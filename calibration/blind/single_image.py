@@ -1,12 +1,12 @@
-"""The PSF from the edges of one photograph that was not taken for it.
+"""The PSF from the edges in one photograph of an ordinary scene.
 
 Luxen and Förstner, Characterizing image quality: blind estimation of the point spread function from
-a single image, PCV 2002: wherever the scene has a sharp edge, the width of its image is the PSF's
-across it, and widths over many directions give the covariance. Edges of an ordinary scene are not
-all sharp. Where they take a robust mean, the softness of the scene is modelled here: an edge's
-variance is ``n' Sigma n`` plus a softness of exponential distribution plus the error of its fit
-(an exponentially modified Gaussian), some edges are outliers; maximum likelihood finds Sigma and
-the mean softness together.
+a single image, PCV 2002: wherever the scene has a sharp edge, the width of its image is that of the
+PSF across it, and widths in many directions give the covariance. The edges of an ordinary scene are
+not all sharp. Where the paper takes a robust mean, the softness of the scene is modelled here: an
+edge's variance is ``n' Sigma n`` plus an exponentially distributed softness plus the error of its
+fit (an exponentially modified Gaussian), and some edges are outliers; maximum likelihood finds
+Sigma and the mean softness together.
 """
 
 from collections.abc import Callable
@@ -23,23 +23,23 @@ __all__ = ["FEWEST_EDGES", "SharpestWidths", "fit_sharpest_widths"]
 Array = NDArray[np.float64]
 
 FEWEST_EDGES = 12
-"""Edges that three elements of Sigma and the softness ask for, with a few to spare."""
+"""Edges needed for the three elements of Sigma and the softness, with a few to spare."""
 
-_OUTLIERS = 0.05  # share of edges that fit no sharp step at all
+_OUTLIERS = 0.05  # fraction of edges that are not steps at all
 _OUTLIER_SPREAD_PX2 = 1.0
-_LEAST_ERR_PX2 = 0.01  # of an edge's variance: texture beside an edge is not in its own error
+_LEAST_ERR_PX2 = 0.01  # of an edge's variance: its own error does not include texture beside it
 _STEP = 1e-3
-_RATIO_SPREAD = 0.15  # lenses blur about alike along x and y: prior of log(sigma_x / sigma_y)
-_TILT_SPREAD = 0.2  # and of atanh(rho)
-_WIDEST_ERR = 0.5  # of the width: an edge less sure says nothing
+_RATIO_SPREAD = 0.15  # lenses blur x and y about equally: prior of log(sigma_x / sigma_y)
+_TILT_SPREAD = 0.2  # prior of atanh(rho)
+_WIDEST_ERR = 0.5  # relative to the width: edges with larger errors are ignored
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SharpestWidths:
-    """Covariance of the PSF, px^2, that the sharpest edges agree on.
+    """Covariance of the PSF, px^2, on which the sharpest edges agree.
 
-    ``covariance_err_px2``, shape (3, 3), is of the elements (xx, xy, yy); ``softness_px2`` the
-    mean variance that the scene adds, ``edges_used`` how many edges were sure enough to count.
+    ``covariance_err_px2``, shape (3, 3), is the covariance matrix of the elements (xx, xy, yy),
+    ``softness_px2`` the mean variance that the scene adds, ``edges_used`` the number of edges used.
     """
 
     covariance_px2: Array
@@ -49,24 +49,25 @@ class SharpestWidths:
 
 
 def fit_sharpest_widths(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> SharpestWidths:
-    """Fit the PSF to widths of edges of which some are soft by themselves.
+    """Fit the PSF to widths of edges, some of which are soft in the scene itself.
 
     Parameters
     ----------
     angles_deg
-        Direction of each edge line against +x, y down; shape ``(n,)``.
+        Angle of each edge line from +x, with y down; shape ``(n,)``.
     sigma_px, sigma_err_px
         Width across each edge and its standard error, px.
 
     Raises
     ------
     ValueError
-        If fewer than 12 edges are known to half of their width.
+        If fewer than 12 edges have an error below half of their width.
     """
     sure = sigma_err_px < _WIDEST_ERR * sigma_px
     if np.count_nonzero(sure) < FEWEST_EDGES:
         raise ValueError(
-            f"{np.count_nonzero(sure)} edges are sharp and clear enough, {FEWEST_EDGES} are needed"
+            f"only {np.count_nonzero(sure)} edges are sharp and clear enough, "
+            f"{FEWEST_EDGES} are needed"
         )
     normal = np.deg2rad(angles_deg[sure] + 90.0)
     nx, ny = np.cos(normal), np.sin(normal)
@@ -107,25 +108,25 @@ def fit_sharpest_widths(angles_deg: Array, sigma_px: Array, sigma_err_px: Array)
 
 
 def _covariance(parameters: Array) -> tuple[float, float, float]:
-    """Elements xx, xy, yy from log mean width, log ratio of the widths and atanh of rho."""
+    """Elements xx, xy, yy from the log mean width, the log ratio of the widths and atanh(rho)."""
     mean, ratio, tilt = (float(value) for value in parameters[:3])
     x, y = exp(mean + ratio / 2), exp(mean - ratio / 2)
     return x * x, tanh(tilt) * x * y, y * y
 
 
 def _log_modified_gaussian(left: Array, err: Array, mean: float) -> Array:
-    """Log density of a Gaussian error plus an exponential of this mean."""
+    """Log density of a Gaussian error plus an exponential variable with this mean."""
     ratio = err / mean
     return np.asarray(
         -log(mean) + 0.5 * ratio**2 - left / mean + log_ndtr(left / err - ratio), dtype=np.float64
     )
 
 
-def _hessian(cost: Callable[[Array], float], place: Array) -> Array:
-    steps = _STEP * np.eye(len(place))
+def _hessian(cost: Callable[[Array], float], point: Array) -> Array:
+    steps = _STEP * np.eye(len(point))
     return np.array([
         [
-            (cost(place + a + b) - cost(place + a - b) - cost(place - a + b) + cost(place - a - b))
+            (cost(point + a + b) - cost(point + a - b) - cost(point - a + b) + cost(point - a - b))
             / (4 * _STEP**2)
             for b in steps
         ]

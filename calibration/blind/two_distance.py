@@ -1,8 +1,8 @@
 """The PSF from two photographs of any textured scene at two distances, without an edge target.
 
-The camera blurs both photographs alike in its own pixels. Seen from the near one, the far PSF is
-the same one stretched by A = d near / d far, so that the kernel between the photographs has the
-covariance ``A Sigma A' - Sigma``: linear in Sigma. For a pure zoom-out z it is ``(z^2 - 1) Sigma``.
+The camera blurs both photographs equally in its own pixels. In near pixels, the far PSF is the same
+PSF stretched by A = d near / d far, so that the kernel between the photographs has the covariance
+``A Sigma A' - Sigma``, which is linear in Sigma. For a pure zoom-out z it is ``(z^2 - 1) Sigma``.
 """
 
 from collections.abc import Sequence
@@ -25,15 +25,15 @@ _WIDEST_SIGMA_PX = 1.2
 _REACH_SIGMAS = 3.5
 _RADII_PX = (4, 12)
 _GRID = 64  # samples of the kernel's transfer function along each axis
-_SHARPEST_PX2 = 0.03  # a pixel alone has 1/12
-_GAIN = 5  # place among the parameters of the Gaussian
+_SHARPEST_PX2 = 0.03  # the pixel alone has 1/12
+_GAIN = 5  # index among the parameters of the Gaussian
 _MOST_STEPS = 50
 _CONVERGED = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairPsf:
-    """Total PSF covariance that two photographs tell, px^2, and its error.
+    """Total PSF covariance from two photographs, px^2, and its error.
 
     ``covariance_err_px2`` is the covariance matrix, shape (3, 3), of the elements (xx, xy, yy).
     """
@@ -55,12 +55,12 @@ def pair_psf(
     far_to_near
         Homography from far to near pixel centres, shape (3, 3).
     near_noise_dn2
-        Variance of a pixel's noise in the near image; where it is left out, noise reads as blur.
+        Noise variance of a pixel in the near image; if it is left out, noise is taken for blur.
 
     Raises
     ------
     PairError
-        If the distances are too alike, or the photographs hold too little detail.
+        If the distances are too similar, or the photographs have too little detail.
     """
     alignment = align_smoothly(near_dn, far_dn, far_to_near)
     jacobian = alignment.jacobian
@@ -68,7 +68,7 @@ def pair_psf(
     if zoom < _SMALLEST_ZOOM:
         raise PairError(
             f"the second photograph is {zoom:.3f} times as far away as the first; at least "
-            f"{_SMALLEST_ZOOM} is needed, 2 is good",
+            f"{_SMALLEST_ZOOM} is needed, and 2 is good",
             reason="one_distance",
         )
     reach = _REACH_SIGMAS * _WIDEST_SIGMA_PX * sqrt(zoom**2 - 1)
@@ -103,10 +103,10 @@ def pair_psf(
 def combined(pairs: Sequence[PairPsf]) -> tuple[Array, Array]:
     """Weighted mean of the covariances' elements (xx, xy, yy), and its covariance matrix.
 
-    Where the pairs disagree by more than their errors, the errors grow by the factor.
+    If the pairs disagree by more than their errors, the errors grow by that factor.
     """
     if not pairs:
-        raise ValueError("no pair of photographs")
+        raise ValueError("there is no pair of photographs")
     elements = [pair.covariance_px2[[0, 0, 1], [0, 1, 1]] for pair in pairs]
     weights = [np.linalg.inv(pair.covariance_err_px2) for pair in pairs]
     covariance = np.linalg.inv(np.sum(weights, axis=0))
@@ -122,8 +122,8 @@ def combined(pairs: Sequence[PairPsf]) -> tuple[Array, Array]:
 def _gaussian_of(kernel: InterImageKernel) -> tuple[Array, Array]:
     """Covariance elements (xx, xy, yy) of the Gaussian that fits the pixels best, and their error.
 
-    Gauss-Newton on the far pixels' squared error, which the normal equations hold whole; besides
-    the covariance a shift, a gain and an offset are free.
+    Gauss-Newton on the squared error of the far pixels, which the normal equations contain in full;
+    the covariance, a shift, a gain and an offset are free.
     """
     guess = _REACH_SIGMAS / kernel.radius_px
     parameters = np.array([guess**-2, 0.0, guess**-2, 0.0, 0.0, 1.0, 0.0]) * 0.5
@@ -161,7 +161,7 @@ def _is_covariance(parameters: Array) -> bool:
 
 
 def _gaussian_kernel(parameters: Array, radius: int) -> tuple[Array, Array]:
-    """Weights and offset of a Gaussian, from its transfer function, and their derivatives."""
+    """Weights and offset of a Gaussian kernel from its transfer function, and their derivatives."""
     xx, xy, yy, shift_x, shift_y, gain, offset = parameters
     fy, fx = np.meshgrid(np.fft.fftfreq(_GRID), np.fft.fftfreq(_GRID), indexing="ij")
     exponent = -2 * np.pi**2 * (xx * fx**2 + 2 * xy * fx * fy + yy * fy**2)

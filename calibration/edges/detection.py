@@ -9,15 +9,13 @@ from dataclasses import replace
 from math import cos, hypot, pi, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.edges.gradient import SMOOTHING_PX, Gradient
 from calibration.edges.ridges import SHORTEST_REGION_PX, find_ridges, nearest_other, refined
 from calibration.edges.segments import EdgeSegment
+from simulation.arrays import FloatArray
 
 __all__ = ["find_edges"]
-
-Array = NDArray[np.float64]
 
 _SHORTEST_EDGE_PX = 12.0
 _JOINED_OFFSET_PX = 1.5
@@ -26,7 +24,7 @@ _CORNER_SIGMAS = 2.5
 _CELL_PX = 128.0
 
 
-def find_edges(image_dn: Array, *, cell_px: float = _CELL_PX) -> list[EdgeSegment]:
+def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeSegment]:
     """Find straight edges and cut long ones into pieces of about ``cell_px``.
 
     Parameters
@@ -68,7 +66,7 @@ def find_edges(image_dn: Array, *, cell_px: float = _CELL_PX) -> list[EdgeSegmen
     return sorted(pieces, key=lambda e: (e.y_px, e.x_px))
 
 
-def _ends(line: EdgeSegment) -> tuple[Array, Array]:
+def _ends(line: EdgeSegment) -> tuple[FloatArray, FloatArray]:
     along = np.array([-np.sin(line.normal_rad), np.cos(line.normal_rad)])
     middle = np.array([line.x_px, line.y_px])
     return middle - 0.5 * line.length_px * along, middle + 0.5 * line.length_px * along
@@ -170,7 +168,7 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
     )
 
 
-def _with_clearance(piece: EdgeSegment, ridge_points: Array) -> EdgeSegment | None:
+def _with_clearance(piece: EdgeSegment, ridge_points: FloatArray) -> EdgeSegment | None:
     """Limit the fit's band to what no other edge reaches; None where nothing is left."""
     own_px = max(2.5, 1.5 * piece.sigma_px)
     reach_px = hypot(0.5 * piece.length_px, 40.0)

@@ -23,6 +23,8 @@ from calibration.edges.penalised_spline import (
     fit_penalised_spline,
 )
 from calibration.edges.samples import EdgeSamples
+from calibration.robust import robust_sigma
+from simulation.arrays import FloatArray
 
 __all__ = [
     "SFR_FREQ_CY_PER_PX",
@@ -59,8 +61,6 @@ def pixel_mtf50(optical_sigma_px: float, normal_rad: float) -> float:
     return float(brentq(above_half, 0.0, 1.0, xtol=1e-12))
 
 
-Array = NDArray[np.float64]
-
 SFR_FREQ_CY_PER_PX = tuple(round(0.05 * k, 2) for k in range(1, 11))
 """Frequencies at which tables give the contrast, up to Nyquist."""
 
@@ -71,7 +71,6 @@ _FEWEST_SAMPLES = 60
 _LEAST_HALF_WIDTH_PX = 3.0
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast
-_MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
 _DETAIL_SIGMAS = 2.0
 _DETAIL_EXTRA_PX = 0.5
 _TAIL_SIGMAS = 4.0
@@ -88,8 +87,8 @@ class EdgeSfr:
     so far below 1 cy/px.
     """
 
-    place_px: Array
-    weight: Array
+    place_px: FloatArray
+    weight: FloatArray
     knot_px: float
     reach_px: float
     tail_px: float
@@ -97,11 +96,11 @@ class EdgeSfr:
     mtf50_err_cy_per_px: float | None = None
     mtf20_cy_per_px: float | None = None
 
-    def at(self, freq_cy_per_px: Array) -> Array:
+    def at(self, freq_cy_per_px: FloatArray) -> FloatArray:
         """Contrast at frequencies in cy/px, shape ``(n,)``."""
         return np.abs(self.transform(freq_cy_per_px))
 
-    def transform(self, freq_cy_per_px: Array) -> NDArray[np.complex128]:
+    def transform(self, freq_cy_per_px: FloatArray) -> NDArray[np.complex128]:
         """Fourier transform of the line spread function about the fitted edge, shape ``(n,)``."""
         freq = np.asarray(freq_cy_per_px, dtype=np.float64)
         sums = _sums(freq, float(self.place_px[0]), self.knot_px, self.weight)
@@ -115,7 +114,7 @@ class EdgeSfr:
 
 @njit(cache=True)
 def _sums(
-    freq_cy_per_px: Array, first_px: float, step_px: float, weight: Array
+    freq_cy_per_px: FloatArray, first_px: float, step_px: float, weight: FloatArray
 ) -> NDArray[np.complex128]:
     """Sum of ``weight exp(-2 pi i f x)`` over equal steps of x, each turned on from the last."""
     out = np.empty(freq_cy_per_px.size, dtype=np.complex128)
@@ -168,8 +167,7 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
     if factor[0, 0] == 0.0:
         return None
     residuals = levels - curve_values(places, coefficients)
-    scale = float(np.median(np.abs(residuals))) / _MAD_PER_SIGMA
-    outside = np.abs(residuals) > max(_OUTLIER_SIGMAS * scale, _OUTLIER_LEAST)
+    outside = np.abs(residuals) > max(_OUTLIER_SIGMAS * robust_sigma(residuals), _OUTLIER_LEAST)
     if outside.any():
         weights[outside] = 0.0
         coefficients, factor, variance = fit_penalised_spline(places, levels, weights, stiffness)
@@ -199,7 +197,7 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
     )
 
 
-def _stiffness(count: int, half_width_px: float, sigma_px: float) -> Array:
+def _stiffness(count: int, half_width_px: float, sigma_px: float) -> FloatArray:
     """Penalty by place: a PSF has no detail far out that is much finer than it is far.
 
     The smoothing length of a spline grows with the sixth root of its penalty's weight.
@@ -208,7 +206,7 @@ def _stiffness(count: int, half_width_px: float, sigma_px: float) -> Array:
     return np.asarray((1.0 + (place / (_DETAIL_SIGMAS * sigma_px + _DETAIL_EXTRA_PX)) ** 2) ** 3)
 
 
-def _tail_px(distance: Array, levels: Array, reach_px: float, sigma_px: float) -> float:
+def _tail_px(distance: FloatArray, levels: FloatArray, reach_px: float, sigma_px: float) -> float:
     """Constant c of a tail ``c / x^2``, mean of both sides: what a round aperture diffracts.
 
     Fitted as ``end - c / x`` to the outer half of the band, and drawn towards 0 by as much as
@@ -236,7 +234,7 @@ def _tail_px(distance: Array, levels: Array, reach_px: float, sigma_px: float) -
     return max(tail - variance / tail, 0.0) if tail > 0 else 0.0
 
 
-def _falls_to(level: float, curve: EdgeSfr, contrast: Array) -> float | None:
+def _falls_to(level: float, curve: EdgeSfr, contrast: FloatArray) -> float | None:
     """First frequency at which the contrast falls to a level; None where it does not.
 
     ``contrast`` is the curve's on the grid of frequencies.
@@ -253,7 +251,7 @@ def _falls_to(level: float, curve: EdgeSfr, contrast: Array) -> float | None:
 
 
 def _frequency_err(
-    freq: float, curve: EdgeSfr, factor: Array, variance: float, rise: float
+    freq: float, curve: EdgeSfr, factor: FloatArray, variance: float, rise: float
 ) -> float | None:
     """Standard error of the frequency at which the curve has the contrast it has there."""
     around = np.array([freq - 1e-4, freq + 1e-4])

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from math import cos, exp, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
 from calibration.edges.model import (
@@ -23,10 +22,9 @@ from calibration.edges.model import (
 from calibration.edges.residuals import profile_flags
 from calibration.edges.segments import EdgeSegment
 from calibration.noise import LevelNoise
+from simulation.arrays import FloatArray
 
 __all__ = ["SATURATED_FRACTION", "EdgeFit", "fit_edge"]
-
-Array = NDArray[np.float64]
 
 SHORTEST_PX = 20.0
 NOISIEST_SNR = 3.0
@@ -77,7 +75,7 @@ class EdgeFit:
 
 
 def fit_edge(
-    image_dn: Array,
+    image_dn: FloatArray,
     segment: EdgeSegment,
     *,
     noise: LevelNoise | None = None,

@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SMOOTHING_PX", "Gradient"]
+from simulation.arrays import Float32Array, FloatArray
 
-Array = NDArray[np.float64]
-Image32 = NDArray[np.float32]
+__all__ = ["SMOOTHING_PX", "Gradient"]
 
 SMOOTHING_PX = 1.0
 _RAYLEIGH_MEDIAN = 1.1774100225154747  # median of |gradient| over its sigma, in pure noise
@@ -32,14 +31,14 @@ class Gradient:
     of levels of the image, and ``levels_dn`` what separates the ranges.
     """
 
-    x: Image32
-    y: Image32
+    x: Float32Array
+    y: Float32Array
     ridge: NDArray[np.uint8]
-    levels_dn: Array
-    noise: Array
+    levels_dn: FloatArray
+    noise: FloatArray
 
     @classmethod
-    def of(cls, image_dn: Array) -> "Gradient":
+    def of(cls, image_dn: FloatArray) -> "Gradient":
         """Smooth the image, and find its ridges with Canny's suppression and hysteresis."""
         # Two work images are used over and over: new memory costs more than the filters do.
         first, second = np.empty((2, *image_dn.shape), np.float32)
@@ -71,7 +70,9 @@ class Gradient:
         return cls(gx, gy, cast("NDArray[np.uint8]", ridge), levels_dn, noise_by_level)
 
 
-def _noise_by_level(levels_dn: Array, magnitude: Image32, overall: float) -> tuple[Array, Array]:
+def _noise_by_level(
+    levels_dn: FloatArray, magnitude: Float32Array, overall: float
+) -> tuple[FloatArray, FloatArray]:
     """Noise of the gradient in ranges of equally many levels, and what separates them."""
     separators = np.quantile(levels_dn, np.arange(1, _NOISE_RANGES) / _NOISE_RANGES)
     place = np.searchsorted(separators, levels_dn, side="right")

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from calibration.edges.model import (
     FLAT_PARAMETERS,
@@ -31,7 +30,6 @@ from calibration.edges.residuals import (
     noise_part,
     outlier_weights,
     profile_figures,
-    robust_variance,
 )
 from calibration.edges.segments import (
     BandPixels,
@@ -41,10 +39,10 @@ from calibration.edges.segments import (
     side_level,
 )
 from calibration.edges.shading import shading_levels, slopes_across
+from calibration.robust import robust_sigma
+from simulation.arrays import FloatArray
 
 __all__ = ["LikelyEdge", "WidthFit", "maximise"]
-
-Array = NDArray[np.float64]
 
 _ROUGH, _FINE = 1e-2, 1e-4  # last step of a fit, in px and parts of sigma
 _WINDOW_ROUNDS = 4
@@ -67,7 +65,7 @@ class WidthFit(NamedTuple):
     """
 
     is_found: bool
-    parameters: Array
+    parameters: FloatArray
     log_sigma_variance: float
     squares: float
 
@@ -93,7 +91,7 @@ class _Window(NamedTuple):
 
     rough: Minimum
     pixels: BandPixels
-    weights: Array
+    weights: FloatArray
     half_width_px: float
 
 
@@ -106,11 +104,11 @@ class _Widths(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def maximise(
-    image_dn: Array,
+    image_dn: FloatArray,
     line: EdgeLine,
     sigma_px: float,
     clearance_px: float,
-    noise_line: Array,
+    noise_line: FloatArray,
     saturation_dn: float,
 ) -> LikelyEdge:
     """Fit total and optical width to the pixels around one edge.
@@ -173,7 +171,11 @@ def _none() -> LikelyEdge:
 
 @njit(cache=True, error_model="numpy")
 def _window(
-    image_dn: Array, line: EdgeLine, sigma_px: float, clearance_px: float, noise_line: Array
+    image_dn: FloatArray,
+    line: EdgeLine,
+    sigma_px: float,
+    clearance_px: float,
+    noise_line: FloatArray,
 ) -> _Window:
     """Fit roughly, in a band as wide as the width found asks for."""
     sigma = sigma_px
@@ -202,7 +204,11 @@ def _window(
 
 @njit(cache=True, error_model="numpy")
 def _without_shading(
-    image_dn: Array, line: EdgeLine, clearance_px: float, window: _Window, distances: Array
+    image_dn: FloatArray,
+    line: EdgeLine,
+    clearance_px: float,
+    window: _Window,
+    distances: FloatArray,
 ) -> tuple[_Window, bool]:
     """Take slopes across the edge off the pixels and fit again; whether there were any."""
     parameters = window.rough.parameters
@@ -225,7 +231,7 @@ def _without_shading(
 
 
 @njit(cache=True, error_model="numpy")
-def _weighed(window: _Window, found: EdgeLevels, is_noise_known: bool) -> tuple[Array, bool]:
+def _weighed(window: _Window, found: EdgeLevels, is_noise_known: bool) -> tuple[FloatArray, bool]:
     """Weights of the pixels after a look at their residuals; whether there are outliers."""
     parameters, weights = window.rough.parameters, window.weights
     scatter = noise_part(window.pixels.values - found.levels, found.distances)
@@ -237,7 +243,7 @@ def _weighed(window: _Window, found: EdgeLevels, is_noise_known: bool) -> tuple[
 
 
 @njit(cache=True, error_model="numpy")
-def _widths(pixels: BandPixels, weights: Array, start: Array) -> _Widths:
+def _widths(pixels: BandPixels, weights: FloatArray, start: FloatArray) -> _Widths:
     """Fit the plain edge, and from there the one behind pixel squares."""
     total = levenberg_marquardt(pixels, weights, start, False, _FINE)
     start = total.parameters.copy()
@@ -260,7 +266,7 @@ def _best_levels(pixels: BandPixels, widths: _Widths) -> EdgeLevels:
 
 @njit(cache=True, error_model="numpy")
 def _with_slopes_along(
-    pixels: BandPixels, weights: Array, flat: _Widths, found: EdgeLevels
+    pixels: BandPixels, weights: FloatArray, flat: _Widths, found: EdgeLevels
 ) -> tuple[_Widths, bool]:
     """Fit slopes of the levels along the edge too, where the pixels ask for them; whether so."""
     is_square = _is_square(flat)
@@ -298,8 +304,8 @@ def _with_slopes_along(
 
 @njit(cache=True)
 def _known_weights(
-    across: Array, sigma: float, low: float, high: float, noise_line: Array
-) -> Array:
+    across: FloatArray, sigma: float, low: float, high: float, noise_line: FloatArray
+) -> FloatArray:
     """Inverse variances from a noise-free guess of each pixel's level; ones without a line."""
     weights = np.ones(len(across))
     if len(noise_line) == 0:
@@ -312,14 +318,14 @@ def _known_weights(
 
 
 @njit(cache=True)
-def _side_weights(scatter: Array, edges: Array) -> Array:
+def _side_weights(scatter: FloatArray, edges: FloatArray) -> FloatArray:
     """Inverse variances where one side of the edge is noisier than the other, else ones."""
     even = np.ones(len(scatter))
     dark, bright = edges < 0.02, edges > 0.98
     n_dark, n_bright = np.count_nonzero(dark), np.count_nonzero(bright)
     if min(n_dark, n_bright) < _SIDE_PIXELS:
         return even
-    low, high = robust_variance(scatter[dark]), robust_variance(scatter[bright])
+    low, high = robust_sigma(scatter[dark]) ** 2, robust_sigma(scatter[bright]) ** 2
     if min(low, high) <= 1e-12 * max(low, high):
         return even
     # The logarithm of a ratio of two variances is nearly normal.

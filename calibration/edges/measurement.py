@@ -6,7 +6,6 @@ from pathlib import PurePath
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from calibration.edges.detection import find_edges
@@ -24,6 +23,7 @@ from calibration.edges.paper_method import lsf_fit
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
 from calibration.edges.segments import EdgeSegment
 from calibration.noise import LevelNoise
+from simulation.arrays import BoolArray, FloatArray
 
 __all__ = [
     "REJECTING_FLAGS",
@@ -76,13 +76,13 @@ class EdgeImage:
     """
 
     name: str
-    image_dn: NDArray[np.float64]
+    image_dn: FloatArray
     capture: int | None = None
     height_mm: float | None = None
     noise: LevelNoise | None = None
     saturation_dn: float | None = None
     is_jpeg: bool = False
-    clipped: NDArray[np.bool_] | None = None
+    clipped: BoolArray | None = None
     pitch_px: int = 1
     first_x_px: int = 0
     first_y_px: int = 0
@@ -233,8 +233,8 @@ def _determined(fit: EdgeFit) -> EdgeFit | None:
 
 
 def _picked(
-    clipped: NDArray[np.bool_], segment: EdgeSegment, fit: EdgeFit, half_width_px: float
-) -> NDArray[np.float64]:
+    clipped: BoolArray, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
+) -> FloatArray:
     samples: EdgeSamples = edge_samples(clipped.astype(np.float64), segment, fit, half_width_px)
     return samples.levels_dn
 

@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calibration.edges.segments import BandPixels
+from simulation.arrays import FloatArray
 
 __all__ = [
     "CURVATURE",
@@ -44,8 +44,6 @@ __all__ = [
     "slopes_gain",
 ]
 
-Array = NDArray[np.float64]
-
 # Indices into the parameter vector. Lengths are in units of the half length h of the edge, so
 # that all columns of the Jacobian have the same scale.
 TURN, OFFSET, CURVATURE, LOG_SIGMA, LOW, HIGH = range(6)
@@ -62,7 +60,7 @@ _MAX_STEPS = 40
 _MAX_DAMPINGS = 12  # tenfold each
 
 
-def _normal_table() -> Array:
+def _normal_table() -> FloatArray:
     """Phi and its density, at steps over the range that the lookup takes, with a margin."""
     last = int(_TAIL + 2) * _STEPS
     x = np.arange(-last, last + 1) / _STEPS
@@ -133,14 +131,14 @@ def _edge(d: float, s: float, a: float, b: float, is_square: bool) -> tuple[floa
 class _NormalEquations(NamedTuple):
     """``hessian`` J'WJ, ``gradient`` J'Wr and the weighted sum of squares."""
 
-    hessian: Array
-    gradient: Array
+    hessian: FloatArray
+    gradient: FloatArray
     squares: float
 
 
 @njit(cache=True, error_model="numpy")
 def _normal_equations(
-    pixels: BandPixels, weights: Array, parameters: Array, is_square: bool
+    pixels: BandPixels, weights: FloatArray, parameters: FloatArray, is_square: bool
 ) -> _NormalEquations:
     x, y, values, half_length = pixels.x, pixels.y, pixels.values, pixels.half_length_px
     count = parameters.size
@@ -210,14 +208,14 @@ class Minimum(NamedTuple):
     """
 
     is_found: bool
-    parameters: Array
-    hessian: Array
+    parameters: FloatArray
+    hessian: FloatArray
     squares: float
 
 
 @njit(cache=True)
 def levenberg_marquardt(
-    pixels: BandPixels, weights: Array, start: Array, is_square: bool, tolerance: float
+    pixels: BandPixels, weights: FloatArray, start: FloatArray, is_square: bool, tolerance: float
 ) -> Minimum:
     """Minimise the weighted squares from ``start``.
 
@@ -258,12 +256,14 @@ def levenberg_marquardt(
 
 
 @njit(cache=True)
-def _minimum(parameters: Array, hessian: Array, squares: float) -> Minimum:
+def _minimum(parameters: FloatArray, hessian: FloatArray, squares: float) -> Minimum:
     return Minimum(bool(np.all(np.isfinite(parameters))), parameters, hessian, squares)
 
 
 @njit(cache=True)
-def slopes_gain(pixels: BandPixels, weights: Array, residuals: Array, edges: Array) -> float:
+def slopes_gain(
+    pixels: BandPixels, weights: FloatArray, residuals: FloatArray, edges: FloatArray
+) -> float:
     """About how much a slope of either level along the edge would take off the squares.
 
     Rao's score statistic at the flat optimum, with the slopes taken as orthogonal to the other
@@ -289,13 +289,13 @@ def slopes_gain(pixels: BandPixels, weights: Array, residuals: Array, edges: Arr
 class EdgeLevels(NamedTuple):
     """Model level, signed distance in px and unit edge at each pixel."""
 
-    levels: Array
-    distances: Array
-    edges: Array
+    levels: FloatArray
+    distances: FloatArray
+    edges: FloatArray
 
 
 @njit(cache=True)
-def edge_values(pixels: BandPixels, parameters: Array, is_square: bool) -> EdgeLevels:
+def edge_values(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> EdgeLevels:
     """Evaluate the model at each pixel."""
     x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
     levels = np.empty(x.size)
@@ -323,7 +323,7 @@ def edge_values(pixels: BandPixels, parameters: Array, is_square: bool) -> EdgeL
 
 
 @njit(cache=True)
-def _profile(d: Array, sigma: float, a: float, b: float, is_square: bool) -> Array:
+def _profile(d: FloatArray, sigma: float, a: float, b: float, is_square: bool) -> FloatArray:
     out = np.empty(d.size)
     for i in range(d.size):
         out[i] = _edge(d[i], sigma, a, b, is_square)[0]
@@ -331,8 +331,8 @@ def _profile(d: Array, sigma: float, a: float, b: float, is_square: bool) -> Arr
 
 
 def edge_profile(
-    distances_px: Array, sigma_px: float, normal_angle_rad: float | None = None
-) -> Array:
+    distances_px: FloatArray, sigma_px: float, normal_angle_rad: float | None = None
+) -> FloatArray:
     """Unit edge (0 to 1) at signed distances from it.
 
     Parameters

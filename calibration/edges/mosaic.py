@@ -12,7 +12,6 @@ from math import sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
@@ -20,6 +19,7 @@ from calibration.choices import PATTERNS, Pattern
 from calibration.edges.esfr import EdgeSfr
 from calibration.edges.fit import EdgeFit
 from calibration.edges.model import edge_profile
+from simulation.arrays import AnyArray, FloatArray
 
 __all__ = [
     "PATTERNS",
@@ -49,7 +49,7 @@ class PlanePlace:
     first_x_px: int
     first_y_px: int
 
-    def plane(self, mosaic: NDArray[np.generic]) -> NDArray[np.float64]:
+    def plane(self, mosaic: AnyArray) -> FloatArray:
         """The pixels of this colour, shape about half of ``mosaic``'s along both axes."""
         return np.ascontiguousarray(
             mosaic[self.first_y_px :: PITCH_PX, self.first_x_px :: PITCH_PX], dtype=np.float64

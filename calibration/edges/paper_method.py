@@ -13,15 +13,13 @@ from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import OptimizeWarning, curve_fit
 
 from calibration.edges.fit import EdgeFit
 from calibration.edges.samples import EdgeSamples
+from simulation.arrays import FloatArray
 
 __all__ = ["BIN_PX", "LineSpread", "line_spread", "lsf_fit"]
-
-Array = NDArray[np.float64]
 
 BIN_PX = 0.25
 _FEWEST_BINS = 8
@@ -31,8 +29,8 @@ _FEWEST_BINS = 8
 class LineSpread:
     """Line spread function in bins of ``BIN_PX``; shape ``(n,)`` each."""
 
-    place_px: Array
-    value_per_px: Array
+    place_px: FloatArray
+    value_per_px: FloatArray
 
 
 def line_spread(samples: EdgeSamples) -> LineSpread:
@@ -91,6 +89,6 @@ def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
     )
 
 
-def _gaussian(place_px: Array, area: float, centre_px: float, sigma_px: float) -> Array:
+def _gaussian(place_px: FloatArray, area: float, centre_px: float, sigma_px: float) -> FloatArray:
     reach = (place_px - centre_px) / sigma_px
     return np.asarray(area / (abs(sigma_px) * sqrt(2 * np.pi)) * np.exp(-0.5 * reach**2))

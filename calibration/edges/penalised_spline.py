@@ -13,11 +13,10 @@ from math import log
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from simulation.arrays import FloatArray
 
 __all__ = ["DEGREE", "band_solve", "curve_values", "fit_penalised_spline"]
-
-Array = NDArray[np.float64]
 
 DEGREE = 3
 _BAND = 4  # the diagonal and three beside it
@@ -30,7 +29,7 @@ _FINE_STEPS = 10
 
 
 @njit(cache=True)
-def _basis(place: float, out: Array) -> int:
+def _basis(place: float, out: FloatArray) -> int:
     """Fill the four cubic B-splines at ``place`` (in knots); return the first one's number."""
     first = int(np.floor(place))
     t = place - first
@@ -49,7 +48,9 @@ def _tied(number: int, count: int) -> int:
 
 
 @njit(cache=True)
-def _assemble(places: Array, values: Array, weights: Array, count: int) -> tuple[Array, Array]:
+def _assemble(
+    places: FloatArray, values: FloatArray, weights: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray]:
     band = np.zeros((count, _BAND))
     right = np.zeros(count)
     basis = np.zeros(4)
@@ -68,7 +69,7 @@ def _assemble(places: Array, values: Array, weights: Array, count: int) -> tuple
 
 
 @njit(cache=True)
-def _penalty_band(stiffness: Array) -> Array:
+def _penalty_band(stiffness: FloatArray) -> FloatArray:
     count = stiffness.size - 3
     band = np.zeros((count, _BAND))
     # Outside, the curve goes on flat: differences that reach over an end count too.
@@ -83,7 +84,7 @@ def _penalty_band(stiffness: Array) -> Array:
 
 
 @njit(cache=True)
-def _factor(band: Array) -> Array:
+def _factor(band: FloatArray) -> FloatArray:
     """Lower Cholesky factor in the band; its first column is 0 where there is none."""
     count = band.shape[0]
     factor = np.zeros_like(band)
@@ -105,7 +106,7 @@ def _factor(band: Array) -> Array:
 
 
 @njit(cache=True)
-def band_solve(factor: Array, right: Array) -> Array:
+def band_solve(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Solve with the banded Cholesky factor that ``fit_penalised_spline`` returns."""
     count = right.size
     out = right.copy()
@@ -121,7 +122,7 @@ def band_solve(factor: Array, right: Array) -> Array:
 
 
 @njit(cache=True)
-def _inverse_band(factor: Array) -> Array:
+def _inverse_band(factor: FloatArray) -> FloatArray:
     """Elements of the inverse inside the band, from the last row upwards."""
     count = factor.shape[0]
     inverse = np.zeros_like(factor)
@@ -140,8 +141,13 @@ def _inverse_band(factor: Array) -> Array:
 
 @njit(cache=True)
 def _score(
-    log_weight: float, data: Array, right: Array, penalty: Array, squares: float, samples: float
-) -> tuple[float, Array, Array, float]:
+    log_weight: float,
+    data: FloatArray,
+    right: FloatArray,
+    penalty: FloatArray,
+    squares: float,
+    samples: float,
+) -> tuple[float, FloatArray, FloatArray, float]:
     """Cross-validation score, coefficients, factor, effective number of parameters."""
     factor = _factor(data + np.exp(log_weight) * penalty)
     if factor[0, 0] == 0.0:
@@ -166,8 +172,8 @@ def _score(
 
 @njit(cache=True)
 def fit_penalised_spline(
-    places: Array, values: Array, weights: Array, stiffness: Array
-) -> tuple[Array, Array, float]:
+    places: FloatArray, values: FloatArray, weights: FloatArray, stiffness: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
     """Fit the coefficients of a curve that is flat at and beyond both its ends.
 
     Parameters
@@ -215,7 +221,7 @@ def fit_penalised_spline(
 
 
 @njit(cache=True)
-def curve_values(places: Array, coefficients: Array) -> Array:
+def curve_values(places: FloatArray, coefficients: FloatArray) -> FloatArray:
     """Values of the fitted curve at places in knots."""
     out = np.empty(places.size)
     basis = np.zeros(4)

@@ -5,8 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.special import chdtrc
+
+from calibration.robust import robust_sigma
+from simulation.arrays import FloatArray, IntArray
 
 __all__ = [
     "ProfileFigures",
@@ -14,12 +16,8 @@ __all__ = [
     "outlier_weights",
     "profile_figures",
     "profile_flags",
-    "robust_variance",
 ]
 
-Array = NDArray[np.float64]
-
-_MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
 _NEIGHBOURS = 25  # pixels at nearly the same distance from the edge, for the running median
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast: smaller ones do not matter and may be structure
@@ -32,7 +30,7 @@ _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
 
 
 @njit(cache=True)
-def noise_part(residuals: Array, distances: Array) -> Array:
+def noise_part(residuals: FloatArray, distances: FloatArray) -> FloatArray:
     """Residuals less the running median over pixels at nearly the same distance.
 
     What depends on the distance from the edge alone (a PSF that is not the model's) is
@@ -45,7 +43,7 @@ def noise_part(residuals: Array, distances: Array) -> Array:
 
 
 @njit(cache=True)
-def _by_distance(distances: Array) -> NDArray[np.int64]:
+def _by_distance(distances: FloatArray) -> IntArray:
     """Indices in the order of the distances: by counting into steps, then by insertion."""
     n = len(distances)
     least = distances.min()
@@ -70,7 +68,7 @@ def _by_distance(distances: Array) -> NDArray[np.int64]:
 
 
 @njit(cache=True)
-def _without_running_median(values: Array) -> Array:
+def _without_running_median(values: FloatArray) -> FloatArray:
     """Values less the median of the ``_NEIGHBOURS`` around each; the ends count on."""
     half = _NEIGHBOURS // 2
     last = len(values) - 1
@@ -96,13 +94,15 @@ def _without_running_median(values: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def outlier_weights(noise: Array, spread: Array, contrast: float) -> tuple[bool, Array]:
+def outlier_weights(
+    noise: FloatArray, spread: FloatArray, contrast: float
+) -> tuple[bool, FloatArray]:
     """Whether single pixels stand out of the ``noise_part``, and Tukey biweights.
 
     ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
     the pixels of the dark side would else set the scale.
     """
-    scale = np.median(np.abs(noise / spread)) / _MAD_PER_SIGMA
+    scale = robust_sigma(noise / spread)
     least = _OUTLIER_LEAST * contrast
     found = False
     weights = np.empty_like(noise)
@@ -111,12 +111,6 @@ def outlier_weights(noise: Array, spread: Array, contrast: float) -> tuple[bool,
         reach = noise[i] / max(_TUKEY_SIGMAS * scale * spread[i], least)
         weights[i] = (1 - reach**2) ** 2 if abs(reach) < 1 else 0.0
     return found, weights
-
-
-@njit(cache=True)
-def robust_variance(noise: Array) -> float:
-    """Variance of Gaussian noise from its median absolute deviation: outliers do not count."""
-    return float((np.median(np.abs(noise)) / _MAD_PER_SIGMA) ** 2)
 
 
 class ProfileFigures(NamedTuple):
@@ -153,7 +147,7 @@ def profile_flags(figures: ProfileFigures, contrast: float) -> tuple[str, ...]:
 
 @njit(cache=True, error_model="numpy")
 def profile_figures(
-    values: Array, residuals: Array, distances: Array, sigma_px: float
+    values: FloatArray, residuals: FloatArray, distances: FloatArray, sigma_px: float
 ) -> ProfileFigures:
     """Bin the profile across the edge.
 
@@ -201,7 +195,7 @@ def profile_figures(
 
 
 @njit(cache=True, error_model="numpy")
-def _overshoot(values: Array, distances: Array, side: float, sigma_px: float) -> float:
+def _overshoot(values: FloatArray, distances: FloatArray, side: float, sigma_px: float) -> float:
     """How far the profile of one side goes beyond its far level; 0 where the side is missing."""
     inner, outer = 1.2 * sigma_px + 0.5, 3.0 * sigma_px + 1.5
     size = int(np.floor((outer - inner) / _BIN_PX)) + 1

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.edges.gradient import Gradient
 from calibration.edges.segments import EdgeLine
+from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 __all__ = [
     "SHORTEST_REGION_PX",
@@ -21,10 +22,6 @@ __all__ = [
     "nearest_other",
     "refined",
 ]
-
-Array = NDArray[np.float64]
-Image32 = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 SHORTEST_REGION_PX = 8
 _NOISE_MEAN, _NOISE_SOLID = 4.0, 8.0  # of a region's mean gradient
@@ -45,11 +42,11 @@ class Ridges:
     but specks of noise, from top to bottom.
     """
 
-    lines: Array
-    points: Array
+    lines: FloatArray
+    points: FloatArray
 
 
-def find_ridges(gradient: Gradient, image_dn: Array) -> Ridges:
+def find_ridges(gradient: Gradient, image_dn: FloatArray) -> Ridges:
     """Group the ridge pixels into regions and put a line through each."""
     rows, cols, starts = _regions(gradient.ridge, gradient.x, gradient.y)
     sizes = np.diff(starts)
@@ -73,8 +70,8 @@ def find_ridges(gradient: Gradient, image_dn: Array) -> Ridges:
 
 @njit(cache=True, error_model="numpy")
 def _regions(
-    ridge: NDArray[np.uint8], gx: Image32, gy: Image32
-) -> tuple[Indices, Indices, Indices]:
+    ridge: NDArray[np.uint8], gx: Float32Array, gy: Float32Array
+) -> tuple[IntArray, IntArray, IntArray]:
     """Connected ridge pixels whose gradient stays near the direction of the region's sum.
 
     Returns their rows and columns, region by region, and where each region starts.
@@ -125,13 +122,13 @@ def _regions(
 
 @njit(cache=True, error_model="numpy")
 def _lines(
-    gx: Image32,
-    gy: Image32,
-    rows: Indices,
-    cols: Indices,
-    starts: Indices,
-    is_real: NDArray[np.bool_],
-) -> Array:
+    gx: Float32Array,
+    gy: Float32Array,
+    rows: IntArray,
+    cols: IntArray,
+    starts: IntArray,
+    is_real: BoolArray,
+) -> FloatArray:
     lines = np.empty((len(starts), 4))
     count = 0
     for k in range(len(starts) - 1):
@@ -146,7 +143,7 @@ def _lines(
 
 
 @njit(cache=True, error_model="numpy")
-def _magnitude(gx: Image32, gy: Image32, row: int, col: int) -> float:
+def _magnitude(gx: Float32Array, gy: Float32Array, row: int, col: int) -> float:
     r = min(max(row, 0), gx.shape[0] - 1)
     c = min(max(col, 0), gx.shape[1] - 1)
     return sqrt(gx[r, c] ** 2 + gy[r, c] ** 2)
@@ -154,7 +151,7 @@ def _magnitude(gx: Image32, gy: Image32, row: int, col: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _line(
-    gx: Image32, gy: Image32, rows: Indices, cols: Indices
+    gx: Float32Array, gy: Float32Array, rows: IntArray, cols: IntArray
 ) -> tuple[tuple[float, float, float, float], bool]:
     """Line through a region's pixels: middle x, y, normal, length; whether they lie along it."""
     none = (0.0, 0.0, 0.0, 0.0)
@@ -203,7 +200,9 @@ def _line(
 
 
 @njit(cache=True, error_model="numpy")
-def _projected(x: Array, y: Array, cx: float, cy: float, normal: float) -> tuple[Array, Array]:
+def _projected(
+    x: FloatArray, y: FloatArray, cx: float, cy: float, normal: float
+) -> tuple[FloatArray, FloatArray]:
     """Places of points along a line and across it, from (cx, cy)."""
     c, s = cos(normal), sin(normal)
     along, across = np.empty(len(x)), np.empty(len(x))
@@ -215,7 +214,7 @@ def _projected(x: Array, y: Array, cx: float, cy: float, normal: float) -> tuple
 
 @njit(cache=True, error_model="numpy")
 def _weighted_line(
-    along: Array, across: Array, weight: Array, kept: NDArray[np.bool_]
+    along: FloatArray, across: FloatArray, weight: FloatArray, kept: BoolArray
 ) -> tuple[float, float]:
     """Slope and value at 0 of the line through what is kept; NaN where that is too short."""
     w = wt = wa = wtt = wta = 0.0
@@ -237,7 +236,7 @@ def _weighted_line(
 
 
 @njit(cache=True, error_model="numpy")
-def _parabola(along: Array, across: Array) -> tuple[float, float]:
+def _parabola(along: FloatArray, across: FloatArray) -> tuple[float, float]:
     """Second-order coefficient of the parabola through the points, and their rms distance."""
     scale = max(np.abs(along).max(), 1.0)
     design = np.ones((len(along), 3))
@@ -250,7 +249,7 @@ def _parabola(along: Array, across: Array) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def refined(gx: Image32, gy: Image32, line: EdgeLine) -> tuple[EdgeLine, float]:
+def refined(gx: Float32Array, gy: Float32Array, line: EdgeLine) -> tuple[EdgeLine, float]:
     """Line through all gradient pixels near a line, by their squared slope across it.
 
     Parameters
@@ -303,7 +302,7 @@ def refined(gx: Image32, gy: Image32, line: EdgeLine) -> tuple[EdgeLine, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_other(points: Array, line: EdgeLine, own_px: float, reach_px: float) -> float:
+def nearest_other(points: FloatArray, line: EdgeLine, own_px: float, reach_px: float) -> float:
     """Distance from an edge to the nearest ridge beside it that is not its own; else infinite.
 
     ``points`` holds x and y from top to bottom; what is within ``own_px`` belongs to the edge,

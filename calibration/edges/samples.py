@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from math import cos, pi, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.edges.fit import EdgeFit
 from calibration.edges.model import edge_profile
 from calibration.edges.segments import EdgeLine, EdgeSegment, band_pixels
+from simulation.arrays import FloatArray
 
 __all__ = ["EdgeSamples", "edge_samples", "roughness_px"]
-
-Array = NDArray[np.float64]
 
 _ROUGHNESS_PIECE_PX = 4.0
 _ROUGHNESS_PIECES = 4  # fewer tell no scatter
@@ -27,22 +25,22 @@ class EdgeSamples:
     along the edge. ``levels_dn`` are the pixels as they are.
     """
 
-    distance_px: Array
-    along_px: Array
-    levels_dn: Array
+    distance_px: FloatArray
+    along_px: FloatArray
+    levels_dn: FloatArray
     low_dn: float
     high_dn: float
     normal_rad: float
     half_length_px: float
 
     @property
-    def unit_levels(self) -> Array:
+    def unit_levels(self) -> FloatArray:
         """Levels scaled so that the fitted ones are 0 and 1."""
         return (self.levels_dn - self.low_dn) / (self.high_dn - self.low_dn)
 
 
 def edge_samples(
-    image_dn: Array, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
+    image_dn: FloatArray, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
 ) -> EdgeSamples:
     """Collect the pixels within ``half_width_px`` of a fitted edge, as far as nothing is near.
 

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from simulation.arrays import FloatArray
 
 __all__ = [
     "BandPixels",
@@ -16,8 +17,6 @@ __all__ = [
     "band_pixels",
     "side_level",
 ]
-
-Array = NDArray[np.float64]
 
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 3.0
@@ -39,10 +38,10 @@ class BandPixels(NamedTuple):
     line; ``normal_rad`` and ``half_length_px`` are the line's.
     """
 
-    x: Array
-    y: Array
-    values: Array
-    across: Array
+    x: FloatArray
+    y: FloatArray
+    values: FloatArray
+    across: FloatArray
     normal_rad: float
     half_length_px: float
 
@@ -94,7 +93,7 @@ def band_half_width(sigma_px: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def band_pixels(image_dn: Array, line: EdgeLine, half_width_px: float) -> BandPixels:
+def band_pixels(image_dn: FloatArray, line: EdgeLine, half_width_px: float) -> BandPixels:
     """Pick the pixels within ``half_width_px`` of a line, as far as it reaches."""
     x_px, y_px, half_width, half_length = line.x_px, line.y_px, half_width_px, line.half_length_px
     rows, cols = image_dn.shape
@@ -123,7 +122,7 @@ def band_pixels(image_dn: Array, line: EdgeLine, half_width_px: float) -> BandPi
 
 
 @njit(cache=True)
-def side_level(values: Array, outwards: Array, sigma_px: float) -> float:
+def side_level(values: FloatArray, outwards: FloatArray, sigma_px: float) -> float:
     """Mean level on one side, away from the edge where there are such pixels."""
     far = near = 0.0
     n_far = n_near = 0

@@ -10,13 +10,11 @@ from math import ceil, erf, exp, floor, pi, sqrt
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from calibration.edges.segments import EdgeLine
+from simulation.arrays import FloatArray
 
 __all__ = ["shading_levels", "slopes_across"]
-
-Array = NDArray[np.float64]
 
 _ZONE_PX = 16.0  # width of either zone beyond the fitted band
 _ZONE_LEAST_PX = 8.0
@@ -31,7 +29,11 @@ _SLOPE_LEAST = 5e-4  # of the contrast over half the band: less does not move si
 
 @njit(cache=True, error_model="numpy")
 def slopes_across(
-    image_dn: Array, line: EdgeLine, half_width_px: float, clearance_px: float, contrast_dn: float
+    image_dn: FloatArray,
+    line: EdgeLine,
+    half_width_px: float,
+    clearance_px: float,
+    contrast_dn: float,
 ) -> tuple[float, float]:
     """Slope of the dark and of the bright side in DN/px; 0 where it is none or hardly matters.
 
@@ -56,8 +58,8 @@ def slopes_across(
 
 @njit(cache=True, error_model="numpy")
 def shading_levels(
-    slopes_dn_per_px: tuple[float, float], distances: Array, sigma_px: float
-) -> Array:
+    slopes_dn_per_px: tuple[float, float], distances: FloatArray, sigma_px: float
+) -> FloatArray:
     """What slopes of the dark and of the bright side add to pixels at signed distances, in DN."""
     dark, bright = slopes_dn_per_px
     levels = np.empty(len(distances))
@@ -71,7 +73,7 @@ def shading_levels(
 
 
 @njit(cache=True, error_model="numpy")
-def _side_slope(sums: Array, least: float) -> float:
+def _side_slope(sums: FloatArray, least: float) -> float:
     """Slope of one side from the sums over its near and its far zone; 0 where they disagree."""
     near, near_error = _slope(sums[0])
     far, far_error = _slope(sums[1])
@@ -84,7 +86,7 @@ def _side_slope(sums: Array, least: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _zone_sums(image_dn: Array, line: EdgeLine, inner: float, zone: float) -> Array:
+def _zone_sums(image_dn: FloatArray, line: EdgeLine, inner: float, zone: float) -> FloatArray:
     """Sums of the products that a plane needs, per side (dark, bright) and zone (near, far)."""
     sums = np.zeros((2, 2, 10))
     rows, cols = image_dn.shape
@@ -122,7 +124,7 @@ def _zone_sums(image_dn: Array, line: EdgeLine, inner: float, zone: float) -> Ar
 
 
 @njit(cache=True, error_model="numpy")
-def _slope(m: Array) -> tuple[float, float]:
+def _slope(m: FloatArray) -> tuple[float, float]:
     """Slope of the level across the edge from the sums over a zone, and its standard error.
 
     A plane is fitted: at the border of the image, a slope along the edge would else leak in.

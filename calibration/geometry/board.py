@@ -1,4 +1,4 @@
-"""The corners of a ChArUco board: squares of known size, found and numbered by their markers."""
+"""The corners of a ChArUco board: squares of known size, found and numbered by the markers."""
 
 import re
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 _HALF_MAX_PX = 9.0
-"""Beyond it the edges' curvature by lens distortion would tell."""
+"""Beyond this, the curvature of the edges by lens distortion would matter."""
 _BLUR_MARGIN_PX = 1.5
 _ITERATIONS = 20
 _CONVERGED_PX = 1e-4
@@ -37,14 +37,14 @@ _PIXEL_NODES = tuple(
     for x, wx in zip(_NODES, _WEIGHTS, strict=True)
     for y, wy in zip(_NODES, _WEIGHTS, strict=True)
 )
-"""Places in a pixel, and weights that sum to 1: the mean over the pixel's square."""
+"""Positions in a pixel, and weights with sum 1: the mean over the area of the pixel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FittedCorners:
-    """Places of corners (x, y), shape (n, 2), standard error of a coordinate, and which are good.
+    """Positions (x, y) of corners, shape (n, 2), errors of a coordinate, and which are good.
 
-    A corner is good if its fit settled near where it was looked for.
+    A corner is good if its fit converged near the starting point.
     """
 
     points_px: FloatArray
@@ -62,11 +62,11 @@ def fit_corners(
     image
         Grey, shape ``(rows, cols)``.
     points_px
-        About where the corners are, shape (n, 2), right to a pixel.
+        Approximate positions of the corners, shape (n, 2), accurate to a pixel.
     axes_px
         The sides of a square in px, as columns, at each corner: shape (n, 2, 2).
     clear
-        How far from an edge only the two squares beside it are seen, in sides of a square.
+        Distance from an edge within which only its two squares are seen, in sides of a square.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def _fit_corner(
     offsets = inside[chosen]
     values = image[row - half : row + half + 1, col - half : col + half + 1].ravel()[chosen]
     normals = np.arctan2(axes[0], -axes[1])
-    # x, y, the angles of both edges' normals, width; the levels are linear.
+    # x, y, the angles of the normals of both edges, width; the levels are linear.
     state = np.array([0.0, 0.0, normals[0], normals[1], 0.6])
     for _ in range(_ITERATIONS):
         design, residual, contrast = _corner_equations(offsets, values, state)
@@ -122,14 +122,14 @@ def _fit_corner(
 def _corner_equations(
     offsets: FloatArray, values: FloatArray, state: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Derivatives by the state and the levels, what is left, and the contrast."""
+    """Derivatives by the state and the levels, the residual, and the contrast."""
     x0, y0, first, second, width = state
     product = np.zeros(len(offsets))
     shape = np.zeros((len(offsets), len(state)))
     for inside_px, weight in _PIXEL_NODES:
-        place = offsets - (x0, y0) + inside_px
+        points = offsets - (x0, y0) + inside_px
         (a, da, sa, ga, ta), (b, db, sb, gb, tb) = (
-            _blurred_step(place, angle, width) for angle in (first, second)
+            _blurred_step(points, angle, width) for angle in (first, second)
         )
         product += weight * sa * sb
         shape += weight * np.column_stack(
@@ -148,13 +148,13 @@ def _corner_equations(
 
 
 def _blurred_step(
-    place: FloatArray, angle: float, width: float
+    points: FloatArray, angle: float, width: float
 ) -> tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]:
     """A step from -1 to 1: angle, distance, level, steepness, and distance along it."""
-    distance = place @ (np.cos(angle), np.sin(angle))
+    distance = points @ (np.cos(angle), np.sin(angle))
     level = 2 * ndtr(distance / width) - 1
     steepness = np.sqrt(2 / np.pi) * np.exp(-0.5 * (distance / width) ** 2) / width
-    return angle, distance, level, steepness, place @ (-np.sin(angle), np.cos(angle))
+    return angle, distance, level, steepness, points @ (-np.sin(angle), np.cos(angle))
 
 
 _CORNERS_MIN = 12
@@ -170,7 +170,7 @@ class CharucoBoard:
     columns, rows
         Number of squares.
     square_mm, marker_mm
-        Side of a square, which every scale rests on, and of a marker.
+        Side of a square, on which every scale depends, and of a marker.
     dictionary
         Name of OpenCV's marker dictionary, without ``DICT_``.
     """
@@ -183,7 +183,7 @@ class CharucoBoard:
 
     def __post_init__(self) -> None:
         if self.columns < 3 or self.rows < 3:
-            raise ValueError(f"a board has 3 x 3 squares or more, got {self.columns}x{self.rows}")
+            raise ValueError(f"a board has at least 3 x 3 squares, got {self.columns}x{self.rows}")
         if not 0 < self.marker_mm < self.square_mm:
             raise ValueError(
                 f"a marker is smaller than its square, got {self.marker_mm:g} in "
@@ -199,7 +199,7 @@ class CharucoBoard:
         Raises
         ------
         ValueError
-            If it is not of that form, or no such board can be.
+            If the text does not have that form, or no such board can exist.
         """
         match = _TEXT.fullmatch(text)
         if match is None:
@@ -227,8 +227,8 @@ DEFAULT_BOARD = CharucoBoard.from_text(DEFAULT_BOARD_TEXT)
 class BoardCorners:
     """Corners of a board in an image.
 
-    ``seen_px`` and ``plane_mm`` have the shape (n, 2), x and y, the board's top left at (0, 0);
-    ``err_px`` is the standard error of a corner's coordinate.
+    ``seen_px`` and ``plane_mm`` have the shape (n, 2), x and y; the top left of the board is at
+    (0, 0). ``err_px`` is the standard error of a corner's coordinate.
     """
 
     seen_px: FloatArray
@@ -244,7 +244,7 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
     image
         Grey, shape ``(rows, cols)``.
     board
-        What was photographed; the board need not be seen whole.
+        The board that was photographed; it need not be completely in view.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
     count = 0 if found_ids is None else len(found_ids)
     if count < _CORNERS_MIN:
         raise RegistrationError(
-            f"only {count} corners of a ChArUco board {board} are found, {_CORNERS_MIN} are needed",
+            f"only {count} corners of a ChArUco board {board} found, {_CORNERS_MIN} are needed",
             reason="no_board",
             count=count,
         )

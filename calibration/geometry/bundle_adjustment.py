@@ -1,8 +1,8 @@
-"""Bundle adjustment of height series: one lens, one tilt a series, one pose a capture.
+"""Bundle adjustment of height series: one lens, one tilt per series, one pose per capture.
 
-Every match says that two pixels of two captures, or a pixel and a known point of a board, are one
-point of the plane. Robust least squares over all of them; standard errors by leaving out one
-region of a target at a time, so that what neighbouring matches share is not taken for knowledge.
+Every match says that pixels in two captures, or a pixel and a known point of a board, are the same
+point of the plane. All matches enter one robust least-squares fit. Standard errors come from
+leaving out one region of a target at a time, so that errors common to neighbours are included.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -24,20 +24,20 @@ _POSE_SIZE = 4
 _TILT_SIZE = SHARED_SIZE - LENS_SIZE
 _ITERATIONS = 30
 _CONVERGED = 1e-3
-"""Of a standard error: a step below it changes nothing."""
+"""Relative to a standard error: a smaller step changes nothing."""
 _TUKEY_CUT = 5.0
-"""Standard deviations beyond which a match does not count; of a good one in 270 000 it is none."""
+"""Standard deviations beyond which a match does not count; it loses 1 good match in 270 000."""
 _MEDIAN_OF_SQUARES = 1.3863
 """Median of chi^2 with two degrees of freedom, 2 ln 2."""
 _REGIONS_ACROSS = 11.0
-"""Regions of a target across the width that its nearest capture sees."""
+"""Number of regions of a target across the width that its nearest capture sees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensPrior:
-    """What is known of every lens beforehand: standard deviations about none of it.
+    """Prior knowledge of the lens: standard deviations about zero.
 
-    A real lens lies well within; where the matches say less than this, its value is not determined.
+    A real lens is well within; a value known no better than this counts as undetermined.
     """
 
     k1: float = 0.2
@@ -51,7 +51,7 @@ class LensPrior:
 
 
 class ParameterColumns:
-    """Where lens, tilts and poses stand among the parameters of an adjustment."""
+    """Columns of lens, tilts and poses among the parameters of an adjustment."""
 
     def __init__(self, series: Sequence[Series]) -> None:
         captures = [one.capture for own in series for one in own.captures]
@@ -75,18 +75,18 @@ class ParameterColumns:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Adjustment:
-    """Adjusted series, what they were adjusted to, and how far they can be trusted.
+    """Adjusted series, the matches they were adjusted to, and their covariance.
 
     Parameters
     ----------
     series
-        Their lenses differ by the tilt alone.
+        The series; their lenses differ only in tilt.
     matches
-        What they were adjusted to.
+        The matches they were adjusted to.
     prior
-        What was known of the lens.
+        Prior knowledge of the lens.
     covariance
-        Of all parameters, fixed ones with zero variance; see ``columns``.
+        Covariance of all parameters, zero for fixed ones; see ``columns``.
     """
 
     series: tuple[Series, ...]
@@ -101,7 +101,7 @@ class Adjustment:
 
     @property
     def columns(self) -> ParameterColumns:
-        """Where everything stands in ``covariance``."""
+        """Columns of the parameters in ``covariance``."""
         return ParameterColumns(self.series)
 
     @property
@@ -115,7 +115,7 @@ class Adjustment:
         return tuple(np.sqrt(np.diag(self.covariance)[:LENS_SIZE]).tolist())
 
     def without(self, left_out: Collection[GeometryCapture]) -> Self:
-        """Adjust again without some captures; what cannot do without them goes with them.
+        """Adjust again without some captures, and without whatever depends on them.
 
         Raises
         ------
@@ -125,12 +125,12 @@ class Adjustment:
         series = []
         for own in self.series:
             captures = tuple(one for one in own.captures if one.capture not in left_out)
-            # A single capture of a target of unknown size tells nothing.
+            # A single capture of a target of unknown size determines nothing.
             if len(captures) >= (1 if own.is_in_mm else 2):
                 series.append(replace(own, captures=captures))
         if not series:
             raise GeometryError(
-                "no two captures are left that belong together; retake the series",
+                "no two captures of the same target are left; retake the series",
                 reason="nothing_left",
             )
         left = {one.capture for own in series for one in own.captures}
@@ -194,11 +194,11 @@ def adjust(
     Parameters
     ----------
     series
-        To start from: poses right to some pixels. The focal length is kept.
+        The starting point, with poses accurate to some pixels. The focal length is kept.
     matches
         At least one set for each capture whose pose is not fixed.
     prior
-        What is known of the lens beforehand.
+        Prior knowledge of the lens.
 
     References
     ----------
@@ -331,7 +331,7 @@ def _plane_equations(
 def _jackknife(
     rows: Sequence[_Rows], precisions: FloatArray, is_free: NDArray[np.bool_]
 ) -> FloatArray:
-    """Covariance of the free parameters by the solutions that leave out one region each."""
+    """Covariance of the free parameters from the solutions that each leave out one region."""
     size, free = len(is_free), np.flatnonzero(is_free)
     regions, region = np.unique(np.concatenate([p.region for p in rows]), return_inverse=True)
     normals = np.zeros((len(regions), size, size))
@@ -355,7 +355,7 @@ def _jackknife(
     )
     count = len(regions)
     spread = moves.T @ moves * (count - 1) / count
-    # What the prior adds: its own scatter, weighted as the solution weights it.
+    # The prior adds its own scatter, weighted as in the solution.
     gain = np.linalg.inv(normal)
     return np.asarray(spread + gain @ np.diag(precisions[free]) @ gain)
 

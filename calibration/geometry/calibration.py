@@ -17,10 +17,10 @@ from calibration.geometry.summary import FocalLength, summarised
 __all__ = ["GeometryOptions", "calibrate_geometry"]
 
 _FOCAL_PER_WIDTH = 1.2
-"""Focal length taken where none is known, in image widths; it cancels but for the tilt."""
+"""Focal length assumed if none is known, in image widths; it cancels except in the tilt."""
 _FOCAL_CONVERGED = 2e-4
 _FOCAL_ROUNDS = 4
-_ALONE = "the other captures of its target are left out, and one alone tells nothing"
+_ALONE = "the other captures of its target are left out, and one capture alone is of no use"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,11 +30,11 @@ class GeometryOptions:
     Parameters
     ----------
     nominal_focal_px
-        Focal length by the bench file, over the pixel pitch.
+        Focal length divided by pixel pitch, both from the bench file.
     scale_px_per_mm
-        Scale at the lowest height, if somebody measured it.
+        Scale at the lowest height, if it was measured.
     board
-        The ChArUco board, where captures of kind board show one.
+        The ChArUco board that captures of kind board show.
     """
 
     nominal_focal_px: float | None = None
@@ -52,17 +52,17 @@ def calibrate_geometry(
     Parameters
     ----------
     captures
-        Of boards and textured targets, in any order, all of one image size.
+        Captures of boards and textured targets, in any order, all of one image size.
     options
         What is known beforehand.
     progress
-        Called with the number of captures that are matched.
+        Called with the number of captures matched.
 
     Raises
     ------
     GeometryError
-        If the captures were made at one height, do not match, or contradict the stage; one line
-        that names the capture or target and the remedy.
+        If the captures were made at one height, do not match, or contradict the stage; the message
+        is one line that names the capture or target and the remedy.
     """
     given = options or GeometryOptions()
     _check(captures)
@@ -103,7 +103,7 @@ def _check(captures: Sequence[GeometryCapture]) -> None:
     shapes = {capture.image.shape for capture in captures}
     if len(shapes) > 1:
         raise GeometryError(
-            f"the captures have several sizes: {sorted(shapes)}", reason="several_sizes"
+            f"the captures differ in size: {sorted(shapes)}", reason="several_sizes"
         )
     heights = sorted({round(capture.height_mm, 3) for capture in captures})
     if len(heights) < 2:
@@ -137,7 +137,7 @@ def _focal_length(consistent: ConsistentSeries, given: GeometryOptions) -> Focal
 def _excluded(
     captures: Sequence[GeometryCapture], adjustment: Adjustment, exclusions: Sequence[Exclusion]
 ) -> list[ExcludedCapture]:
-    """The captures that are not used, in order, each with the reason."""
+    """The captures that were not used, in order, each with the reason."""
     reasons = {one.capture: one.reason for one in exclusions}
     used = {one.capture for one in adjustment.captures}
     return [

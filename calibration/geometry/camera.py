@@ -1,8 +1,8 @@
-"""How a camera above a plane sees it: lens distortion, tilt, distance, turn and place.
+"""Model of a camera above a plane: lens distortion, tilt, distance, rotation and position.
 
 Pixels ``(x, y)`` become *slopes*: the offset of the plane point from the foot of the
 perpendicular through the entrance pupil, in units of the pupil's distance from the plane. In
-slopes every capture of a plane differs from every other by a scale, a turn and a shift alone.
+slopes, captures of a plane differ only by a scale, a rotation and a shift.
 """
 
 from dataclasses import dataclass, replace
@@ -25,26 +25,26 @@ SHARED_SIZE = LENS_SIZE + 2
 """Parameters that all captures of one series share: the lens and two tilts."""
 
 _LEAST_STEEPNESS = 0.1
-"""Keeps derivatives finite where a strong barrel stops growing; no real lens reaches it."""
+"""Keeps derivatives finite at the fold of a strong barrel distortion; no real lens reaches it."""
 
 _TILT_STEP = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaneLens:
-    """Lens and inclination: what stays when the stage moves.
+    """Lens and inclination: what stays the same when the stage moves.
 
     Parameters
     ----------
     width_px, height_px
         Size of the image.
     focal_length_px
-        Focal length. Where it is wrong, tilts come out wrong by the same factor.
+        Focal length. If it is wrong, tilts come out wrong by the same factor.
     k1, k2
-        Radial distortion: an ideal point at the radius r from the principal point, 1 at the image
-        corner, is seen at ``r (1 + k1 r^2 + k2 r^4)``. Negative is barrel.
+        Radial distortion: an ideal point at radius r from the principal point, 1 at the image
+        corner, appears at ``r (1 + k1 r^2 + k2 r^4)``. Negative is barrel distortion.
     principal_x_px, principal_y_px
-        Offset of the principal point from the middle of the image.
+        Offset of the principal point from the centre of the image.
     tilt_x_rad, tilt_y_rad
         Inclination that makes the optical axis meet the plane further along the image's +x, +y.
     """
@@ -71,7 +71,7 @@ class PlaneLens:
 
     @property
     def corner_radius_px(self) -> float:
-        """Distance of the corner pixels' centres from the middle of the image."""
+        """Distance of the corner pixels' centres from the centre of the image."""
         return hypot(self.width_px - 1, self.height_px - 1) / 2
 
     @property
@@ -102,7 +102,7 @@ class PlaneLens:
         )
 
     def slopes(self, points_px: FloatArray) -> FloatArray:
-        """Slopes of seen pixels, shape (n, 2)."""
+        """Slopes of observed pixels, shape (n, 2)."""
         seen = (points_px - self.principal_px) / self.corner_radius_px
         plane = self._rays(seen) @ self._inclination().T
         return np.asarray(plane[:, :2] / plane[:, 2:])
@@ -111,7 +111,7 @@ class PlaneLens:
         """Pixels at which slopes are seen, shape (n, 2)."""
         ray = np.column_stack([slopes, np.ones(len(slopes))]) @ self._inclination()
         ideal = ray[:, :2] / ray[:, 2:] * (self.focal_length_px / self.corner_radius_px)
-        # All of the frame lies within this radius of the principal point.
+        # The whole frame is within this radius of the principal point.
         frame = 1 + hypot(self.principal_x_px, self.principal_y_px) / self.corner_radius_px
         factors = seen_factors(self.k1, self.k2, np.sum(ideal**2, axis=1), frame)
         return np.asarray(self.principal_px + self.corner_radius_px * ideal * factors[:, None])
@@ -127,18 +127,18 @@ class PlaneLens:
         turn = self._inclination()
         plane = ray @ turn.T
         slopes = plane[:, :2] / plane[:, 2:]
-        # By the ideal point, shape (n, 2, 2).
-        by_place = (turn[:2, :2] - slopes[:, :, None] * turn[2, :2]) / plane[:, 2, None, None]
+        # Derivatives by the ideal point, shape (n, 2, 2).
+        by_point = (turn[:2, :2] - slopes[:, :, None] * turn[2, :2]) / plane[:, 2, None, None]
         outwards = np.divide(seen, radius[:, None], out=np.zeros_like(seen), where=seen != 0)
         stretch = np.eye(2) * factor[:, None, None] + (1 / steepness - factor)[:, None, None] * (
             outwards[:, :, None] * outwards[:, None, :]
         )
-        place = np.empty((len(points_px), 2, LENS_SIZE))
-        place[:, :, 0] = -ray[:, :2] * (square / steepness)[:, None]
-        place[:, :, 1] = -ray[:, :2] * (square**2 / steepness)[:, None]
-        place[:, :, 2:] = -stretch / self.corner_radius_px
+        by_lens = np.empty((len(points_px), 2, LENS_SIZE))
+        by_lens[:, :, 0] = -ray[:, :2] * (square / steepness)[:, None]
+        by_lens[:, :, 1] = -ray[:, :2] * (square**2 / steepness)[:, None]
+        by_lens[:, :, 2:] = -stretch / self.corner_radius_px
         changes = np.empty((len(points_px), 2, SHARED_SIZE))
-        changes[:, :, :LENS_SIZE] = by_place @ place
+        changes[:, :, :LENS_SIZE] = by_point @ by_lens
         for number, (x, y) in enumerate(((_TILT_STEP, 0.0), (0.0, _TILT_STEP))):
             above, below = (
                 replace(
@@ -155,7 +155,7 @@ class PlaneLens:
         return changes
 
     def _rays(self, seen: FloatArray) -> FloatArray:
-        """Directions of seen points, shape (n, 3), the corner's radius as unit of length."""
+        """Directions of observed points, shape (n, 3), with the corner's radius as unit length."""
         factors = ideal_factors(self.k1, self.k2, np.sum(seen**2, axis=1))
         depth = np.full(len(seen), self.focal_length_px / self.corner_radius_px)
         return np.column_stack([seen * factors[:, None], depth])
@@ -171,10 +171,10 @@ class PlaneLens:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapturePose:
-    """Where one capture was taken: a plane point is ``place + exp(log_distance) turn(slope)``.
+    """Pose of one capture: a plane point is ``place + exp(log_distance) turn(slope)``.
 
-    Lengths are in mm, or in units of the first capture's distance where no size is known. The
-    turn is from +x towards +y.
+    Lengths are in mm, or in units of the first capture's distance if no size is known. The
+    rotation is from +x towards +y.
     """
 
     log_distance: float = 0.0
@@ -184,13 +184,13 @@ class CapturePose:
 
     @classmethod
     def of(cls, parameters: FloatArray) -> Self:
-        """Pose of ``parameters``."""
+        """Pose with these ``parameters``."""
         log_distance, turn_rad, x, y = parameters.tolist()
         return cls(log_distance=log_distance, turn_rad=turn_rad, x=x, y=y)
 
     @property
     def parameters(self) -> FloatArray:
-        """Shape (4,): log distance, turn, x and y."""
+        """Shape (4,): log distance, rotation, x and y."""
         return np.array([self.log_distance, self.turn_rad, self.x, self.y])
 
     @property

@@ -1,4 +1,4 @@
-"""The board, chart and texture captures of a session as input of the geometry calibration."""
+"""The board, chart and texture captures of a session as input to the geometry calibration."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -15,7 +15,7 @@ GEOMETRY_KINDS = ("board", "chart", "texture")
 
 
 def geometry_records(session: Session) -> list[CaptureRecord]:
-    """Return the captures that have features in two dimensions.
+    """Return the captures with features in two dimensions.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def geometry_records(session: Session) -> list[CaptureRecord]:
     if not records:
         raise GeometryError(
             f"{session.path}: the session has no capture of kind {', '.join(GEOMETRY_KINDS)}; "
-            "an edge alone tells no geometry",
+            "edges alone do not determine the geometry",
             reason="no_captures",
         )
     return records
@@ -55,7 +55,7 @@ def geometry_captures(session: Session) -> Iterator[GeometryCapture]:
 
 
 def nominal_focal_px(session: Session) -> float | None:
-    """Focal length over pixel pitch as the bench file has them; None where it lacks one."""
+    """Focal length divided by pixel pitch, from the bench file; None if it lacks one of them."""
     optics: Any = session.bench.get("optics")
     if not isinstance(optics, dict):
         return None

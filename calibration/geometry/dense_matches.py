@@ -1,4 +1,4 @@
-"""Matches of two captures by all their pixels: one shift for every block of the further one."""
+"""Matches of two captures by all their pixels: one shift for each block of the further one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ FloatArray = NDArray[np.float64]
 _Value = TypeVar("_Value", bound=np.generic)
 
 BLOCK_PX = 32
-"""Side of a block: some tens of texture grains, and still hundreds of blocks a capture."""
+"""Side of a block: some tens of texture grains, and still hundreds of blocks per capture."""
 
 _BLUR_PX = 0.65
-"""Total PSF assumed where the nearer capture is blurred to the further one's sharpness.
+"""Total PSF assumed for blurring the nearer capture to the further one's sharpness.
 
-A width that is off blurs both sides of every detail alike, and so moves nothing.
+A wrong width blurs every detail symmetrically, and so moves nothing.
 """
 _BORDER_PX = 3.0
 _CORRELATION_MIN = 0.8
@@ -36,29 +36,29 @@ _RAMPS = tuple(
 )
 _SLOPE_WEIGHTS = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
 _ERROR_FLOOR_PX = 0.01
-"""What aliasing leaves of a shift of a block, about; it keeps single blocks from ruling."""
+"""Approximate error of a block's shift by aliasing; it keeps single blocks from dominating."""
 
 
 def match_blocks(
     lens: PlaneLens, nears: Sequence[PosedCapture], far: PosedCapture
 ) -> list[PlaneMatches]:
-    """Where each block of the furthest capture lies in nearer ones.
+    """Find each block of the furthest capture in nearer ones.
 
-    The nearer capture is blurred to the further one's sharpness and sampled where the two views
-    say; the shift that is left is the least-squares one of every block, its gain, the slopes of
-    the gain (vignetting) and its offset free.
+    The nearer capture is blurred to the further one's sharpness and sampled at the positions given
+    by the two poses; the remaining shift of every block is found by least squares, with its gain,
+    the slopes of the gain (vignetting) and its offset free.
 
     Parameters
     ----------
     lens
-        Inclined to the target.
+        The lens, inclined as it is to the target.
     nears, far
-        Captures of one target with poses that are right to a fraction of a pixel.
+        Captures of one target with poses accurate to a fraction of a pixel.
 
     Returns
     -------
     list of PlaneMatches
-        Of the further capture with each nearer one; empty where they do not overlap.
+        Matches of the further capture with each nearer one; empty if they do not overlap.
 
     References
     ----------
@@ -142,7 +142,7 @@ def _match(lens: PlaneLens, near: PosedCapture, far: PosedCapture, blocks: _Bloc
 def _simulated(
     lens: PlaneLens, near: PosedCapture, far: PosedCapture, plane: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The nearer capture on the further one's pixels, and which blocks lie wholly inside it."""
+    """The nearer capture on the further one's pixels, and which blocks are completely inside it."""
     rows, cols = plane.shape[:2]
     image = np.asarray(near.capture.image, dtype=np.float64)
     source = lens.pixels(near.pose.slopes(plane.reshape(-1, 2))).reshape(rows, cols, 2)
@@ -163,7 +163,7 @@ def _simulated(
 
 
 def _slope(image: FloatArray, axis: int) -> FloatArray:
-    """Derivative to fourth order: the second order's is too small for fine detail."""
+    """Fourth-order derivative: a second-order one comes out too small for fine detail."""
     return np.asarray(correlate1d(image, _SLOPE_WEIGHTS, axis=axis, mode="nearest"))
 
 

@@ -1,4 +1,4 @@
-"""What is known of the geometry of camera and stage: the result, and what geometry.json holds."""
+"""The measured geometry of camera and stage, as geometry.json stores it."""
 
 from typing import Final, Literal
 
@@ -34,8 +34,8 @@ class HeightZoom(_Stored):
 class CaptureGeometry(_Stored):
     """One capture that was used.
 
-    ``height_residual_mm`` is the height read back less the one its image fits; ``sideways_mm``
-    how far the camera stood beside the straight line of travel, x and y on the target.
+    ``height_residual_mm`` is the height read back minus that which fits its image; ``sideways_mm``
+    is the distance of the camera from the straight line of travel, x and y on the target.
     """
 
     image: str
@@ -60,37 +60,37 @@ class ExcludedCapture(_Stored):
 
 
 class GeometryCalibration(_Stored):
-    """The geometry of camera and stage; None, null in a file, is what the captures do not tell.
+    """The geometry of camera and stage; None, or null in a file, means not determined.
 
-    A reader needs the keys without a default alone. Errors are standard errors.
+    Only the keys without a default are required. Errors are standard errors.
 
     Parameters
     ----------
     heights_mm
-        Distinct heights, ascending; the scale at each, and what it rests on.
+        Distinct heights, ascending; the scale at each, and its basis.
     pupil_offset_mm, height_scatter_mm
         Distance of the entrance pupil from the plane at height zero, and the error of a height
-        beyond what the images account for.
+        beyond that explained by the images.
     focal_length_px
-        Measured with a board or a given scale, else as the bench file has it and without error.
+        Measured with a board or a given scale, otherwise that of the bench file, without error.
     k1, k2
         Radial distortion, relative at the image corner; ``opencv`` for OpenCV's convention.
     principal_x_px, principal_y_px
-        Offset of the principal point from the middle of the image.
+        Offset of the principal point from the centre of the image.
     tilt_deg, tilt_x_deg, tilt_y_deg
-        Inclination of the optical axis against the normal of the target.
+        Angle between the optical axis and the normal of the target.
     axis_drift_px_per_mm
-        Drift of the picture at ``axis_drift_height_mm`` as the stage moves, and its components.
+        Drift of the image at ``axis_drift_height_mm`` as the stage moves, and its components.
     stage_angle_deg
-        Between the stage's travel and the line of sight of the middle of the image.
+        Angle between the stage's travel and the line of sight of the image centre.
     pierce_px
-        Where the stage's travel pierces the image.
+        Point at which the line of the stage's travel intersects the image.
     captures, excluded
-        What was used, and what was not.
+        The captures that were used, and those that were not.
     undetermined
-        Name of a value that is None: why.
+        For each value that is None, by name: the reason.
     notes
-        What was odd.
+        Anything unusual.
     """
 
     schema_name: Literal["standoff.geometry/1"] = Field(default=GEOMETRY_SCHEMA, alias="schema")
@@ -141,7 +141,7 @@ class GeometryCalibration(_Stored):
     notes: tuple[str, ...] = ()
 
     def zoom(self, near_mm: float, far_mm: float) -> float:
-        """True zoom-out of two heights: the ratio of the distances from the entrance pupil."""
+        """True zoom-out between two heights: the ratio of the distances from the entrance pupil."""
         return (far_mm + self.pupil_offset_mm) / (near_mm + self.pupil_offset_mm)
 
     def __repr__(self) -> str:

@@ -1,8 +1,8 @@
 """Captures matched within each target, and all of them adjusted together.
 
-Textured captures are matched by their features with their neighbour in height, and with the one
-after it where that fails; the largest group that hangs together is kept. Later all their pixels
-are matched. A board's corners have known places.
+Textured captures are matched by their features with the next capture in height, and with the one
+after it if that fails; the largest connected group is kept. Then all their pixels are matched. The
+corners of a board have known positions.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -35,9 +35,9 @@ FloatArray = NDArray[np.float64]
 
 _FEATURE_ERROR_PX = 0.4
 _REACH = 2
-"""A capture is matched with the next one, and where that fails with the one after it."""
+"""A capture is matched with the next one and, if that fails, with the one after it."""
 _STRIDES = (1, 2, 3, 5, 8, 13)
-"""All pixels of a capture are matched with those so many nearer, and with the nearest of all."""
+"""All pixels of a capture are matched with those this many steps nearer, and with the nearest."""
 _MATCHES_MIN = 12
 _RETAKE_TEXTURE = (
     "photograph a flat target with detail all over the frame, in focus, or a ChArUco board"
@@ -54,9 +54,9 @@ class MatchedCaptures:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MatchedSeries:
-    """One placement's captures that hang together, their matches, and those that do not.
+    """The connected captures of one placement, their matches, and the captures left over.
 
-    ``series`` is None where no two belong together.
+    ``series`` is None if no two are connected.
     """
 
     series: Series | None
@@ -71,25 +71,25 @@ def adjust_captures(
     progress: Callable[[int], None] = lambda _: None,
     prior: LensPrior | None = None,
 ) -> MatchedCaptures:
-    """Match the captures of each placement and adjust all together.
+    """Match the captures of each placement and adjust them all together.
 
     Parameters
     ----------
     captures
-        Those of a placement together, heights ascending.
+        The captures, grouped by placement, heights ascending.
     lens
-        To start from: the image size and focal length are kept.
+        The starting point; its image size and focal length are kept.
     board
-        What captures of kind board show.
+        The board that captures of kind board show.
     progress
-        Called with the number of captures that are done with.
+        Called with the number of captures done.
     prior
-        What is known of the lens beforehand.
+        Prior knowledge of the lens.
 
     Raises
     ------
     GeometryError
-        If no placement is left; the line names a capture, its fault and the remedy.
+        If no placement is left; the message names a capture, its fault and the remedy.
     """
     found = []
     done = 0
@@ -125,12 +125,12 @@ def _with_enough_matches(adjustment: Adjustment) -> tuple[Adjustment, list[Exclu
     poor = [one.capture for one in adjustment.captures if one.match_count < _MATCHES_MIN]
     if not poor:
         return adjustment, []
-    reason = f"it agrees too little with the other captures; {_RETAKE_TEXTURE}"
+    reason = f"it does not agree well enough with the other captures; {_RETAKE_TEXTURE}"
     return adjustment.without(poor), [Exclusion(capture=one, reason=reason) for one in poor]
 
 
 def _dense_matches(adjustment: Adjustment, strides: Sequence[int]) -> list[PlaneMatches]:
-    """A board's matches, and those of textured captures by all pixels where they lie by now."""
+    """Matches of a board, and those of textured captures by all pixels at their current poses."""
     boards = [one.capture for own in adjustment.series if own.is_in_mm for one in own.captures]
     matches = [part for part in adjustment.matches if part.is_between(boards)]
     for series in adjustment.series:
@@ -178,7 +178,7 @@ def _match_boards(
 
 
 def _pose_over_board(corners: BoardCorners, lens: PlaneLens) -> CapturePose:
-    # From pixels to mm: as a picture whose first capture had one pixel per mm.
+    # From pixels to mm: as for a picture whose first capture had one pixel per mm.
     matrix = np.asarray(cv2.findHomography(corners.seen_px, corners.plane_mm)[0], dtype=np.float64)
     pose = _pose_of_homography(matrix, lens.principal_px, 1.0)
     principal_x, principal_y = lens.principal_px.tolist()
@@ -198,10 +198,10 @@ def match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> Matc
     captures
         From the nearest to the furthest.
     lens
-        For the poses; a guess of its focal length will do.
+        For the poses; a rough focal length will do.
     """
     if len(captures) < 2:
-        reason = "it is the only capture of its target: capture it at two heights or more"
+        reason = "it is the only capture of its target; capture it at two heights or more"
         alone = tuple(Exclusion(capture=one, reason=reason) for one in captures)
         return MatchedSeries(series=None, exclusions=alone)
     links, reasons = _links(captures)
@@ -237,7 +237,7 @@ def match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> Matc
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Link:
-    """Two captures whose features match; ``matrix`` takes the further one's pixels to the other."""
+    """Two captures whose features match; ``matrix`` maps the further one's pixels to the other."""
 
     near: GeometryCapture
     far: GeometryCapture
@@ -248,7 +248,7 @@ class _Link:
 def _links(
     captures: Sequence[GeometryCapture],
 ) -> tuple[list[_Link], dict[GeometryCapture, str]]:
-    """Matches of neighbours, and for captures that failed why."""
+    """Matches of neighbours, and the reason for each capture that failed."""
     reasons: dict[GeometryCapture, str] = {}
     features: dict[int, ImageFeatures] = {}
     for number, capture in enumerate(captures):
@@ -293,7 +293,7 @@ def _link(
 def _largest_group(
     captures: Sequence[GeometryCapture], links: Iterable[_Link]
 ) -> tuple[GeometryCapture, ...]:
-    """The captures that hang together by links; of equally many, the nearest."""
+    """The largest group of captures connected by links; of equal groups, the nearest."""
     groups = {one: number for number, one in enumerate(captures)}
     for link in links:
         old, new = groups[link.far], groups[link.near]
@@ -310,7 +310,7 @@ def _to_first(first: GeometryCapture, links: Sequence[_Link]) -> dict[GeometryCa
     while waiting:
         link = next(one for one in waiting if one.near in found or one.far in found)
         waiting.remove(link)
-        # No capture has two links to further ones: the links make no circle.
+        # No capture has two links to further ones, so the links form no loop.
         if link.near in found:
             found[link.far] = found[link.near] @ link.matrix
         else:
@@ -321,7 +321,7 @@ def _to_first(first: GeometryCapture, links: Sequence[_Link]) -> dict[GeometryCa
 def _pose_of_homography(
     matrix: FloatArray, middle_px: FloatArray, focal_length_px: float
 ) -> CapturePose:
-    """Pose of an upright camera whose pixels ``matrix`` takes to those of the first capture."""
+    """Pose of a level camera whose pixels ``matrix`` maps to those of the first capture."""
     middle_x, middle_y = middle_px.tolist()
     x, y = project(matrix, middle_x, middle_y)
     a, b, c, d = projection_slopes(matrix, middle_x, middle_y)

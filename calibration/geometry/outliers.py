@@ -1,4 +1,4 @@
-"""Captures that contradict the others: a wrong height, a moved target, a target lifted."""
+"""Captures that contradict the others: a wrong height, a moved target, a lifted target."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 _MOVED_SIGMAS = 6.0
 _MOVED_MIN_MM = 0.5
-"""A stage that wanders sideways is no mistake; a target that was pushed is."""
+"""A stage that wanders sideways within this is normal; a target that was pushed is not."""
 _TURNED_MIN_RAD = float(np.deg2rad(0.5))
 _LIFTED_MIN_MM = 0.1
 _DISAGREEMENT_SIGMAS = 4.0
@@ -26,9 +26,9 @@ _DISAGREEMENT_SIGMAS = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ConsistentSeries:
-    """Series whose captures agree, their pupil offset, and what was left out for that.
+    """Series whose captures agree, their pupil offset, and the captures left out.
 
-    ``notes`` are remarks on series that were left out whole.
+    ``notes`` are remarks on series that were left out completely.
     """
 
     adjustment: Adjustment
@@ -49,7 +49,7 @@ def without_outliers(adjustment: Adjustment) -> ConsistentSeries:
     Raises
     ------
     GeometryError
-        If the distances do not grow with the heights, or no target is left at two of them.
+        If the distances do not grow with the heights, or no target is left at two heights.
     """
     exclusions: list[Exclusion] = []
     notes: list[str] = []
@@ -71,7 +71,7 @@ def without_outliers(adjustment: Adjustment) -> ConsistentSeries:
 
 
 def _pupil(adjustment: Adjustment) -> PupilFit:
-    # Each series has a unit of its own: one height a series tells nothing, however many there are.
+    # Each series has its own unit, so series of one height determine nothing, however many.
     if all(len(set(series.heights_mm)) < 2 for series in adjustment.series):
         name = adjustment.captures[0].capture.name
         raise GeometryError(
@@ -99,13 +99,13 @@ def _slipped(adjustment: Adjustment) -> _Contradiction | None:
     capture, fits_mm = adjustment.captures[found[0]].capture, found[1]
     reason = (
         f"its image fits a height of {fits_mm:.3f} mm, but {capture.height_mm:.3f} mm was "
-        "read back: the stage slipped, or the target was lifted; retake it"
+        "read back: the stage slipped or the target was lifted; retake it"
     )
     return _Contradiction(exclusions=(Exclusion(capture=capture, reason=reason),))
 
 
 def _moved(adjustment: Adjustment, pupil: PupilFit) -> _Contradiction | None:
-    """Find the capture that stands furthest beside the travel of the others of its series."""
+    """Find the capture furthest to the side of the travel of the others in its series."""
     found = [
         candidate
         for series, log_unit in zip(adjustment.series, pupil.log_units, strict=True)
@@ -117,7 +117,7 @@ def _moved(adjustment: Adjustment, pupil: PupilFit) -> _Contradiction | None:
 
 
 def _moves(series: Series, mm_per_unit: float) -> Iterator[tuple[float, Exclusion]]:
-    """Captures that stand aside of the others, and by how many times what is allowed."""
+    """Captures to the side of the others, and their distance relative to the tolerance."""
     count = len(series.captures)
     if count < 4:
         return
@@ -140,12 +140,12 @@ def _moves(series: Series, mm_per_unit: float) -> Iterator[tuple[float, Exclusio
                 if excess >= turned_excess
                 else f"by {degrees(turned):.1f} degrees"
             )
-            reason = f"the target was moved {what} against the others; retake it"
+            reason = f"the target was moved {what} relative to the other captures; retake it"
             yield max(excess, turned_excess), Exclusion(capture=one.capture, reason=reason)
 
 
 def _lifted(adjustment: Adjustment) -> _Contradiction | None:
-    """Find a series whose own pupil offset contradicts that of the first that has one."""
+    """Find a series whose own pupil offset contradicts that of the first series with one."""
     fits = _own_pupils(adjustment)
     for series, fit in fits[1:]:
         first_series, first = fits[0]
@@ -161,17 +161,17 @@ def _lifted(adjustment: Adjustment) -> _Contradiction | None:
         )
         return _Contradiction(
             exclusions=tuple(
-                Exclusion(capture=one.capture, reason="its target lies at another height")
+                Exclusion(capture=one.capture, reason="its target is at another height")
                 for one in series.captures
             ),
-            note=f"{its} lies {-difference:+.2f} mm higher than {other}; heights are counted from "
+            note=f"{its} is {-difference:+.2f} mm higher than {other}; heights are measured from "
             "the latter, and the former is left out",
         )
     return None
 
 
 def _own_pupils(adjustment: Adjustment) -> list[tuple[Series, PupilFit]]:
-    """Pupil offset of each series by itself, where it has two heights that grow with distance."""
+    """Pupil offset of each series by itself, if it has two heights that grow with distance."""
     distances = SeriesDistances.of(adjustment)
     fits = []
     for number, series in enumerate(adjustment.series):

@@ -1,8 +1,8 @@
 """The entrance pupil: distances from the images against heights from the stage.
 
-Every distance of a series is ``unit * (height + pupil_offset)``. The unit is the series' own, the
-offset is common to all. Heights that scatter more than the images account for are given an error of
-their own.
+Every distance of a series is ``unit * (height + pupil_offset)``. Each series has its own unit; the
+offset is common to all. Heights that scatter by more than the errors of the images are given an
+error of their own.
 """
 
 from dataclasses import dataclass, replace
@@ -20,18 +20,18 @@ __all__ = ["HEIGHT_FLOOR_MM", "PupilFit", "SeriesDistances", "fit_pupil", "heigh
 FloatArray = NDArray[np.float64]
 
 HEIGHT_FLOOR_MM = 0.0005
-"""Half of the last digit that heights are recorded with."""
+"""Half of the last digit to which heights are recorded."""
 
 _SCATTER_MAX_MM = 1000.0
 _ITERATIONS = 50
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_MIN_MM = 0.02
-"""Two motor steps or so: less is a stage's ordinary error, not a mistake."""
+"""Two motor steps or so: less is the normal error of a stage, not a mistake."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PupilFit:
-    """The pupil offset and the unit of each series, with what is left.
+    """The pupil offset and the unit of each series, with residuals.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ class PupilFit:
     log_units
         Logarithm of each series' unit: its distance per mm.
     covariance
-        Of the offset and the log units, in this order.
+        Covariance of the offset and the log units, in this order.
     scatter_mm
-        Error of a height beyond what the images account for.
+        Error of a height beyond that explained by the images.
     degrees_of_freedom
-        Captures beyond those that are needed; without any nothing was checked.
+        Number of captures beyond those needed; with none, nothing was checked.
     height_residuals_mm
-        Height that was read less the one that each capture's distance fits.
+        Height read back minus the one that fits each capture's distance.
     """
 
     pupil_offset_mm: float
@@ -63,13 +63,13 @@ class PupilFit:
 
     @property
     def interval_factor(self) -> float:
-        """Standard errors on each side of a 95 % interval: Student's where heights scatter."""
+        """Half-width of a 95 % interval in standard errors: Student's if heights scatter."""
         if self.scatter_mm <= HEIGHT_FLOOR_MM or self.degrees_of_freedom == 0:
             return 1.96
         return float(student_t.ppf(0.975, self.degrees_of_freedom))
 
     def zoom(self, near_mm: float, far_mm: float) -> tuple[float, float]:
-        """True zoom-out of two heights and its standard error."""
+        """True zoom-out between two heights and its standard error."""
         near, far = near_mm + self.pupil_offset_mm, far_mm + self.pupil_offset_mm
         return far / near, abs(near - far) / near**2 * self.pupil_offset_err_mm
 
@@ -83,14 +83,14 @@ class PupilFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SeriesDistances:
-    """Heights of captures, and how far the camera was by the images.
+    """Heights of captures, and the distances of the camera according to the images.
 
     Parameters
     ----------
     heights_mm
         Read back, shape (n,); at least one series has two different ones.
     series
-        Number of each capture's series, from 0 on without gaps.
+        Number of each capture's series, from 0 without gaps.
     log_distances, covariance
         From the images, in each series' own unit, shapes (n,) and (n, n).
     """
@@ -102,7 +102,7 @@ class SeriesDistances:
 
     @classmethod
     def of(cls, adjustment: Adjustment) -> Self:
-        """Those of an adjustment's captures."""
+        """Distances of the captures of an adjustment."""
         captures, columns = adjustment.captures, adjustment.columns
         log_distance = [columns.pose(one.capture)[0] for one in captures]
         counts = [len(own.captures) for own in adjustment.series]
@@ -114,7 +114,7 @@ class SeriesDistances:
         )
 
     def only(self, chosen: NDArray[np.bool_]) -> Self:
-        """Those of the chosen captures, their series numbered anew."""
+        """Distances of the chosen captures, with their series renumbered."""
         return replace(
             self,
             heights_mm=self.heights_mm[chosen],
@@ -132,12 +132,12 @@ class SeriesDistances:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Captures beyond the pupil offset and one unit a series."""
+        """Number of captures minus one for the pupil offset and one for the unit of each series."""
         return len(self.heights_mm) - 2 - int(self.series.max())
 
 
 def fit_pupil(distances: SeriesDistances) -> PupilFit:
-    """Fit offset and units to the distances of all captures.
+    """Fit the offset and units to the distances of all captures.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def fit_pupil(distances: SeriesDistances) -> PupilFit:
 
     References
     ----------
-    The scatter makes the weighted squares equal to their expectation: Paule and Mandel,
+    The scatter brings the weighted squares to their expected value: Paule and Mandel,
     "Consensus values and weighting factors", J. Res. NBS 87, 1982.
     """
     freedom = distances.degrees_of_freedom
@@ -171,15 +171,15 @@ def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
     Returns
     -------
     tuple of int and float, or None
-        Its index, and the height in mm that its image fits. None where no single capture stands
-        out, or too few are left to tell.
+        Its index, and the height in mm that fits its image. None if no single capture stands
+        out, or if too few are left to decide.
     """
     worst: tuple[float, int, float] | None = None
     for capture, (height_mm, series) in enumerate(
         zip(distances.heights_mm, distances.series, strict=True)
     ):
         rest = np.arange(len(distances.heights_mm)) != capture
-        # The series stays, so that its number does.
+        # The series is kept, so that its number does not change.
         if len(set(distances.heights_mm[rest & (distances.series == series)])) < 3:
             continue
         try:
@@ -201,20 +201,20 @@ def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
 
 
 def _start_mm(distances: SeriesDistances) -> float:
-    """Offset by a straight line through the series that spans most heights."""
+    """Offset by a straight line through the series with the widest range of heights."""
     chosen = distances.series == int(np.argmax(distances.spans_mm))
     slope, level = np.polyfit(
         distances.heights_mm[chosen], np.exp(distances.log_distances[chosen]), 1
     )
     if slope <= 0:
-        raise ValueError("the images say that the camera comes nearer where the stage goes up")
+        raise ValueError("according to the images, the camera comes nearer as the stage goes up")
     return float(level / slope)
 
 
 def _weighted_fit(
     distances: SeriesDistances, start_mm: float, scatter_mm: float
 ) -> tuple[PupilFit, float]:
-    """Offset and units with heights that scatter so much, and the weighted squares left."""
+    """Offset and units for heights with this scatter, and the weighted squares left."""
     heights_mm, offset_mm = distances.heights_mm, start_mm
     members = np.eye(int(distances.series.max()) + 1)[distances.series]
     for _ in range(_ITERATIONS):

@@ -1,4 +1,4 @@
-"""Height series: the captures of a target, where they were taken, through which lens."""
+"""Height series: the captures of a target, their poses and the lens."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ class GeometryCapture:
     """One capture of a board or of a textured target.
 
     ``image`` is grey and linear, shape ``(rows, cols)``; ``height_mm`` was read back. Captures of
-    one kind, target and orientation show the same thing, which was not touched in between.
+    one kind, target and orientation show the same target, which was not touched in between.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Exclusion:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PosedCapture:
-    """A capture, where it was taken, and how its accepted matches fit that."""
+    """A capture, its pose, and how well its accepted matches fit."""
 
     capture: GeometryCapture
     pose: CapturePose
@@ -63,7 +63,7 @@ class Series:
     lens
         The camera's lens, inclined as it is to this target.
     captures
-        One at least.
+        At least one.
     is_in_mm
         Whether the target has a known size. If not, lengths are in units of the first capture's
         distance, and that capture's pose is fixed.
@@ -75,7 +75,7 @@ class Series:
 
     @property
     def target(self) -> str:
-        """Name of what was captured."""
+        """Name of the target."""
         return self.captures[0].capture.target
 
     @property
@@ -104,7 +104,7 @@ class PlaneMatches:
     other_points
         Pixels of the other capture, or plane points, shape (n, 2).
     covariance_px2
-        Of the disagreement, in pixels of ``capture``, shape (n, 2, 2); right up to a factor.
+        Covariance of the disagreement, in pixels of ``capture``, shape (n, 2, 2), up to a factor.
     """
 
     capture: GeometryCapture
@@ -114,5 +114,5 @@ class PlaneMatches:
     covariance_px2: FloatArray = field(repr=False)
 
     def is_between(self, captures: Collection[GeometryCapture]) -> bool:
-        """Whether these captures are all that the matches need."""
+        """Whether the matches need no captures other than these."""
         return self.capture in captures and (self.other is None or self.other in captures)

@@ -1,4 +1,4 @@
-"""Where the camera goes as the stage rises: sideways over the target, seen in the image."""
+"""The stage's travel in the image: how the camera moves sideways as the stage rises."""
 
 from dataclasses import dataclass
 
@@ -16,19 +16,19 @@ _STEP = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StageAxis:
-    """The stage's travel as one series sees it.
+    """The stage's travel as seen by one series.
 
     Parameters
     ----------
     pierce_px
-        Pixel (x, y) that the picture grows out of: where the line of travel through the pupil
-        pierces the image.
+        Pixel (x, y) from which the image expands: where the line of travel through the pupil
+        intersects the image.
     offset_px
-        The same from the middle of the image.
+        The same, relative to the centre of the image.
     covariance_px2
-        Of either, shape (2, 2).
+        Covariance of either, shape (2, 2).
     sideways
-        How far each capture was taken beside the straight line, shape (n, 2), in the series' unit.
+        Distance of each capture from the straight line, shape (n, 2), in the unit of the series.
     """
 
     pierce_px: FloatArray
@@ -43,9 +43,9 @@ def stage_axis(adjustment: Adjustment, number: int) -> StageAxis:
     Parameters
     ----------
     adjustment
-        Of the series and maybe others.
+        Adjustment of the series, and possibly others.
     number
-        Of the series; it has captures at two distances or more.
+        Number of the series, which has captures at two distances or more.
     """
     series, layout = adjustment.series[number], adjustment.columns
     columns = np.concatenate(
@@ -73,7 +73,7 @@ def stage_axis(adjustment: Adjustment, number: int) -> StageAxis:
     offset = distance - distance.mean()
     sideways = poses[:, 2:] - poses[:, 2:].mean(axis=0) - np.outer(offset, _drift(poses))
     if len(poses) > 2:
-        # A stage that does not run straight makes the line uncertain beyond the images' errors.
+        # A stage that does not run straight adds to the uncertainty from the images.
         scatter = np.sum(sideways**2) / (2 * (len(poses) - 2)) / np.sum(offset**2)
         wander = np.eye(2) * scatter * lens.focal_length_px**2
         if np.trace(wander) > np.trace(covariance):
@@ -89,7 +89,7 @@ def stage_axis(adjustment: Adjustment, number: int) -> StageAxis:
 
 
 def _drift(poses: FloatArray) -> FloatArray:
-    """Sideways travel per travel along the plane's normal, (x, y)."""
+    """Sideways travel (x, y) per unit of travel along the plane's normal."""
     distance = np.exp(poses[:, 0])
     offset = distance - distance.mean()
     return np.asarray(offset @ poses[:, 2:] / (offset @ offset))

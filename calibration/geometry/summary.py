@@ -1,4 +1,4 @@
-"""What adjusted series say of camera and stage, figure by figure."""
+"""The values of geometry.json from the adjusted series."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,20 +25,21 @@ FloatArray = NDArray[np.float64]
 Fields = dict[str, object]
 
 _DETERMINED = 0.5
-"""Of the prior's standard deviation: an error above it says that the captures told nothing."""
+"""Relative to the prior's standard deviation: with a larger error a value is not determined."""
 _TILT_ERR_MAX_DEG = 2.0
 _SMOOTH_ERROR_PX = 0.02
-"""Error at the image corner that neighbouring matches share and leaving out regions cannot show:
-what shading, aliasing and a PSF that changes over the field leave, measured on the simulated bench.
+"""Error at the image corner that is common to neighbouring matches, so that leaving out regions
+does not show it: from shading, aliasing and a PSF that changes over the field, measured on the
+simulated bench.
 """
 _DISAGREEMENT_SIGMAS = 4.0
 _SCATTER_NOTED_MM = 0.05
 
 _NO_LENGTH = (
-    "no length is known: capture a ChArUco board, give --scale, or the focal length and pixel "
-    "pitch of the bench"
+    "no length is known: capture a ChArUco board, give --scale, or enter the focal length and "
+    "pixel pitch in the bench file"
 )
-_SHORT = "the captures do not tell it: span a greater range of heights, or capture a board"
+_SHORT = "the captures do not determine it: span a wider range of heights, or capture a board"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,13 +50,13 @@ class Measured:
     err: float
 
     def times(self, factor: float) -> "Measured":
-        """The same in another unit."""
+        """The same value in another unit."""
         return Measured(value=self.value * factor, err=self.err * abs(factor))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocalLength(Measured):
-    """Focal length in px, and what it rests on."""
+    """Focal length in px, and its basis."""
 
     source: ScaleSource
 
@@ -75,19 +76,19 @@ def summarised(
     excluded: Sequence[ExcludedCapture] = (),
     notes: Sequence[str] = (),
 ) -> GeometryCalibration:
-    """Collect what consistent series tell.
+    """Collect the results of consistent series.
 
     Parameters
     ----------
     adjustment, pupil
-        Of captures that agree.
+        Results of captures that agree.
     focal
         None if no length is known.
     excluded, notes
-        What is to be said besides.
+        Captures left out, and remarks.
     """
     heights = tuple(sorted({one.capture.height_mm for one in adjustment.captures}))
-    # Without a target at two heights there is no pupil, either: one of the axes is there.
+    # Without a target at two heights there would be no pupil fit, so there is at least one axis.
     axes = _axes(adjustment)
     _, axis = min(axes.items(), key=lambda one: float(np.trace(one[1].covariance_px2)))
     tilt, tilt_notes = _tilt(adjustment, focal)
@@ -114,20 +115,20 @@ def summarised(
 
 
 def _pair(name: str, err_name: str, measured: Measured | None) -> Fields:
-    """A value and its error, None where it is not determined."""
+    """A value and its error, None if it is not determined."""
     if measured is None:
         return {name: None, err_name: None}
     return {name: measured.value, err_name: measured.err}
 
 
 def _undetermined(fields: Fields) -> dict[str, str]:
-    """Say why of every value that is None."""
+    """The reason for every value that is None."""
     reasons = (
         ("scale_px_per_mm", "scale_px_per_mm", _NO_LENGTH),
         ("focal_length_px", "focal_length_px", _NO_LENGTH),
         ("k1", "k1", _SHORT),
         ("k2", "k2", _SHORT),
-        ("principal_px", "principal_x_px", "only a lens that distorts shows where its centre is"),
+        ("principal_px", "principal_x_px", "only a lens with distortion shows its centre"),
         (
             "tilt_deg",
             "tilt_deg",
@@ -154,7 +155,7 @@ def _scales(
         if board is not None:
             relative = pupil.log_distance_err(height_mm, board)
         elif focal.source == "given":
-            # Exact where it was given; elsewhere as good as the zoom-out from there.
+            # Exact at the height it was given for; elsewhere as good as the zoom-out from there.
             zoom, err = pupil.zoom(heights_mm[0], height_mm)
             relative = err / zoom
         else:
@@ -180,11 +181,11 @@ def _pupil(pupil: PupilFit) -> Fields:
 
 def _pupil_notes(pupil: PupilFit) -> list[str]:
     if pupil.degrees_of_freedom == 0:
-        return ["two heights alone: nothing checks them, and their error is not counted"]
+        return ["only two heights: nothing checks them, and their error is not included"]
     if pupil.scatter_mm > _SCATTER_NOTED_MM:
         return [
             f"heights and images disagree by {pupil.scatter_mm:.3f} mm: check the stage, "
-            "or that the lens was not refocused between captures"
+            "and that the lens was not refocused between captures"
         ]
     return []
 
@@ -226,7 +227,7 @@ def _principal_point(adjustment: Adjustment) -> Fields:
 
 
 def _tilt(adjustment: Adjustment, focal: FocalLength | None) -> tuple[Fields, list[str]]:
-    """Weighted mean of the series' tilts; of those that contradict the first, the first alone."""
+    """Weighted mean of the tilts of the series, leaving out those that contradict the first."""
     found = []
     for number, series in enumerate(adjustment.series):
         columns = adjustment.columns.shared(number)[-2:]
@@ -239,12 +240,12 @@ def _tilt(adjustment: Adjustment, focal: FocalLength | None) -> tuple[Fields, li
         if np.any(away > _DISAGREEMENT_SIGMAS):
             notes.append(
                 f"{series.target} is inclined by {degrees(float(np.hypot(*(other - value)))):.2f} "
-                "degrees against the first target; the tilt is that of the first"
+                "degrees relative to the first target; the tilt given is that of the first"
             )
             continue
         weight, other_weight = err**-2.0, other_err**-2.0
         value = (weight * value + other_weight * other) / (weight + other_weight)
-        # The lens is common to all, so that their errors are not independent: the smaller one.
+        # The lens is common to all, so their errors are not independent: take the smaller one.
         err = np.minimum(err, other_err)
     # A tilt t moves the corner, at the radius r, by t r^2 / f.
     lens = adjustment.series[0].lens
@@ -263,7 +264,7 @@ def _tilt(adjustment: Adjustment, focal: FocalLength | None) -> tuple[Fields, li
 
 
 def _axes(adjustment: Adjustment) -> dict[int, StageAxis]:
-    """Lines of travel of the series that have two heights, by their number."""
+    """Lines of travel of the series with two heights, by number of the series."""
     return {
         number: stage_axis(adjustment, number)
         for number, series in enumerate(adjustment.series)
@@ -272,7 +273,7 @@ def _axes(adjustment: Adjustment) -> dict[int, StageAxis]:
 
 
 def _drift(axis: StageAxis, distance_mm: float, focal: FocalLength | None) -> Fields:
-    """Drift of the picture, and the angle of the stage's travel to the middle's line of sight."""
+    """Drift of the image, and the angle of the stage's travel to the central line of sight."""
     x, y = (
         Measured(
             value=float(axis.offset_px[i]) / distance_mm,

@@ -1,4 +1,4 @@
-"""The dark and flat captures of a session: photon transfer and correction maps from them."""
+"""Photon transfer and correction maps from the dark and flat captures of a session."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -30,14 +30,14 @@ __all__ = ["NoiseMeasurement", "VarianceByLevel", "measure_noise", "noise_record
 
 _BINS = 512
 _FEWEST_IN_BIN = 30
-_COLLAPSED = 0.3  # of the largest variance: read noise alone, or none
+_COLLAPSED = 0.3  # of the largest variance: read noise only, or none at all
 
 
 class VarianceByLevel:
     """Temporal variance of pixels by their mean level, summed over flats.
 
-    Working by pixel and not by capture, uneven light does not smear the level at which pixels
-    clip.
+    Because it works by pixel and not by capture, uneven light does not smear the level at which
+    pixels clip.
 
     Parameters
     ----------
@@ -60,18 +60,21 @@ class VarianceByLevel:
     def add(
         self, mean_dn: NDArray[np.floating[Any]], variance_dn2: NDArray[np.floating[Any]]
     ) -> None:
-        """Take the pixels of one flat in."""
+        """Add the pixels of one flat."""
         mean = np.asarray(mean_dn, dtype=np.float64).ravel()
-        place = np.clip((mean * (_BINS / (self._max_level_dn + 1))).astype(np.intp), 0, _BINS - 1)
-        self._count += np.bincount(place, minlength=_BINS)
-        self._level += np.bincount(place, mean, minlength=_BINS)
-        self._square += np.bincount(place, mean**2, minlength=_BINS)
+        index = np.clip((mean * (_BINS / (self._max_level_dn + 1))).astype(np.intp), 0, _BINS - 1)
+        self._count += np.bincount(index, minlength=_BINS)
+        self._level += np.bincount(index, mean, minlength=_BINS)
+        self._square += np.bincount(index, mean**2, minlength=_BINS)
         self._variance += np.bincount(
-            place, np.asarray(variance_dn2, dtype=np.float64).ravel(), minlength=_BINS
+            index, np.asarray(variance_dn2, dtype=np.float64).ravel(), minlength=_BINS
         )
 
     def saturation(self) -> Saturation:
-        """The level at which pixels clip: where most of those lie whose variance collapsed."""
+        """The level at which pixels clip: the most frequent one among those of collapsed variance.
+
+        It is that of the pixel format if no capture reached it.
+        """
         unseen = Saturation(level_dn=self._max_level_dn, err_dn=None)
         used = self._count >= _FEWEST_IN_BIN
         if not used.any():
@@ -94,7 +97,7 @@ _KINDS = ("dark", "flat")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseMeasurement:
-    """What noise.json holds, with the curve and the maps that it was worked out from."""
+    """The contents of noise.json, with the curve and the maps behind it."""
 
     calibration: NoiseCalibration
     transfer: PhotonTransfer
@@ -106,20 +109,20 @@ class NoiseMeasurement:
 
 
 def noise_records(session: Session) -> list[CaptureRecord]:
-    """Return the dark and flat captures of a session, which are all of one gain and format.
+    """Return the dark and flat captures of a session, all at one gain and in one format.
 
     Raises
     ------
     NoiseError
-        If one kind is missing, or gains or formats are mixed.
+        If darks or flats are missing, or gains or formats are mixed.
     """
     records = [
         record for record in session.records if record.kind in _KINDS and record.frames_used > 1
     ]
     kinds = Counter(record.kind for record in records)
     for kind, remedy in (
-        ("dark", "put the lens cap on and capture kind dark"),
-        ("flat", "capture an even white surface as kind flat at several exposures"),
+        ("dark", "put the lens cap on and capture with kind dark"),
+        ("flat", "capture an evenly lit white surface with kind flat at several exposures"),
     ):
         if not kinds[kind]:  # type: ignore[index]  # both are kinds
             raise NoiseError(
@@ -130,8 +133,8 @@ def noise_records(session: Session) -> list[CaptureRecord]:
     if len(settings) > 1:
         listed = ", ".join(f"{gain} dB {pixels}" for gain, pixels in sorted(settings, key=str))
         raise NoiseError(
-            f"{session.path}: dark and flat captures are of several settings ({listed}); "
-            "a noise.json holds for one: exclude the others",
+            f"{session.path}: dark and flat captures have different settings ({listed}); "
+            "a noise.json holds for one setting: exclude the others",
             reason="settings",
         )
     return records
@@ -142,7 +145,7 @@ def measure_noise(
 ) -> NoiseMeasurement:
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
 
-    Every capture is read two times, three where the sensor has defects: these are left out.
+    Every capture is read twice, or three times if the sensor has defects, which are left out.
 
     Parameters
     ----------
@@ -154,7 +157,7 @@ def measure_noise(
     Raises
     ------
     NoiseError
-        If the captures do not tell the noise; the message says what to capture.
+        If the captures do not determine the noise; the message says what to capture.
     SessionError
         If a capture file is missing or changed.
     """
@@ -220,7 +223,7 @@ def _sample(images: CaptureImages, sound: NDArray[np.bool_] | None) -> LevelSamp
 def _dark_group(
     transfer: PhotonTransfer, records: Sequence[CaptureRecord], bench: Mapping[str, Any]
 ) -> frozenset[str]:
-    """Files of the dark captures of the map: all, or with a dark current those of one exposure."""
+    """Dark captures to average into the map: all, or with a dark current those of one exposure."""
     darks = [record for record in records if record.kind == "dark"]
     wanted = bench.get("camera", {}).get("exposure_us")
     exposures = [record.exposure_us for record in darks if record.exposure_us is not None]
@@ -231,7 +234,7 @@ def _dark_group(
 
 
 class _MapSums:
-    """Sums over captures, from which the maps follow."""
+    """Sums over captures, from which the maps are computed."""
 
     def __init__(self, transfer: PhotonTransfer, dark_files: frozenset[str]) -> None:
         self._transfer = transfer
@@ -246,7 +249,7 @@ class _MapSums:
         self._captures = 0
 
     def add(self, images: CaptureImages, sample: LevelSample) -> None:
-        """Take a capture in, where it is fit for a map."""
+        """Add a capture, if it is suitable for a map."""
         black = self._transfer.dark.black_level_dn
         is_dark = sample.kind == "dark"
         if not (is_dark or is_in_fit_range(sample, black, self._transfer.saturation.level_dn)):
@@ -267,7 +270,7 @@ class _MapSums:
         self._flats += 1
 
     def maps(self) -> CorrectionMaps:
-        """The maps, after every capture was added."""
+        """The maps, once every capture has been added."""
         dark = self._dark / self._dark_frames
         light = self._flat - self._flats * dark
         return correction_maps(
@@ -279,7 +282,7 @@ class _MapSums:
         )
 
     def nonuniformity(self, maps: CorrectionMaps) -> Nonuniformity:
-        """What the maps tell of the pixels, without the temporal noise left in them."""
+        """Nonuniformity of the maps, without the temporal noise left in them."""
         dark_dn2 = max(self._transfer.offset_dn2, 0.0) / self._dark_frames
         light_dn = self._flat_level_dn - self._flats * maps.black_level_dn
         left_dn2 = self._flat_variance_dn2 + self._flats**2 * dark_dn2

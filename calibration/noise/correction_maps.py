@@ -1,4 +1,4 @@
-"""Dark, flat and defect maps of a sensor, and what a capture becomes by them."""
+"""Dark, flat and defect maps of a sensor, and the correction of captures with them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,9 +19,9 @@ __all__ = [
 ]
 
 DARK_DEFECT, RESPONSE_DEFECT, NOISE_DEFECT = 1, 2, 4
-"""Bits of the defect map: off in the dark, off in its response, too noisy."""
+"""Bits of the defect map: wrong dark level, wrong response, too noisy."""
 
-_SIGMAS = 6.0  # of 450 000 sound pixels, 0.001 lies beyond
+_SIGMAS = 6.0  # of 450 000 good pixels, 0.001 are beyond it
 _SIGMA_PER_MAD = 1.4826  # of a Gaussian
 _LEAST_RESPONSE = 0.05
 _NOISE_RATIO = 3.0
@@ -36,7 +36,7 @@ class CorrectionMaps:
     """Maps of one sensor, shape ``(rows, cols)``.
 
     ``dark_dn`` is the level without light, ``response`` the sensitivity relative to the mean
-    over the sensor (shading included), ``defects`` 0 for sound pixels, else bits of
+    over the sensor (shading included), ``defects`` is 0 for good pixels, otherwise the bits
     `DARK_DEFECT`, `RESPONSE_DEFECT` and `NOISE_DEFECT`.
     """
 
@@ -53,30 +53,30 @@ class CorrectionMaps:
 
     @property
     def is_defect(self) -> NDArray[np.bool_]:
-        """Where pixels are not to be used."""
+        """The pixels that must not be used."""
         return self.defects > 0
 
     def correct(self, image_dn: NDArray[np.generic]) -> NDArray[np.float64]:
-        """Return the image without fixed pattern, shading and defects; black stays at its level.
+        """Return the image without fixed pattern, shading and defects; the black level is kept.
 
-        ``(image - dark) / response + black``; a defect becomes the mean of its sound neighbours.
+        ``(image - dark) / response + black``; a defect becomes the mean of its good neighbours.
 
         Raises
         ------
         ValueError
-            If the image is not of the maps' shape.
+            If the image does not have the maps' shape.
         """
         self._require_shape(image_dn)
         light = (image_dn.astype(np.float64) - self.dark_dn) / self._divisor()
         return _filled(light, self.is_defect) + self.black_level_dn
 
     def correct_variance(self, variance_dn2: Image) -> NDArray[np.float64]:
-        """Return what the temporal variance of an image becomes by ``correct``.
+        """Return the temporal variance of an image after ``correct``.
 
         Raises
         ------
         ValueError
-            If the image is not of the maps' shape.
+            If the image does not have the maps' shape.
         """
         self._require_shape(variance_dn2)
         return _filled(variance_dn2.astype(np.float64) / self._divisor() ** 2, self.is_defect)
@@ -93,10 +93,10 @@ class CorrectionMaps:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nonuniformity:
-    """How unequal the pixels are, without temporal noise.
+    """How much the pixels differ, without temporal noise.
 
-    ``dsnu_dn`` and ``prnu`` are standard deviations between pixels after large structures were
-    taken off, ``shading`` the range of what was taken off, relative to its mean.
+    ``dsnu_dn`` and ``prnu`` are standard deviations between pixels after large-scale structure was
+    removed; ``shading`` is the range of what was removed, relative to its mean.
     """
 
     dsnu_dn: float
@@ -113,12 +113,12 @@ def correction_maps(
     variance_ratio: Image,
     black_level_dn: float,
 ) -> CorrectionMaps:
-    """Make the maps, with the defects found on them.
+    """Make the maps, and find the defects on them.
 
-    A pixel is a defect if it stands out from the median of its surroundings by six robust
-    standard deviations of all pixels and by one frame's read noise in the dark or 5 % in its
-    response, or if its temporal variance is three times what its level gives and six standard
-    deviations of that ratio above it.
+    A pixel is a defect if it differs from the median of its surroundings by six robust standard
+    deviations of all pixels and by one frame's read noise in the dark or 5 % in its response, or if
+    its temporal variance is three times that expected at its level and six standard deviations of
+    that ratio above it.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def correction_maps(
     dark_noise_dn
         Standard deviation of one dark frame.
     variance_ratio
-        Temporal variance of each pixel over what its level gives, averaged over captures.
+        Temporal variance of each pixel over that expected at its level, averaged over captures.
     """
     defects = np.zeros(dark_dn.shape, dtype=np.uint8)
     defects[_stands_out(dark_dn, dark_noise_dn)] |= DARK_DEFECT
@@ -153,11 +153,11 @@ def nonuniformity(
     maps
         Defects are left out.
     dark_variance_dn2, response_variance
-        What temporal noise is left in the maps; it is subtracted.
+        Temporal noise left in the maps; it is subtracted.
 
     References
     ----------
-    EMVA Standard 1288, release 4.0 linear, 2021, section 8: variances after a highpass.
+    EMVA Standard 1288, release 4.0 linear, 2021, section 8: variances after high-pass filtering.
     """
     sound = ~maps.is_defect
     smooth = gaussian_filter(_filled(maps.response.astype(np.float64), maps.is_defect),
@@ -177,13 +177,13 @@ def nonuniformity(
 def _stands_out(image: Image, least: float) -> NDArray[np.bool_]:
     plane = np.ascontiguousarray(image, dtype=np.float32)
     left = np.abs(plane - cv2.medianBlur(plane, _MEDIAN_PX))
-    # The median of the absolute value of a difference from a median of few is a little small.
+    # The median absolute difference from a median of few values is a little too small.
     limit = max(_SIGMAS * _SIGMA_PER_MAD * float(np.median(left)), least)
     return np.asarray(left > limit)
 
 
 def _filled(image: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """The image with holes filled from their rims inwards by means of known neighbours."""
+    """The image with holes filled from their rims inwards with the mean of known neighbours."""
     if not hole.any() or hole.all():
         return image
     filled = np.where(hole, 0.0, image)

@@ -1,4 +1,4 @@
-"""What a camera gives without light: black level, and how it grows with the exposure."""
+"""The signal of a camera without light: the black level, and its growth with the exposure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -44,10 +44,10 @@ class DarkSample(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DarkSignal:
-    """Level without light: black at exposure 0, rising by the dark current.
+    """Level without light: the black level at exposure 0, rising with the dark current.
 
-    ``rate_dn_per_us`` is 0 where the dark captures show no dark current; ``current_e_per_s``
-    is None until the gain is known, and where there are not enough exposures to tell.
+    ``rate_dn_per_us`` is 0 if the dark captures show no dark current; ``current_e_per_s``
+    is None until the gain is known, and if there are too few exposures to measure it.
     """
 
     black_level_dn: float
@@ -64,7 +64,7 @@ class DarkSignal:
         return self.black_level_dn + self.rate_dn_per_us * (exposure_us or 0.0)
 
     def in_electrons(self, gain_e_per_dn: float) -> "DarkSignal":
-        """The same with the dark current in electrons."""
+        """The same signal with the dark current in electrons."""
         if self.rate_err_dn_per_us is None:
             return self
         unit = gain_e_per_dn * _US_PER_S
@@ -76,10 +76,10 @@ class DarkSignal:
 
 
 def dark_signal(darks: Sequence[DarkSample]) -> DarkSignal:
-    """Measure the black level, and the dark current where exposures differ.
+    """Measure the black level, and the dark current if exposures differ.
 
-    The standard error is the larger of what the temporal noise allows and what the captures
-    scatter: a black level that wanders from capture to capture is known no better.
+    The standard error is the larger of those from the temporal noise and from the scatter of the
+    captures: a black level that drifts from capture to capture is known no better.
 
     Parameters
     ----------
@@ -124,6 +124,6 @@ def _clipping_notes(darks: Sequence[DarkSample]) -> tuple[str, ...]:
     if not low:
         return ()
     return (
-        "the dark level is so low that its noise is cut off at 0: the read noise comes out too "
+        "the dark level is so low that its noise is clipped at 0, and the read noise comes out too "
         "small; raise the camera's BlackLevel",
     )

@@ -1,4 +1,4 @@
-"""The noise of a camera as it is measured, written to noise.json and read from it."""
+"""The measured noise of a camera, as noise.json stores it."""
 
 import hashlib
 from io import BytesIO
@@ -28,12 +28,12 @@ __all__ = [
 
 NOISE_SCHEMA: Final = "standoff.noise/1"
 
-_MOST_FRAMES = 10**9  # a larger value is no number of frames
+_MOST_FRAMES = 10**9  # a larger value is not a number of frames
 _NAMES = ("dark", "flat", "defects")
 _TITLES = {
     "dark": "standoff noise: mean level without light, DN",
     "flat": "standoff noise: response relative to the mean of the sensor",
-    "defects": "standoff noise: 1 dark, 2 response, 4 noise; 0 is sound",
+    "defects": "standoff noise: 1 dark, 2 response, 4 noise; 0 is a good pixel",
 }
 
 
@@ -49,9 +49,9 @@ class MapFile(BaseModel):
 class NoiseCalibration(BaseModel):
     """The noise of one camera at one gain, and what it was measured from.
 
-    ``_err`` are standard errors; null is what the captures do not tell. A reader needs the keys
-    without a default alone. ``frames_averaged`` is that of an ordinary capture of the bench, not
-    of the captures here; ``levels`` are these. ``maps`` names the dark, flat and defect maps.
+    Values named ``_err`` are standard errors; null means not determined. Only the keys without a
+    default are required. ``frames_averaged`` is that of an ordinary capture on the bench, not of
+    the captures in ``levels``. ``maps`` names the dark, flat and defect maps.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
@@ -98,14 +98,14 @@ class NoiseCalibration(BaseModel):
     @classmethod
     def _is_number(cls, value: object) -> object:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(  # noqa: TRY004 - pydantic takes no TypeError from a validator
+            raise ValueError(  # noqa: TRY004 - pydantic does not catch a TypeError from a validator
                 f"expected a number, got {value!r}"
             )
         return value
 
     @classmethod
     def of(cls, transfer: PhotonTransfer, pixels: Nonuniformity, **others: object) -> Self:
-        """Return the calibration of these results; ``others`` are further fields by name."""
+        """Return the calibration with these results; ``others`` are further fields by name."""
         dark, linearity = transfer.dark, transfer.linearity
         return cls.model_validate(
             {
@@ -140,7 +140,7 @@ class NoiseCalibration(BaseModel):
 
     @property
     def capture_noise(self) -> CaptureNoise:
-        """The noise of an ordinary capture, as simulations take it."""
+        """The noise of an ordinary capture, in the form that simulations take."""
         return CaptureNoise(
             gain_e_per_dn=self.gain_e_per_dn,
             read_noise_e=self.read_noise_e,
@@ -165,7 +165,7 @@ def _with_err(value: float, err: float | None) -> str:
 
 
 def map_paths(path: Path) -> dict[str, Path]:
-    """Where the maps of a noise.json lie: ``noise_dark.tif`` and so on, beside it."""
+    """Paths of the maps of a noise.json: ``noise_dark.tif`` and so on, beside it."""
     return {name: path.with_name(f"{path.stem}_{name}.tif") for name in _NAMES}
 
 
@@ -175,7 +175,7 @@ def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, MapFile]:
     Raises
     ------
     NoiseFileError
-        If one cannot be written.
+        If a map cannot be written.
     """
     planes: dict[str, NDArray[Any]] = {
         "dark": maps.dark_dn,
@@ -183,7 +183,7 @@ def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, MapFile]:
         "defects": maps.defects,
     }
     written = {}
-    for name, place in map_paths(path).items():
+    for name, map_path in map_paths(path).items():
         buffer = BytesIO()
         tifffile.imwrite(
             buffer,
@@ -194,26 +194,26 @@ def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, MapFile]:
         )
         data = buffer.getvalue()
         try:
-            atomic_write(place, data)
+            atomic_write(map_path, data)
         except OSError as error:
             raise NoiseFileError(
-                f"cannot write {place}: {error.strerror}", source=str(place)
+                f"cannot write {map_path}: {error.strerror}", source=str(map_path)
             ) from error
-        written[name] = MapFile(file=place.name, sha256=hashlib.sha256(data).hexdigest())
+        written[name] = MapFile(file=map_path.name, sha256=hashlib.sha256(data).hexdigest())
     return written
 
 
 def read_map_files(path: Path, noise: NoiseCalibration) -> CorrectionMaps:
-    """Read the maps that lie beside the noise.json ``path``.
+    """Read the maps beside the noise.json ``path``.
 
     Raises
     ------
     NoiseFileError
-        If one is missing, is not the one that was written, or does not fit the others.
+        If a map is missing, is not the one that was written, or does not match the others.
     """
     if noise.maps is None:
         raise NoiseFileError(
-            f"{path}: lists no maps; write it with standoff noise from dark and flat captures",
+            f"{path} lists no maps; write it with standoff noise from dark and flat captures",
             source=str(path),
             key="maps",
         )
@@ -232,25 +232,28 @@ def read_map_files(path: Path, noise: NoiseCalibration) -> CorrectionMaps:
 def _plane(path: Path, name: str, entry: MapFile | None) -> NDArray[Any]:
     key = f"maps.{name}"
     if entry is None or Path(entry.file).name != entry.file:
-        raise NoiseFileError(f"{path}: {key} names no file beside it", source=str(path), key=key)
-    place = path.with_name(entry.file)
+        raise NoiseFileError(
+            f"{path}: {key} does not name a file beside it", source=str(path), key=key
+        )
+    map_path = path.with_name(entry.file)
     try:
-        data = place.read_bytes()
+        data = map_path.read_bytes()
     except OSError as error:
         raise NoiseFileError(
-            f"cannot read {place}, a map of {path.name}: {error.strerror}; keep them together",
-            source=str(place),
+            f"cannot read {map_path}, a map of {path.name}: {error.strerror}; keep them together",
+            source=str(map_path),
             key=key,
         ) from error
     if hashlib.sha256(data).hexdigest() != entry.sha256:
         raise NoiseFileError(
-            f"{place} is not the map that {path.name} was written with; run standoff noise again",
-            source=str(place),
+            f"{map_path} is not the map that {path.name} was written with; "
+            "run standoff noise again",
+            source=str(map_path),
             key=f"{key}.sha256",
         )
     try:
         return read_tiff(data, first_alone=True).images[0]
     except TiffDamageError as error:
         raise NoiseFileError(
-            f"{place}: not a readable TIFF file: {error}", source=str(place), key=key
+            f"{map_path}: not a readable TIFF file: {error}", source=str(map_path), key=key
         ) from error

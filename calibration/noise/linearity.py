@@ -1,4 +1,4 @@
-"""How proportional a camera's level is to the exposure."""
+"""Linearity of a camera: how closely its level follows the exposure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ _LATER_S = 1e-3
 class Linearity:
     """Relative deviations of the level from a straight line over the exposure.
 
-    ``light_drift_per_s`` is the relative change of the light, None where no exposure was
-    captured twice.
+    ``light_drift_per_s`` is the relative change of the light, None if no exposure was captured
+    twice.
     """
 
     mean_deviation: float
@@ -35,20 +35,20 @@ def measure_linearity(
 ) -> Linearity | None:
     """Fit a line to level over exposure, with relative weights.
 
-    Where exposures were captured more than once, a steady drift of the light is fitted and taken
-    out; else it counts as deviation.
+    If exposures were captured more than once, a steady drift of the light is fitted and removed;
+    otherwise it counts as deviation.
 
     Parameters
     ----------
     levels
         Exposure in us, time in s and level above black in DN of each flat.
     range_dn
-        Saturation less black level.
+        Saturation minus black level.
 
     Returns
     -------
     Linearity or None
-        None where fewer than three exposures lie between 5 and 95 % of saturation.
+        None if fewer than three exposures are between 5 and 95 % of saturation.
 
     References
     ----------

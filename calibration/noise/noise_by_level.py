@@ -1,4 +1,4 @@
-"""How noisy a pixel is at a given level: the weights of the edge fit."""
+"""Noise of a pixel at a given level, from which the edge fit takes its weights."""
 
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ class LevelNoise:
         return np.maximum(self.offset_dn2 + self.slope_dn * level_dn, self.floor_dn2)
 
     def averaged(self, frames: int) -> "LevelNoise":
-        """The noise of a mean of ``frames`` frames."""
+        """The noise of a mean over ``frames`` frames."""
         return LevelNoise(
             offset_dn2=self.offset_dn2 / frames,
             slope_dn=self.slope_dn / frames,
@@ -44,7 +44,7 @@ class LevelNoise:
 
 
 def level_noise(noise: CaptureNoise) -> LevelNoise:
-    """Return the noise of a single frame of a camera whose noise.json is known, rounding included.
+    """Return the noise of a single frame, including rounding, from a camera's noise.json.
 
     Parameters
     ----------
@@ -84,13 +84,13 @@ def fit_level_noise(
     if mean.size < 100:
         raise ValueError(f"the noise line needs 100 unsaturated pixels, got {mean.size}")
     edges = np.linspace(mean.min(), mean.max() * (1 + 1e-12) + 1e-12, _BINS + 1)
-    place = np.clip(np.searchsorted(edges, mean, side="right") - 1, 0, _BINS - 1)
-    count = np.bincount(place, minlength=_BINS)
+    index = np.clip(np.searchsorted(edges, mean, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(index, minlength=_BINS)
     used = count > 0
-    level = np.bincount(place, mean, minlength=_BINS)[used] / count[used]
-    spread = np.bincount(place, variance, minlength=_BINS)[used] / count[used]
+    level = np.bincount(index, mean, minlength=_BINS)[used] / count[used]
+    spread = np.bincount(index, variance, minlength=_BINS)[used] / count[used]
     count = count[used]
-    # A mean of variances scatters in proportion to itself: weight by the fitted line.
+    # The scatter of a mean variance is proportional to it: weight by the fitted line.
     floor = max(1e-3 * float(np.mean(variance)), 1e-12)
     fitted = np.full(level.size, max(float(np.mean(variance)), floor))
     offset, slope = float(np.mean(variance)), 0.0

@@ -1,4 +1,4 @@
-"""Photon transfer after EMVA 1288: gain, read noise, black level, linearity, saturation."""
+"""Photon transfer by EMVA 1288: gain, read noise, black level, linearity, saturation."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -25,10 +25,10 @@ QUANTISATION_DN2 = 1.0 / 12.0
 """Variance of rounding to whole DN (EMVA 1288 release 4.0, section 2.4)."""
 
 FIT_TOP = 0.7
-"""Share of the range from black to saturation that is fitted (EMVA 1288, section 6.4)."""
+"""Fraction of the range from black to saturation that is fitted (EMVA 1288, section 6.4)."""
 
 MOST_CLIPPED = 0.002
-"""Share of clipped pixels above which a flat is left out."""
+"""Fraction of clipped pixels above which a flat is left out."""
 
 FEWEST_LEVELS = 3
 _SAME_LEVEL = 0.02
@@ -40,8 +40,8 @@ class LevelSample(BaseModel):
     """One dark or flat capture, averaged over its pixels.
 
     ``variance_dn2`` is the mean over pixels of the unbiased temporal variance of one frame,
-    ``is_fitted`` whether the photon transfer line was fitted to it. ``time_s``, by any clock, is
-    not kept in a file.
+    ``is_fitted`` says whether the photon transfer line was fitted to it. ``time_s``, by any clock,
+    is not stored in the file.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -60,25 +60,25 @@ class LevelSample(BaseModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saturation:
-    """The level at which pixels clip; ``err_dn`` is None where no capture reached it."""
+    """The level at which pixels clip; ``err_dn`` is None if no capture reached it."""
 
     level_dn: float
     err_dn: float | None
 
     @property
     def is_reached(self) -> bool:
-        """Whether it was seen, rather than taken from the pixel format."""
+        """Whether it was observed, rather than taken from the pixel format."""
         return self.err_dn is not None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotonTransfer:
-    """What dark and flat captures tell about a camera at one gain; errors are standard errors.
+    """What dark and flat captures say about a camera at one gain; errors are standard errors.
 
     Electrons are those of the linear camera model. ``light_flicker`` is the relative change of
-    the light from frame to frame where the curve shows any, else 0. ``chi2_reduced`` compares
-    the scatter about the line with what the number of pixels allows; where it is above 1, the
-    errors are widened by its root.
+    the light from frame to frame if the curve shows any, otherwise 0. ``chi2_reduced`` compares
+    the scatter about the line with that expected from the number of pixels; if it is above 1, the
+    errors are multiplied by its square root.
     """
 
     gain_e_per_dn: float
@@ -100,7 +100,7 @@ class PhotonTransfer:
 
     @property
     def saturation_e(self) -> float:
-        """Electrons at saturation."""
+        """Number of electrons at saturation."""
         return self.gain_e_per_dn * (self.saturation.level_dn - self.dark.black_level_dn)
 
     def variance_dn2(self, light_dn: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,20 +113,20 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
 
     The variance of one frame is ``v0 + K x`` with x the level above black: K is DN per electron
     and ``v0 - 1/12`` the read noise squared. Each capture is weighted by the variance of its
-    variance, ``2 v^2 / ((N - 1) pixels)``, taken from the fitted line. Light that flickers adds
-    ``c x^2``: that term is fitted too where it stands out by three standard errors.
+    variance, ``2 v^2 / ((N - 1) pixels)``, taken from the fitted line. Flickering light adds
+    ``c x^2``: that term is fitted too if it exceeds three standard errors.
 
     Parameters
     ----------
     samples
-        At least one dark capture, and flats of three levels in the fitted range.
+        At least one dark capture, and flats at three levels in the fitted range.
     saturation
-        Where pixels clip.
+        The level at which pixels clip.
 
     Raises
     ------
     NoiseError
-        If a kind or levels are missing; the message says what to capture.
+        If darks, flats or levels are missing; the message says what to capture.
 
     References
     ----------
@@ -136,11 +136,12 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
     flats = [sample for sample in samples if sample.kind == "flat"]
     if not darks:
         raise NoiseError(
-            "no dark capture: put the lens cap on and capture kind dark, too", reason="no_dark"
+            "no dark capture: put the lens cap on and capture with kind dark too", reason="no_dark"
         )
     if not flats:
         raise NoiseError(
-            "no flat capture: capture an even white surface at several exposures", reason="no_flat"
+            "no flat capture: capture an evenly lit white surface at several exposures",
+            reason="no_flat",
         )
     dark = dark_signal(darks)
     marked = tuple(_marked(sample, dark.black_level_dn, saturation.level_dn) for sample in samples)
@@ -150,7 +151,8 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
     if not saturation.is_reached:
         notes = (
             *notes,
-            "no flat saturates: saturation is taken from the pixel format; expose longer to see it",
+            "no flat saturates, so saturation is taken from the pixel format; "
+            "expose longer to measure it",
         )
     return PhotonTransfer(
         gain_e_per_dn=line.gain_e_per_dn,
@@ -173,7 +175,7 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
 
 
 def is_in_fit_range(sample: LevelSample, black_level_dn: float, saturation_dn: float) -> bool:
-    """Whether a flat lies low enough to be fitted, and is not clipped."""
+    """Whether a flat's level is low enough to be fitted, and it is not clipped."""
     top_dn = black_level_dn + FIT_TOP * (saturation_dn - black_level_dn)
     return black_level_dn < sample.mean_dn <= top_dn and sample.clipped_fraction <= MOST_CLIPPED
 
@@ -184,7 +186,7 @@ def _marked(sample: LevelSample, black_level_dn: float, saturation_dn: float) ->
 
 
 def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> NDArray[np.float64]:
-    """Levels above black of the flats that are fitted; they have to be of three levels."""
+    """Levels above black of the flats to fit; there must be three different levels."""
     flats = [sample for sample in samples if sample.kind == "flat"]
     lit_dn = np.array([flat.mean_dn for flat in flats if flat.is_fitted]) - black_level_dn
     levels: list[float] = []
@@ -194,9 +196,9 @@ def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> ND
     if len(levels) >= FEWEST_LEVELS:
         return lit_dn
     clipped = sum(flat.clipped_fraction > MOST_CLIPPED for flat in flats)
-    remedy = "expose shorter" if clipped else "capture flats at more exposures"
+    remedy = "shorten the exposure" if clipped else "capture flats at more exposures"
     raise NoiseError(
-        f"{len(levels)} usable level{'s' * (len(levels) != 1)} of {len(flats)} flats "
+        f"{len(levels)} usable level{'s' * (len(levels) != 1)} in {len(flats)} flats "
         f"({clipped} saturated): {FEWEST_LEVELS} below {FIT_TOP:.0%} of saturation are needed; "
         f"{remedy}",
         reason="levels",
@@ -206,7 +208,7 @@ def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> ND
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Line:
-    """Variance of one frame over the light, a polynomial of order 1 or 2."""
+    """Variance of one frame against the light level, a polynomial of order 1 or 2."""
 
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
@@ -254,8 +256,8 @@ class _Line:
 
 
 def _line(samples: Sequence[LevelSample], black_level_dn: float) -> _Line:
-    """The straight line, or the curve where its bend stands out by three standard errors."""
-    # Electrons of the dark current are shot noise like any other: black is that of exposure 0.
+    """The straight line, or the curve if its bend exceeds three standard errors."""
+    # Dark current adds shot noise as light does: the black level is that at exposure 0.
     light_dn = np.array([sample.mean_dn for sample in samples]) - black_level_dn
     variance_dn2 = np.array([sample.variance_dn2 for sample in samples])
     spread = np.array([2.0 / ((sample.frames - 1) * sample.pixels) for sample in samples])
@@ -266,8 +268,8 @@ def _line(samples: Sequence[LevelSample], black_level_dn: float) -> _Line:
             line = curve
     if line.slope_dn <= _SIGNIFICANT * line.err(1):
         raise NoiseError(
-            "the variance does not rise with the light: the flats tell no gain "
-            "(a processed picture, or flats of one brightness?)",
+            "the variance does not rise with the light, so the flats do not determine the gain "
+            "(processed images, or flats of one brightness?)",
             reason="no_gain",
         )
     return line
@@ -277,12 +279,12 @@ def _notes(line: _Line) -> Iterator[str]:
     if line.curvature > 0:
         yield (
             f"the light flickers by {100 * line.light_flicker:.2f} % from frame to frame; its "
-            "share of the variance was fitted and left out of the gain"
+            "contribution to the variance was fitted and left out of the gain"
         )
     elif line.curvature < 0:
-        yield "the variance bends down with the level (a camera that is not linear); see the curve"
+        yield "the variance bends down with the level (a nonlinear camera); see the curve"
     if line.offset_dn2 <= QUANTISATION_DN2:
-        yield "the read noise is below what the rounding to whole DN lets through"
+        yield "the read noise is below the rounding to whole DN and cannot be measured"
 
 
 def _linearity(

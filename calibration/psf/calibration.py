@@ -61,17 +61,17 @@ def calibrate_psf(
     sources
         The photographs, read one at a time.
     method
-        ``paper`` is the paper's own way: medians over vertical and horizontal edges of
-        Gaussians fitted to binned line spread functions.
+        ``paper`` is the method of the paper: Gaussians are fitted to binned line spread functions,
+        and their medians taken over vertical and horizontal edges.
     region
-        Gives the part of each photograph that is used; None for all of it.
+        Returns the part of a photograph to use, None for all of it.
     progress
         Called with the number of photographs done.
 
     Raises
     ------
     NoEdgeError
-        If no edge is found, or none that may count; the message says why.
+        If no usable edge is found; the message says why.
     """
     edges: list[EdgeMeasurement] = []
     names: list[str] = []
@@ -92,16 +92,16 @@ def psf_of_edges(
     method: Method = "all-angles",
     frame: tuple[int, int] | None = None,
 ) -> PsfCalibration:
-    """Work out the PSF from measured edges, one of which at least counts.
+    """Compute the PSF from measured edges, at least one of which is usable.
 
     Parameters
     ----------
     edges
-        All edges; those that do not count are kept in the list.
+        All edges; the rejected ones are kept in the list.
     method
         How they were measured.
     frame
-        Rows and columns of the photographs; None where they differ, and there is no field.
+        Rows and columns of the photographs; None if they differ, and then no field is fitted.
     """
     used = [edge for edge in edges if edge.is_used]
     resolved = _resolved(used)
@@ -209,7 +209,7 @@ def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> Hei
 
 
 def _with_medians(group: HeightGroup, edges: Sequence[EdgeMeasurement]) -> HeightGroup:
-    """The height with the median widths of its vertical and horizontal edges."""
+    """Add the median widths of its vertical and horizontal edges to a height."""
     at_height = [edge for edge in edges if edge.height_mm == group.height_mm]
     medians: dict[str, float] = {}
     for axis, orientation in _AXES:
@@ -221,7 +221,7 @@ def _with_medians(group: HeightGroup, edges: Sequence[EdgeMeasurement]) -> Heigh
 
 
 def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None:
-    """Width of the whole calibration across this edge's direction."""
+    """Width that the calibration as a whole predicts across this edge."""
     if total.covariance_px2 is not None:
         normal = np.array([np.cos(edge.normal_rad), np.sin(edge.normal_rad)])
         return float(np.sqrt(normal @ total.covariance_px2 @ normal))
@@ -230,16 +230,16 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
 
 
 def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
-    """Why none of the edges of these photographs counts, and what to do about it."""
+    """Build the error that says why no edge of these photographs is usable, and the remedy."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
         return NoEdgeError(
-            f"{where}: no straight edge found; photograph a sharp edge of dark on white"
+            f"{where}: no straight edge found; photograph a sharp dark-to-white edge"
         )
     flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
         "saturated": "shorten the exposure",
-        "too_short": "photograph an edge of at least 20 px",
+        "too_short": "photograph an edge at least 20 px long",
         "too_noisy": "add light or average more frames",
     }
     reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in sorted(flags))
@@ -254,7 +254,7 @@ COLOURS = ("red", "green", "blue")
 
 
 def plane_source(source: EdgeImage, place: PlanePlace) -> EdgeImage:
-    """Return one colour plane of a photograph that is a mosaic."""
+    """Return one colour plane of a mosaic photograph."""
     clipped = source.clipped
     return replace(
         source,
@@ -283,16 +283,16 @@ def calibrate_mosaic(
     sources
         The mosaics, read one at a time.
     pattern
-        Colours of the mosaic.
+        Bayer pattern of the mosaic.
     channel
-        The colour whose values are returned; the others stand in ``channels``.
+        The colour whose values are returned; the others are in ``channels``.
     method, region, progress
         As in ``calibrate_psf``.
 
     Raises
     ------
     NoEdgeError
-        If that colour has no edge that may count.
+        If that colour has no usable edge.
     """
     edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
     names: list[str] = []

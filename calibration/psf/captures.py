@@ -1,4 +1,4 @@
-"""The edge captures of a session as input of the PSF calibration."""
+"""The edge captures of a session as input to the PSF calibration."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -18,7 +18,7 @@ SCENE_KINDS = ("texture", "chart")
 
 
 def edge_records(session: Session) -> list[CaptureRecord]:
-    """Return the captures that a PSF can be measured on.
+    """Return the captures from which a PSF can be measured.
 
     Raises
     ------
@@ -32,12 +32,12 @@ def edge_records(session: Session) -> list[CaptureRecord]:
 
 
 def scene_records(session: Session) -> list[list[CaptureRecord]]:
-    """Return the captures of each textured target as it lies, the nearest first, repeats dropped.
+    """Return the captures of each placement of a textured target, nearest first, without repeats.
 
     Raises
     ------
     CalibrationError
-        If no target was captured from two heights.
+        If no target was captured at two heights.
     """
     targets: dict[tuple[str, float], dict[float, CaptureRecord]] = {}
     for record in session.records:
@@ -51,7 +51,7 @@ def scene_records(session: Session) -> list[list[CaptureRecord]]:
     ]
     if not series:
         raise CalibrationError(
-            f"{session.path}: no target of kind texture or chart was captured from two heights"
+            f"{session.path}: no target of kind texture or chart was captured at two heights"
         )
     return series
 
@@ -83,25 +83,25 @@ def capture_images(
 ) -> Iterator[EdgeImage]:
     """Load captures one by one, each with its own noise.
 
-    The noise is fitted to the temporal variance that the capture stores. A single photograph
-    has none: it takes ``frame_noise``, and without that the edge fit estimates it from its
+    The noise is fitted to the temporal variance stored with the capture. A single frame has no
+    variance: its noise is ``frame_noise``, or, without that, what the edge fit estimates from its
     residuals.
 
     Parameters
     ----------
     session
-        It holds the captures.
+        The session with the captures.
     records
-        Which of its captures.
+        The captures to load.
     correction
-        Maps of the sensor, taken off every capture and its variance.
+        Correction maps of the sensor, applied to every capture and its variance.
     frame_noise
         Noise of one frame of the camera.
 
     Raises
     ------
     CalibrationError
-        If the maps are of another size than a capture.
+        If the maps and a capture differ in size.
     SessionError
         If a capture file is missing or changed.
     """

@@ -1,4 +1,4 @@
-"""Has the lens moved? Two calibrations, parameter by parameter."""
+"""Has the lens moved? Compares two calibrations parameter by parameter."""
 
 from dataclasses import dataclass
 from math import erfc, hypot, sqrt
@@ -16,17 +16,17 @@ PARAMETERS = (
     "optical_sigma_y_px",
     "optical_rho",
 )
-"""What is compared, as psf.json names it."""
+"""The parameters compared, as psf.json names them."""
 
 CHANGED_P = 0.01
-"""A change is believed where chance alone would make one this seldom, all parameters together."""
+"""Significance level, over all parameters together, below which a change counts as real."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterChange:
     """One parameter in both calibrations, and a z-test of their difference.
 
-    ``p_value`` is two-sided; ``p_value_holm`` the same after Holm's correction for testing
+    ``p_value`` is two-sided; ``p_value_holm`` is the same after Holm's correction for testing
     several parameters (Holm, "A simple sequentially rejective multiple test procedure",
     Scandinavian Journal of Statistics 6, 1979).
     """
@@ -40,44 +40,44 @@ class ParameterChange:
 
     @property
     def difference(self) -> float:
-        """Second less first."""
+        """Second minus first."""
         return self.second - self.first
 
     @property
     def z(self) -> float:
-        """Difference over its standard error."""
+        """Difference divided by its standard error."""
         return self.difference / hypot(self.first_err, self.second_err)
 
     @property
     def p_value(self) -> float:
-        """Chance of a difference as large where nothing has changed."""
+        """Probability of so large a difference if nothing has changed."""
         return _two_sided(self.z)
 
     @property
     def is_changed(self) -> bool:
-        """Whether the change is beyond chance."""
+        """Whether the change is significant."""
         return self.p_value_holm < CHANGED_P
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PsfChange:
-    """All parameters that both calibrations know, and why they may not be comparable."""
+    """All parameters that both calibrations give, and why the two may not be comparable."""
 
     parameters: tuple[ParameterChange, ...]
     remarks: tuple[str, ...]
 
     @property
     def changed(self) -> tuple[ParameterChange, ...]:
-        """Parameters that have changed beyond chance."""
+        """Parameters that have changed significantly."""
         return tuple(one for one in self.parameters if one.is_changed)
 
     @property
     def verdict(self) -> str:
-        """Say in one line whether the PSF has changed."""
+        """One line that says whether the PSF has changed."""
         if not self.changed:
             return (
-                f"no change beyond chance in {len(self.parameters)} parameters "
-                f"(least p = {min(one.p_value_holm for one in self.parameters):.2g})"
+                f"no significant change in {len(self.parameters)} parameters "
+                f"(smallest p = {min(one.p_value_holm for one in self.parameters):.2g})"
             )
         parts = [_described(one) for one in self.changed]
         return f"the PSF has changed: {', '.join(parts)}"
@@ -98,8 +98,8 @@ def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
             known.append((name, a, b))
     if not known:
         raise CalibrationError(
-            "the two share no parameter with standard errors; "
-            "write both with standoff calibrate, from edges of the same directions"
+            "the two calibrations share no parameter with standard errors; "
+            "write both with standoff calibrate, from edges of the same orientations"
         )
     p_values = [_two_sided((b.value - a.value) / hypot(a.err, b.err)) for _, a, b in known]
     return PsfChange(
@@ -123,12 +123,12 @@ def _two_sided(z: float) -> float:
 
 
 def _holm(p_values: list[float]) -> list[float]:
-    """Adjusted p-values in the order given; none is smaller than one that ranks before it."""
+    """Adjusted p-values in the order given, never decreasing with rank."""
     adjusted = [0.0] * len(p_values)
     least = 0.0
-    for rank, place in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
-        least = max(least, min((len(p_values) - rank) * p_values[place], 1.0))
-        adjusted[place] = least
+    for rank, index in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
+        least = max(least, min((len(p_values) - rank) * p_values[index], 1.0))
+        adjusted[index] = least
     return adjusted
 
 
@@ -144,8 +144,8 @@ def _remarks(first: PsfCalibration, second: PsfCalibration) -> tuple[str, ...]:
     for name, what in (("method", "methods"), ("region", "regions"), ("channel", "channels")):
         a, b = getattr(first, name), getattr(second, name)
         if a != b:
-            remarks.append(f"they are of different {what}: {a or 'none'} and {b or 'none'}")
+            remarks.append(f"they use different {what}: {a or 'none'} and {b or 'none'}")
     serials = [psf.camera.serial if psf.camera else None for psf in (first, second)]
     if None not in serials and serials[0] != serials[1]:
-        remarks.append(f"they are of different cameras: {serials[0]} and {serials[1]}")
+        remarks.append(f"they are from different cameras: {serials[0]} and {serials[1]}")
     return tuple(remarks)

@@ -1,7 +1,7 @@
-"""From widths across edges of many angles to the covariance of the PSF.
+"""From widths across edges at many angles to the covariance of the PSF.
 
-Across an edge with unit normal n the PSF has the variance ``n' Sigma n``: linear in the three
-elements of Sigma, so weighted least squares of the squared widths gives them all at once
+Across an edge with unit normal n the PSF has the variance ``n' Sigma n``, which is linear in the
+three elements of Sigma: weighted least squares on the squared widths gives them all at once
 (the paper's medians of vertical and horizontal edges are the special case of two angles).
 """
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 _NORMAL_95 = 1.959963984540054
 _MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
 _MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
-_RHO_ERR_MOST = 0.25  # a correlation known worse than this is not determined
+_RHO_ERR_MOST = 0.25  # a correlation with a larger error counts as undetermined
 _WIDTH_ERR_MOST = 0.25  # relative
 
 
@@ -44,7 +44,7 @@ class Estimate:
 
     @classmethod
     def normal(cls, value: float, err: float) -> "Estimate":
-        """Return the estimate whose interval is that of a normal distribution."""
+        """Return an estimate with the interval of a normal distribution."""
         reach = _NORMAL_95 * err
         return cls(value=value, err=err, low=value - reach, high=value + reach)
 
@@ -53,7 +53,7 @@ class Estimate:
 
 
 def median_width(sigma_px: Array, sigma_err_px: Array) -> Estimate:
-    """Median of widths, its error from their scatter; a single width keeps its own error.
+    """Median of widths, with an error from their scatter; a single width keeps its own error.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def median_width(sigma_px: Array, sigma_err_px: Array) -> Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PsfEstimates:
-    """A PSF's widths, correlation and covariance; None for what is not determined."""
+    """A PSF's widths, correlation and covariance; None if not determined."""
 
     sigma_x_px: Estimate | None
     sigma_y_px: Estimate | None
@@ -89,7 +89,7 @@ def estimates_of_covariance(covariance_px2: Array, element_covariance: Array) ->
     covariance_px2
         Shape ``(2, 2)``, positive definite.
     element_covariance
-        Covariance of its elements xx, xy and yy; shape ``(3, 3)``.
+        Covariance matrix of its elements xx, xy and yy; shape ``(3, 3)``.
     """
     xx, xy, yy = covariance_px2[[0, 0, 1], [0, 1, 1]].tolist()
     rho = xy / sqrt(xx * yy)
@@ -105,10 +105,10 @@ def estimates_of_covariance(covariance_px2: Array, element_covariance: Array) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CovarianceFit(PsfEstimates):
-    """The PSF that widths across edges tell.
+    """The PSF fitted to widths across edges.
 
-    ``scatter_px`` is what the widths scatter beyond their own errors (field, focus, paper);
-    it is part of the errors. ``weights`` in [0, 1] says how far each edge was trusted.
+    ``scatter_px`` is the scatter of the widths beyond their own errors (field, focus, paper);
+    the errors include it. ``weights``, in [0, 1], are the robust weights of the edges.
     """
 
     scatter_px: float
@@ -116,7 +116,7 @@ class CovarianceFit(PsfEstimates):
 
     @property
     def edges_used(self) -> int:
-        """Number of edges that count at least half."""
+        """Number of edges with a weight above one half."""
         return int(np.count_nonzero(self.weights > 0.5))
 
 
@@ -126,20 +126,20 @@ def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> C
     Parameters
     ----------
     angles_deg
-        Direction of each edge line against +x, y down; shape ``(n,)``.
+        Angle of each edge line from +x, with y down; shape ``(n,)``.
     sigma_px, sigma_err_px
         Width across each edge and its standard error, in px; shape ``(n,)``.
 
     Returns
     -------
     CovarianceFit
-        With edges of one orientation only, that width alone is determined; with vertical and
-        horizontal edges alone, both widths but no correlation.
+        Edges of one orientation determine only that width; vertical and horizontal edges together
+        determine both widths but no correlation.
 
     Raises
     ------
     ValueError
-        If there is no edge, or a width or error is not positive.
+        If there are no edges, or a width or error is not positive.
     """
     angles = np.asarray(angles_deg, dtype=np.float64)
     sigma = np.asarray(sigma_px, dtype=np.float64)
@@ -180,12 +180,12 @@ def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> C
 
 
 def share_of_correlation(angles_deg: Array) -> float:
-    """Relative error of a width for each unit of a correlation that the edges do not determine.
+    """Relative error of a width per unit of a correlation that the edges do not determine.
 
-    Across an edge that leans by a from upright the variance is ``cos^2 a xx + sin 2a xy + ...``,
-    and where xy is not known it is taken as 0. For about equal widths the width is then off by
-    ``rho`` times what is returned, the larger of upright and level edges; edges that lean to both
-    sides balance.
+    Across an edge tilted by a from the vertical the variance is ``cos^2 a xx + sin 2a xy + ...``;
+    an unknown xy is taken as 0. If the widths are about equal, a width is then off by ``rho`` times
+    the value returned, the larger of those of vertical and horizontal edges. Edges tilted to both
+    sides cancel out.
     """
     normal = np.deg2rad(np.asarray(angles_deg, dtype=np.float64) + 90.0)
     nx, ny = np.cos(normal), np.sin(normal)
@@ -205,16 +205,16 @@ def _estimate(value: float, err: float, replicates: Array | None) -> Estimate:
     return Estimate.normal(value, err)
 
 
-def _width(fit: VarianceFit, place: int) -> Estimate | None:
-    """Square root of a variance, with its error; None where the variance is not positive."""
-    variance = float(fit.values[place])
+def _width(fit: VarianceFit, index: int) -> Estimate | None:
+    """Square root of a variance, with its error; None if the variance is not positive."""
+    variance = float(fit.values[index])
     if not variance > 0:
         return None
     value = sqrt(variance)
     replicates = None
     if fit.replicates is not None:
-        replicates = np.sqrt(np.maximum(fit.replicates[:, place], 0.0))
-    err = sqrt(float(fit.covariance[place, place])) / (2 * value)
+        replicates = np.sqrt(np.maximum(fit.replicates[:, index], 0.0))
+    err = sqrt(float(fit.covariance[index, index])) / (2 * value)
     return _estimate(value, err, replicates)
 
 

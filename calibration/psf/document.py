@@ -1,4 +1,4 @@
-"""The PSF of a camera as it is calibrated, written to psf.json and read from it."""
+"""The calibrated PSF of a camera, as psf.json stores it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -37,7 +37,7 @@ Covariance = tuple[tuple[float, float], tuple[float, float]]
 
 
 class _PsfDocument(BaseModel):
-    """The schema, a base of its own so that it stands first in the file."""
+    """The schema; a separate base class, so that it comes first in the file."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -45,7 +45,7 @@ class _PsfDocument(BaseModel):
 
 
 class CameraIdentity(BaseModel):
-    """Which camera it is, as far as that is known."""
+    """Identity of a camera, as far as it is known."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -56,10 +56,10 @@ class CameraIdentity(BaseModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PsfOrigin:
-    """Which camera a calibration belongs to, when and from what part; None is not known.
+    """The camera, time and part of the frame of a calibration; None if not known.
 
-    ``captured_utc`` is the ISO 8601 text of the first capture, ``region`` the part of the
-    frame that was used, ``channel`` the plane of colour photographs.
+    ``captured_utc`` is the time of the first capture in ISO 8601, ``region`` the part of the
+    frame that was used, ``channel`` the channel of colour photographs.
     """
 
     camera: CameraIdentity = field(default_factory=CameraIdentity)
@@ -69,7 +69,7 @@ class PsfOrigin:
 
 
 class PairWidths(BaseModel):
-    """Total PSF that one pair of photographs at two distances tells."""
+    """Total PSF from one pair of photographs at two distances."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -83,9 +83,9 @@ class PairWidths(BaseModel):
 
 
 class PsfWidths(BaseModel):
-    """A PSF, total and of the lens alone, with standard errors; null is not determined.
+    """A PSF, total and of the lens alone, with standard errors; null means not determined.
 
-    Total is optics and pixel together, what equation (1) of the paper calls Sigma.
+    Total means optics and pixel together, which equation (1) of the paper calls Sigma.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -108,7 +108,7 @@ class PsfWidths(BaseModel):
 
     @classmethod
     def of(cls, total: PsfEstimates, optical: PsfEstimates | None, **others: object) -> Self:
-        """Return the PSF of these estimates; ``others`` are further fields by name."""
+        """Return the PSF with these estimates; ``others`` are further fields by name."""
         values: dict[str, object] = {}
         intervals: dict[str, tuple[float, float]] = {}
         for prefix, known in (("", total), ("optical_", optical or _NO_ESTIMATES)):
@@ -133,7 +133,7 @@ class PsfWidths(BaseModel):
         return self._estimates("optical_")
 
     def estimate(self, name: str) -> Estimate | None:
-        """Return a width or correlation by its name in the file; None without a standard error."""
+        """Return a width or correlation by its name in the file, None if it has no error."""
         value: float | None = getattr(self, name)
         err: float | None = getattr(self, _err_name(name))
         if value is None or err is None:
@@ -180,26 +180,26 @@ class PsfWidths(BaseModel):
         return str(self.estimate(name) or ("not determined" if value is None else f"{value:.4f}"))
 
     def _facts(self) -> Iterator[str]:
-        """What the PSF rests on, in few words."""
+        """What the PSF was measured from, in a few words."""
         yield from ()
 
 
 class ColourPsf(PsfWidths):
     """The PSF of one colour of a mosaic.
 
-    ``edge_count`` is the number of edges it rests on; it is not kept in a file.
+    ``edge_count`` is the number of edges used; it is not stored in the file.
     """
 
     edge_count: int | None = Field(default=None, exclude=True)
 
 
 class PsfCalibration(PsfWidths, _PsfDocument):
-    """The PSF of a camera, and the edges or pairs of photographs that tell it.
+    """The PSF of a camera, and the edges or pairs of photographs it was measured from.
 
-    ``field`` is null where one PSF holds for the whole frame, as far as the edges tell.
-    ``channels`` holds the PSF of each colour of a mosaic. ``pairs`` is what a calibration by two
-    distances rests on, ``softness_px2`` the variance that the scene adds on average where a
-    single image was all there was. A reader accepts files in which only total values are given.
+    ``field`` is null if, as far as the edges show, one PSF holds for the whole frame.
+    ``channels`` holds the PSF of each colour of a mosaic. ``pairs`` are the pairs of photographs of
+    a two-distance calibration, ``softness_px2`` is the mean variance that the scene adds in a
+    single-image calibration. Files that give only the total values are accepted.
     """
 
     field: FieldFit | None = None
@@ -217,7 +217,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
 
     @property
     def edges_used(self) -> tuple[EdgeMeasurement, ...]:
-        """The edges that count."""
+        """The edges that were not rejected."""
         return tuple(edge for edge in self.edges if edge.is_used)
 
     def with_origin(self, origin: PsfOrigin) -> "PsfCalibration":
@@ -232,7 +232,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         )
 
     def total_psf(self, source: str) -> GaussianPsf:
-        """Return the total PSF; a correlation that is not given is taken as none.
+        """Return the total PSF; a missing correlation is taken as zero.
 
         Raises
         ------
@@ -257,12 +257,12 @@ class PsfCalibration(PsfWidths, _PsfDocument):
             raise PsfFileError(f"{source}: {error}", source=source) from error
 
     def total_field(self, source: str) -> PsfField | None:
-        """Return the total PSF over the frame, None where the file has none.
+        """Return the total PSF over the frame, None if the file has no field.
 
         Raises
         ------
         PsfFileError
-            If its coefficients make no PSF; the message names ``source``.
+            If its coefficients do not give a valid PSF; the message names ``source``.
         """
         try:
             return None if self.field is None else self.field.total
@@ -270,12 +270,12 @@ class PsfCalibration(PsfWidths, _PsfDocument):
             raise PsfFileError(f"{source}: field: {error}", source=source, key="field") from error
 
     def measured_transfer(self, source: str) -> CameraTransfer:
-        """Return the transfer functions that the edges show, with no Gaussian assumed.
+        """Return the transfer functions measured from the edges, with no Gaussian assumed.
 
         Raises
         ------
         PsfFileError
-            If an axis has none, or its samples are no transfer function.
+            If an axis has none, or its samples are not a valid transfer function.
         """
         known = self.transfer or MeasuredTransfer()
         curves = []
@@ -283,7 +283,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
             key = f"transfer.{axis}"
             if curve is None:
                 raise PsfFileError(
-                    f"{source}: it holds no transfer function along {axis}; "
+                    f"{source}: there is no transfer function along {axis}; "
                     f"calibrate with {edges} edges",
                     source=source,
                     key=key,
@@ -296,7 +296,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
 
     def plot(self) -> "Figure":
         """Return a figure of the widths by angle and of the contrast by frequency."""
-        from calibration.psf.plot import psf_figure  # matplotlib, for whoever looks
+        from calibration.psf.plot import psf_figure  # loads matplotlib, only when plotting
 
         return psf_figure(self)
 
@@ -308,7 +308,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         if self.method is not None:
             yield self.method
         if self.field is not None:
-            yield "with field"
+            yield "with a field"
 
 
 def _err_name(name: str) -> str:

@@ -1,8 +1,8 @@
 """The PSF over the frame: a quadratic polynomial for each element of the covariance.
 
-Each edge measures ``n' Sigma(x, y) n`` at its place: linear in the 18 coefficients, so the
-least squares that give one PSF give the field too. It is kept only where an F-test asks for it
-and the edges determine it everywhere in the frame.
+Each edge measures ``n' Sigma(x, y) n`` at its position, which is linear in the 18 coefficients, so
+the least-squares fit of one PSF serves for the field too. The field is kept only if an F-test
+supports it and the edges determine it everywhere in the frame.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _CHECKED_NORMALS_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FieldEdges:
-    """Widths across edges, with their places and directions; shape ``(n,)`` each."""
+    """Widths across edges, with their positions and angles; shape ``(n,)`` each."""
 
     x_px: Array
     y_px: Array
@@ -44,11 +44,11 @@ Coefficients = tuple[tuple[float, ...], ...]
 
 
 class FieldFit(BaseModel):
-    """A PSF field, the standard errors of its coefficients, and what speaks for it.
+    """A PSF field, the standard errors of its coefficients, and the evidence for it.
 
-    Coefficients are those that ``PsfField`` takes, rows xx, xy and yy; without a prefix they are
-    of the total covariance. ``p_value`` is that of the F-test against one PSF for the whole
-    frame, ``worst_err`` the largest relative standard error of a width anywhere in the frame.
+    Coefficients are those that ``PsfField`` takes, rows xx, xy and yy; those without a prefix
+    belong to the total covariance. ``p_value`` is from the F-test against one PSF for the whole
+    frame, ``worst_err`` is the largest relative standard error of a width anywhere in the frame.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -70,25 +70,25 @@ class FieldFit(BaseModel):
         Raises
         ------
         ValueError
-            If the coefficients of a damaged file make no PSF.
+            If the coefficients, in a damaged file, do not give a valid PSF.
         """
         return self._field(self.coefficients_px2)
 
     @property
     def optical(self) -> PsfField | None:
-        """The PSF of the lens alone over the frame; None where the edges do not tell it.
+        """The PSF of the lens alone over the frame; None if the edges do not determine it.
 
         Raises
         ------
         ValueError
-            If the coefficients of a damaged file make no PSF.
+            If the coefficients, in a damaged file, do not give a valid PSF.
         """
         if self.optical_coefficients_px2 is None:
             return None
         return self._field(self.optical_coefficients_px2)
 
     def with_optical(self, lens: "FieldFit") -> "FieldFit":
-        """Return the field with that of the lens alone, which was fitted in its own right."""
+        """Return the field together with that of the lens alone, which was fitted separately."""
         return self.model_copy(
             update={
                 "optical_coefficients_px2": lens.coefficients_px2,
@@ -112,24 +112,24 @@ def fit_psf_field(
     Parameters
     ----------
     edges
-        At least 36 edges, in several directions all over the frame.
+        At least 36 edges, at several angles and all over the frame.
     width_px, height_px
-        The frame.
+        Size of the frame.
     is_asked
-        Whether the F-test against one PSF must ask for the field (p below 0.001).
+        Whether the F-test against one PSF must support the field (p below 0.001).
 
     Returns
     -------
     FieldFit or None
-        None where the edges are too few, leave a width anywhere less sure than 5 %, show no
-        change over the frame, or give what is no covariance.
+        None if there are too few edges, if a width anywhere in the frame has an error above 5 %,
+        if the PSF does not change over the frame, or if the fit is not a valid covariance.
     """
     count = edges.sigma_px.size
     if count < _FEWEST_EDGES:
         return None
-    places = field_monomials(width_px, height_px, FIELD_DEGREE, edges.x_px, edges.y_px)
+    terms = field_monomials(width_px, height_px, FIELD_DEGREE, edges.x_px, edges.y_px)
     elements = _elements(np.deg2rad(edges.angle_deg + 90.0))
-    design = np.einsum("ne,nt->net", elements, places).reshape(count, _UNKNOWNS)
+    design = np.einsum("ne,nt->net", elements, terms).reshape(count, _UNKNOWNS)
     if np.linalg.matrix_rank(design, tol=1e-3) < _UNKNOWNS:
         return None
     fit = fit_variances(design, edges.sigma_px, edges.sigma_err_px, is_resampled=False)
@@ -166,17 +166,17 @@ def _elements(normal_rad: Array) -> Array:
 def _worst_err(field: PsfField, covariance: Array) -> float:
     x = np.linspace(0, field.width_px - 1, _CHECKED_PLACES)[None, :]
     y = np.linspace(0, field.height_px - 1, _CHECKED_PLACES)[:, None]
-    places = field_monomials(field.width_px, field.height_px, FIELD_DEGREE, x, y)
-    rows = np.einsum("ke,ijt->kijet", _elements(_CHECKED_NORMALS_RAD), places)
+    terms = field_monomials(field.width_px, field.height_px, FIELD_DEGREE, x, y)
+    rows = np.einsum("ke,ijt->kijet", _elements(_CHECKED_NORMALS_RAD), terms)
     rows = rows.reshape(-1, _UNKNOWNS)
     variance = rows @ field.coefficients_px2.ravel()
     err = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, covariance, rows), 0.0))
-    # A narrow width along some normal between the four is still positive: the field is checked.
+    # A narrow width along a normal between the four is still positive: the field was checked.
     return float(np.max(err / (2 * np.maximum(variance, 1e-12))))
 
 
 def _p_value(elements: Array, design: Array, fit: VarianceFit, edges: FieldEdges) -> float:
-    """Chance of so much better a fit if one PSF held for the whole frame."""
+    """Probability of so much better a fit if one PSF held for the whole frame."""
     squares = edges.sigma_px**2
     spread2 = 4 * squares * (edges.sigma_err_px**2 + fit.scatter_px**2)
     weight = fit.weights / spread2

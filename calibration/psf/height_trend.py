@@ -19,9 +19,9 @@ _FEWEST_FREEDOM = 3
 
 
 class HeightGroup(BaseModel):
-    """Width at one height, relative to that of the whole calibration in the same direction.
+    """Width at one height, relative to the calibration as a whole in the same direction.
 
-    ``sigma_x_px`` and ``sigma_y_px`` are medians over the vertical and horizontal edges there.
+    ``sigma_x_px`` and ``sigma_y_px`` are medians over its vertical and horizontal edges.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -37,11 +37,11 @@ class HeightGroup(BaseModel):
 
 
 class HeightTrend(BaseModel):
-    """Weighted straight line through the relative widths, and how the heights differ at all.
+    """Weighted straight line through the relative widths, and a test of any difference by height.
 
-    ``p_value`` is that of the slope, two-sided; ``p_value_between`` that of any difference
-    between the heights, a bend through best focus included. ``is_drift`` says whether the
-    change is beyond chance (p below 0.01) and worth a word (over 1 %).
+    ``p_value`` is that of the slope, two-sided; ``p_value_between`` is that of any difference
+    between the heights, including a bend through best focus. ``is_drift`` says whether the
+    change is significant (p below 0.01) and large enough to report (over 1 %).
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -68,21 +68,21 @@ def fit_height_trend(
     Parameters
     ----------
     height_mm
-        Height of the camera of each edge, shape ``(n,)``.
+        Height of the camera for each edge, shape ``(n,)``.
     relative_width, relative_width_err
-        Width across each edge over what the whole calibration says across it; same shape.
+        Width across each edge divided by the width that the calibration predicts; same shape.
 
     Returns
     -------
     HeightTrend or None
-        None with fewer than two heights, or too few edges to tell their scatter.
+        None with fewer than two heights, or too few edges to estimate their scatter.
     """
     heights = np.unique(height_mm)
     freedom = height_mm.size - heights.size
     if heights.size < 2 or freedom < _FEWEST_FREEDOM:
         return None
     group = np.searchsorted(heights, height_mm)
-    # What edges of one height scatter beyond their errors is part of every error here.
+    # The scatter of edges at one height beyond their errors is part of every error here.
     plain = np.bincount(group, relative_width) / np.bincount(group)
     scatter2 = excess_variance(
         relative_width - plain[group], relative_width_err, np.ones(group.size), freedom

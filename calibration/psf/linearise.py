@@ -1,4 +1,4 @@
-"""From what a file holds to one plane that is linear in light."""
+"""From the pixels of an image file to one plane that is linear in light."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,15 @@ def luma_plane(image: NDArray[np.generic], channel: Channel = "luma") -> NDArray
     Parameters
     ----------
     image
-        Shape ``(rows, cols)``, or ``(rows, cols, 2 to 4)`` with red, green, blue first and an
-        opacity last, which is left out.
+        Shape ``(rows, cols)``, or ``(rows, cols, 1 to 4)``: grey or red, green, blue, then
+        optionally an alpha channel, which is ignored.
     channel
-        ``luma`` weighs red, green and blue after Rec. 601; a grey image has only that.
+        ``luma`` weights red, green and blue by Rec. 601; a grey image has only luma.
 
     Raises
     ------
     ValueError
-        If the shape is neither, or a colour of a grey image is asked for.
+        If the shape is neither, or a colour channel of a grey image is requested.
     """
     plane = np.asarray(image)
     if plane.ndim == 3 and plane.shape[2] in (1, 2):
@@ -34,7 +34,7 @@ def luma_plane(image: NDArray[np.generic], channel: Channel = "luma") -> NDArray
             raise ValueError(f"a grey image has no {channel} channel")
         return plane.astype(np.float64)
     if plane.ndim != 3 or plane.shape[2] not in (3, 4):
-        raise ValueError(f"an image is (rows, cols) or (rows, cols, 3), got {plane.shape}")
+        raise ValueError(f"an image has shape (rows, cols) or (rows, cols, 3), got {plane.shape}")
     colours = plane[:, :, :3].astype(np.float64)
     if channel == "luma":
         return np.asarray(colours @ np.array(REC601_LUMA))

@@ -1,6 +1,6 @@
-"""Figures of a PSF: the widths of its edges by angle, and its contrast by frequency.
+"""Plots of a PSF: edge widths against angle, and contrast (MTF) against frequency.
 
-The functions draw on axes that the caller gives, in the caller's style.
+The functions draw on the caller's axes, in the caller's style.
 """
 
 from collections.abc import Sequence
@@ -33,12 +33,12 @@ _AXES = (("x", "vertical"), ("y", "horizontal"))
 
 
 def psf_figure(psf: "PsfCalibration") -> Figure:
-    """Plot the widths of a PSF's edges by angle, and its contrast by frequency.
+    """Plot a PSF's edge widths against angle, and its contrast (MTF) against frequency.
 
     Parameters
     ----------
     psf
-        One that is read from a file without edges shows the contrast alone.
+        A PSF read from a file without edges shows the contrast only.
     """
     figure = Figure(figsize=(10.0, 3.6) if psf.edges else (5.2, 3.6), layout="constrained")
     panels = figure.subplots(1, 2 if psf.edges else 1, squeeze=False)[0]
@@ -74,15 +74,15 @@ def draw_widths_by_angle(
     axes.set(
         xlim=(0, 180),
         xticks=range(0, 181, 30),
-        xlabel="direction of the edge against +x / deg",
+        xlabel="angle of the edge from +x / deg",
         ylabel="sigma across the edge / px",
     )
 
 
 def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
-    """Draw the contrast by frequency along x and y: as measured, and of the fitted Gaussian.
+    """Draw contrast against frequency along x and y: as measured, and of the fitted Gaussian.
 
-    False, and nothing drawn, where neither is known.
+    Returns False and draws nothing if neither is known.
     """
     freq = np.linspace(0, 1, 501)
     for axis, orientation in _AXES:
@@ -91,10 +91,10 @@ def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
         optical: float | None = getattr(psf, f"optical_sigma_{axis}_px")
         measured = getattr(psf.transfer, axis, None)
         if measured is not None:
-            places, values = np.array(measured.freq_cy_per_px), np.array(measured.mtf)
-            label = f"along {axis}, e-SFR: {_half(places, values)}"
-            axes.plot(places, values, color=colour, label=label)
-            _mark_half(axes, places, values, colour)
+            sampled, values = np.array(measured.freq_cy_per_px), np.array(measured.mtf)
+            label = f"along {axis}, e-SFR: {_half(sampled, values)}"
+            axes.plot(sampled, values, color=colour, label=label)
+            _mark_half(axes, sampled, values, colour)
         if total is not None:
             curve = (
                 np.exp(-2 * (np.pi * total * freq) ** 2)
@@ -114,7 +114,7 @@ def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
         return False
     axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
     axes.annotate("Nyquist", (0.51, 0.55), fontsize=8, va="bottom")
-    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast left")
+    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast (MTF)")
     axes.legend(loc="upper right", fontsize=8)
     return True
 
@@ -122,7 +122,7 @@ def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
 def draw_widths(
     axes: Axes, psf: "PsfCalibration", rejected: frozenset[str], positions: Sequence[float]
 ) -> None:
-    """Draw the width across every edge, total and optical, at a position on the x axis each."""
+    """Draw the total and optical width across every edge, each at its position on the x axis."""
     labels = set()
     shown: list[float] = []
     for edge, position in zip(psf.edges, positions, strict=True):
@@ -148,7 +148,7 @@ def draw_widths(
                 label=None if name in labels else name,
             )
             labels.add(name)
-    if shown:  # a width that is hardly known must not set the scale by its error
+    if shown:  # the large error bar of a poorly known width must not set the scale
         room = 0.1 * (max(shown) - min(shown)) + 0.01 * max(shown)
         axes.set_ylim(min(shown) - room, max(shown) + room)
 

@@ -1,4 +1,4 @@
-"""Weighted least squares of squared widths: robust, with the scatter beyond the errors.
+"""Robust weighted least squares on squared widths that allows for scatter beyond the errors.
 
 Serves every model that is linear in the elements of a covariance: one PSF, or a PSF field.
 """
@@ -17,17 +17,17 @@ Array = NDArray[np.float64]
 RESAMPLES = 2000
 _TUKEY_SIGMAS = 5.0
 _ROUNDS = 12
-_BOOTSTRAP_EDGES = 12  # fewer edges cannot be resampled: the interval is the normal one
+_BOOTSTRAP_EDGES = 12  # with fewer edges there is no resampling: the interval is the normal one
 _BOOTSTRAP_SEED = 20190906
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VarianceFit:
-    """Elements of a covariance as a linear model of squared widths gives them.
+    """Elements of a covariance, from a linear model of squared widths.
 
-    ``covariance`` is that of ``values``; ``replicates`` holds solutions of resampled edges,
-    shape ``(resamples, unknowns)``, None for few edges. ``scatter_px`` is what the widths
-    scatter beyond their errors, ``weights`` in [0, 1] how far each edge was trusted.
+    ``covariance`` is that of ``values``; ``replicates`` holds the solutions of resampled edges,
+    shape ``(resamples, unknowns)``, or None for few edges. ``scatter_px`` is the scatter of the
+    widths beyond their errors; ``weights``, in [0, 1], are the robust weights of the edges.
     """
 
     values: Array
@@ -40,7 +40,7 @@ class VarianceFit:
 def fit_variances(
     design: Array, sigma: Array, err: Array, *, is_resampled: bool = True
 ) -> VarianceFit:
-    """Robust weighted least squares of ``sigma**2``, scatter beyond the errors included.
+    """Robust weighted least squares on ``sigma**2``, allowing for scatter beyond the errors.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ def fit_variances(
     sigma, err
         Widths and their standard errors, in px, positive; shape ``(n,)``.
     is_resampled
-        Whether the edges are resampled for intervals.
+        Whether to resample the edges for the intervals.
     """
     count, unknowns = design.shape
     squares = sigma**2
-    centre = sigma.copy()  # each width's model value, once there is one
+    centre = sigma.copy()  # the model's value of each width, after the first round
     trust = np.ones(count)
     scatter2 = 0.0
     values: Array = np.zeros(unknowns)
@@ -90,7 +90,7 @@ def fit_variances(
 
 
 def excess_variance(deviation: Array, err: Array, trust: Array, freedom: float) -> float:
-    """Variance beyond the errors that makes the weighted squares equal their expectation.
+    """Variance beyond the errors that brings the weighted squares to their expected value.
 
     Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
     """
@@ -113,8 +113,8 @@ def excess_variance(deviation: Array, err: Array, trust: Array, freedom: float) 
 def _bootstrap(design: Array, squares: Array, weight: Array) -> Array | None:
     """Solutions of resampled edges, shape ``(resamples, unknowns)``; None for few edges.
 
-    The replicates are widened by sqrt(n / (n - p)), as resampled residuals are too small, and by
-    Student's quantile over the normal one, as their spread is itself uncertain.
+    The replicates are widened by sqrt(n / (n - p)), because resampled residuals are too small, and
+    by the ratio of Student's quantile to the normal one, because their spread is itself uncertain.
     """
     count, unknowns = design.shape
     if count < _BOOTSTRAP_EDGES:
@@ -124,7 +124,7 @@ def _bootstrap(design: Array, squares: Array, weight: Array) -> Array | None:
     w = copies * weight
     normal = np.einsum("rn,ni,nj->rij", w, design, design, optimize=True)
     right = np.einsum("rn,ni->ri", w * squares, design, optimize=True)
-    # A resample without one of the directions has no solution: its row is left out.
+    # A resample that misses one of the directions has no solution: its row is dropped.
     usable = np.linalg.cond(normal) < 1e10
     solved = np.linalg.solve(normal[usable], right[usable][:, :, None])[:, :, 0]
     middle = np.linalg.solve(design.T @ (weight[:, None] * design), design.T @ (weight * squares))

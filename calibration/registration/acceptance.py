@@ -1,4 +1,4 @@
-"""What an alignment has to meet to be believed."""
+"""Requirements that an alignment must meet to be accepted."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +24,14 @@ def refuse_nearer(zoom: float) -> None:
     """Raise a RegistrationError for a follow-up that is nearer than its reference."""
     if zoom < ZOOM_MIN:
         raise RegistrationError(
-            f"the follow-up is nearer than the reference (zoom {zoom:.3f}); swap the two, as the "
+            f"the follow-up is nearer than the reference (zoom {zoom:.3f}); swap the two: the "
             "nearer one is the reference",
             reason="nearer",
         )
 
 
 def refuse_little_overlap(inside: NDArray[np.bool_]) -> None:
-    """Raise a RegistrationError where too few of a follow-up's pixels lie in the reference."""
+    """Raise a RegistrationError if too few of a follow-up's pixels are inside the reference."""
     if np.count_nonzero(inside) < OVERLAP_MIN_PX**2:
         raise RegistrationError("the images overlap too little", reason="little_overlap")
 
@@ -43,10 +43,11 @@ def refuse_negative(gain: float) -> None:
 
 
 def refuse_low_correlation(correlation: float) -> None:
-    """Raise a RegistrationError for images that do not agree where they are aligned."""
+    """Raise a RegistrationError for images that do not agree once aligned."""
     if not correlation >= _CORRELATION_MIN:
         raise RegistrationError(
-            f"the aligned images correlate by {correlation:.2f} only, {_CORRELATION_MIN} is needed",
+            f"the correlation of the aligned images is only {correlation:.2f}, "
+            f"{_CORRELATION_MIN} is needed",
             reason="low_correlation",
             correlation=correlation,
         )

@@ -1,4 +1,4 @@
-"""Where follow-up pixels lie in the reference when one lens distorts both images."""
+"""Positions of follow-up pixels in the reference when one lens distorts both images."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -17,9 +17,9 @@ FloatArray = NDArray[np.float64]
 class DistortedPose:
     """A homography between the images of an ideal lens, seen through a distorting one.
 
-    Both images are whole frames of one camera. An ideal point at the radius r from the middle of
-    the frame, 1 at its corner, is seen at ``r (1 + k1 r^2)``; negative is barrel. What lies beyond
-    a barrel's fold is outside the frame.
+    Both images are whole frames of one camera. An ideal point at radius r from the centre of the
+    frame, 1 at its corner, appears at ``r (1 + k1 r^2)``; negative k1 is barrel distortion. Points
+    beyond the fold of a barrel distortion are outside the frame.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class DistortedPose:
         Shape (3, 3), last element 1: ideal follow-up pixels ``(x, y, 1)`` to ideal reference
         pixels.
     k1
-        Radial distortion; 0 makes ``matrix`` the whole pose.
+        Radial distortion; with 0, ``matrix`` is the whole pose.
     reference_shape, followup_shape
         ``(rows, cols)``.
     """
@@ -49,15 +49,15 @@ class DistortedPose:
         return float(np.sqrt(abs(ax * dy - ay * dx)))
 
     def with_(self, matrix: FloatArray, k1: float) -> Self:
-        """Return the pose with other figures; the matrix is normalised."""
+        """Return the pose with another matrix, which is normalised, and distortion."""
         return replace(self, matrix=matrix / matrix[2, 2], k1=k1)
 
     def to_reference_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Reference coordinates ``(y, x)`` of follow-up coordinates, of their shape."""
+        """Reference coordinates ``(y, x)`` of follow-up coordinates, in the same shape."""
         return _warped(self.matrix, self._lens, y_px, x_px)
 
     def to_followup_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Follow-up coordinates ``(y, x)`` of reference coordinates, of their shape."""
+        """Follow-up coordinates ``(y, x)`` of reference coordinates, in the same shape."""
         k1, followup_x, followup_y, x, y = self._lens
         back = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
         return _warped(back, np.array([k1, x, y, followup_x, followup_y]), y_px, x_px)

@@ -1,8 +1,8 @@
 """A pose with the lens's distortion, refined on all pixels of a follow-up.
 
-The reference is blurred once to the follow-up's sharpness and read where the pose says; a
-Gauss-Newton descent moves the pose. Light that changes slowly over the frame (vignetting, a
-shadow) is fitted along, so that it does not pull at the pose.
+The reference is blurred once to the follow-up's sharpness and sampled at the positions given by the
+pose; a Gauss-Newton descent moves the pose. Light that changes slowly over the frame (vignetting, a
+shadow) is fitted at the same time, so that it does not bias the pose.
 """
 
 from dataclasses import dataclass
@@ -30,34 +30,34 @@ __all__ = ["DistortedRefinement", "refined_distorted_pose"]
 FloatArray = NDArray[np.float64]
 
 _ASSUMED_SIGMA_PX = 0.65
-"""Total PSF where none is given: a width that is off blurs every detail alike and moves nothing."""
+"""Total PSF if none is given: a wrong width blurs every detail symmetrically and moves nothing."""
 
 _ITERATIONS = 30
 _CONVERGED_PX = 1e-3
 _FREE_STEPS = 4
 _BORDER_PX = 4.0
 _K1_PRIOR = 0.05
-"""Standard deviation of distortions of real lenses; it rules where zooms near 1 tell nothing."""
+"""Standard deviation of the distortion of real lenses; it decides at zooms near 1."""
 
 _K1_STEP = 1e-4
 _BLOCK_PX = 24
-"""Residuals are taken as independent from block to block, not from pixel to pixel."""
+"""Side of the blocks between which, but not within which, residuals count as independent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DistortedRefinement:
-    """A pose and how sure it is.
+    """A refined pose and its errors.
 
     Parameters
     ----------
     pose
         The pose.
     place_err_px
-        Standard error of a follow-up pixel's place in the reference, rms over the pixels used.
+        Standard error of a follow-up pixel's position in the reference, rms over the pixels used.
     k1_err
         Standard error of the distortion.
     correlation, residual_rms_dn
-        Of the follow-up with its prediction, light fitted.
+        Agreement of the follow-up with its prediction, after fitting the light.
     """
 
     pose: DistortedPose
@@ -80,12 +80,12 @@ def refined_distorted_pose(
     reference, followup, psf
         As in ``calibration.registration.pair.register_distorted``.
     matrix
-        Shape (3, 3): the homography to start from, right to a few pixels.
+        Shape (3, 3): the homography to start from, accurate to a few pixels.
 
     Raises
     ------
     RegistrationError
-        If the overlap is too small, the descent does not settle or the images do not agree.
+        If the overlap is too small, the descent does not converge or the images do not agree.
     """
     shape = _shape(followup)
     is_one_camera = _shape(reference) == shape
@@ -100,18 +100,19 @@ def refined_distorted_pose(
     for number in range(_ITERATIONS):
         fit = problem.linearised(pose, settled)
         if number >= _FREE_STEPS:
-            # From here on pixels only drop out: a row that comes and goes would never settle.
+            # From here on pixels can only drop out: a row that comes and goes prevents convergence.
             settled = fit.inside
         pose = problem.moved(pose, fit.step)
         if abs(pose.k1) > DISTORTION_MAX:
             raise RegistrationError(
-                "the alignment asks for a distortion that no lens has", reason="no_lens"
+                "the images could only be aligned with a distortion that no lens has",
+                reason="no_lens",
             )
         if np.abs(fit.step[:-1]).max() < _CONVERGED_PX:
             break
     else:
         raise RegistrationError(
-            f"the alignment did not settle in {_ITERATIONS} steps", reason="not_settled"
+            f"the alignment did not converge in {_ITERATIONS} steps", reason="not_settled"
         )
     refuse_low_correlation(fit.correlation)
     covariance = fit.covariance()
@@ -126,9 +127,9 @@ def refined_distorted_pose(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Linearised:
-    """One step of the descent: what it used and where it goes.
+    """One step of the descent: its equations and its solution.
 
-    ``design`` holds the pose's columns first, ``step`` is what they ask for.
+    ``design`` holds the columns of the pose first, ``step`` is the solution for them.
     """
 
     inside: NDArray[np.bool_]
@@ -140,7 +141,7 @@ class _Linearised:
     correlation: float
 
     def covariance(self) -> FloatArray:
-        """Covariance of the pose's figures by sums over blocks of pixels, the sandwich formula.
+        """Covariance of the pose parameters, by the sandwich formula with sums over blocks.
 
         References
         ----------
@@ -163,7 +164,7 @@ class _Linearised:
 
 
 class _Problem:
-    """The follow-up, the blurred reference, and how the pose's figures move pixels."""
+    """The follow-up, the blurred reference, and how the pose parameters move pixels."""
 
     def __init__(self, followup: FloatArray, spline: BlurredSpline, is_one_camera: bool) -> None:
         self._followup = followup
@@ -175,18 +176,18 @@ class _Problem:
         self._shades = (np.ones(shape), u, v, u * u, u * v, v * v)
 
     def linearised(self, pose: DistortedPose, allowed: NDArray[np.bool_]) -> _Linearised:
-        """Compare the follow-up with its prediction, and say how to move the pose."""
-        place_y, place_x = pose.followup_places_px()
+        """Compare the follow-up with its prediction, and solve for the next step of the pose."""
+        reference_y, reference_x = pose.followup_places_px()
         rows, cols = pose.reference_shape
         inside = allowed & (
-            (place_y >= _BORDER_PX)
-            & (place_y <= rows - 1 - _BORDER_PX)
-            & (place_x >= _BORDER_PX)
-            & (place_x <= cols - 1 - _BORDER_PX)
+            (reference_y >= _BORDER_PX)
+            & (reference_y <= rows - 1 - _BORDER_PX)
+            & (reference_x >= _BORDER_PX)
+            & (reference_x <= cols - 1 - _BORDER_PX)
         )
         inside[[0, -1], :] = inside[:, [0, -1]] = False
         refuse_little_overlap(inside)
-        simulated = self._spline.at(place_y, place_x)
+        simulated = self._spline.at(reference_y, reference_x)
         slope_y, slope_x = (np.gradient(simulated, axis=axis)[inside] for axis in (0, 1))
         flows = [(fx[inside], fy[inside]) for fx, fy in self._flows]
         flows.append(self._k1_flow(pose, inside))
@@ -198,7 +199,7 @@ class _Problem:
         design = np.stack(columns, axis=1)
         measured = self._followup[inside]
         normal = design.T @ design
-        # The prior keeps the figures of the distortion at rest where the pixels tell nothing.
+        # The prior keeps the distortion at rest if the pixels do not determine it.
         ridge = np.zeros(len(normal))
         k1_column = len(flows) - 1
         variance = float(np.var(measured)) + 1e-300
@@ -230,7 +231,7 @@ class _Problem:
     def place_err_px(
         self, inside: NDArray[np.bool_], covariance: FloatArray, pose: DistortedPose
     ) -> float:
-        """Standard error of a pixel's place in follow-up px, rms over the pixels used."""
+        """Standard error of a pixel's position in follow-up px, rms over the pixels used."""
         flows = [(fx[inside], fy[inside]) for fx, fy in self._flows]
         flows.append(self._k1_flow(pose, inside))
         variance = 0.0
@@ -242,7 +243,7 @@ class _Problem:
     def _k1_flow(
         self, pose: DistortedPose, inside: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray]:
-        """How far a unit of distortion moves every pixel used, in follow-up px, along x and y."""
+        """Displacement of every pixel used per unit of distortion, in follow-up px, in x and y."""
         if not self._is_one_camera:
             nothing = np.zeros(int(inside.sum()))
             return nothing, nothing

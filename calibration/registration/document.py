@@ -1,4 +1,4 @@
-"""What an H.json holds: a follow-up's pose in its reference."""
+"""The contents of an H.json: a follow-up's pose in its reference."""
 
 from typing import Annotated, Final, Literal
 
@@ -25,7 +25,7 @@ def _matrix(value: object) -> NDArray[np.float64]:
 def _distortion(value: object) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1:
         return float(value)
-    raise ValueError(f"{value!r} is no number between -1 and 1")
+    raise ValueError(f"{value!r} is not a number between -1 and 1")
 
 
 class Homography(BaseModel):
@@ -34,12 +34,12 @@ class Homography(BaseModel):
     Parameters
     ----------
     matrix
-        Shape (3, 3): takes follow-up pixel centres ``(x, y, 1)`` to reference pixel centres; with
-        a distortion those of an ideal lens.
+        Shape (3, 3): maps follow-up pixel centres ``(x, y, 1)`` to reference pixel centres; with
+        a distortion, those of an ideal lens.
     size
         ``(width, height)`` of the follow-up in px.
     distortion_k1
-        Radial distortion of the lens that took both, relative at the corner of the reference.
+        Relative radial distortion of the common lens at the corner of the reference.
     """
 
     model_config = ConfigDict(

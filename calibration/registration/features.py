@@ -1,4 +1,4 @@
-"""Matched image features: pairs of places that a pose must agree with."""
+"""Matched image features: pairs of points that a pose must agree with."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ _RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant k
 _MATCH_TOLERANCE_PX = 3.0
 _INLIERS_MIN = 12
 _REACH = 0.08
-"""Of the reference's longer side: how far from its expected place a feature is looked for."""
+"""How far from its expected position to look for a feature, relative to the longer side."""
 
 _LONELY_DISTANCE_MAX = 200.0
-"""Distance of descriptors (of length 512) up to which a match without a rival is taken."""
+"""Distance of descriptors (of length 512) up to which a match without a rival is accepted."""
 
 _ROLES = {"reference": "the reference", "followup": "the follow-up", None: "it"}
 
@@ -42,7 +42,7 @@ class FeatureMatches:
     reference_px: FloatArray
 
     def distances_px(self, matrix: FloatArray) -> FloatArray:
-        """Distance in the reference between each match and where ``matrix`` puts it."""
+        """Distance in the reference between each match and its position by ``matrix``."""
         x, y = project(matrix, *self.followup_px.T)
         return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
 
@@ -60,7 +60,7 @@ class ImageFeatures:
     shape: tuple[int, ...]
 
     def matched_with(self, followup: Self, expected: FloatArray | None = None) -> FeatureMatches:
-        """Pair those of a reference with a follow-up's, as ``match_features`` does."""
+        """Pair the features of a reference with a follow-up's, as ``match_features`` does."""
         mask = None
         if expected is not None:
             x, y = project(expected, *followup.points_px.T)
@@ -95,9 +95,9 @@ def match_features(
     reference, followup
         Grey images.
     expected
-        Shape (3, 3): about where follow-up pixels ``(x, y, 1)`` lie in the reference. Features
-        are then looked for near there alone, so that a pattern that repeats is not mistaken for
-        its neighbour.
+        Shape (3, 3): approximate map from follow-up pixels ``(x, y, 1)`` to the reference. Features
+        are then looked for only near there, so that a repeating pattern is not matched with a
+        neighbouring copy of itself.
 
     Raises
     ------
@@ -111,16 +111,16 @@ def match_features(
 def find_features(
     image: NDArray[np.generic], role: Literal["reference", "followup"] | None = None
 ) -> ImageFeatures:
-    """SIFT features of a grey image; ``role`` is what an error calls it.
+    """SIFT features of a grey image; ``role`` names the image in errors.
 
     Raises
     ------
     RegistrationError
-        If it has too few.
+        If it has too few features.
     ValueError
-        If it is no grey image of finite values.
+        If it is not a grey image with finite values.
     """
-    # Without the precise upscaling every keypoint is 0.25 px off towards the origin.
+    # Without precise upscaling every keypoint is shifted by 0.25 px towards the origin.
     sift = cv2.SIFT.create(nfeatures=_FEATURES, enable_precise_upscale=True)
     found, descriptors = sift.detectAndCompute(_as_bytes(image), None)
     if len(found) < _INLIERS_MIN:
@@ -153,7 +153,7 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
     found, mask = cv2.findHomography(
         matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
     )
-    # Where it finds nothing, OpenCV returns an empty matrix or None.
+    # If it finds nothing, OpenCV returns an empty matrix or None.
     count = int(np.count_nonzero(mask)) if np.shape(found) == (3, 3) else 0
     if count < _INLIERS_MIN:
         raise RegistrationError(
@@ -162,10 +162,10 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
     matrix: FloatArray = np.asarray(found, dtype=np.float64)
     inlier: NDArray[np.bool_] = mask.ravel().astype(np.bool_)
     depth = projection_depth(matrix, *matches.followup_px[inlier].T)
-    # Area and sense of turning there: det / depth^3. A scene seen from its front keeps its sense.
+    # Local area and orientation are det / depth^3. A scene seen from its front is not mirrored.
     if not np.all(np.linalg.det(matrix) * depth > 0):
         raise RegistrationError(
-            "the features agree only on a scene that is turned inside out", reason="inside_out"
+            "the features agree only on a scene turned inside out", reason="inside_out"
         )
     return matrix, inlier
 
@@ -173,7 +173,7 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
 def _as_bytes(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     values = np.asarray(image, dtype=np.float64)
     if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
-        raise ValueError(f"grey images of finite values are aligned, got shape {image.shape}")
+        raise ValueError(f"alignment needs grey images with finite values, got shape {image.shape}")
     low, high = values.min(), values.max()
     if low == high:
         return np.zeros(values.shape, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Small motions of a follow-up's pixels: what the descent of a pose is free to do."""
+"""Small motions of a follow-up's pixels: the degrees of freedom of a pose in the descent."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,19 +8,19 @@ __all__ = ["flows_px", "moved_matrix", "unit_coordinates"]
 FloatArray = NDArray[np.float64]
 
 _MOTIONS = ((0, 2), (1, 2), (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1))
-"""In coordinates (u, v) in [-1, 1] about the follow-up's centre: where each motion stands in the
-3 x 3 matrix that is added to the identity; shifts along x and y come first."""
+"""Elements of each motion in the 3 x 3 matrix that is added to the identity, in coordinates (u, v)
+in [-1, 1] about the follow-up's centre; shifts along x and y come first."""
 
 
 def unit_coordinates(shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Coordinates u (along x) and v (along y) of every follow-up pixel, shape ``shape`` each."""
+    """Coordinates u (along x) and v (along y) of every follow-up pixel, each of shape ``shape``."""
     half_px = _half_size_px(shape)
     v, u = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
     return (u - (shape[1] - 1) / 2) / half_px, (v - (shape[0] - 1) / 2) / half_px
 
 
 def flows_px(shape: tuple[int, int]) -> list[tuple[FloatArray, FloatArray]]:
-    """How far one pixel of each motion moves every follow-up pixel, along x and y."""
+    """Displacement of every follow-up pixel by one pixel of each motion, along x and y."""
     u, v = unit_coordinates(shape)
     unit, nothing = (u, v, np.ones(shape)), np.zeros(shape)
     flows = []
@@ -32,7 +32,7 @@ def flows_px(shape: tuple[int, int]) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def moved_matrix(matrix: FloatArray, step_px: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """Pose after a step of so many pixels along each motion.
+    """Pose after a step of a number of pixels along each motion.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the pixels of a follow-up lie in its reference: matched features, then all pixels.
+"""Registration of a follow-up in its reference: by matched features, then by all pixels.
 
 SIFT features give the pose to some tenths of a pixel. A Gauss-Newton descent then compares the
 follow-up with the reference *simulated at the follow-up's distance*, gain and offset free, and
@@ -29,10 +29,10 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 _DISAGREEMENT_MAX_PX = 1.5
-"""Median distance of the features from a pose of the pixels; features alone scatter by 0.3 px."""
+"""Median distance of features from the pose by pixels; features alone scatter by 0.3 px."""
 
 _PLACE_ERR_MAX_PX = 0.25
-"""Standard error of a pixel's place beyond which an alignment is no ground for a comparison."""
+"""Standard error of a pixel's position above which an alignment is not fit for a comparison."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -49,9 +49,9 @@ class Registration:
     inlier_count, match_rms_px
         Feature matches that agree with the pose, and their rms distance from it in reference px.
     correlation
-        Of the follow-up with the simulated one.
+        Correlation of the follow-up with the simulated one.
     residual_rms_dn
-        What remains between them, in the follow-up's units.
+        Remaining difference between them, in the follow-up's units.
     """
 
     matrix: FloatArray = field(repr=False)
@@ -69,19 +69,19 @@ class DistortedRegistration:
     Parameters
     ----------
     pose
-        Where every pixel lies.
+        Position of every follow-up pixel in the reference.
     zoom
         Reference pixels per follow-up pixel at the follow-up's centre.
     place_err_px
-        Standard error of a follow-up pixel's place in the reference, rms over the overlap,
+        Standard error of a follow-up pixel's position in the reference, rms over the overlap,
         reference px.
     k1_err
         Standard error of ``pose.k1``.
     feature_matrix
-        Shape (3, 3): the homography of the features alone, without distortion and before the
-        pixels refine it, as it is widely used.
+        Shape (3, 3): the homography of the features alone, as it is widely used: without distortion
+        and before refinement on the pixels.
     inlier_count, match_rms_px, correlation, residual_rms_dn
-        As in ``Registration``; slow changes of light are taken off first.
+        As in ``Registration``; slow changes of light are removed first.
     """
 
     pose: DistortedPose
@@ -113,8 +113,8 @@ def register(
     Raises
     ------
     RegistrationError
-        If too few features match, the follow-up is nearer than the reference, the images overlap
-        too little or do not agree.
+        If too few features match, if the follow-up is nearer than the reference, or if the images
+        overlap too little or do not agree.
     """
     matches = match_features(reference, followup)
     matrix, inlier = homography_pose(matches)
@@ -140,19 +140,19 @@ def register_distorted(
     Parameters
     ----------
     reference, followup
-        Grey, whole frames of one camera; where their shapes differ, no distortion is fitted.
+        Grey, whole frames of one camera; if their shapes differ, no distortion is fitted.
     psf
-        Total PSF of the camera; without it one of 0.65 px is assumed.
+        Total PSF of the camera; without it, one of 0.65 px is assumed.
     expected_zoom
-        About how much further away the follow-up is, both images about centred: tells the
-        repeats of a pattern apart. Where nothing is found so, it is looked for everywhere.
+        Approximate ratio of the distances, for images of about the same centre: resolves the
+        ambiguity of a repeating pattern. If that finds no pose, features are matched everywhere.
 
     Raises
     ------
     RegistrationError
-        If too few features match, the follow-up is nearer than the reference, the images overlap
-        too little or do not agree, features and pixels contradict each other, or the pose is
-        too unsure.
+        If too few features match, if the follow-up is nearer than the reference, if the images
+        overlap too little or do not agree, if features and pixels contradict each other, or if the
+        pose is too uncertain.
     """
     if expected_zoom is not None:
         middles = [[(n - 1) / 2 for n in _shape(image)] for image in (reference, followup)]
@@ -177,21 +177,23 @@ def _register_distorted(
     fit = refined_distorted_pose(reference, followup, psf, matrix)
     zoom = fit.pose.zoom
     refuse_nearer(zoom)
-    place_y, place_x = fit.pose.to_reference_px(
+    reference_y, reference_x = fit.pose.to_reference_px(
         matches.followup_px[inlier, 1], matches.followup_px[inlier, 0]
     )
     apart_px = np.hypot(
-        place_x - matches.reference_px[inlier, 0], place_y - matches.reference_px[inlier, 1]
+        reference_x - matches.reference_px[inlier, 0],
+        reference_y - matches.reference_px[inlier, 1],
     )
     if np.median(apart_px) > _DISAGREEMENT_MAX_PX:
         raise RegistrationError(
-            f"the features lie {np.median(apart_px):.1f} px from where the pixels agree best",
+            f"the features are {np.median(apart_px):.1f} px from where the pixels agree best",
             reason="contradiction",
             error_px=float(np.median(apart_px)),
         )
     if not fit.place_err_px <= _PLACE_ERR_MAX_PX:
         raise RegistrationError(
-            f"the pose is unsure by {fit.place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed",
+            f"the pose is uncertain by {fit.place_err_px:.2f} px, "
+            f"{_PLACE_ERR_MAX_PX} px are allowed",
             reason="uncertain",
             error_px=fit.place_err_px,
         )

@@ -26,21 +26,21 @@ FloatArray = NDArray[np.float64]
 _ITERATIONS = 40
 _CONVERGED_PX = 5e-4
 _FREE_STEPS = 5
-"""Steps after which pixels only drop out: a row that comes and goes would never let it settle."""
+"""Steps after which pixels can only drop out: a row that comes and goes prevents convergence."""
 _BORDER_PX = 4
-"""Pixels of the simulated follow-up left out at each side: the mirrored border reaches them."""
+"""Pixels of the simulated follow-up ignored at each side: the mirrored border affects them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Refinement:
-    """A pose and the agreement reached.
+    """A refined pose and the agreement reached.
 
     Parameters
     ----------
     matrix
         Shape (3, 3), last element 1: follow-up pixel centres to reference pixel centres.
     correlation, residual_rms_dn
-        Of the follow-up with its prediction.
+        Agreement of the follow-up with its prediction.
     """
 
     matrix: FloatArray
@@ -61,12 +61,12 @@ def refined_pose(
     reference, followup, psf
         As in ``calibration.registration.pair.register``.
     matrix
-        Shape (3, 3): the pose to start from, right to about a pixel.
+        Shape (3, 3): the pose to start from, accurate to about a pixel.
 
     Raises
     ------
     RegistrationError
-        If the overlap is too small, the descent does not settle or the images do not agree.
+        If the overlap is too small, the descent does not converge or the images do not agree.
     """
     shape = _shape(followup)
     measured = np.asarray(followup, dtype=np.float64)
@@ -96,7 +96,7 @@ def refined_pose(
             break
     else:
         raise RegistrationError(
-            f"the alignment did not settle in {_ITERATIONS} steps", reason="not_settled"
+            f"the alignment did not converge in {_ITERATIONS} steps", reason="not_settled"
         )
     correlation = float(np.corrcoef(level, measured[inside])[0, 1])
     refuse_low_correlation(correlation)
@@ -124,20 +124,20 @@ def _zoomed(
 def _warped(
     zoomed: FloatArray, rest: FloatArray, shape: tuple[int, int]
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Follow-up by the small rest of the pose, shape ``shape``, and where it is valid."""
+    """Follow-up by the small remainder of the pose, in ``shape``, and where it is valid."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    place_x, place_y = project(rest, x, y)
+    zoomed_x, zoomed_y = project(rest, x, y)
     rows, cols = zoomed.shape
     inside = (
         (projection_depth(rest, x, y) > 0)
-        & (place_x >= _BORDER_PX)
-        & (place_x <= cols - 1 - _BORDER_PX)
-        & (place_y >= _BORDER_PX)
-        & (place_y <= rows - 1 - _BORDER_PX)
+        & (zoomed_x >= _BORDER_PX)
+        & (zoomed_x <= cols - 1 - _BORDER_PX)
+        & (zoomed_y >= _BORDER_PX)
+        & (zoomed_y <= rows - 1 - _BORDER_PX)
     )
     inside[[0, -1], :] = inside[:, [0, -1]] = False
     refuse_little_overlap(inside)
-    simulated = map_coordinates(zoomed, [place_y, place_x], order=3, mode="mirror")
+    simulated = map_coordinates(zoomed, [zoomed_y, zoomed_x], order=3, mode="mirror")
     return np.asarray(simulated), inside
 
 

@@ -2,8 +2,8 @@
 
 The reference is warped to the last known pose and compared with the frame by Lucas-Kanade flow at
 some hundred corners; a robust homography through them is the new pose. As no frame is measured
-against another frame, nothing drifts. ``benchmarks/bench_pose_tracking.py`` holds the speed that
-this form is owed to.
+against another frame, nothing drifts. ``benchmarks/bench_pose_tracking.py`` measures the speed for
+which this method was chosen.
 
 References
 ----------
@@ -32,23 +32,23 @@ _CORNER_QUALITY = 0.003
 _CORNER_DISTANCE_PX = 12
 _WINDOW_PX = 21
 _PYRAMID_LEVELS = 3
-"""Windows of 21 px over three halvings: motions of some 40 px between two frames are followed."""
+"""21 px windows on a pyramid of three halvings follow some 40 px of motion between frames."""
 
 _INLIER_PX = 1.5
 _INLIERS_MIN = 24
 _INLIER_SHARE_MIN = 0.5
 _SECOND_PASS_PX = 1.0
-"""Median motion beyond which the reference is warped anew, so that its patches look alike."""
+"""Median motion above which the reference is warped again, so that its patches look alike."""
 
 _ANCHOR_PASSES = 3
 _PSF_PX = 0.7
-"""Width of a sharp camera's PSF, for the softening of the reference; the flow needs no more."""
+"""PSF width of a sharp camera, to soften the reference with; good enough for the flow."""
 
 _ZOOM_STEP = 1.25
 _ZOOM_MAX = 10.0
 _MIN_CONTRAST = 1e-9
 _CLIPPED_PERCENT = 0.1
-"""Brightest and darkest pixels that do not count for the range of levels: hot and dead ones."""
+"""Brightest and darkest pixels to ignore in the range of levels: hot and dead ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -62,9 +62,9 @@ class TrackedPose:
     zoom
         Reference pixels per frame pixel at the frame's centre.
     inlier_count
-        Corners that agree with the pose.
+        Number of corners that agree with the pose.
     rms_px
-        Their rms distance from it in frame px.
+        Rms distance of these corners from the pose in frame px.
     """
 
     matrix: FloatArray = field(repr=False)
@@ -75,14 +75,14 @@ class TrackedPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Softened:
-    """The reference as soft as from a distance, and its corners ``(x, y)``, shape (n, 2)."""
+    """The reference softened as from a distance, and its corners ``(x, y)``, shape (n, 2)."""
 
     levels: ByteImage
     corners_px: FloatArray
 
 
 class TrackingReference:
-    """A reference image, made ready to be found in frame after frame.
+    """A reference image, prepared for finding it in frame after frame.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class TrackingReference:
     Raises
     ------
     RegistrationError
-        If it has too few corners to be followed.
+        If it has too few corners to track.
     """
 
     def __init__(self, reference: NDArray[np.generic]) -> None:
@@ -106,7 +106,7 @@ class TrackingReference:
         return self._levels.shape[0], self._levels.shape[1]
 
     def anchored(self, frame: NDArray[np.generic]) -> TrackedPose:
-        """Find the pose without knowing anything of it: matched features, then the flow.
+        """Find the pose with no prior knowledge: by matched features, then by the flow.
 
         Parameters
         ----------
@@ -123,20 +123,20 @@ class TrackingReference:
         return self._flowed(levels, matrix, _ANCHOR_PASSES)
 
     def followed(self, frame: NDArray[np.generic], matrix: FloatArray) -> TrackedPose:
-        """Measure the pose of a frame that lies near a known one.
+        """Measure the pose of a frame that is close to a known one.
 
         Parameters
         ----------
         frame
             Grey, shape ``(rows, cols)``, finite.
         matrix
-            Shape (3, 3): the pose to start from, such as that of the last frame.
+            Shape (3, 3): the pose to start from, such as that of the previous frame.
 
         Raises
         ------
         RegistrationError
-            If too few corners agree on a pose: the motion was too large, or something is in the
-            way.
+            If too few corners agree on a pose: the motion was too large, or something blocks the
+            view.
         """
         return self._flowed(_bytes_of(frame), np.asarray(matrix, dtype=np.float64), 2)
 
@@ -149,7 +149,7 @@ class TrackingReference:
         return found
 
     def _one_pass(self, levels: ByteImage, matrix: FloatArray) -> tuple[TrackedPose, float]:
-        """One flow from the warped reference to the frame; the pose and the median motion."""
+        """Pose and median motion by one flow from the warped reference to the frame."""
         rows, cols = levels.shape
         near = self._at(zoom_at_centre(matrix, (rows, cols)))
         inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
@@ -183,13 +183,13 @@ class TrackingReference:
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         kept = followed.ravel().astype(bool)
-        places, corners = np.asarray(ends, dtype=np.float64)[kept, 0], corners[kept]
-        return _fitted(places, corners, (rows, cols)), float(
-            np.median(np.hypot(*(places - start[kept]).T)) if len(places) else np.inf
+        tracked, corners = np.asarray(ends, dtype=np.float64)[kept, 0], corners[kept]
+        return _fitted(tracked, corners, (rows, cols)), float(
+            np.median(np.hypot(*(tracked - start[kept]).T)) if len(tracked) else np.inf
         )
 
     def _at(self, zoom: float) -> _Softened:
-        """Reference softened for a zoom, in steps; made once for each step."""
+        """Reference softened for a zoom, in steps; computed once for each step."""
         step = max(round(log(max(zoom, 1.0)) / log(_ZOOM_STEP)), 0)
         if step not in self._softened:
             rounded = _ZOOM_STEP**step
@@ -201,34 +201,34 @@ class TrackingReference:
         return self._softened[step]
 
 
-def _fitted(places: FloatArray, corners: FloatArray, shape: tuple[int, int]) -> TrackedPose:
-    if len(places) < _INLIERS_MIN:
+def _fitted(tracked: FloatArray, corners: FloatArray, shape: tuple[int, int]) -> TrackedPose:
+    if len(tracked) < _INLIERS_MIN:
         raise RegistrationError(
-            f"only {len(places)} corners of the reference were followed",
+            f"only {len(tracked)} corners of the reference could be tracked",
             reason="no_matches",
-            count=len(places),
+            count=len(tracked),
         )
-    # From the reference to the frame: the flow's error is the frame's, in the frame's pixels.
+    # From the reference to the frame, because the flow's error is in pixels of the frame.
     fit, mask = cv2.findHomography(
-        corners, places, cv2.RANSAC, _INLIER_PX, maxIters=500, confidence=0.999
+        corners, tracked, cv2.RANSAC, _INLIER_PX, maxIters=500, confidence=0.999
     )
     inverse = np.asarray(fit, dtype=np.float64)
-    # Where it finds nothing, OpenCV returns an empty matrix or None.
+    # If it finds nothing, OpenCV returns an empty matrix or None.
     count = int(np.count_nonzero(mask)) if inverse.shape == (3, 3) else 0
-    if count < _INLIERS_MIN or count / len(places) < _INLIER_SHARE_MIN:
+    if count < _INLIERS_MIN or count / len(tracked) < _INLIER_SHARE_MIN:
         raise RegistrationError(
-            f"only {count} of {len(places)} corners agree on a pose",
+            f"only {count} of {len(tracked)} corners agree on a pose",
             reason="no_common_pose",
             count=count,
         )
     inlier = mask.ravel().astype(bool)
-    rest = np.column_stack(project(inverse, *corners[inlier].T)) - places[inlier]
+    rest = np.column_stack(project(inverse, *corners[inlier].T)) - tracked[inlier]
     matrix: FloatArray = np.linalg.inv(inverse).astype(np.float64)
     matrix /= matrix[2, 2]
     zoom = zoom_at_centre(matrix, shape)
     if not (1 / _ZOOM_MAX < zoom < _ZOOM_MAX and np.linalg.det(matrix) > 0):
         raise RegistrationError(
-            f"no camera can have the pose found (zoom {zoom:.3g})", reason="inside_out"
+            f"the pose found is not possible for a camera (zoom {zoom:.3g})", reason="inside_out"
         )
     return TrackedPose(
         matrix=matrix,
@@ -246,11 +246,11 @@ def _corners_px(levels: ByteImage, zoom: float) -> FloatArray:
     found = cv2.goodFeaturesToTrack(
         levels, _CORNERS, _CORNER_QUALITY, _CORNER_DISTANCE_PX * zoom, mask=mask, blockSize=5
     )
-    # Where it finds none, OpenCV returns None.
+    # If it finds none, OpenCV returns None.
     corners = np.asarray(() if not np.shape(found) else found, dtype=np.float64).reshape(-1, 2)
     if len(corners) < _INLIERS_MIN:
         raise RegistrationError(
-            f"the reference has only {len(corners)} corners to be followed by",
+            f"the reference has only {len(corners)} corners to track",
             reason="no_detail",
             at_fault="reference",
             count=len(corners),
@@ -258,9 +258,9 @@ def _corners_px(levels: ByteImage, zoom: float) -> FloatArray:
     return corners
 
 
-def _lit_like(warped: ByteImage, frame: ByteImage, places: NDArray[np.float32]) -> ByteImage:
-    """Reference in the frame's light: mean and contrast around the corners made equal."""
-    (left, top), (right, bottom) = places.min(axis=0).astype(int), places.max(axis=0).astype(int)
+def _lit_like(warped: ByteImage, frame: ByteImage, corners: NDArray[np.float32]) -> ByteImage:
+    """Reference in the frame's light: mean and contrast around the corners are made equal."""
+    (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
     part = np.s_[top : bottom + 1 : 2, left : right + 1 : 2]
     mean, frame_mean = float(warped[part].mean()), float(frame[part].mean())
     contrast = max(float(warped[part].std()), _MIN_CONTRAST)
@@ -270,17 +270,18 @@ def _lit_like(warped: ByteImage, frame: ByteImage, places: NDArray[np.float32]) 
 
 
 def _bytes_of(image: NDArray[np.generic]) -> ByteImage:
-    """Levels from 0 to 255, as the flow takes them."""
+    """Levels from 0 to 255, as the flow needs them."""
     if image.ndim != 2 or min(image.shape) < 4 * _WINDOW_PX:
         raise ValueError(
-            f"grey images of at least {4 * _WINDOW_PX} px each way are followed, got {image.shape}"
+            f"tracking needs grey images of at least {4 * _WINDOW_PX} px each way, "
+            f"got {image.shape}"
         )
     values = np.asarray(image, dtype=np.float32)
     low, high = np.percentile(values[::3, ::3], [_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT])
     if not np.isfinite([low, high]).all():
-        raise ValueError("images of finite values are followed")
+        raise ValueError("tracking needs images with finite values")
     if high <= low:
-        raise RegistrationError("a constant image cannot be followed", reason="no_detail", count=0)
+        raise RegistrationError("a constant image cannot be tracked", reason="no_detail", count=0)
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image, dtype=np.uint8)
     gain = 255.0 / float(high - low)

@@ -5,12 +5,10 @@ from math import floor
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from simulation.arrays import FloatArray, IntArray
 
 __all__ = ["OUTPUT_SIDE_PX", "CropPicker", "nearest_positions"]
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 OUTPUT_SIDE_PX = 26
 """Side of the generator's output: what 64 px give at zoom 2 behind a kernel of 13 px

@@ -17,8 +17,8 @@ from importlib.util import find_spec
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulation.arrays import AnyArray, FloatArray
 from simulation.choices import KERNEL_MODELS, TRAINING_STEPS, KernelModel
 from simulation.kernelgan.crops import CropPicker
 from simulation.resampling import refuse_non_finite
@@ -37,7 +37,6 @@ __all__ = [
     "estimate_kernel",
 ]
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int], None]
 """Called with the number of steps done."""
 
@@ -111,7 +110,7 @@ class EstimatedKernel:
 
 
 def estimate_kernel(
-    image: NDArray[np.generic],
+    image: AnyArray,
     settings: KernelGanSettings,
     progress: Progress | None = None,
 ) -> EstimatedKernel:
@@ -177,7 +176,7 @@ def estimate_kernel(
     return EstimatedKernel(weights=weights / weights.sum())
 
 
-def centre_half(image: NDArray[np.generic]) -> NDArray[np.generic]:
+def centre_half(image: AnyArray) -> AnyArray:
     """Return the central half of an image along both axes, as a view."""
     (top, rows), (left, cols) = (
         ((size - (size + 1) // 2) // 2, (size + 1) // 2) for size in image.shape[:2]

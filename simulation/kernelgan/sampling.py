@@ -8,8 +8,8 @@ mass, and every pixel by up to 0.5 px; by just 0.5 px at zoom 2.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray
 from simulation.choices import SAMPLERS, Sampler
 from simulation.kernelgan.estimate import EstimatedKernel
 from simulation.resampling import (
@@ -23,8 +23,6 @@ from simulation.resampling import (
 from simulation.zoom import SeparableSum, ZoomOperator
 
 __all__ = ["SAMPLERS", "Sampler", "kernel_operator"]
-
-FloatArray = NDArray[np.float64]
 
 _FAINT_TERM = 1e-6
 """Singular values below this share of the first are left out."""

@@ -5,9 +5,9 @@ from contextlib import contextmanager
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from simulation.arrays import FloatArray
 from simulation.kernelgan.crops import CropPicker
 from simulation.kernelgan.discriminator import PatchDiscriminator
 from simulation.kernelgan.generator import (
@@ -131,7 +131,7 @@ class KernelGanTraining:
         self._margin = 0.0
 
     @property
-    def kernel(self) -> NDArray[np.float64]:
+    def kernel(self) -> FloatArray:
         """The kernel so far, shape (13, 13), order (y, x)."""
         return self.generator.kernel().detach().numpy().astype(np.float64)
 
@@ -201,7 +201,7 @@ def train(
     steps: int,
     seed: int,
     progress: Callable[[int], None] | None = None,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the kernel after ``steps`` steps, shape (13, 13), not normalised.
 
     Raises
@@ -236,5 +236,5 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _tensor(crop: NDArray[np.float64]) -> Tensor:
+def _tensor(crop: FloatArray) -> Tensor:
     return torch.from_numpy(crop.astype(np.float32))

@@ -7,13 +7,12 @@ the shape (3, 3) and takes ``(x, y, 1)`` to the image's coordinates times their 
 from collections.abc import Callable
 from typing import TypeVar
 
-import numpy as np
 from numba.extending import register_jitable
-from numpy.typing import NDArray
+
+from simulation.arrays import FloatArray
 
 __all__ = ["project", "projection_depth", "projection_slopes"]
 
-FloatArray = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])
 Coordinate = TypeVar("Coordinate", float, FloatArray)
 

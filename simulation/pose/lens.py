@@ -17,8 +17,8 @@ from typing import TypeVar, cast
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray
 from simulation.pose.homography import project, projection_slopes
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "warped",
 ]
 
-FloatArray = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])
 
 DISTORTION_MAX = 0.12

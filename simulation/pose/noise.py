@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from simulation.arrays import FloatArray
 from simulation.pose.simulate import shared_blur
 from simulation.pose.view import PoseView
 from simulation.psf import GaussianPsf, PsfField
 from simulation.resampling import spline_transfer
 
 __all__ = ["pose_noise_gain"]
-
-FloatArray = NDArray[np.float64]
 
 _PLACES = 17
 """Places per axis at which the squares are summed; the blur changes slowly over a frame."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage, IntArray
 from simulation.pose.view import PoseView
 from simulation.pose.warped_blur import BORDER_PX, SplineWindow, render
 from simulation.psf import GaussianPsf, PsfField
@@ -29,9 +30,6 @@ from simulation.resampling import (
 )
 
 __all__ = ["SharedBlur", "SimulatedPose", "shared_blur", "simulate_pose"]
-
-FloatArray = NDArray[np.float64]
-FloatImage = NDArray[np.floating[Any]]
 
 _TILE_PX = 512
 """Side of the tiles of the follow-up: what is kept per tile is a few MB."""
@@ -68,8 +66,8 @@ class SimulatedPose:
     """
 
     image: FloatImage
-    nearer: NDArray[np.bool_]
-    outside: NDArray[np.bool_]
+    nearer: BoolArray
+    outside: BoolArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +82,7 @@ class SharedBlur:
 
 
 def simulate_pose(
-    image: NDArray[np.generic],
+    image: AnyArray,
     homography: NDArray[np.floating[Any]],
     size: tuple[int, int],
     psf: GaussianPsf | PsfField | None,
@@ -195,7 +193,7 @@ def _common_blur(blurs_px2: FloatArray) -> FloatArray:
 
 
 def _spline_window(
-    image: NDArray[np.generic],
+    image: AnyArray,
     seen: tuple[int, int, int, int],
     shares: SharedBlur,
     dtype: np.dtype[Any],
@@ -224,9 +222,7 @@ def _spline_window(
     return SplineWindow(total, (top - margin, left - margin), (xx, xy, yy), size)
 
 
-def _blur_at(
-    places_px: NDArray[np.int64], kernel: FloatArray, size: int
-) -> tuple[BandedMatrix, slice]:
+def _blur_at(places_px: IntArray, kernel: FloatArray, size: int) -> tuple[BandedMatrix, slice]:
     """Convolution of the mirrored image at places in and around it; on the pixels that it needs."""
     radius = len(kernel) // 2
     column = (places_px[:, None] - np.arange(-radius, radius + 1)) % (2 * size)

@@ -7,14 +7,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray
 from simulation.pose.homography import projection_depth
 from simulation.pose.lens import ideal_points, lens_of, refuse_folding
 from simulation.pose.warped_blur import BlurredWarp, survey
 from simulation.psf import GaussianPsf, PsfField
 
 __all__ = ["PoseView"]
-
-FloatArray = NDArray[np.float64]
 
 _SINGULAR = 1e-9
 """Least determinant of a homography between frames scaled to unit squares, relative."""

@@ -9,12 +9,12 @@ Measured by ``benchmarks/bench_pose.py``.
 """
 
 from math import ceil, exp, floor, log1p, pi, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from simulation.arrays import BoolArray, FloatArray, FloatImage
 from simulation.pose.lens import warp
 from simulation.resampling import LEVELS_PER_LOG, PHASES, SplineGaussianTable
 
@@ -27,10 +27,6 @@ __all__ = [
     "render",
     "survey",
 ]
-
-FloatArray = NDArray[np.float64]
-FloatImage = NDArray[np.floating[Any]]
-BoolImage = NDArray[np.bool_]
 
 BORDER_PX = 0.5 + 1e-6
 """How far outside the outermost pixel centres a place still counts as inside."""
@@ -98,8 +94,8 @@ class Tile(NamedTuple):
     """A part of the follow-up; where it looks past the reference, 0 and not nearer."""
 
     image: FloatImage
-    nearer: BoolImage
-    outside: BoolImage
+    nearer: BoolArray
+    outside: BoolArray
 
 
 # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from math import hypot, isqrt
 
 import numpy as np
-from numpy.typing import NDArray
+
+from simulation.arrays import FloatArray
 
 __all__ = ["PsfField", "field_monomials"]
-
-FloatArray = NDArray[np.float64]
 
 _CHECKED_PLACES = 33
 """Places per axis at which a field is checked, the corners among them."""

@@ -5,7 +5,8 @@ from math import sqrt
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from simulation.arrays import FloatArray
 
 __all__ = ["PIXEL_VARIANCE_PX2", "GaussianPsf"]
 
@@ -36,7 +37,7 @@ class GaussianPsf:
             raise ValueError(f"rho must lie inside (-1, 1), got {self.rho}")
 
     @classmethod
-    def from_covariance(cls, covariance_px2: NDArray[np.float64]) -> Self:
+    def from_covariance(cls, covariance_px2: FloatArray) -> Self:
         """Make the PSF of a covariance matrix, order (x, y), in px^2."""
         (xx, xy), (_, yy) = np.asarray(covariance_px2, dtype=np.float64).tolist()
         if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
@@ -44,7 +45,7 @@ class GaussianPsf:
         return cls(sigma_x_px=sqrt(xx), sigma_y_px=sqrt(yy), rho=xy / sqrt(xx * yy))
 
     @property
-    def covariance_px2(self) -> NDArray[np.float64]:
+    def covariance_px2(self) -> FloatArray:
         """Covariance matrix, shape (2, 2), order (x, y), in px^2."""
         xy = self.rho * self.sigma_x_px * self.sigma_y_px
         return np.array([[self.sigma_x_px**2, xy], [xy, self.sigma_y_px**2]])

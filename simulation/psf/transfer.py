@@ -6,14 +6,12 @@ from math import sqrt
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from simulation.arrays import FloatArray
 from simulation.psf.gaussian import PIXEL_VARIANCE_PX2, GaussianPsf
 
 __all__ = ["CameraTransfer", "GaussianTransfer", "SampledTransfer", "Transfer"]
-
-FloatArray = NDArray[np.float64]
 
 _LOWEST_END_CY_PER_PX = 0.5
 """A measured curve has to reach the Nyquist frequency."""

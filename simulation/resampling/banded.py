@@ -13,13 +13,11 @@ from typing import Any, cast
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy import sparse
 
-__all__ = ["BandedMatrix", "apply_separable", "put_separable"]
+from simulation.arrays import Float32Array, FloatArray, FloatImage, IntArray
 
-FloatArray = NDArray[np.float64]
-FloatImage = NDArray[np.floating[Any]]
+__all__ = ["BandedMatrix", "apply_separable", "put_separable"]
 
 _UNROLL = 4
 """Input rows combined in one go; the bands of pairs are widened to a multiple of it."""
@@ -38,16 +36,16 @@ class _RowPairs:
     ``starts`` has one column for each pair; a last row without a partner gets an empty one.
     """
 
-    starts: NDArray[np.int64]
+    starts: IntArray
     weights: FloatArray
-    single_weights: NDArray[np.float32]
+    single_weights: Float32Array
 
     def weights_as(self, dtype: "np.dtype[Any]") -> FloatImage:
         """Weights in the dtype of an image."""
         return self.single_weights if dtype == np.float32 else self.weights
 
 
-def _paired(starts: NDArray[np.int64], weights: FloatArray, columns: int) -> _RowPairs:
+def _paired(starts: IntArray, weights: FloatArray, columns: int) -> _RowPairs:
     rows, band = weights.shape
     if rows % 2:
         starts = np.append(starts, starts[-1])
@@ -77,7 +75,7 @@ class BandedMatrix:
         Number of columns.
     """
 
-    starts: NDArray[np.int64]
+    starts: IntArray
     weights: FloatArray
     columns: int
     # Operators are cached and applied many times: pairing and rounding once is worth keeping.
@@ -91,8 +89,8 @@ class BandedMatrix:
         cls,
         rows: int,
         columns: int,
-        row: NDArray[np.int64],
-        column: NDArray[np.int64],
+        row: IntArray,
+        column: IntArray,
         value: FloatArray,
     ) -> "BandedMatrix":
         """Make the matrix of listed entries; entries at the same place add up.
@@ -243,7 +241,7 @@ def _along_columns(strip: FloatImage, along_x: tuple[BandedMatrix, ...]) -> Floa
     return cast("FloatImage", cv2.transpose(turned))
 
 
-def _combined(image: FloatImage, starts: NDArray[np.int64], weights: FloatImage) -> FloatImage:
+def _combined(image: FloatImage, starts: IntArray, weights: FloatImage) -> FloatImage:
     out = np.empty((len(weights), image.shape[1]), image.dtype)
     _combine_rows(image, starts, weights, out)
     return out
@@ -281,7 +279,7 @@ def _combine_into_two(
 
 @_compiled
 def _combine_rows(
-    image: FloatImage, starts: NDArray[np.int64], weights: FloatImage, out: FloatImage
+    image: FloatImage, starts: IntArray, weights: FloatImage, out: FloatImage
 ) -> None:
     """Put pairs of combined rows of ``image`` into ``out``, which has an even number of rows."""
     stride = image.shape[1]

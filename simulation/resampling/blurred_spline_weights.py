@@ -10,7 +10,8 @@ from math import ceil, expm1, log1p
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from simulation.arrays import Float32Array, IntArray
 
 __all__ = ["LEVELS_PER_LOG", "PHASES", "SIGMA_MAX_PX", "SplineGaussianTable", "spline_gaussian"]
 
@@ -42,8 +43,8 @@ class SplineGaussianTable(NamedTuple):
         Shape ``(levels,)``: half the number of weights that a level needs; even.
     """
 
-    weights: NDArray[np.float32]
-    radii: NDArray[np.int64]
+    weights: Float32Array
+    radii: IntArray
 
 
 def spline_gaussian(sigma_px: float) -> SplineGaussianTable:

@@ -6,14 +6,11 @@ normalises the rest.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray, IntArray
 from simulation.resampling.banded import BandedMatrix
 
 __all__ = ["antialiased_cubic", "blur", "spline_sampling"]
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _KEYS_A = -0.5
 """Slope parameter of Pillow's BICUBIC (Resample.c) and of R. G. Keys, 1981."""

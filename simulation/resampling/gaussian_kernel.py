@@ -12,8 +12,8 @@ from functools import lru_cache
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray
 from simulation.choices import GaussianForm
 
 __all__ = [
@@ -24,8 +24,6 @@ __all__ = [
     "gaussian_terms",
     "spline_transfer",
 ]
-
-FloatArray = NDArray[np.float64]
 
 MATCHED_TAIL_TOLERANCE = 1e-3
 """Largest weight that the ``matched`` model cuts off, in ``zoom_out`` and ``simulate_pose`` alike;

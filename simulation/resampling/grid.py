@@ -5,7 +5,8 @@ from math import floor, isfinite
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from simulation.arrays import FloatArray
 
 __all__ = ["ZOOM_MIN", "SamplingGrid"]
 
@@ -88,17 +89,17 @@ class SamplingGrid:
         )
 
     @property
-    def rows_px(self) -> NDArray[np.float64]:
+    def rows_px(self) -> FloatArray:
         """Reference row coordinate of every follow-up row."""
         return np.asarray(self.origin_y_px + np.arange(self.rows) * self.zoom_y, dtype=np.float64)
 
     @property
-    def cols_px(self) -> NDArray[np.float64]:
+    def cols_px(self) -> FloatArray:
         """Reference column coordinate of every follow-up column."""
         return np.asarray(self.origin_x_px + np.arange(self.cols) * self.zoom_x, dtype=np.float64)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> FloatArray:
         """Homography, shape (3, 3): follow-up pixel ``(x, y, 1)`` to reference pixel."""
         return np.array(
             [

@@ -1,12 +1,13 @@
 """What every model asks of a reference image."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from simulation.arrays import AnyArray
 
 __all__ = ["reference_shape", "refuse_non_finite"]
 
 
-def reference_shape(image: NDArray[np.generic]) -> tuple[int, int]:
+def reference_shape(image: AnyArray) -> tuple[int, int]:
     """Return rows and columns of an image that a model takes.
 
     Raises
@@ -22,7 +23,7 @@ def reference_shape(image: NDArray[np.generic]) -> tuple[int, int]:
     return image.shape[0], image.shape[1]
 
 
-def refuse_non_finite(image: NDArray[np.generic]) -> None:
+def refuse_non_finite(image: AnyArray) -> None:
     """Raise ``ValueError`` if a value is NaN or infinite."""
     # The extremes are NaN or infinite if any value is, and are found at memory speed.
     if image.dtype.kind == "f" and not (np.isfinite(image.min()) and np.isfinite(image.max())):

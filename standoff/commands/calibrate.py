@@ -111,7 +111,8 @@ def calibrate(
         )
     if method == "two-distance" and session is None and len(images or []) < 2:
         raise typer.BadParameter("two-distance needs two photographs, the nearest first")
-    from calibration.files import json_object, read_correction, read_noise, write_psf
+    from calibration.documents import json_object
+    from calibration.files import read_correction, read_noise, write_psf
     from calibration.noise import level_noise
     from standoff.terminal import edge_csv, print_psf, print_psf_remarks
     from standoff.workflows import (

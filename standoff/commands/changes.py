@@ -1,5 +1,7 @@
 """``standoff changes``: differences of two photographs that their poses do not explain."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 
@@ -37,10 +39,11 @@ def changes(
         write_change_pictures,
     )
 
-    camera = read_total_psf(psf)
-    captures = None if noise is None else read_noise(noise).capture_noise
-    options = ChangeOptions(noise=captures, false_alarms=false_alarms)
-    found = find_changes_of_files(reference, followup, camera, options)
+    options = ChangeOptions(
+        noise=None if noise is None else read_noise(noise).capture_noise,
+        false_alarms=false_alarms,
+    )
+    found = find_changes_of_files(reference, followup, read_total_psf(psf), options)
     make_folder(out)
     write_change_pictures(out, followup.name, found)
     summary = found.summary.model_copy(

@@ -86,32 +86,31 @@ def detectability(
     from calibration.documents import json_object
     from calibration.files import read_noise
     from standoff.workflows import (
+        CurvesRequest,
         curve_figures,
         expanded_images,
         measure_curves,
-        read_total_psf,
         require_writable,
     )
 
     require_writable([out])
-    task = DetectionTask(
-        signal=change,
-        contrasts_dn=tuple(contrasts),
-        noises_dn=tuple(noises or ()),
-        zooms=tuple(zoom_list),
-        models=models,
-        observers=observers,
-        reference_zoom=reference_zoom,
-        window_px=window,
+    request = CurvesRequest(
+        images=tuple(expanded_images(images)),
+        psf=psf,
+        task=DetectionTask(
+            signal=change,
+            contrasts_dn=tuple(contrasts),
+            noises_dn=tuple(noises or ()),
+            zooms=tuple(zoom_list),
+            models=models,
+            observers=observers,
+            reference_zoom=reference_zoom,
+            window_px=window,
+        ),
+        noise=read_noise(Path(noise)).capture_noise if noises is None else None,
+        workers=SweepWorkers(count=workers, scheduler=scheduler),
     )
-    found = measure_curves(
-        expanded_images(images),
-        None if psf is None else read_total_psf(psf),
-        task,
-        read_noise(Path(noise)).capture_noise if noises is None else None,
-        SweepWorkers(count=workers, scheduler=scheduler),
-        out.with_suffix(".cells.jsonl"),
-    )
+    found = measure_curves(request, out.with_suffix(".cells.jsonl"))
     if signal is not None:
         found = found.model_copy(update={"signal": signal.name})
     curves = found.curves

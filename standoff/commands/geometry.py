@@ -56,7 +56,8 @@ def geometry(
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
     refuse_overwriting([out, report], [])
     from acquisition.session import Session
-    from calibration.files import json_object, write_geometry
+    from calibration.documents import json_object
+    from calibration.files import write_geometry
     from calibration.geometry import (
         CharucoBoard,
         GeometryOptions,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,6 +33,8 @@ if TYPE_CHECKING:
     from analysis.pose import PoseLimits, ViewingCamera
 
 __all__ = ["limits"]
+
+_LIMITS = ("zoom", "is_zoom_beyond_curve", "tilt_deg", "zoom_by_tilt", "overlap_by_shift")
 
 _RULES = (
     exactly_one("geometry", "focal_length_px"),
@@ -103,7 +104,7 @@ def limits(
         )
         least_dn = contrast_found_at(curve, min_dprime, camera, pose)
     if plot is not None:
-        write_figure(plot, plot_limits(curve, found, min_dprime))
+        write_figure(plot, plot_limits(found))
     if json:
         print_json(
             {
@@ -112,7 +113,7 @@ def limits(
                 "reference_tilt_deg": reference_tilt,
                 "tilt_direction_deg": tilt_direction,
                 "is_upper_bound": True,
-                **asdict(found),
+                **{name: getattr(found, name) for name in _LIMITS},
                 "at_zoom": at_zoom,
                 "at_tilt_deg": None if at_zoom is None else at_tilt,
                 "contrast_found_dn": least_dn,

@@ -36,7 +36,8 @@ def noise(
     """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
     from acquisition.session import Session
     from analysis.reports import render_noise_report
-    from calibration.files import json_object, write_noise
+    from calibration.documents import json_object
+    from calibration.files import write_noise
     from calibration.noise import map_paths, measure_noise, noise_records
     from standoff.workflows import require_writable, write_page
 

@@ -1,3 +1,9 @@
+from .comparison import find_changes as find_changes, register as register
+from .detection import (
+    DetectionTask as DetectionTask,
+    d_prime_curves as d_prime_curves,
+    pose_limits as pose_limits,
+)
 from .followups import simulate_pose as simulate_pose, zoom_out as zoom_out
 from .psfs import (
     calibrate_psf as calibrate_psf,
@@ -7,9 +13,14 @@ from .psfs import (
 )
 
 __all__ = [
+    "DetectionTask",
     "calibrate_psf",
+    "d_prime_curves",
+    "find_changes",
     "measure_edges",
+    "pose_limits",
     "read_psf",
+    "register",
     "simulate_pose",
     "write_psf",
     "zoom_out",

@@ -1,6 +1,6 @@
 """Arguments as a person gives them: an array or a path, a PSF or its file."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -80,19 +80,19 @@ def grey_image(image: ImageLike, name: str = "image") -> NDArray[np.float64]:
     return luma_plane(image_file(image, name).colour_planes)
 
 
-def listed_images(images: ImageLike | Iterable[ImageLike]) -> list[ImageLike]:
+def listed_images(images: object) -> list[ImageLike]:
     """Return one image or several as a list.
 
     A three-dimensional array is one image in colour; several are a list of arrays.
     """
     if isinstance(images, np.ndarray | str | PathLike):
         return [images]
-    if isinstance(images, Iterable):
-        listed = list(images)
-        if listed:
-            return listed
+    if isinstance(images, Mapping) or not isinstance(images, Iterable):
+        raise TypeError(f"images: expected arrays or paths of images, got {_kind(images)}")
+    listed = list(images)
+    if not listed:
         raise ValueError("images: expected one image at least, got none")
-    raise TypeError(f"images: expected arrays or paths of images, got {_kind(images)}")
+    return listed
 
 
 def total_psf(psf: PsfLike) -> GaussianPsf:

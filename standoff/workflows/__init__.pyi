@@ -7,7 +7,11 @@ from .change_search import (
     write_change_pictures as write_change_pictures,
 )
 from .demo import DemoResult as DemoResult, run_demo as run_demo
-from .detectability_run import curve_figures as curve_figures, measure_curves as measure_curves
+from .detectability_run import (
+    CurvesRequest as CurvesRequest,
+    curve_figures as curve_figures,
+    measure_curves as measure_curves,
+)
 from .devices import (
     OpenBench as OpenBench,
     open_bench as open_bench,
@@ -82,12 +86,16 @@ from .sr_dataset import (
     SrDatasetSummary as SrDatasetSummary,
     write_sr_dataset as write_sr_dataset,
 )
-from .validation_run import default_models as default_models, run_validation as run_validation
+from .validation_run import (
+    default_models as default_models,
+    run_validation as run_validation,
+)
 
 __all__ = [
     "RESULTS_FOLDER",
     "CalibrationRequest",
     "CaptureOptions",
+    "CurvesRequest",
     "DemoResult",
     "FocusSweep",
     "FollowUp",

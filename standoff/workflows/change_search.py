@@ -16,7 +16,10 @@ __all__ = ["find_changes_of_files", "write_change_pictures"]
 
 
 def find_changes_of_files(
-    reference: Path, followup: Path, psf: GaussianPsf, options: ChangeOptions
+    reference: Path,
+    followup: Path,
+    psf: GaussianPsf,
+    options: ChangeOptions,
 ) -> ChangeResult:
     """Align two photographs and compare them.
 
@@ -44,11 +47,12 @@ def write_change_pictures(out: Path, name: str, found: ChangeResult) -> None:
     ApplicationError
         If a file cannot be written.
     """
+    error_dn = np.where(found.valid, np.sqrt(found.variance_dn2), 0.0)
     for kind, image in (
         ("difference", found.difference_dn),
         ("plain-difference", found.plain_difference_dn),
         ("pose-difference", found.pose_difference_dn),
-        ("uncertainty", np.where(found.valid, np.sqrt(found.variance_dn2), 0.0)),
+        ("uncertainty", error_dn),
         ("significance", found.significance),
     ):
         description = f"standoff changes: {kind} of {name}"

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,53 +16,55 @@ from analysis.detectability import (
     sweep_images,
 )
 from analysis.reports import plot_detectability
-from simulation import GaussianPsf
 from simulation.capture_noise import CaptureNoise
 from standoff.terminal import progress_bar
 from standoff.workflows.figure_files import write_figure
 from standoff.workflows.image_files import read_grey
+from standoff.workflows.psf_files import read_total_psf
 
-__all__ = ["curve_figures", "measure_curves"]
+__all__ = ["CurvesRequest", "curve_figures", "measure_curves"]
 
 
-def measure_curves(
-    images: Sequence[Path],
-    psf: GaussianPsf | None,
-    task: DetectionTask,
-    camera: CaptureNoise | None,
-    workers: SweepWorkers,
-    results: Path,
-) -> DetectabilityCurves:
-    """Measure photographs and work out the curves, with bars on stderr.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurvesRequest:
+    """The photographs, what is to be found in them, and who does the work.
 
-    Parameters
-    ----------
-    images
-        The photographs.
-    psf
-        Theirs; None where no model needs it.
-    task
-        What is to be found, and by whom.
-    camera
-        Its noise at the mean level of the photographs takes the place of the task's.
-    workers
-        Who does the work.
-    results
-        File of what was measured on each photograph; an interrupted run goes on from it.
+    ``noise`` is that of a camera, in place of the task's: then the one at the mean level of the
+    photographs counts.
+    """
+
+    images: tuple[Path, ...]
+    psf: Path | None
+    task: DetectionTask
+    noise: CaptureNoise | None
+    workers: SweepWorkers
+
+
+def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves:
+    """Measure the photographs and work out the curves, with bars on stderr.
+
+    ``results`` takes what was measured on each; an interrupted run goes on from it.
 
     Raises
     ------
-    ApplicationError, AnalysisError
-        If a photograph or the results cannot be read.
+    ApplicationError, AnalysisError, CalibrationError
+        If a photograph, the PSF or the results cannot be read.
     """
-    plan = task.plan(psf, len(images))
-    with progress_bar("measuring images", len(images)) as bar:
+    task = request.task
+    psf = None if request.psf is None else read_total_psf(request.psf)
+    plan = task.plan(psf, len(request.images))
+    with progress_bar("measuring images", len(request.images)) as bar:
         cells = sweep_images(
-            images, read_grey, plan, results=results, workers=workers, progress=bar.advance_to
+            request.images,
+            read_grey,
+            plan,
+            results=results,
+            workers=request.workers,
+            progress=bar.advance_to,
         )
-    if camera is not None:
+    if request.noise is not None:
         levels = np.array([cell.mean_dn for cell in cells])
-        noise_dn = math.sqrt(float(camera.variance_dn2(levels).mean()))
+        noise_dn = math.sqrt(float(request.noise.variance_dn2(levels).mean()))
         task = replace(task, noises_dn=(noise_dn,))
     with progress_bar("working out d'", len(task.models)) as bar:
         return curves_of(cells, plan, task, bar.advance_to)

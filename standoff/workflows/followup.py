@@ -19,11 +19,11 @@ from simulation import (
     zoom_operator,
     zoom_out,
 )
+from simulation.arrays import FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
 from simulation.pose import pose_noise_gain
 from simulation.resampling import GaussianForm, reference_shape
-from simulation.zoom import FloatImage
 
 __all__ = [
     "CaptureOptions",
@@ -161,8 +161,7 @@ def from_pose(
     ValueError
         As ``simulate_pose``.
     """
-    size = pose.size
-    matrix, distortion_k1 = pose.matrix, pose.distortion_k1
+    size, matrix, distortion_k1 = pose.size, pose.matrix, pose.distortion_k1
     simulated = simulate_pose(
         reference, matrix, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
     )

@@ -165,8 +165,7 @@ def _from_pose(
 ) -> FollowUp:
     assert request.psf is not None
     frame = (reference.shape[1], reference.shape[0])
-    is_same_frame = pose.size == frame
-    psf = frame_psf(request.psf, frame if is_same_frame else None, "matched")
+    psf = frame_psf(request.psf, frame if pose.size == frame else None, "matched")
     return from_pose(reference, pose, psf, request.camera.noise)
 
 

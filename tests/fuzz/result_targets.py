@@ -10,9 +10,11 @@ import cv2
 import numpy as np
 import tifffile
 
+from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
 from analysis.detectability.sweep import SweepPlan, sweep_images
 from analysis.errors import ResultsFileError
+from analysis.validation.document import read_validation
 from analysis.validation.kernel_cache import KernelCache
 from calibration.errors import (
     GeometryFileError,
@@ -118,6 +120,53 @@ CURVES: dict[str, Any] = {
         }
     ],
 }
+CHANGES: dict[str, Any] = {
+    "schema": "standoff.changes/1",
+    "reference": "a.tif",
+    "followup": "b.tif",
+    "homography": [[1.5, 0.0, 2.0], [0.0, 1.5, 1.0], [0.0, 0.0, 1.0]],
+    "distortion_k1": -0.01,
+    "distortion_k1_err": None,
+    "zoom": 1.5,
+    "changed_px": 3,
+    "compared_px": 4000,
+    "threshold_sd": 4.5,
+    "false_alarms_px": 0.05,
+    "gain": 1.0,
+    "extra_blur_px2": 0.01,
+    "extra_blur_err_px2": None,
+    "noise_factor": 1.0,
+    "is_noise_known": True,
+    "registration_err_px": 0.01,
+    "width_err_px2": 0.02,
+}
+VALIDATION: dict[str, Any] = {
+    "schema": "standoff.validation/1",
+    "session": "s",
+    "psf": "psf.json",
+    "psf_covariance_px2": [[0.5, 0.0], [0.0, 0.5]],
+    "models": ["matched"],
+    "references_per_target": 2,
+    "training_steps": 4000,
+    "training_seed": 0,
+    "table_1": [],
+    "table_2": [
+        {
+            "alignment": "followup-grid",
+            "model": "matched",
+            "correlation": 0.99,
+            "mse_dn2": 1.5,
+            "nmi": 1.6,
+            "psnr_db": None,
+            "psnr_of_mean_db": 46.0,
+            "ssim": 0.99,
+            "pairs": 3,
+        }
+    ],
+    "pairs": [],
+    "excluded": [{"capture": 2, "target": "leaves", "height_mm": 150.0, "reason": "shaken"}],
+    "remarks": ["dim"],
+}
 CELL: dict[str, Any] = {
     "key": "k",
     "mean_dn": 1.0,
@@ -217,6 +266,18 @@ RESULT_TARGETS = (
         name="curves.json",
         data=damaged_json(CURVES),
         read=from_file(read_curves, "curves.json"),
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="changes.json",
+        data=damaged_json(CHANGES),
+        read=from_file(read_changes, "changes.json"),
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="validation.json",
+        data=damaged_json(VALIDATION),
+        read=from_file(read_validation, "validation.json"),
         documented=(ResultsFileError,),
     ),
     FuzzTarget(

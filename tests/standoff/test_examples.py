@@ -1,3 +1,6 @@
+"""The examples run from start to end, with nothing of ours but ``import standoff``."""
+
+import ast
 import re
 import subprocess
 import sys
@@ -6,6 +9,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+OURS = {"acquisition", "calibration", "simulation", "analysis", "hil_mocks", "tests"}
 
 pytestmark = pytest.mark.slow
 
@@ -21,17 +25,43 @@ def run(name: str, *arguments: object) -> str:
     return done.stdout
 
 
-def test_follow_ups_of_all_models_are_written(tmp_path: Path) -> None:
-    out = run("simulate_followups.py", "--out", tmp_path)
-    assert len(list(tmp_path.glob("*.tif"))) == 12
-    assert re.search(r"2\.0  lmmse +0\.000", out)
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_an_example_needs_the_front_door_alone(path: Path) -> None:
+    imported = {
+        name
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [str(node.module)]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+    }
+    assert "standoff" in imported
+    assert not {name for name in imported if name.split(".")[0] in OURS}
+    assert not {name for name in imported if name.startswith("standoff.")}
 
 
-def test_the_width_of_the_simulated_lens_is_within_its_interval_of_the_truth(
-    tmp_path: Path,
-) -> None:
-    out = run("psf_and_mtf.py", "--out", tmp_path / "mtf.png")
-    assert (tmp_path / "mtf.png").read_bytes()[:4] == b"\x89PNG"
-    found = [float(text) for text in re.findall(r"sigma_. (\S+) px", out)]
-    true = [float(text) for text in re.findall(r"true (\S+) and (\S+) px", out)[0]]
-    assert found == pytest.approx(true, rel=0.03)  # noise of six single frames
+def test_the_psf_of_known_edges_is_found(tmp_path: Path) -> None:
+    out = run("psf_from_edges.py", "--out", tmp_path)
+    assert (tmp_path / "psf.png").read_bytes()[:4] == b"\x89PNG"
+    found = [float(text) for text in re.findall(r"sigma_[xy] (\S+) ±", out)]
+    assert found == pytest.approx([0.76, 0.67], abs=0.002)  # the edges' own widths
+
+
+def test_what_distance_costs_is_shown(tmp_path: Path) -> None:
+    out = run("how_far_away.py", "--out", tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "followups.png",
+        "curves.png",
+        "limits.png",
+    }
+    assert "zoom up to" in out
+
+
+def test_the_one_change_is_found(tmp_path: Path) -> None:
+    out = run("what_changed.py", "--out", tmp_path)
+    changed = int(re.findall(r"(\d+) of \d+ px changed", out)[0])
+    assert 20 < changed < 300  # a spot of 4 px, seen from 1.4 times further away
+    assert (tmp_path / "changes.png").is_file()

@@ -20,7 +20,7 @@ from analysis.changes.filter import (
 )
 from analysis.changes.uncertainty import fit_variance
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
-from analysis.reports.changes import plot_changes
+from analysis.reports.results import plot_changes
 from analysis.results_file import write_results
 from benchmarks.change_roc import roc_of
 from calibration.registration.distorted_pose import DistortedPose

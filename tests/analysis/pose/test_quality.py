@@ -14,7 +14,7 @@ from analysis.pose.limits import contrast_found_at, pose_limits, shift_overlap, 
 from analysis.pose.local_sampling import local_sampling
 from analysis.pose.quality import judge_pose
 from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
-from analysis.reports.pose import plot_limits, plot_pose
+from analysis.reports.results import plot_limits, plot_pose
 from simulation import SamplingGrid
 from tests.analysis.detectability.test_curves import curve
 
@@ -128,7 +128,7 @@ def test_limits_meet_the_threshold_exactly() -> None:
     assert allowed[0] == pytest.approx(LIMIT)
     assert dict(found.overlap_by_shift)[0.3] == pytest.approx(0.7)
     assert shift_overlap(1.5) == 0.0
-    assert len(plot_limits(curve(), found, 3.0).axes) == 2
+    assert len(plot_limits(found).axes) == 2
 
 
 def test_limits_of_distance_and_tilt_hold_in_every_direction() -> None:

@@ -97,7 +97,7 @@ def test_the_further_photograph_first_is_refused_with_the_remedy(
     with pytest.raises(PairError) as refused:
         calibrate_from_distances([[far, near]])
     assert refused.value.reason == "not_aligned"
-    assert "the nearer photograph comes first" in str(refused.value)
+    assert "give the nearer photograph first" in str(refused.value)
 
 
 @pytest.mark.parametrize("spoilt", ["near.tif", "far.tif"])

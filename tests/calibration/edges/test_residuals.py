@@ -9,7 +9,6 @@ from calibration.edges.residuals import (
     outlier_weights,
     profile_figures,
     profile_flags,
-    robust_variance,
 )
 from tests.calibration.closed_form import point_edge
 
@@ -79,14 +78,6 @@ def test_the_noisier_side_of_an_edge_is_not_taken_for_outliers() -> None:
     noise = 5.0 * spread * gaussian_noise(1.0)
     assert not outlier_weights(noise, spread, CONTRAST_DN)[0]
     assert outlier_weights(noise, EVEN, CONTRAST_DN)[0]
-
-
-def test_the_robust_variance_is_that_of_gaussian_noise_without_its_outliers() -> None:
-    noise = gaussian_noise(10.0)
-    noise[:30] = 5000.0
-    # The variance from the MAD scatters by sqrt(2 / (0.368 * 3000)) = 4 %; 1 % of outliers
-    # move the median by as much again.
-    assert robust_variance(noise) == pytest.approx(100.0, rel=0.15)
 
 
 def test_the_models_own_edge_has_no_flags() -> None:

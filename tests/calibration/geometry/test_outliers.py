@@ -29,7 +29,8 @@ def test_a_turned_target_is_named_with_the_angle() -> None:
     poses[2:3] = poses_over(HEIGHTS_MM[2:3], roll_deg=3.0)
     _, excluded = consistent(Survey().add("brick", poses))
     assert excluded == {
-        "brick-0-2.tif": "the target was moved by 3.0 degrees against the others; retake it"
+        "brick-0-2.tif": "the target was moved by 3.0 degrees relative to the other captures; "
+        "retake it"
     }
 
 
@@ -39,12 +40,12 @@ def test_a_lifted_target_is_left_out_whole_with_how_much_it_was_lifted() -> None
     survey.add("grass", poses_over(HEIGHTS_MM), heights_mm=[h + 3.0 for h in HEIGHTS_MM])
     found, excluded = consistent(survey)
     assert excluded == {
-        f"grass-0-{number}.tif": "its target lies at another height" for number in range(5)
+        f"grass-0-{number}.tif": "its target is at another height" for number in range(5)
     }
     [note] = found.notes
-    assert note.startswith("texture grass lies +")
+    assert note.startswith("texture grass is +")
     assert float(note.split()[3]) == pytest.approx(3.0, abs=0.1)
-    assert "heights are counted from" in note
+    assert "heights are measured from" in note
     assert found.pupil.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
 
 

@@ -78,7 +78,7 @@ def test_a_lone_texture_beside_a_board_is_left_out_with_the_remedy(
     [exclusion] = found.exclusions
     assert exclusion.capture is survey.captures[3]
     assert exclusion.reason == (
-        "it is the only capture of its target: capture it at two heights or more"
+        "it is the only capture of its target; capture it at two heights or more"
     )
 
 
@@ -108,7 +108,9 @@ def test_a_capture_with_fewer_than_12_believable_points_is_left_out(
     assert used == list(zip(survey.captures[:2], (63, 61), strict=True))
     [exclusion] = found.exclusions
     assert exclusion.capture is survey.captures[2]
-    assert exclusion.reason.startswith("it agrees too little with the other captures; photograph")
+    assert exclusion.reason.startswith(
+        "it does not agree well enough with the other captures; photograph"
+    )
 
 
 @pytest.mark.parametrize(

@@ -119,15 +119,15 @@ def test_heights_that_hardly_differ_leave_distortion_centre_and_tilt_open(
     for open_value in (found.k1, found.k2, found.tilt_x_deg, found.tilt_y_deg, found.tilt_deg):
         assert open_value is None
     for name in ("k1", "k2", "tilt_deg"):
-        assert "span a greater range of heights" in found.undetermined[name]
-    assert "only a lens that distorts" in found.undetermined["principal_px"]
+        assert "span a wider range of heights" in found.undetermined[name]
+    assert "only a lens with distortion" in found.undetermined["principal_px"]
     assert found.k1_opencv is None
 
 
 def test_two_heights_alone_are_said_to_be_unchecked(calibrated: Calibrate) -> None:
     found = calibrated(Survey().add("brick", poses_over(HEIGHTS_MM[:2])), NOMINAL)
     assert found.notes == (
-        "two heights alone: nothing checks them, and their error is not counted",
+        "only two heights: nothing checks them, and their error is not included",
     )
 
 
@@ -138,7 +138,7 @@ def test_a_stage_that_misses_its_heights_is_noted_with_how_much(calibrated: Cali
     found = calibrated(Survey().add("brick", poses_over(heights), heights_mm=read), NOMINAL)
     assert found.height_scatter_mm == pytest.approx(0.3 * np.sqrt(6 / 4), rel=0.1)
     assert found.notes == (
-        f"heights and images disagree by {found.height_scatter_mm:.3f} mm: check the stage, or "
+        f"heights and images disagree by {found.height_scatter_mm:.3f} mm: check the stage, and "
         "that the lens was not refocused between captures",
     )
     assert [c.height_residual_mm > 0 for c in found.captures] == [False, True] * 3
@@ -164,7 +164,7 @@ def test_of_two_targets_that_lie_askew_the_first_gives_the_tilt_and_the_other_is
     assert found.tilt_x_deg == pytest.approx(0.0, abs=4 * found.tilt_x_err_deg)
     [note] = found.notes
     assert note.startswith("grass is inclined by ")
-    assert note.endswith("against the first target; the tilt is that of the first")
+    assert note.endswith("relative to the first target; the tilt given is that of the first")
     assert float(note.split()[4]) == pytest.approx(1.0, abs=0.1)
 
 

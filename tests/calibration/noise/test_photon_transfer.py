@@ -188,7 +188,7 @@ def test_read_noise_below_the_rounding_is_zero_and_noted() -> None:
     assert found.read_noise_e == 0.0
     assert found.read_noise_e_err > 0.0
     assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
-    assert "the read noise is below what the rounding to whole DN lets through" in found.notes
+    assert "the read noise is below the rounding to whole DN and cannot be measured" in found.notes
 
 
 def test_a_variance_that_bends_down_is_noted_and_its_slope_in_the_dark_is_the_gain() -> None:
@@ -199,7 +199,7 @@ def test_a_variance_that_bends_down_is_noted_and_its_slope_in_the_dark_is_the_ga
     assert found.curvature == pytest.approx(-1e-5, rel=1e-6)
     assert found.light_flicker == 0.0
     assert found.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-9)
-    assert any("a camera that is not linear" in text for text in found.notes)
+    assert any("a nonlinear camera" in text for text in found.notes)
 
 
 def test_two_exposures_tell_no_linearity() -> None:

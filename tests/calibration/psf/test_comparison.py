@@ -46,7 +46,7 @@ def test_holm_by_the_steps_of_the_definition() -> None:
     plain = [erfc(z / sqrt(2)) for z in (2.5, 2.2, 0.1)]
     expected = [3 * plain[0], max(3 * plain[0], 2 * plain[1]), plain[2]]
     assert [one.p_value_holm for one in change.parameters] == pytest.approx(expected)
-    assert change.verdict.startswith("no change beyond chance in 3 parameters (least p = 0.037")
+    assert change.verdict.startswith("no significant change in 3 parameters (smallest p = 0.037")
 
 
 def test_only_what_both_know_with_errors_is_compared() -> None:
@@ -63,9 +63,9 @@ def test_what_makes_two_calibrations_hard_to_compare_is_said() -> None:
         psf(method="all-angles", region="centre", camera={"serial": "B"}),
     )
     assert change.remarks == (
-        "they are of different methods: paper and all-angles",
-        "they are of different regions: none and centre",
-        "they are of different cameras: A and B",
+        "they use different methods: paper and all-angles",
+        "they use different regions: none and centre",
+        "they are from different cameras: A and B",
     )
     assert compare_psfs(psf(), psf()).remarks == ()
 

@@ -37,7 +37,7 @@ def test_the_same_calibration_has_not_changed(command: Command, tmp_path: Path) 
     a = psf_file(tmp_path / "a.json", 0.80)
     done = command("compare", a, a)
     assert done.status == 0
-    assert "no change beyond chance in 2 parameters" in done.out
+    assert "no significant change in 2 parameters" in done.out
 
 
 def test_different_methods_are_noted(command: Command, tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_files_without_errors_are_refused_by_name(command: Command, tmp_path: Pa
     b = psf_file(tmp_path / "b.json", 0.80, sigma_x_err_px=None, sigma_y_err_px=None)
     done = command("compare", a, b)
     assert done.status == 1
-    assert f"{a} and {b}: the two share no parameter with standard errors" in done.err
+    assert f"{a} and {b}: the two calibrations share no parameter with standard errors" in done.err
 
 
 def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def test_photographs_of_no_known_length_give_the_pupil_and_say_what_is_open(
     session = imported(tmp_path / "s", captures("coins", TWO_HEIGHTS_MM))
     done = command("geometry", "--session", session, "--out", tmp_path / "g.json")
     assert done.status == 0, done.err
-    assert "two heights alone: nothing checks them" in done.err
+    assert "only two heights: nothing checks them" in done.err
     assert "--board names another" not in done.err  # no board was seen
     focal = next(line for line in done.out.splitlines() if "focal length / px" in line)
     assert "not determined" in focal

@@ -1,26 +1,26 @@
 """Pictures of a pose's quality and of the allowed movement."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.detectability import DetectabilityCurve
-from analysis.pose import PoseLimits, PoseQuality
-from analysis.reports.detectability import draw_curve
-from analysis.reports.page import in_report_style, new_figure
+from analysis.detectability import draw_curve
 
-__all__ = ["plot_limits", "plot_pose"]
+if TYPE_CHECKING:
+    from analysis.pose.limits import PoseLimits
+    from analysis.pose.quality import PoseQuality
+
+__all__ = ["limits_figure", "pose_figure"]
 
 _BLUE, _RED = "#0072B2", "#D55E00"
 
 
-@in_report_style
-def plot_pose(followup: NDArray[np.floating[Any]], quality: PoseQuality) -> Figure:
+def pose_figure(followup: NDArray[np.floating[Any]], quality: "PoseQuality") -> Figure:
     """Show d' over the follow-up, with the border of what is below the threshold."""
     rows, cols = followup.shape[:2]
-    figure = new_figure(6.0, 1.0 + 4.6 * rows / cols)
+    figure = Figure(figsize=(6.0, 1.0 + 4.6 * rows / cols), layout="constrained")
     axes = figure.subplots()
     axes.imshow(followup, cmap="gray")
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
@@ -51,17 +51,17 @@ def plot_pose(followup: NDArray[np.floating[Any]], quality: PoseQuality) -> Figu
     return figure
 
 
-@in_report_style
-def plot_limits(curve: DetectabilityCurve, limits: PoseLimits, min_d_prime: float) -> Figure:
+def limits_figure(limits: "PoseLimits") -> Figure:
     """Plot d' against zoom with the threshold, and the allowed zoom against the tilt.
 
     Dots are what was computed.
     """
-    figure = new_figure(8.4, 3.4)
+    curve = limits.curve
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     against_zoom, against_tilt = figure.subplots(1, 2)
     line = draw_curve(against_zoom, curve, _BLUE)
     line.set(marker="o", markersize=3, label=f"{curve.model} {curve.observer}")
-    against_zoom.axhline(min_d_prime, color=_RED, linestyle="--", label="threshold")
+    against_zoom.axhline(limits.min_d_prime, color=_RED, linestyle="--", label="threshold")
     against_zoom.axvline(limits.zoom, color="0.4", linestyle=":", label=f"limit {limits.zoom:.3g}")
     against_zoom.set(
         xlabel="zoom-out z (ratio of the distances)", ylabel="detectability d′ (upper bound)"

@@ -1,18 +1,25 @@
 """Figures 4 and 5: d' against zoom, for several noises and for several contrasts."""
 
 from collections.abc import Sequence
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from analysis.detectability import DetectabilityCurve, d_prime_between
-from analysis.reports.page import in_report_style, new_figure
-from analysis.reports.validation_plots import MODEL_COLOURS
+if TYPE_CHECKING:
+    from analysis.detectability.curves import DetectabilityCurve
 
-__all__ = ["OBSERVER_NAMES", "draw_curve", "plot_detectability"]
+__all__ = ["MODEL_COLOURS", "OBSERVER_NAMES", "curves_figure", "draw_curve"]
+
+MODEL_COLOURS: dict[str, str] = {
+    "bicubic": "#CC79A7",
+    "paper": "#D55E00",
+    "matched": "#0072B2",
+    "lmmse": "#009E73",
+}
+"""Of Okabe and Ito's palette, which colour-blind readers can tell apart."""
 
 OBSERVER_NAMES = {
     "npw": "non-prewhitening",
@@ -29,11 +36,11 @@ _DRAWN = 200
 _NAMES = {"noise_dn": "noise", "contrast_dn": "contrast"}
 
 
-def draw_curve(axes: Axes, curve: DetectabilityCurve, colour: str) -> Line2D:
+def draw_curve(axes: Axes, curve: "DetectabilityCurve", colour: str) -> Line2D:
     """Draw d' and its interval as they are read; the line's markers are the zooms computed."""
     zoom = np.union1d(curve.zoom, np.linspace(curve.zoom[0], curve.zoom[-1], _DRAWN))
     low, d_prime, high = (
-        d_prime_between(curve.zoom, values, zoom)
+        curve.between(values, zoom)
         for values in (curve.dprime_low, curve.dprime, curve.dprime_high)
     )
     computed = np.flatnonzero(np.isin(zoom, curve.zoom)).tolist()
@@ -42,9 +49,8 @@ def draw_curve(axes: Axes, curve: DetectabilityCurve, colour: str) -> Line2D:
     return line
 
 
-@in_report_style
-def plot_detectability(
-    curves: Sequence[DetectabilityCurve], varied: Literal["noise_dn", "contrast_dn"]
+def curves_figure(
+    curves: "Sequence[DetectabilityCurve]", varied: Literal["noise_dn", "contrast_dn"]
 ) -> Figure:
     """Plot d' against zoom: a panel for each observer, a colour for each model.
 
@@ -61,7 +67,8 @@ def plot_detectability(
     fixed: Literal["noise_dn", "contrast_dn"] = (
         "contrast_dn" if varied == "noise_dn" else "noise_dn"
     )
-    figure = new_figure(max(2.6 * len(observers) + 1.6, 4.6), 3.5)
+    size_in = max(2.6 * len(observers) + 1.6, 4.6), 3.5
+    figure = Figure(figsize=size_in, layout="constrained")
     panels = figure.subplots(1, len(observers), sharey=True, squeeze=False)[0]
     for axes, observer in zip(panels, observers, strict=True):
         for curve in curves:

@@ -1,0 +1,76 @@
+"""Two photographs of one scene: where the second was taken from, and what changed."""
+
+from analysis.changes import ChangeOptions, ChangeResult, find_changes as changes_between
+from analysis.choices import FALSE_ALARMS
+from calibration.registration import Registration, register as registered
+from standoff.library.inputs import (
+    ImageLike,
+    NoiseLike,
+    PsfLike,
+    camera_noise,
+    grey_image,
+    total_psf,
+)
+
+__all__ = ["find_changes", "register"]
+
+
+def register(reference: ImageLike, followup: ImageLike, psf: PsfLike | None = None) -> Registration:
+    """Return the pose of a follow-up in its reference, as a homography.
+
+    Parameters
+    ----------
+    reference, followup
+        Arrays or files; the follow-up is the one from further away.
+    psf
+        Of the camera; without it the reference is simulated by ``bicubic``.
+
+    Returns
+    -------
+    Registration
+        ``matrix`` takes follow-up pixels ``(x, y, 1)`` to reference pixels.
+
+    Raises
+    ------
+    TypeError
+        If an argument is of none of these kinds.
+    RegistrationError
+        If the two cannot be aligned; ``reason`` and ``at_fault`` say why.
+    """
+    near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
+    return registered(near, far, None if psf is None else total_psf(psf))
+
+
+def find_changes(
+    reference: ImageLike,
+    followup: ImageLike,
+    psf: PsfLike,
+    *,
+    noise: NoiseLike | None = None,
+    false_alarms: float = FALSE_ALARMS,
+) -> ChangeResult:
+    """Say what changed between two photographs that the change of pose does not explain.
+
+    Parameters
+    ----------
+    reference, followup
+        Arrays or files; the follow-up is the later one, from further away.
+    psf
+        Of the camera.
+    noise
+        Of both captures, or the path of a noise.json; without it the noise is fitted.
+    false_alarms
+        Pixels flagged by chance, expected in a frame.
+
+    Raises
+    ------
+    TypeError
+        If an argument is of none of these kinds.
+    RegistrationError
+        If the two cannot be aligned.
+    AnalysisError
+        If they share too little, or the follow-up is softer than simulated.
+    """
+    near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
+    options = ChangeOptions(noise=camera_noise(noise), false_alarms=false_alarms)
+    return changes_between(near, far, total_psf(psf), options)

@@ -1,0 +1,24 @@
+import numpy as np
+import pytest
+from numba import njit
+
+from calibration.robust import robust_sigma
+
+
+def test_the_scatter_is_that_of_gaussian_noise_without_its_outliers() -> None:
+    noise = np.random.default_rng(2).normal(0.0, 10.0, 3000)
+    noise[:30] = 5000.0
+    # The variance from the MAD scatters by sqrt(2 / (0.368 * 3000)) = 4 %; 1 % of outliers
+    # move the median by as much again.
+    assert robust_sigma(noise) ** 2 == pytest.approx(100.0, rel=0.15)
+
+
+def test_the_scatter_of_three_values_by_hand() -> None:
+    # The median modulus is 2; that of a unit normal 0.67449, the quantile at 3/4.
+    assert robust_sigma(np.array([-2.0, 9.0, 1.0])) == pytest.approx(2.0 / 0.6744898, rel=1e-7)
+
+
+def test_compiled_code_gets_the_same_scatter() -> None:
+    values = np.random.default_rng(3).normal(0.0, 1.0, 100)
+    compiled = njit(lambda deviations: robust_sigma(deviations))
+    assert compiled(values) == robust_sigma(values)
