@@ -1,9 +1,9 @@
 from .crops import CropPicker as CropPicker
+from .errors import KernelGanError as KernelGanError
 from .estimate import (
     KERNEL_MODELS as KERNEL_MODELS,
     TRAINING_STEPS as TRAINING_STEPS,
     EstimatedKernel as EstimatedKernel,
-    KernelGanError as KernelGanError,
     KernelGanSettings as KernelGanSettings,
     KernelModel as KernelModel,
     estimate_kernel as estimate_kernel,

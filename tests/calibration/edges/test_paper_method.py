@@ -61,7 +61,7 @@ def test_the_error_of_a_median_by_hand() -> None:
     assert median.err == pytest.approx(sqrt(np.pi / 2) / 0.67449 / sqrt(5), rel=1e-4)
     assert median.high - median.value == pytest.approx(1.96 * median.err, rel=1e-3)
     assert median_width(np.array([0.7]), np.array([0.02])).err == 0.02
-    with pytest.raises(ValueError, match="at least one"):
+    with pytest.raises(ValueError):
         median_width(np.array([]), np.array([]))
 
 

@@ -7,12 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from simulation.kernelgan.crops import OUTPUT_SIDE_PX, CropPicker, nearest_positions
+from simulation.kernelgan.errors import KernelGanError, TorchMissingError
 from simulation.kernelgan.estimate import (
     KERNEL_SIZE,
     EstimatedKernel,
-    KernelGanError,
     KernelGanSettings,
-    TorchMissingError,
     centre_half,
     estimate_kernel,
 )
@@ -38,23 +37,19 @@ def test_moments_of_a_kernel_by_hand() -> None:
 
 @pytest.mark.parametrize("weights", [np.full((13, 13), 1.0), np.full((13, 13), np.nan)])
 def test_a_kernel_that_does_not_add_up_to_1_is_refused(weights: NDArray[np.float64]) -> None:
-    with pytest.raises(ValueError, match="add up to 1"):
+    with pytest.raises(ValueError):
         EstimatedKernel(weights=weights)
 
 
 @pytest.mark.parametrize(
-    ("settings", "name"),
-    [
-        ({"zoom": 0.5}, "zoom"),
-        ({"zoom": float("nan")}, "zoom"),
-        ({"zoom": 2.0, "steps": 0}, "steps"),
-        ({"zoom": 2.0, "seed": -1}, "seed"),
-        ({"zoom": 2.0, "model": "matched"}, "model"),
-    ],
+    "wrong",
+    [{"zoom": 0.5}, {"zoom": float("nan")}, {"steps": 0}, {"seed": -1}, {"model": "matched"}],
 )
-def test_settings_out_of_range_are_named(settings: dict[str, Any], name: str) -> None:
-    with pytest.raises(ValueError, match=name):
-        KernelGanSettings(**settings)
+def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    right: dict[str, Any] = {"zoom": 2.0}
+    assert KernelGanSettings(**right).zoom == 2.0
+    with pytest.raises(ValueError):
+        KernelGanSettings(**(right | wrong))
 
 
 def test_nearest_positions_by_hand() -> None:
@@ -79,18 +74,27 @@ def test_zoom_1_needs_no_training() -> None:
     np.testing.assert_array_equal(kernel.covariance_px2, 0.0)
 
 
-def test_an_image_without_content_or_too_small_is_refused_with_a_remedy() -> None:
-    settings = KernelGanSettings(zoom=2.0, steps=1)
-    with pytest.raises(KernelGanError, match="flat"):
-        estimate_kernel(np.full((90, 90), 7.0), settings)
-    with pytest.raises(KernelGanError, match="larger image"):
-        estimate_kernel(NOISE[:62], settings)
-    with pytest.raises(KernelGanError, match="larger image"):
-        estimate_kernel(NOISE, KernelGanSettings(zoom=2.0, steps=1, is_centre_crop=True))
-    with pytest.raises(ValueError, match="grey"):
-        estimate_kernel(np.ones((90, 90, 3)), settings)
-    with pytest.raises(ValueError, match="NaN"):
-        estimate_kernel(np.full((90, 90), np.nan), settings)
+@pytest.mark.parametrize(
+    ("image", "is_centre_crop", "reason"),
+    [
+        pytest.param(np.full((90, 90), 7.0), False, "flat", id="flat"),
+        pytest.param(NOISE[:62], False, "too_small", id="small"),
+        pytest.param(NOISE, True, "too_small", id="small in the middle"),
+    ],
+)
+def test_an_image_that_teaches_nothing_is_refused_with_the_reason(
+    image: NDArray[np.float64], is_centre_crop: bool, reason: str
+) -> None:
+    settings = KernelGanSettings(zoom=2.0, steps=1, is_centre_crop=is_centre_crop)
+    with pytest.raises(KernelGanError) as refused:
+        estimate_kernel(image, settings)
+    assert refused.value.reason == reason
+
+
+@pytest.mark.parametrize("image", [np.dstack([NOISE] * 3), np.where(NOISE > 3000, np.nan, NOISE)])
+def test_colours_and_values_that_are_not_finite_are_refused(image: NDArray[np.float64]) -> None:
+    with pytest.raises(ValueError):
+        estimate_kernel(image, KernelGanSettings(zoom=2.0, steps=1))
 
 
 def test_the_centre_half_is_centred() -> None:
@@ -98,14 +102,16 @@ def test_the_centre_half_is_centred() -> None:
     np.testing.assert_array_equal(centre_half(np.arange(64.0).reshape(8, 8))[0], [18, 19, 20, 21])
 
 
-def test_without_torch_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_torch_the_error_is_one_of_a_missing_module(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     real = importlib.util.find_spec
 
     def blocked(name: str, package: str | None = None) -> importlib.machinery.ModuleSpec | None:
         return None if name == "torch" else real(name, package)
 
     monkeypatch.setattr("simulation.kernelgan.estimate.find_spec", blocked)
-    with pytest.raises(TorchMissingError, match=r"pip install standoff\[kernelgan\]"):
+    with pytest.raises(TorchMissingError):
         estimate_kernel(NOISE, KernelGanSettings(zoom=2.0))
 
 
@@ -153,5 +159,5 @@ def test_a_short_training_tells_a_soft_image_from_a_sharp_one() -> None:
 
 
 def test_a_kernel_of_another_size_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"13 x 13 weights, got \(11, 11\)"):
+    with pytest.raises(ValueError):
         EstimatedKernel(weights=np.full((11, 11), 1 / 121))

