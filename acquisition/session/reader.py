@@ -71,9 +71,7 @@ class Session:
 
     def __init__(self, path: str | PathLike[str]) -> None:
         if not isinstance(path, str | PathLike):
-            raise TypeError(
-                f"Session: expected the path of a session, got {type(path).__name__}"
-            )
+            raise TypeError(f"Session: expected the path of a session, got {type(path).__name__}")
         self._path = Path(path)
         manifest_path = self._path / MANIFEST_NAME
         if not manifest_path.is_file():

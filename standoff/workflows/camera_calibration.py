@@ -9,9 +9,9 @@ from calibration.blind import calibrate_from_distances, calibrate_from_scene
 from calibration.choices import CalibrationMethod
 from calibration.edges import EdgeImage, Region
 from calibration.errors import CalibrationError
-from calibration.files import PsfOrigin
 from calibration.psf import (
     PsfCalibration,
+    PsfOrigin,
     calibrate_mosaic,
     calibrate_psf,
     capture_images,

@@ -97,5 +97,5 @@ def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
     arguments = ("--zoom", "1.5", "--psf", psf, "--transfer", "measured", "--out", out)
     done = command("simulate", image, *arguments, "--model", "lmmse")
     assert done.status == 1
-    assert "it holds no transfer function along y; calibrate with horizontal edges" in done.err
+    assert "there is no transfer function along y; calibrate with horizontal edges" in done.err
     assert command("simulate", image, *arguments).status == 2
