@@ -27,7 +27,6 @@ from simulation.choices import MODELS, Model
 from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
 from simulation.psf import CameraTransfer, GaussianPsf, Transfer
 from simulation.resampling import (
-    MATCHED_TAIL_TOLERANCE,
     BandedMatrix,
     BlurCovariance,
     GaussianForm,
@@ -35,6 +34,7 @@ from simulation.resampling import (
     antialiased_cubic,
     blur,
     gaussian_terms,
+    matched_terms,
     put_separable,
     reference_shape,
     refuse_non_finite,
@@ -283,11 +283,7 @@ def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: GaussianPsf) -> Se
         # The spline through the pixels takes the pixels' own values, but for rounding.
         return _identity(shape)
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    kernels = gaussian_terms(
-        _scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1),
-        tail_tolerance=MATCHED_TAIL_TOLERANCE,
-        spline_prefilter=True,
-    )
+    kernels = matched_terms(_scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1))
     return _without_faint_ends(
         tuple(
             (
@@ -345,13 +341,8 @@ class BlurredSpline:
             Ratio of the distances; below 1 it blurs as 1 does: not at all.
         """
         excess = max(zoom, 1.0) ** 2 - 1
-        (xx, xy), (_, yy) = (excess * psf.covariance_px2).tolist()
         rows, cols = image.shape
-        kernels = gaussian_terms(
-            BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
-            tail_tolerance=MATCHED_TAIL_TOLERANCE,
-            spline_prefilter=True,
-        )
+        kernels = matched_terms(_scaled(psf, excess, excess, excess))
         prefilter = SeparableSum(
             tuple((blur(k.along_y, rows), blur(k.along_x, cols)) for k in kernels)
         )

@@ -24,12 +24,12 @@ from calibration.edges.segments import EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 
-__all__ = ["SATURATED_FRACTION", "EdgeFit", "fit_edge"]
+__all__ = ["SATURATED_FRACTION", "SHARPEST_PX", "EdgeFit", "fit_edge"]
 
 SHORTEST_PX = 20.0
 NOISIEST_SNR = 3.0
 SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
-_SHARPEST_PX = 0.06  # optical widths below this are not told from a perfect lens
+SHARPEST_PX = 0.06  # optical widths below this are not told from a perfect lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +130,7 @@ def _measurement(
         optical, optical_err = _width(likely.optical, freedom)
         if likely.optical.squares < best.squares:
             best = likely.optical
-        if optical < _SHARPEST_PX:
+        if optical < SHARPEST_PX:
             optical = optical_err = None
     half_length_px = segment.line.half_length_px
     angle = segment.normal_rad + total[TURN] / half_length_px

@@ -21,7 +21,7 @@ from calibration.edges.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
-from calibration.edges.segments import EdgeSegment
+from calibration.edges.segments import EdgeSegment, band_half_width
 from calibration.noise import LevelNoise
 from simulation.arrays import BoolArray, FloatArray
 
@@ -38,9 +38,6 @@ Method = Literal["all-angles", "paper"]
 
 REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
 """Flags of edges that do not count; the others are remarks."""
-
-_PAPER_BAND_SIGMAS = 6.0
-_PAPER_BAND_EXTRA_PX = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +198,7 @@ def measure_edges(
         fit = None if found is None else _determined(found)
         if fit is None:
             continue
-        band = _PAPER_BAND_SIGMAS * fit.sigma_px + _PAPER_BAND_EXTRA_PX
+        band = band_half_width(fit.sigma_px)
         samples = edge_samples(image, segment, fit, band)
         widened = lsf_fit(samples, fit) if method == "paper" else fit
         if widened is None:

@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 
 from calibration.choices import PATTERNS, Pattern
 from calibration.edges.esfr import EdgeSfr
-from calibration.edges.fit import EdgeFit
+from calibration.edges.fit import SHARPEST_PX, EdgeFit
 from calibration.edges.model import edge_profile
 from simulation.arrays import AnyArray, FloatArray
 
@@ -32,7 +32,6 @@ __all__ = [
 ]
 
 PITCH_PX = 2
-_SHARPEST_PX = 0.06  # optical widths below this are not told from a perfect lens
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 6.0  # what the edge fit takes on either side: 3 px of the plane
 _STEPS = 801
@@ -140,7 +139,7 @@ def optical_of_total(sigma_px: float, normal_rad: float) -> float | None:
     if offsets[0] is None or offsets[1] is None:
         return None
     variance = sigma_px**2 - ((1 - share) * offsets[0] + share * offsets[1])
-    return sqrt(variance) if variance > _SHARPEST_PX**2 else None
+    return sqrt(variance) if variance > SHARPEST_PX**2 else None
 
 
 def _offset_px2(sigma_px: float, turn_deg: float) -> float | None:
@@ -154,7 +153,7 @@ def _offset_px2(sigma_px: float, turn_deg: float) -> float | None:
 @lru_cache(maxsize=32)
 def _offsets(turn_deg: float) -> PchipInterpolator:
     """Total less optical variance by total width, for one direction of the edge."""
-    optical = np.geomspace(_SHARPEST_PX, _WIDEST_PX, _TABLE_STEPS)
+    optical = np.geomspace(SHARPEST_PX, _WIDEST_PX, _TABLE_STEPS)
     total = np.array([_total_of_optical(o, np.deg2rad(turn_deg)) for o in optical.tolist()])
     return PchipInterpolator(total, total**2 - optical**2)
 

@@ -4,7 +4,6 @@ The functions take numbers or arrays alike, and compiled code calls them as they
 the shape (3, 3) and takes ``(x, y, 1)`` to the image's coordinates times their depth.
 """
 
-from collections.abc import Callable
 from typing import TypeVar
 
 from numba.extending import register_jitable
@@ -13,23 +12,17 @@ from simulation.arrays import FloatArray
 
 __all__ = ["project", "projection_depth", "projection_slopes"]
 
-Function = TypeVar("Function", bound=Callable[..., object])
 Coordinate = TypeVar("Coordinate", float, FloatArray)
 
 
-def _compiled_or_not(function: Function) -> Function:
-    compiled: Function = register_jitable(function)
-    return compiled
-
-
-@_compiled_or_not
+@register_jitable
 def projection_depth(matrix: FloatArray, x: Coordinate, y: Coordinate) -> Coordinate:
     """Denominator of the homography: positive in front of the camera, 0 on the horizon."""
     depth: Coordinate = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
     return depth
 
 
-@_compiled_or_not
+@register_jitable
 def project(matrix: FloatArray, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
     """Coordinates (x, y) to which the homography takes a point."""
     depth = projection_depth(matrix, x, y)
@@ -39,7 +32,7 @@ def project(matrix: FloatArray, x: Coordinate, y: Coordinate) -> tuple[Coordinat
     )
 
 
-@_compiled_or_not
+@register_jitable
 def projection_slopes(
     matrix: FloatArray, x: Coordinate, y: Coordinate
 ) -> tuple[Coordinate, Coordinate, Coordinate, Coordinate]:

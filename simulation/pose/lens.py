@@ -11,9 +11,7 @@ the product of the three. ``lens`` is ``k1`` in 1/px^2 and the centres that dist
 and y in the follow-up, x and y in the reference.
 """
 
-from collections.abc import Callable
 from math import hypot, inf, isinf, sqrt
-from typing import TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -32,7 +30,6 @@ __all__ = [
     "warped",
 ]
 
-Function = TypeVar("Function", bound=Callable[..., object])
 
 DISTORTION_MAX = 0.12
 """Largest distortion, relative at the frame's corner. A barrel of strength s shows nothing beyond
@@ -97,8 +94,7 @@ def refuse_folding(distortion_k1: float, lens: FloatArray, follow_up: tuple[int,
         )
 
 
-def _compiled(function: Function) -> Function:
-    return cast("Function", njit(cache=True, error_model="numpy")(function))
+_compiled = njit(cache=True, error_model="numpy")
 
 
 @_compiled

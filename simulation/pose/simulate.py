@@ -13,17 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage, IntArray
+from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.pose.view import PoseView
 from simulation.pose.warped_blur import BORDER_PX, SplineWindow, render
 from simulation.psf import GaussianPsf, PsfField
 from simulation.resampling import (
-    MATCHED_TAIL_TOLERANCE,
-    BandedMatrix,
     BlurCovariance,
     SplineGaussianTable,
     apply_separable,
-    gaussian_terms,
+    blur_at,
+    matched_terms,
     reference_shape,
     refuse_non_finite,
     spline_gaussian,
@@ -216,33 +215,13 @@ def _spline_window(
     size = (image.shape[0], image.shape[1])
     xx, xy, yy = shares.held_px2.tolist()
     total: FloatImage | None = None
-    for kernel in gaussian_terms(
-        BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy),
-        tail_tolerance=MATCHED_TAIL_TOLERANCE,
-        spline_prefilter=True,
-    ):
-        along_y, used_rows = _blur_at(rows, kernel.along_y, size[0])
-        along_x, used_cols = _blur_at(cols, kernel.along_x, size[1])
+    for kernel in matched_terms(BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy)):
+        along_y, used_rows = blur_at(rows, kernel.along_y, size[0])
+        along_x, used_cols = blur_at(cols, kernel.along_x, size[1])
         part = apply_separable(along_y, along_x, image[used_rows, used_cols].astype(dtype))
         total = part if total is None else np.add(total, part, out=total)
     assert total is not None
     return SplineWindow(total, (top - margin, left - margin), (xx, xy, yy), size)
-
-
-def _blur_at(places_px: IntArray, kernel: FloatArray, size: int) -> tuple[BandedMatrix, slice]:
-    """Convolution of the mirrored image at places in and around it; on the pixels that it needs."""
-    radius = len(kernel) // 2
-    column = (places_px[:, None] - np.arange(-radius, radius + 1)) % (2 * size)
-    column = np.minimum(column, 2 * size - 1 - column)
-    first, last = int(column.min()), int(column.max()) + 1
-    matrix = BandedMatrix.from_entries(
-        len(places_px),
-        last - first,
-        np.repeat(np.arange(len(places_px)), len(kernel)),
-        column.ravel() - first,
-        np.broadcast_to(kernel, column.shape).ravel(),
-    )
-    return matrix, slice(first, last)
 
 
 def _seen(

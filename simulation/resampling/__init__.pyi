@@ -12,13 +12,14 @@ from .blurred_spline_weights import (
 from .cubic import (
     antialiased_cubic as antialiased_cubic,
     blur as blur,
+    blur_at as blur_at,
     spline_sampling as spline_sampling,
 )
 from .gaussian_kernel import (
-    MATCHED_TAIL_TOLERANCE as MATCHED_TAIL_TOLERANCE,
     BlurCovariance as BlurCovariance,
     GaussianForm as GaussianForm,
     gaussian_terms as gaussian_terms,
+    matched_terms as matched_terms,
     spline_transfer as spline_transfer,
 )
 from .grid import ZOOM_MIN as ZOOM_MIN, SamplingGrid as SamplingGrid
@@ -30,7 +31,6 @@ from .scattered import simulate_at as simulate_at
 
 __all__ = [
     "LEVELS_PER_LOG",
-    "MATCHED_TAIL_TOLERANCE",
     "PHASES",
     "ZOOM_MIN",
     "BandedMatrix",
@@ -41,7 +41,9 @@ __all__ = [
     "antialiased_cubic",
     "apply_separable",
     "blur",
+    "blur_at",
     "gaussian_terms",
+    "matched_terms",
     "put_separable",
     "reference_shape",
     "refuse_non_finite",

@@ -10,7 +10,7 @@ import numpy as np
 from simulation.arrays import FloatArray, IntArray
 from simulation.resampling.banded import BandedMatrix
 
-__all__ = ["antialiased_cubic", "blur", "spline_sampling"]
+__all__ = ["antialiased_cubic", "blur", "blur_at", "spline_sampling"]
 
 _KEYS_A = -0.5
 """Slope parameter of Pillow's BICUBIC (Resample.c) and of R. G. Keys, 1981."""
@@ -57,10 +57,17 @@ def blur(kernel: FloatArray, size: int) -> BandedMatrix:
     size
         Pixels along the axis.
     """
+    return blur_at(np.arange(size), kernel, size)[0]
+
+
+def blur_at(pixels: IntArray, kernel: FloatArray, size: int) -> tuple[BandedMatrix, slice]:
+    """Convolution at pixels in and around the mirrored image; the pixels that it takes."""
     radius = len(kernel) // 2
     # Output i takes kernel[radius + offset] from input i - offset.
-    column = np.arange(size)[:, None] - np.arange(-radius, radius + 1)
-    return _from_taps(_mirrored(column, size), np.broadcast_to(kernel, column.shape), size)
+    column = _mirrored(pixels[:, None] - np.arange(-radius, radius + 1), size)
+    first, last = int(column.min()), int(column.max()) + 1
+    weights = np.broadcast_to(kernel, column.shape)
+    return _from_taps(column - first, weights, last - first), slice(first, last)
 
 
 def spline_sampling(positions_px: FloatArray, prefilter: FloatArray, size: int) -> BandedMatrix:

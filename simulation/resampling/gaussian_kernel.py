@@ -17,15 +17,15 @@ from simulation.arrays import FloatArray
 from simulation.choices import GaussianForm
 
 __all__ = [
-    "MATCHED_TAIL_TOLERANCE",
     "BlurCovariance",
     "GaussianForm",
     "SeparableTerm",
     "gaussian_terms",
+    "matched_terms",
     "spline_transfer",
 ]
 
-MATCHED_TAIL_TOLERANCE = 1e-3
+_MATCHED_TAIL_TOLERANCE = 1e-3
 """Largest weight that the ``matched`` model cuts off, in ``zoom_out`` and ``simulate_pose`` alike;
 it keeps two zooms in a row within 0.07 % of one."""
 
@@ -111,6 +111,11 @@ def gaussian_terms(
         )
         return (SeparableTerm(along_y, along_x),)
     return _correlated_terms(covariance, tail_tolerance, spline_prefilter, form)
+
+
+def matched_terms(covariance: BlurCovariance) -> tuple[SeparableTerm, ...]:
+    """Kernels from pixels to the coefficients of the quintic spline through the blurred pixels."""
+    return gaussian_terms(covariance, tail_tolerance=_MATCHED_TAIL_TOLERANCE, spline_prefilter=True)
 
 
 def _kernel_1d(
