@@ -19,7 +19,7 @@ from simulation.kernelgan.generator import (  # noqa: E402
     composed_kernel,
     sampled,
 )
-from simulation.kernelgan.training import (  # noqa: E402  # noqa: E402
+from simulation.kernelgan.training import (  # noqa: E402
     KernelGanTraining,
     KernelRegulariser,
     boundary_mask,
