@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import CaptureError, DeviceError, DeviceTimeoutError
 
-__all__ = ["AveragedFrames", "average_frames"]
-
 MAX_FRAMES = 10_000
 """Bound that keeps every sum of 16-bit levels exact: N 2^16 < 2^32 and N^2 2^32 < 2^64."""
 

@@ -15,22 +15,6 @@ from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, DeviceError
 from acquisition.untrusted import parse_toml
 
-__all__ = [
-    "BenchConfig",
-    "BenchDevices",
-    "CameraConfig",
-    "CaptureConfig",
-    "OpticsConfig",
-    "SimulatedConfig",
-    "StageConfig",
-    "address_fault",
-    "load_bench",
-    "parse_overrides",
-    "resolve_address",
-    "validation_keys",
-    "validation_lines",
-]
-
 _HOST_NAME = re.compile(
     r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?(\.[A-Za-z0-9-]{1,63})*"
 )

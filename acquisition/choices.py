@@ -2,8 +2,6 @@
 
 from typing import Literal
 
-__all__ = ["FEWEST_POSITIONS", "CaptureKind", "FocusMeasure"]
-
 CaptureKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
 
 FocusMeasure = Literal["squared-gradient", "tenengrad", "brenner", "laplacian"]

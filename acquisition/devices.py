@@ -9,18 +9,6 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Camera",
-    "CameraSettings",
-    "DeviceInfo",
-    "Frame",
-    "FrameImage",
-    "Stage",
-    "StageState",
-    "StreamStatistics",
-    "TravellingStage",
-]
-
 FrameImage = NDArray[np.uint8] | NDArray[np.uint16]
 StageState = Literal["idle", "moving", "homing", "hold", "door", "alarm", "unknown"]
 

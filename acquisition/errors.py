@@ -4,30 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-__all__ = [
-    "BenchConfigError",
-    "CameraFeatureError",
-    "CaptureError",
-    "DeviceDisconnectedError",
-    "DeviceError",
-    "DeviceInUseError",
-    "DeviceProtocolError",
-    "DeviceRefusalError",
-    "DeviceResetError",
-    "DeviceSettingsError",
-    "DeviceTimeoutError",
-    "DriverMissingError",
-    "OperatorStopError",
-    "PlanError",
-    "SessionError",
-    "SessionFault",
-    "StageAlarmError",
-    "StageLimitError",
-    "StageNotHomedError",
-    "StageStoppedError",
-    "StreamInterruptedError",
-]
-
 
 class DeviceError(Exception):
     """A camera or stage did not do what it was asked."""

@@ -21,19 +21,6 @@ from acquisition.choices import CaptureKind
 from acquisition.errors import PlanError
 from acquisition.untrusted import parse_toml
 
-__all__ = [
-    "CaptureKind",
-    "CapturePlan",
-    "PlanEntry",
-    "PlanEstimate",
-    "PlanTarget",
-    "bytes_per_pixel",
-    "estimate_plan",
-    "load_plan",
-    "parse_plan",
-    "plan_entries",
-]
-
 HEIGHT_DECIMALS = 3
 """Heights are told apart to 0.001 mm, as file names write them."""
 

@@ -11,8 +11,6 @@ from typing import Any
 import tifffile
 from numpy.typing import NDArray
 
-__all__ = ["TiffDamageError", "TiffPages", "parse_json", "parse_toml", "read_tiff"]
-
 LARGEST_RATIO = 2000
 """No compression of TIFF gains more; a page that would be larger has a damaged size."""
 

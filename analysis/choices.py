@@ -4,19 +4,6 @@ from typing import Literal, get_args
 
 from simulation.choices import KernelModel, Model
 
-__all__ = [
-    "CACHE_VARIABLE",
-    "FALSE_ALARMS",
-    "OBSERVERS",
-    "PAPER_TRAINING_STEPS",
-    "REFERENCE_ZOOM",
-    "VALIDATION_MODELS",
-    "WINDOW_PX",
-    "Criterion",
-    "Observer",
-    "ValidationModel",
-]
-
 Observer = Literal["npw", "hotelling", "cho"]
 OBSERVERS: tuple[Observer, ...] = get_args(Observer)
 """Non-prewhitening, Hotelling and channelised Hotelling observer."""

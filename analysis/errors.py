@@ -2,15 +2,6 @@
 
 from calibration.errors import DocumentError
 
-__all__ = [
-    "AnalysisError",
-    "BeyondCurveError",
-    "NotDetectableError",
-    "OverlapError",
-    "ResultsFileError",
-    "SoftFollowupError",
-]
-
 
 class AnalysisError(Exception):
     """The captures or results do not allow the analysis that was asked for."""

@@ -9,8 +9,6 @@ from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field,
 from analysis.errors import ResultsFileError
 from calibration.documents import write_document
 
-__all__ = ["InfiniteAsNull", "ResultsDocument", "StoredValues", "write_results"]
-
 InfiniteAsNull = Annotated[
     float,
     AllowInfNan(),

@@ -2,8 +2,6 @@
 
 from typing import Literal, get_args
 
-__all__ = ["DEFAULT_BOARD_TEXT", "PATTERNS", "CalibrationMethod", "Channel", "Pattern"]
-
 CalibrationMethod = Literal["all-angles", "paper", "single-image", "two-distance"]
 
 Channel = Literal["luma", "red", "green", "blue"]

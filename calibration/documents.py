@@ -10,8 +10,6 @@ from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from calibration.errors import DocumentError
 
-__all__ = ["json_object", "read_document", "write_document"]
-
 Document = TypeVar("Document", bound=BaseModel)
 
 

@@ -2,24 +2,6 @@
 
 from typing import Literal
 
-__all__ = [
-    "CalibrationError",
-    "DocumentError",
-    "GeometryError",
-    "GeometryFileError",
-    "GeometryReason",
-    "HomographyFileError",
-    "NoEdgeError",
-    "NoiseError",
-    "NoiseFileError",
-    "NoiseReason",
-    "PairError",
-    "PairReason",
-    "PsfFileError",
-    "RegistrationError",
-    "RegistrationReason",
-]
-
 GeometryReason = Literal[
     "no_captures", "several_sizes", "one_height", "not_matched", "heights_reversed", "nothing_left"
 ]

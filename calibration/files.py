@@ -2,44 +2,23 @@
 
 from pathlib import Path
 
-from calibration.documents import json_object, read_document, write_document
+from calibration.documents import read_document, write_document
 from calibration.errors import (
     GeometryFileError,
     HomographyFileError,
     NoiseFileError,
     PsfFileError,
 )
-from calibration.geometry import GEOMETRY_SCHEMA, GeometryCalibration
+from calibration.geometry import GeometryCalibration
 from calibration.noise import (
-    NOISE_SCHEMA,
     CorrectionMaps,
     NoiseCalibration,
     NoiseMeasurement,
     read_map_files,
     write_map_files,
 )
-from calibration.psf import PSF_SCHEMA, PsfCalibration, PsfOrigin
-from calibration.registration import HOMOGRAPHY_SCHEMA, Homography
-
-__all__ = [
-    "GEOMETRY_SCHEMA",
-    "HOMOGRAPHY_SCHEMA",
-    "NOISE_SCHEMA",
-    "PSF_SCHEMA",
-    "PsfOrigin",
-    "json_object",
-    "read_correction",
-    "read_document",
-    "read_geometry",
-    "read_homography",
-    "read_noise",
-    "read_psf",
-    "write_document",
-    "write_geometry",
-    "write_homography",
-    "write_noise",
-    "write_psf",
-]
+from calibration.psf import PsfCalibration
+from calibration.registration import Homography
 
 
 def write_psf(path: Path, calibration: PsfCalibration) -> None:

@@ -5,8 +5,6 @@ from numba.extending import register_jitable
 
 from simulation.arrays import FloatArray
 
-__all__ = ["robust_sigma"]
-
 _MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
 
 

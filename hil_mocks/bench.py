@@ -9,8 +9,6 @@ from hil_mocks.scene import CameraPose
 from hil_mocks.stage import SimulatedStage
 from hil_mocks.target_bench import TargetBench
 
-__all__ = ["SimulatedBench"]
-
 
 class SimulatedBench(TargetBench):
     """A camera that looks down from a stage on a target that an operator exchanges.

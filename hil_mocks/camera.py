@@ -18,8 +18,6 @@ from acquisition.errors import (
 from hil_mocks.clock import SimulatedClock
 from hil_mocks.scene import MONO8_SHIFT, PIXEL_FORMATS, Sensor
 
-__all__ = ["CameraFaults", "FrameFate", "SimulatedCamera", "following_frame_id"]
-
 FrameFate = Literal["complete", "incomplete", "lost", "disconnected"]
 
 EXPOSURE_RANGE_US = (21.0, 60_000_000.0)

@@ -3,8 +3,6 @@
 import time
 from collections.abc import Callable
 
-__all__ = ["RealTimeClock", "SimulatedClock"]
-
 NS_PER_S = 1_000_000_000
 
 

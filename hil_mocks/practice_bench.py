@@ -10,8 +10,6 @@ from hil_mocks.gige import ETHERNET_MTU_BYTES, BenchFrameSource, GigeDevice
 from hil_mocks.scene import CameraPose
 from hil_mocks.target_bench import TargetBench
 
-__all__ = ["HandStage", "PracticeBench", "StageEmulator"]
-
 
 class StageEmulator(Protocol):
     """What a stage on a serial port shows the practice bench."""

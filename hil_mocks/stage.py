@@ -15,8 +15,6 @@ from acquisition.errors import (
 )
 from hil_mocks.clock import SimulatedClock
 
-__all__ = ["STEPS_PER_MM", "SimulatedStage", "StageFaults"]
-
 STEPS_PER_MM = 250.0
 """Steps of 4 um: 20.25 mm is between two of them and reads back as 20.248 mm."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from acquisition.bench import BenchConfig
 from hil_mocks.scene import TARGETS, BenchTruth, CameraPose, scene_of
 
-__all__ = ["TargetBench"]
-
 
 class TargetBench(ABC):
     """A bench whose target can be exchanged, also while its camera runs in another thread.

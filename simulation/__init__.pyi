@@ -1,3 +1,4 @@
+from .choices import MODELS as MODELS, Model as Model
 from .pose.simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
 from .psf.field import PsfField as PsfField
 from .psf.gaussian import GaussianPsf as GaussianPsf
@@ -9,8 +10,6 @@ from .psf.transfer import (
 )
 from .resampling.grid import SamplingGrid as SamplingGrid
 from .zoom import (
-    MODELS as MODELS,
-    Model as Model,
     ZoomOperator as ZoomOperator,
     lmmse_operator as lmmse_operator,
     zoom_operator as zoom_operator,

@@ -6,8 +6,6 @@ from scipy.ndimage import gaussian_filter
 
 from simulation.arrays import FloatImage
 
-__all__ = ["exposed", "unsharp_masked", "vignetted"]
-
 
 def exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -> FloatImage:
     """Image with ``factor`` times the light; levels are not clipped.

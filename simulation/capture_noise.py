@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from simulation.arrays import FloatArray, FloatImage
 from simulation.zoom import SeparableSum, ZoomOperator
 
-__all__ = ["CaptureNoise", "propagated_variance", "with_capture_noise"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureNoise:

@@ -2,17 +2,6 @@
 
 from typing import Literal, get_args
 
-__all__ = [
-    "KERNEL_MODELS",
-    "MODELS",
-    "SAMPLERS",
-    "TRAINING_STEPS",
-    "GaussianForm",
-    "KernelModel",
-    "Model",
-    "Sampler",
-]
-
 Model = Literal["bicubic", "paper", "matched", "lmmse"]
 MODELS: tuple[Model, ...] = get_args(Model)
 """Capture models, which ``simulation.zoom`` explains."""

@@ -18,8 +18,6 @@ from simulation.arrays import FloatArray
 from simulation.psf import CameraTransfer, GaussianTransfer, Transfer
 from simulation.resampling import BandedMatrix, SamplingGrid
 
-__all__ = ["SCENE_CORRELATION_PX", "lmmse_terms"]
-
 SCENE_CORRELATION_PX = 30.0
 """Correlation length of the scene prior; from 3 to 100 px the errors differ by less than 1 %."""
 

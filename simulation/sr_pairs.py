@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from math import ceil, floor
 
 from simulation.arrays import AnyArray, FloatImage
+from simulation.choices import Model
 from simulation.psf import GaussianPsf
 from simulation.resampling import SamplingGrid
-from simulation.zoom import Model, zoom_out_on_grid
-
-__all__ = ["SrPair", "crop_origins", "sr_pairs"]
+from simulation.zoom import zoom_out_on_grid
 
 _WHOLE_PIXEL_SLACK = 1e-9
 _MARGIN_PX = 24.0  # the spline's own reach at the reference's resolution

@@ -41,17 +41,6 @@ from simulation.resampling import (
     spline_sampling,
 )
 
-__all__ = [
-    "MODELS",
-    "BlurredSpline",
-    "Model",
-    "ZoomOperator",
-    "lmmse_operator",
-    "zoom_operator",
-    "zoom_out",
-    "zoom_out_on_grid",
-]
-
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
 

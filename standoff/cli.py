@@ -12,8 +12,6 @@ from types import FrameType
 from standoff.shadowing import HiddenPackageError, refuse_hidden_packages
 from standoff.terminal import drop_stale_code
 
-__all__ = ["main", "run"]
-
 EXIT_REPORTED = 1
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143

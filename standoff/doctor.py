@@ -22,20 +22,6 @@ from acquisition.aravis import (
 from acquisition.bench import BenchConfig, CameraConfig, StageConfig, resolve_address
 from acquisition.errors import DeviceError, DriverMissingError
 
-__all__ = [
-    "Check",
-    "CheckStatus",
-    "check_camera",
-    "check_camera_limits",
-    "check_disk",
-    "check_libraries",
-    "check_mtu",
-    "check_receive_buffer",
-    "check_route",
-    "check_stage_port",
-    "examine",
-]
-
 CheckStatus = Literal["ok", "warn", "fail"]
 
 JUMBO_MTU_BYTES = 9000

@@ -4,8 +4,6 @@ from acquisition.errors import DeviceError, SessionError
 from analysis.errors import AnalysisError
 from calibration.errors import CalibrationError
 
-__all__ = ["REPORTED_ERRORS", "ApplicationError", "ImageFileError"]
-
 
 class ApplicationError(Exception):
     """A command cannot do what it was asked with the files it was given."""

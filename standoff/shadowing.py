@@ -7,8 +7,6 @@ or ``python -c``, in a notebook, or with ``PYTHONPATH``. Nothing is imported to 
 from importlib.util import find_spec
 from pathlib import Path
 
-__all__ = ["HiddenPackageError", "refuse_hidden_packages"]
-
 _OURS = Path(__file__).resolve().parents[1]
 _PACKAGES = ("acquisition", "analysis", "calibration", "hil_mocks", "simulation")
 

@@ -4,8 +4,6 @@ from pathlib import Path
 
 from standoff.errors import ApplicationError
 
-__all__ = ["shipped_config"]
-
 _PACKAGE = Path(__file__).parent
 
 

@@ -17,8 +17,6 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 
-__all__ = ["AravisCamera", "require_same_camera"]
-
 SFNC_NAMES = {
     "vendor": "DeviceVendorName",
     "model": "DeviceModelName",

@@ -13,12 +13,6 @@ from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings
 from acquisition.errors import CameraFeatureError, DeviceError
 
-__all__ = [
-    "AppliedConfiguration",
-    "Bounds",
-    "CameraControls",
-]
-
 EXPOSURE_NAMES = ("ExposureTime", "ExposureTimeAbs")
 GAIN_NAMES = ("Gain", "GainRaw", "GainAbs")
 FRAME_RATE_NAMES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")

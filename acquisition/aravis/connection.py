@@ -11,8 +11,6 @@ from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings, DeviceInfo
 from acquisition.errors import DeviceError, DeviceInUseError
 
-__all__ = ["AravisConnection", "connect_camera"]
-
 FIRMWARE_NAMES = ("DeviceFirmwareVersion", "DeviceVersion")
 SERIAL_NUMBER_NAMES = ("DeviceSerialNumber", "DeviceID")
 

@@ -6,8 +6,6 @@ from acquisition.aravis.route import route_to
 from acquisition.bench import resolve_address
 from acquisition.errors import DeviceDisconnectedError
 
-__all__ = ["OpenedDevice", "open_device"]
-
 
 class OpenedDevice:
     """The one holder of the Aravis objects of a camera: closing it gives the camera back.

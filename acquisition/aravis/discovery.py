@@ -11,8 +11,6 @@ from acquisition.aravis.device import open_device
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.library import AravisLibrary, load_aravis
 
-__all__ = ["CameraProbe", "FoundCamera", "list_cameras", "probe_camera"]
-
 TEMPERATURE = "DeviceTemperature"
 GIGE_VISION = "GigEVision"
 

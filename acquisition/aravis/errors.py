@@ -11,8 +11,6 @@ from acquisition.errors import (
     DeviceInUseError,
 )
 
-__all__ = ["translated_errors"]
-
 
 @contextmanager
 def translated_errors(library: AravisLibrary, feature: str) -> Iterator[None]:

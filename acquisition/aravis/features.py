@@ -6,8 +6,6 @@ from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 from acquisition.errors import CameraFeatureError
 
-__all__ = ["CameraFeatures", "FeatureValue"]
-
 FeatureValue = str | int | float | bool
 
 RELATIVE_ROUNDING = 1e-6

@@ -8,8 +8,6 @@ from typing import Any
 
 from acquisition.errors import DriverMissingError
 
-__all__ = ["AravisLibrary", "AravisObject", "load_aravis"]
-
 AravisObject = Any
 """An object of the GObject bindings, which carry no types."""
 

@@ -14,8 +14,6 @@ import time
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 
-__all__ = ["SAFE_PACKET_BYTES", "largest_packet"]
-
 SAFE_PACKET_BYTES = 1500
 """What Ethernet carries without any set-up."""
 

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from acquisition.devices import FrameImage
 
-__all__ = ["can_decode", "decode_pixels", "encoded_bytes"]
-
 _FORMAT = re.compile(r"(?:Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16|12Packed)")
 
 

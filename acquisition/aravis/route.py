@@ -12,7 +12,6 @@ try:
 except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["NetworkRoute", "receive_buffer_limit_bytes", "route_to"]
 
 GVCP_PORT = 3956
 

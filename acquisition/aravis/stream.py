@@ -11,8 +11,6 @@ from acquisition.aravis.pixel_decoding import decode_pixels, encoded_bytes
 from acquisition.devices import CameraSettings, Frame, StreamStatistics
 from acquisition.errors import DeviceDisconnectedError
 
-__all__ = ["SOCKET_BUFFER_BYTES", "FrameStream"]
-
 SOCKET_BUFFER_BYTES = 4 * 2**20
 """More than four frames of 780x580x2: what the kernel holds while this program is not scheduled."""
 

@@ -3,8 +3,6 @@
 import math
 from dataclasses import dataclass
 
-__all__ = ["ExposureStep", "flicker_fraction", "next_exposure", "without_flicker"]
-
 AIM = 0.7
 """Of the range above the black level, where the brightest parts should come to lie."""
 

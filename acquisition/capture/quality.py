@@ -9,15 +9,6 @@ from numpy.typing import NDArray
 
 from acquisition.session import CaptureImages, CaptureRecord
 
-__all__ = [
-    "Drift",
-    "MotionEstimate",
-    "QualityFinding",
-    "check_capture",
-    "drift_between",
-    "estimate_motion",
-]
-
 Problem = Literal["saturated", "under-exposed", "motion", "focus"]
 SATURATED_FRACTION_WARN, SATURATED_FRACTION_RETAKE = 1e-4, 1e-2
 BRIGHT_FRACTION_WARN, BRIGHT_FRACTION_RETAKE = 0.10, 0.03

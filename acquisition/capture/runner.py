@@ -28,8 +28,6 @@ from acquisition.session import (
     stage_snapshot,
 )
 
-__all__ = ["CaptureProgress", "Placement", "RunOperator", "RunSummary", "Verdict", "run_plan"]
-
 Placement = Literal["ready", "skip"]
 Verdict = Literal["keep", "retake"]
 

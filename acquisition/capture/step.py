@@ -15,8 +15,6 @@ from acquisition.plan import CapturePlan, PlanEntry
 from acquisition.session import Take
 from acquisition.stages import home_timeout_s, move_timeout_s
 
-__all__ = ["CaptureStep"]
-
 SHORTEST_EXPOSURE_US = 50.0
 EXPOSURE_TRIALS = 8
 BRIGHT_PERCENTILE = 99.5

@@ -1,3 +1,5 @@
+from acquisition.choices import FEWEST_POSITIONS as FEWEST_POSITIONS, FocusMeasure as FocusMeasure
+
 from .live import (
     FocusMeter as FocusMeter,
     FocusOptions as FocusOptions,
@@ -6,14 +8,8 @@ from .live import (
     newest_frames as newest_frames,
     sweep_focus as sweep_focus,
 )
-from .measures import (
-    FOCUS_MEASURES as FOCUS_MEASURES,
-    FocusMeasure as FocusMeasure,
-    Region as Region,
-    focus_value as focus_value,
-)
+from .measures import FOCUS_MEASURES as FOCUS_MEASURES, Region as Region, focus_value as focus_value
 from .sweep import (
-    FEWEST_POSITIONS as FEWEST_POSITIONS,
     FocusPeak as FocusPeak,
     NoFocusPeakError as NoFocusPeakError,
     fit_focus_peak as fit_focus_peak,

@@ -11,21 +11,11 @@ from numpy.typing import NDArray
 
 from acquisition.averaging import average_frames
 from acquisition.bench import BenchDevices
+from acquisition.choices import FocusMeasure
 from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
-from acquisition.focus.measures import FocusMeasure, Region, focus_value
+from acquisition.focus.measures import Region, focus_value
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
-
-__all__ = [
-    "FocusMeter",
-    "FocusOptions",
-    "FocusPoint",
-    "NoiseModel",
-    "focus_values",
-    "newest_frames",
-    "sweep_focus",
-    "variance_between",
-]
 
 _FRAME_PERIODS = 5.0
 _WAITING_S = 1e-3

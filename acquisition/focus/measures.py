@@ -13,15 +13,6 @@ from numpy.typing import NDArray
 
 from acquisition.choices import FocusMeasure
 
-__all__ = [
-    "FOCUS_MEASURES",
-    "FocusMeasure",
-    "MeasureKernel",
-    "PictureSums",
-    "Region",
-    "focus_value",
-]
-
 _SHORT_BYTES = 2
 _FREE_ORDER = {"reassoc", "contract"}
 """Sums of floats may be taken in any order, so that they vectorise; integers are exact."""

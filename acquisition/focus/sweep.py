@@ -11,8 +11,6 @@ from scipy.stats import f as f_distribution
 
 from acquisition.choices import FEWEST_POSITIONS
 
-__all__ = ["FEWEST_POSITIONS", "FocusPeak", "NoFocusPeakError", "fit_focus_peak"]
-
 Floats = NDArray[np.float64]
 Side = Literal["lower", "higher"]
 

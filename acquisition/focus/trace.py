@@ -6,8 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = ["FocusReading", "FocusTrace", "Trend"]
-
 Trend = Literal["rising", "steady", "falling"]
 
 _SIGMAS = 5.0

@@ -14,8 +14,6 @@ from acquisition.errors import SessionError
 from acquisition.session.record import CaptureRecord
 from acquisition.untrusted import parse_json, read_tiff
 
-__all__ = ["CaptureImages", "parse_capture", "read_capture", "write_capture", "write_frames"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureImages:

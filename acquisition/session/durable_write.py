@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ["PART_SUFFIX", "atomic_write", "atomic_write_hashed", "fsync_directory"]
-
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; one left behind is worth nothing."""
 

@@ -21,16 +21,6 @@ try:
 except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-__all__ = [
-    "SYSTEM_STAMPS",
-    "EventKind",
-    "JournalEvent",
-    "JournalReading",
-    "JournalWriter",
-    "Stamps",
-    "lock_exclusively",
-    "read_journal",
-]
 
 EventKind = Literal[
     "start",

@@ -15,8 +15,6 @@ from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.untrusted import parse_json
 
-__all__ = ["MANIFEST_NAME", "Manifest", "camera_snapshot", "software_versions", "stage_snapshot"]
-
 MANIFEST_NAME = "session.json"
 _SCHEMA = "standoff.session/1"
 _IDENTITY_KEYS = ("driver", "DeviceVendorName", "DeviceModelName", "DeviceSerialNumber")

@@ -12,8 +12,6 @@ from acquisition.session.journal import (
 )
 from acquisition.session.reader import JOURNAL_NAME, Session, captures_of, current_capture
 
-__all__ = ["SessionNotes"]
-
 
 class SessionNotes:
     """Journals the decisions of ``operator`` about the session at ``path``.

@@ -17,19 +17,6 @@ from acquisition.session.journal import JournalEvent, read_journal
 from acquisition.session.manifest import MANIFEST_NAME, Manifest
 from acquisition.session.record import CaptureRecord
 
-__all__ = [
-    "JOURNAL_NAME",
-    "FileCheck",
-    "FileState",
-    "Session",
-    "SessionCapture",
-    "VerifyReport",
-    "captures_of",
-    "current_capture",
-    "file_sha256",
-    "verify",
-]
-
 JOURNAL_NAME = "journal.jsonl"
 
 FileState = Literal["ok", "missing", "changed", "unjournaled"]

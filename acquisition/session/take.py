@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from acquisition.averaging import AveragedFrames
 from acquisition.devices import CameraSettings, FrameImage
 
-__all__ = ["Photograph", "Take"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Take:

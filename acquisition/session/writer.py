@@ -36,8 +36,6 @@ from acquisition.session.reader import (
 from acquisition.session.record import CaptureRecord, utc_text
 from acquisition.session.take import Photograph, Take
 
-__all__ = ["SessionWriter"]
-
 SPARE_BYTES = 64 * 2**20
 """Room left on the disk beyond the captures, so that the journal can always be written."""
 

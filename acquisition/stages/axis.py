@@ -7,8 +7,6 @@ from typing import Protocol
 from acquisition.devices import DeviceInfo, StageState
 from acquisition.errors import DeviceError
 
-__all__ = ["POLL_S", "AxisReading", "AxisTraits", "MotorAxis", "MovableAxis"]
-
 POLL_S = 0.05
 """The Grbl manual asks for at most 10 to 20 reports a second."""
 

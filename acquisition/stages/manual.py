@@ -13,8 +13,6 @@ from acquisition.errors import (
 )
 from acquisition.stages.travel import refuse_beyond_limits
 
-__all__ = ["ManualStage"]
-
 TRIES = 5
 
 

@@ -16,8 +16,6 @@ from acquisition.errors import (
 from acquisition.stages.axis import POLL_S, MotorAxis, MovableAxis
 from acquisition.stages.travel import approach_heights_mm, refuse_beyond_limits
 
-__all__ = ["MotorStage", "halt", "travel"]
-
 STOP_TIMEOUT_S = 5.0
 """Longer than any ramp down."""
 

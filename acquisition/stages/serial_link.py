@@ -19,8 +19,6 @@ from acquisition.errors import (
 )
 from acquisition.stages.wire_log import WireLog
 
-__all__ = ["BytePort", "SerialLink", "SerialPort", "open_serial_port", "open_stage_link"]
-
 READ_SLICE_S = 0.02
 """How long one read waits for its first byte."""
 

@@ -5,8 +5,6 @@ from math import isfinite
 from acquisition.bench import StageConfig
 from acquisition.errors import StageLimitError
 
-__all__ = ["approach_heights_mm", "home_timeout_s", "move_timeout_s", "refuse_beyond_limits"]
-
 
 def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> None:
     """Do nothing for a height that a stage may go to.

@@ -6,8 +6,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-__all__ = ["WireLog"]
-
 MAX_BYTES = 5_000_000
 """About 80 000 lines: some hours of a capture session."""
 

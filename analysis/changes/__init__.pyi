@@ -1,6 +1,7 @@
+from analysis.choices import FALSE_ALARMS as FALSE_ALARMS
+
 from .document import ChangeSummary as ChangeSummary, read_changes as read_changes
 from .filter import (
-    FALSE_ALARMS as FALSE_ALARMS,
     ChangeOptions as ChangeOptions,
     ChangeResult as ChangeResult,
     find_changes as find_changes,

@@ -9,8 +9,6 @@ from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument
 from calibration.documents import read_document
 
-__all__ = ["CHANGES_SCHEMA", "ChangeSummary", "read_changes"]
-
 CHANGES_SCHEMA: Final = "standoff.changes/1"
 
 _Row3 = tuple[float, float, float]

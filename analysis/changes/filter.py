@@ -27,14 +27,6 @@ from simulation.pose import pose_noise_gain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "FALSE_ALARMS",
-    "SOFTNESS_LIMIT_PX2",
-    "ChangeOptions",
-    "ChangeResult",
-    "find_changes",
-    "significance_threshold",
-]
 
 FloatArray = NDArray[np.float64]
 

@@ -8,8 +8,6 @@ from matplotlib.figure import Figure
 if TYPE_CHECKING:
     from analysis.changes.filter import ChangeResult
 
-__all__ = ["changes_figure"]
-
 
 def changes_figure(found: "ChangeResult") -> Figure:
     """Show the follow-up with its changes outlined, both differences and the significance."""

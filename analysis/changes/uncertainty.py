@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, convolve, laplace
 from scipy.optimize import nnls
 
-__all__ = ["DifferenceVariance", "ExtraBlur", "extra_blur", "fit_variance"]
-
 FloatArray = NDArray[np.float64]
 
 _BLOCK_PX = 16

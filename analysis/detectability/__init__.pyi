@@ -1,3 +1,5 @@
+from analysis.choices import OBSERVERS as OBSERVERS, Observer as Observer
+
 from .artefact import ArtefactTiles as ArtefactTiles
 from .covariance import WindowCovariance as WindowCovariance
 from .curves import (
@@ -10,11 +12,7 @@ from .curves import (
 )
 from .dprime import d_primes as d_primes, scene_artefact as scene_artefact
 from .local import LocalChange as LocalChange, local_changes as local_changes
-from .observers import (
-    OBSERVERS as OBSERVERS,
-    Observer as Observer,
-    observer_templates as observer_templates,
-)
+from .observers import observer_templates as observer_templates
 from .pair import compared_pair as compared_pair
 from .plot import (
     MODEL_COLOURS as MODEL_COLOURS,

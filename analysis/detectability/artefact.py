@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-__all__ = ["ArtefactTiles", "artefact_tiles", "template_autocorrelation"]
-
 FloatArray = NDArray[np.float64]
 
 

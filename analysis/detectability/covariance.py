@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.linalg import cho_factor, cho_solve
 
-__all__ = ["Covariance", "DenseCovariance", "WindowCovariance"]
-
 FloatArray = NDArray[np.float64]
 
 _RESIDUAL = 1e-9

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-from analysis.detectability.observers import Observer
+from analysis.choices import Observer
 from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
@@ -17,15 +17,6 @@ from simulation import Model
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "CURVES_SCHEMA",
-    "AmbiguousCurveError",
-    "CurveChoice",
-    "DetectabilityCurve",
-    "DetectabilityCurves",
-    "d_prime_between",
-    "read_curves",
-]
 
 CURVES_SCHEMA: Final = "standoff.detectability/1"
 

@@ -11,20 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.covariance import WindowCovariance
 from analysis.detectability.local import LocalChange
-from analysis.detectability.observers import OBSERVERS, Observer, observer_templates
+from analysis.detectability.observers import observer_templates
 from analysis.detectability.pair import compared_pair
 from analysis.detectability.scenario import Scenario
 from simulation import Model
-
-__all__ = [
-    "BOOTSTRAP_REPLICATES",
-    "DPrime",
-    "d_primes",
-    "scene_artefact",
-]
 
 FloatArray = NDArray[np.float64]
 

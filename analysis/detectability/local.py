@@ -11,8 +11,6 @@ from analysis.detectability.scenario import Scenario
 from analysis.detectability.signal import ChangeSignal, signal_offsets_px
 from simulation import Model
 
-__all__ = ["LocalChange", "local_changes"]
-
 FloatArray = NDArray[np.float64]
 
 

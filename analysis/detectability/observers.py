@@ -19,15 +19,6 @@ from scipy.special import eval_laguerre, ndtr
 from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.covariance import Covariance
 
-__all__ = [
-    "CHANNELS",
-    "OBSERVERS",
-    "Observer",
-    "auc_of",
-    "laguerre_gauss_channels",
-    "observer_templates",
-]
-
 FloatArray = NDArray[np.float64]
 
 CHANNELS = 6

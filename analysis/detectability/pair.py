@@ -16,8 +16,6 @@ from analysis.choices import REFERENCE_ZOOM
 from simulation import GaussianPsf, Model, SamplingGrid, ZoomOperator, zoom_operator
 from simulation.resampling import BandedMatrix, antialiased_cubic, apply_separable
 
-__all__ = ["REFERENCE_ZOOM", "ComparedPair", "compared_pair", "frame_size_px"]
-
 FloatArray = NDArray[np.float64]
 
 _CUBIC_REACH_PX = 2

@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 if TYPE_CHECKING:
     from analysis.detectability.curves import DetectabilityCurve
 
-__all__ = ["MODEL_COLOURS", "OBSERVER_NAMES", "curves_figure", "draw_curve"]
 
 MODEL_COLOURS: dict[str, str] = {
     "bicubic": "#CC79A7",

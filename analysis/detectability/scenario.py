@@ -7,8 +7,6 @@ import numpy as np
 from analysis.choices import REFERENCE_ZOOM, WINDOW_PX
 from simulation import GaussianPsf
 
-__all__ = ["POSITIONS", "Scenario"]
-
 POSITIONS = 6
 """Positions of the signal against the pixel grids; d' over them scatters by 2 % at most."""
 

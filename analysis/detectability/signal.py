@@ -7,8 +7,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ChangeSignal", "GaussianSignal", "PatchSignal", "signal_offsets_px"]
-
 FloatArray = NDArray[np.float64]
 
 _REACH_SIGMAS = 6.0

@@ -28,15 +28,6 @@ from analysis.detectability.scenario import Scenario
 from analysis.errors import AnalysisError, ResultsFileError
 from simulation import Model
 
-__all__ = [
-    "SceneStatistics",
-    "SweepPlan",
-    "SweepWorkers",
-    "scene_statistics",
-    "sweep_images",
-    "tiles_per_side",
-]
-
 FloatArray = NDArray[np.float64]
 
 _VERSION = 1

@@ -22,8 +22,6 @@ from analysis.detectability.sweep import (
 )
 from simulation import GaussianPsf, Model
 
-__all__ = ["DetectionTask", "curves_of", "d_prime_curves"]
-
 FloatArray = NDArray[np.float64]
 
 _USUAL_ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)

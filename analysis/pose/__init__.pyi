@@ -1,3 +1,5 @@
+from analysis.choices import Criterion as Criterion
+
 from .limits import (
     PoseLimits as PoseLimits,
     contrast_found_at as contrast_found_at,
@@ -5,7 +7,6 @@ from .limits import (
 )
 from .plot import limits_figure as limits_figure, pose_figure as pose_figure
 from .quality import (
-    Criterion as Criterion,
     PoseQuality as PoseQuality,
     PoseSummary as PoseSummary,
     judge_pose as judge_pose,

@@ -17,7 +17,6 @@ from calibration.notebook import html_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["PoseLimits", "contrast_found_at", "pose_limits", "shift_overlap", "worst_zoom"]
 
 FloatArray = NDArray[np.float64]
 

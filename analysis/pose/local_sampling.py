@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from simulation.pose import project, projection_depth, projection_slopes
 
-__all__ = ["LocalSampling", "local_sampling", "sampled_places"]
-
 FloatArray = NDArray[np.float64]
 
 

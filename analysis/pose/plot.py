@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from analysis.pose.limits import PoseLimits
     from analysis.pose.quality import PoseQuality
 
-__all__ = ["limits_figure", "pose_figure"]
 
 _BLUE, _RED = "#0072B2", "#D55E00"
 

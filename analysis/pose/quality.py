@@ -11,8 +11,6 @@ from analysis.errors import AnalysisError, OverlapError
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
 
-__all__ = ["QUANTILE", "Criterion", "PoseQuality", "PoseSummary", "judge_pose"]
-
 FloatArray = NDArray[np.float64]
 _Row3 = tuple[float, float, float]
 

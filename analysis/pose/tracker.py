@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
-from analysis.pose.quality import Criterion, PoseQuality, judge_pose
+from analysis.pose.quality import PoseQuality, judge_pose
 from calibration.errors import RegistrationError
 from calibration.registration import TrackedPose, TrackingReference
-
-__all__ = ["PoseTracker", "PoseVerdict"]
 
 FloatArray = NDArray[np.float64]
 

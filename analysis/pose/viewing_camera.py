@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FollowupPose", "ViewingCamera"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -19,16 +19,6 @@ from calibration.edges import REJECTING_FLAGS
 from calibration.noise import LevelNoise, fit_level_noise
 from calibration.psf import PsfCalibration
 
-__all__ = [
-    "NoiseSample",
-    "captures_section",
-    "device_rows",
-    "noise_section",
-    "plot_noise",
-    "plot_stage",
-    "stage_section",
-]
-
 _INK = "#1b1f24"
 _BLUE = "#0072B2"
 _BINS = 40

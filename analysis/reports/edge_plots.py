@@ -12,12 +12,6 @@ from analysis.reports.page import in_report_style, new_figure
 from calibration.edges import EdgeMeasurement, edge_profile
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
 
-__all__ = [
-    "plot_edges",
-    "plot_profile",
-    "plot_widths_by_angle",
-]
-
 Image = NDArray[np.floating[Any]]
 
 REJECTED_COLOUR = "#CC79A7"

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 from acquisition.focus import FocusPeak
 from analysis.reports.page import in_report_style, new_figure
 
-__all__ = ["plot_focus_sweep"]
-
 _BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#1b1f24"
 _SIGMAS_95 = 1.96
 

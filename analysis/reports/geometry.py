@@ -11,8 +11,6 @@ from analysis.reports.geometry_plots import (
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
 from calibration.geometry import GeometryCalibration
 
-__all__ = ["geometry_sections", "geometry_verdicts"]
-
 _SOURCES = {
     "board": "The scale rests on the size of the board's squares.",
     "given": "The scale rests on the one that was given for the lowest height.",

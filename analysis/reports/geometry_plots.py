@@ -6,8 +6,6 @@ from matplotlib.figure import Figure
 from analysis.reports.page import in_report_style, new_figure
 from calibration.geometry import CaptureGeometry, GeometryCalibration
 
-__all__ = ["plot_distortion", "plot_scale_by_height", "plot_squareness", "plot_travel"]
-
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _INK = "#1b1f24"

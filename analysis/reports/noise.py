@@ -14,8 +14,6 @@ from analysis.reports.page import (
 )
 from calibration.noise import CorrectionMaps, Linearity, NoiseMeasurement, PhotonTransfer
 
-__all__ = ["plot_linearity", "plot_maps", "plot_photon_transfer", "render_noise_report"]
-
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 _BLUE, _ORANGE, _GREEN = "#0072B2", "#D55E00", "#009E73"
 _INK = "#1b1f24"

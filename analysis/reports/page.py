@@ -14,18 +14,6 @@ from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-__all__ = [
-    "ReportFigure",
-    "ReportSection",
-    "ReportTable",
-    "Verdict",
-    "in_report_style",
-    "new_figure",
-    "png_bytes",
-    "render_report",
-    "svg_bytes",
-]
-
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 

@@ -14,8 +14,6 @@ from analysis.reports.psf_plots import field_section, plot_mtf, widths_section, 
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.psf import PsfCalibration
 
-__all__ = ["calibration_sections", "calibration_verdicts", "edge_table_section"]
-
 Image = NDArray[np.floating[Any]]
 ImageLoader = Callable[[EdgeMeasurement], Image]
 

@@ -18,14 +18,6 @@ from analysis.reports.page import (
 from calibration.errors import CalibrationError
 from calibration.psf import PsfCalibration, compare_psfs
 
-__all__ = [
-    "HistoryEntry",
-    "history_document",
-    "history_sections",
-    "ordered_history",
-    "plot_history",
-]
-
 _UNKNOWN = "unknown"
 _COLOURS = {"sigma_x_px": "#0072B2", "sigma_y_px": "#D55E00"}
 

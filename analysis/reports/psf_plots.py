@@ -21,8 +21,6 @@ from calibration.errors import PsfFileError
 from calibration.psf import ORIENTATION_COLOURS, HeightTrend, PsfCalibration, draw_mtf
 from simulation.psf import PsfField
 
-__all__ = ["field_section", "plot_field", "plot_heights", "plot_mtf", "widths_section", "with_err"]
-
 Array = NDArray[np.float64]
 
 _INK = "#1b1f24"

@@ -5,8 +5,6 @@ from analysis.detectability import curves_figure
 from analysis.pose import limits_figure, pose_figure
 from analysis.reports.page import in_report_style
 
-__all__ = ["plot_changes", "plot_detectability", "plot_limits", "plot_pose"]
-
 plot_changes = in_report_style(changes_figure)
 plot_detectability = in_report_style(curves_figure)
 plot_limits = in_report_style(limits_figure)

@@ -29,8 +29,6 @@ from analysis.validation import ShownPair, Validation, furthest_pair
 from calibration.edges import EdgeMeasurement
 from calibration.psf import PsfCalibration
 
-__all__ = ["agreement_section", "render_session_report", "versions"]
-
 
 def render_session_report(
     session: Session,

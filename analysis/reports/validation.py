@@ -17,8 +17,6 @@ from analysis.reports.session import versions
 from analysis.reports.validation_plots import plot_curves, plot_images
 from analysis.validation import TABLE_NOTES, ResultTable, ShownPair, Validation, both_tables
 
-__all__ = ["render_validation"]
-
 
 def render_validation(session: Session, validation: Validation, shown: Sequence[ShownPair]) -> str:
     """Return the report as one HTML document.

@@ -17,8 +17,6 @@ from analysis.validation import (
     drawn_procedure,
 )
 
-__all__ = ["plot_curves", "plot_furthest", "plot_images"]
-
 _LABELS = {
     "correlation": "correlation",
     "mse_dn2": "MSE",

@@ -1,3 +1,10 @@
+from analysis.choices import (
+    CACHE_VARIABLE as CACHE_VARIABLE,
+    PAPER_TRAINING_STEPS as PAPER_TRAINING_STEPS,
+    VALIDATION_MODELS as VALIDATION_MODELS,
+    ValidationModel as ValidationModel,
+)
+
 from .alignment import Procedure as Procedure, scaled_up as scaled_up
 from .document import (
     METRICS as METRICS,
@@ -5,22 +12,10 @@ from .document import (
     Validation as Validation,
     read_validation as read_validation,
 )
-from .kernel_cache import (
-    CACHE_VARIABLE as CACHE_VARIABLE,
-    KernelCache as KernelCache,
-    default_cache_folder as default_cache_folder,
-)
-from .kernels import (
-    PAPER_TRAINING_STEPS as PAPER_TRAINING_STEPS,
-    KernelBook as KernelBook,
-    trainings_needed as trainings_needed,
-)
+from .kernel_cache import KernelCache as KernelCache, default_cache_folder as default_cache_folder
+from .kernels import KernelBook as KernelBook, trainings_needed as trainings_needed
 from .metrics import ImageMetrics as ImageMetrics, compare_images as compare_images
-from .models import (
-    VALIDATION_MODELS as VALIDATION_MODELS,
-    ValidationModel as ValidationModel,
-    is_learned as is_learned,
-)
+from .models import is_learned as is_learned
 from .processing import (
     FULL_SCALE_DN as FULL_SCALE_DN,
     process_for_comparison as process_for_comparison,

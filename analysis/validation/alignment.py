@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from analysis.errors import OverlapError
 from calibration.registration import OVERLAP_MIN_PX, DistortedPose
 
-__all__ = ["PROCEDURES", "Procedure", "SharedWindow", "bicubic_at", "scaled_up", "shared_window"]
-
 FloatArray = NDArray[np.float64]
 
 Procedure = Literal["as-in-paper", "reference-grid", "followup-grid"]

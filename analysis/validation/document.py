@@ -7,33 +7,15 @@ import numpy as np
 from pydantic import Field
 
 from acquisition.session import CaptureRecord
+from analysis.choices import ValidationModel
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from analysis.validation.alignment import Procedure
 from analysis.validation.metrics import ImageMetrics
-from analysis.validation.models import ValidationModel
 from analysis.validation.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
 from calibration.documents import read_document
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf
-
-__all__ = [
-    "METRICS",
-    "PAPER_TABLE_1",
-    "PAPER_TABLE_2",
-    "VALIDATION_SCHEMA",
-    "CurveDifference",
-    "CurveDifferenceRow",
-    "ExcludedCapture",
-    "MeanRow",
-    "ModelAgreement",
-    "ModelMean",
-    "PaperRow",
-    "Processing",
-    "ValidatedPair",
-    "Validation",
-    "read_validation",
-]
 
 VALIDATION_SCHEMA: Final = "standoff.validation/1"
 

@@ -21,8 +21,6 @@ from analysis.choices import CACHE_VARIABLE
 from analysis.errors import ResultsFileError
 from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 
-__all__ = ["CACHE_VARIABLE", "KernelCache", "default_cache_folder"]
-
 _TRAINING_VERSION = 1
 """Counts up when a training gives other kernels than before."""
 

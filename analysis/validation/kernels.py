@@ -9,10 +9,10 @@ from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 
 from acquisition.session import Session
-from analysis.choices import PAPER_TRAINING_STEPS
+from analysis.choices import PAPER_TRAINING_STEPS, ValidationModel
 from analysis.errors import AnalysisError
 from analysis.validation.kernel_cache import KernelCache
-from analysis.validation.models import ModelInputs, ValidationModel
+from analysis.validation.models import ModelInputs
 from analysis.validation.screening import RegisteredPair
 from simulation import GaussianPsf
 from simulation.kernelgan import (
@@ -22,8 +22,6 @@ from simulation.kernelgan import (
     KernelGanSettings,
     estimate_kernel,
 )
-
-__all__ = ["PAPER_TRAINING_STEPS", "KernelBook", "trainings_needed"]
 
 _ZOOM_DECIMALS = 3
 """So that the last digits of a registration do not ask for another training."""

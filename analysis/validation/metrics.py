@@ -9,8 +9,6 @@ from skimage import metrics as skimage_metrics
 
 from analysis.results_file import InfiniteAsNull, StoredValues
 
-__all__ = ["ImageMetrics", "compare_images", "correlation", "mean_squared_error"]
-
 FloatImage = NDArray[np.float32] | NDArray[np.float64]
 
 # scikit-image declares no types for these two.

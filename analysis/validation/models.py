@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.choices import VALIDATION_MODELS, ValidationModel
+from analysis.choices import ValidationModel
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
 from simulation.kernelgan import (
     KERNEL_MODELS,
@@ -16,9 +16,6 @@ from simulation.kernelgan import (
     Sampler,
     kernel_operator,
 )
-
-__all__ = ["VALIDATION_MODELS", "ModelInputs", "Simulate", "ValidationModel", "is_learned"]
-
 
 Simulate = Callable[[SamplingGrid], NDArray[np.floating[Any]]]
 """Gives the follow-up of one reference on a grid."""

@@ -6,16 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.choices import ValidationModel
 from analysis.validation.alignment import Procedure, bicubic_at, scaled_up, shared_window
 from analysis.validation.document import ModelAgreement
 from analysis.validation.metrics import ImageMetrics, compare_images
-from analysis.validation.models import ModelInputs, ValidationModel
+from analysis.validation.models import ModelInputs
 from analysis.validation.processing import FULL_SCALE_DN, process_for_comparison
 from calibration.registration import DistortedPose
 from simulation import SamplingGrid
 from simulation.resampling import simulate_at
-
-__all__ = ["AlignedPair", "PairMetrics", "ProcessedFollowup", "compare_pair"]
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.float32] | NDArray[np.float64]

@@ -4,14 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-__all__ = [
-    "BACKGROUND_SIGMA_PX",
-    "crop_centre_half",
-    "normalise",
-    "process_for_comparison",
-    "subtract_background",
-]
-
 FloatArray = NDArray[np.float64]
 
 BACKGROUND_SIGMA_PX = 10.0

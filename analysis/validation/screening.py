@@ -18,15 +18,6 @@ from calibration.errors import RegistrationError
 from calibration.registration import DistortedRegistration, register_distorted
 from simulation import GaussianPsf
 
-__all__ = [
-    "NothingToCompareError",
-    "RegisteredPair",
-    "Screening",
-    "registrations_at_most",
-    "screen",
-    "series_of",
-]
-
 _COMPARED_KINDS = ("texture", "chart")
 
 _ZOOM_TOLERANCE = 0.03

@@ -13,6 +13,7 @@ from math import inf, log10
 import numpy as np
 
 from acquisition.session import Session
+from analysis.choices import ValidationModel
 from analysis.validation.alignment import PROCEDURES
 from analysis.validation.document import (
     METRICS,
@@ -26,12 +27,9 @@ from analysis.validation.document import (
 from analysis.validation.kernel_cache import default_cache_folder
 from analysis.validation.kernels import KernelBook
 from analysis.validation.metrics import ImageMetrics
-from analysis.validation.models import ValidationModel
 from analysis.validation.pair import AlignedPair, compare_pair
 from analysis.validation.screening import RegisteredPair, Screening, screen
 from simulation import MODELS, GaussianPsf
-
-__all__ = ["ValidationSettings", "curve_differences", "mean_metrics", "validate"]
 
 
 def _default_kernels() -> KernelBook:

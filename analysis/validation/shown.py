@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import Session
+from analysis.choices import ValidationModel
 from analysis.validation.alignment import Procedure
 from analysis.validation.document import ValidatedPair, Validation
 from analysis.validation.kernels import KernelBook
-from analysis.validation.models import ModelInputs, ValidationModel
+from analysis.validation.models import ModelInputs
 from analysis.validation.pair import AlignedPair
 from simulation import MODELS
-
-__all__ = ["ShownPair", "drawn_procedure", "furthest_pair", "shown_pairs"]
 
 FloatArray = NDArray[np.float64]
 

@@ -6,8 +6,6 @@ from io import StringIO
 
 from analysis.validation.document import METRICS, Validation
 
-__all__ = ["TABLE_NOTES", "ResultTable", "both_tables", "curves_csv"]
-
 _HEADINGS = ("correlation", "MSE", "NMI", "PSNR / dB", "SSIM")
 _PAIR_NAMES = (
     "target",

@@ -14,8 +14,6 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from calibration.errors import PairError
 
-__all__ = ["SmoothAlignment", "align_smoothly"]
-
 Array = NDArray[np.float64]
 
 _DISPLACEMENT_DEGREE = 3

@@ -18,8 +18,6 @@ from calibration.psf import (
 )
 from calibration.registration import register
 
-__all__ = ["calibrate_from_distances", "calibrate_from_scene", "is_clear"]
-
 Array = NDArray[np.float64]
 
 _CLEAREST_SNR = 9.0

@@ -19,8 +19,6 @@ from scipy.ndimage import spline_filter
 from calibration.blind.alignment import SmoothAlignment
 from calibration.errors import PairError
 
-__all__ = ["InterImageKernel", "estimate_kernel"]
-
 Array = NDArray[np.float64]
 
 _ORDER: Final = 5  # of the interpolating spline: flat to 1 % up to 0.85 of the Nyquist frequency

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
-__all__ = ["FEWEST_EDGES", "SharpestWidths", "fit_sharpest_widths"]
-
 Array = NDArray[np.float64]
 
 FEWEST_EDGES = 12

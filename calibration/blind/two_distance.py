@@ -16,8 +16,6 @@ from calibration.blind.alignment import align_smoothly
 from calibration.blind.inter_image_kernel import InterImageKernel, estimate_kernel
 from calibration.errors import PairError
 
-__all__ = ["PairPsf", "combined", "pair_psf"]
-
 Array = NDArray[np.float64]
 
 _SMALLEST_ZOOM = 1.15

@@ -1,3 +1,5 @@
+from calibration.choices import Pattern as Pattern
+
 from .detection import find_edges as find_edges
 from .esfr import (
     SFR_FREQ_CY_PER_PX as SFR_FREQ_CY_PER_PX,
@@ -19,12 +21,7 @@ from .measurement import (
     measure_edges as measure_edges,
 )
 from .model import edge_profile as edge_profile
-from .mosaic import (
-    PITCH_PX as PITCH_PX,
-    Pattern as Pattern,
-    PlanePlace as PlanePlace,
-    plane_places as plane_places,
-)
+from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places as plane_places
 from .orientation import Orientation as Orientation, orientation_of as orientation_of
 from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
 from .segments import (

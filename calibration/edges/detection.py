@@ -15,8 +15,6 @@ from calibration.edges.ridges import SHORTEST_REGION_PX, find_ridges, nearest_ot
 from calibration.edges.segments import EdgeSegment
 from simulation.arrays import FloatArray
 
-__all__ = ["find_edges"]
-
 _SHORTEST_EDGE_PX = 12.0
 _JOINED_OFFSET_PX = 1.5
 _JOINED_GAP_PX = 12.0

@@ -26,19 +26,6 @@ from calibration.edges.samples import EdgeSamples
 from calibration.robust import robust_sigma
 from simulation.arrays import FloatArray
 
-__all__ = [
-    "SFR_FREQ_CY_PER_PX",
-    "TRANSFER_FREQ_CY_PER_PX",
-    "AxisTransfer",
-    "EdgeSfr",
-    "MeasuredTransfer",
-    "esfr_half_width_px",
-    "gaussian_mtf50",
-    "mean_transfer",
-    "measure_esfr",
-    "pixel_mtf50",
-]
-
 
 def gaussian_mtf50(sigma_px: float) -> float:
     """Frequency in cy/px at which a Gaussian of this width transfers half the contrast."""

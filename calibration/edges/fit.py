@@ -24,8 +24,6 @@ from calibration.edges.segments import EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 
-__all__ = ["SATURATED_FRACTION", "SHARPEST_PX", "EdgeFit", "fit_edge"]
-
 SHORTEST_PX = 20.0
 NOISIEST_SNR = 3.0
 SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30

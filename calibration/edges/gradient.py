@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from simulation.arrays import Float32Array, FloatArray
 
-__all__ = ["SMOOTHING_PX", "Gradient"]
-
 SMOOTHING_PX = 1.0
 _RAYLEIGH_MEDIAN = 1.1774100225154747  # median of |gradient| over its sigma, in pure noise
 _NOISE_HIGH = 5.0

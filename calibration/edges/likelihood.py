@@ -42,8 +42,6 @@ from calibration.edges.shading import shading_levels, slopes_across
 from calibration.robust import robust_sigma
 from simulation.arrays import FloatArray
 
-__all__ = ["LikelyEdge", "WidthFit", "maximise"]
-
 _ROUGH, _FINE = 1e-2, 1e-4  # last step of a fit, in px and parts of sigma
 _WINDOW_ROUNDS = 4
 _WINDOW_AGREES = 0.1  # relative change of sigma that needs no new window

@@ -25,15 +25,6 @@ from calibration.edges.segments import EdgeSegment, band_half_width
 from calibration.noise import LevelNoise
 from simulation.arrays import BoolArray, FloatArray
 
-__all__ = [
-    "REJECTING_FLAGS",
-    "EdgeImage",
-    "EdgeMeasurement",
-    "Method",
-    "Region",
-    "measure_edges",
-]
-
 Method = Literal["all-angles", "paper"]
 
 REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})

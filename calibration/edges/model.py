@@ -27,23 +27,6 @@ from scipy.special import ndtr
 from calibration.edges.segments import BandPixels
 from simulation.arrays import FloatArray
 
-__all__ = [
-    "CURVATURE",
-    "FLAT_PARAMETERS",
-    "HIGH",
-    "LOG_SIGMA",
-    "LOW",
-    "OFFSET",
-    "SHADED_PARAMETERS",
-    "TURN",
-    "EdgeLevels",
-    "Minimum",
-    "edge_profile",
-    "edge_values",
-    "levenberg_marquardt",
-    "slopes_gain",
-]
-
 # Indices into the parameter vector. Lengths are in units of the half length h of the edge, so
 # that all columns of the Jacobian have the same scale.
 TURN, OFFSET, CURVATURE, LOG_SIGMA, LOW, HIGH = range(6)

@@ -21,16 +21,6 @@ from calibration.edges.fit import SHARPEST_PX, EdgeFit
 from calibration.edges.model import edge_profile
 from simulation.arrays import AnyArray, FloatArray
 
-__all__ = [
-    "PATTERNS",
-    "Pattern",
-    "PlanePlace",
-    "in_sensor_pixels",
-    "optical_of_total",
-    "plane_places",
-    "sfr_in_sensor_pixels",
-]
-
 PITCH_PX = 2
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 6.0  # what the edge fit takes on either side: 3 px of the plane

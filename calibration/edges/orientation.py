@@ -2,8 +2,6 @@
 
 from typing import Literal
 
-__all__ = ["ORIENTATION_TOLERANCE_DEG", "Orientation", "orientation_of"]
-
 Orientation = Literal["vertical", "horizontal", "diagonal"]
 
 ORIENTATION_TOLERANCE_DEG = 22.5

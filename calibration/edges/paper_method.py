@@ -19,8 +19,6 @@ from calibration.edges.fit import EdgeFit
 from calibration.edges.samples import EdgeSamples
 from simulation.arrays import FloatArray
 
-__all__ = ["BIN_PX", "LineSpread", "line_spread", "lsf_fit"]
-
 BIN_PX = 0.25
 _FEWEST_BINS = 8
 

@@ -16,8 +16,6 @@ from numba import njit
 
 from simulation.arrays import FloatArray
 
-__all__ = ["DEGREE", "band_solve", "curve_values", "fit_penalised_spline"]
-
 DEGREE = 3
 _BAND = 4  # the diagonal and three beside it
 _PENALTY = (-1.0, 3.0, -3.0, 1.0)  # third difference

@@ -10,14 +10,6 @@ from scipy.special import chdtrc
 from calibration.robust import robust_sigma
 from simulation.arrays import FloatArray, IntArray
 
-__all__ = [
-    "ProfileFigures",
-    "noise_part",
-    "outlier_weights",
-    "profile_figures",
-    "profile_flags",
-]
-
 _NEIGHBOURS = 25  # pixels at nearly the same distance from the edge, for the running median
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast: smaller ones do not matter and may be structure

@@ -15,14 +15,6 @@ from calibration.edges.gradient import Gradient
 from calibration.edges.segments import EdgeLine
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
-__all__ = [
-    "SHORTEST_REGION_PX",
-    "Ridges",
-    "find_ridges",
-    "nearest_other",
-    "refined",
-]
-
 SHORTEST_REGION_PX = 8
 _NOISE_MEAN, _NOISE_SOLID = 4.0, 8.0  # of a region's mean gradient
 _DIRECTION_COSINE = cos(pi / 8)

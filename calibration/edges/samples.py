@@ -10,8 +10,6 @@ from calibration.edges.model import edge_profile
 from calibration.edges.segments import EdgeLine, EdgeSegment, band_pixels
 from simulation.arrays import FloatArray
 
-__all__ = ["EdgeSamples", "edge_samples", "roughness_px"]
-
 _ROUGHNESS_PIECE_PX = 4.0
 _ROUGHNESS_PIECES = 4  # fewer tell no scatter
 _NARROWEST_BAND_PX = 3.0

@@ -9,15 +9,6 @@ from numba import njit
 
 from simulation.arrays import FloatArray
 
-__all__ = [
-    "BandPixels",
-    "EdgeLine",
-    "EdgeSegment",
-    "band_half_width",
-    "band_pixels",
-    "side_level",
-]
-
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 3.0
 

@@ -14,8 +14,6 @@ from numba import njit
 from calibration.edges.segments import EdgeLine
 from simulation.arrays import FloatArray
 
-__all__ = ["shading_levels", "slopes_across"]
-
 _ZONE_PX = 16.0  # width of either zone beyond the fitted band
 _ZONE_LEAST_PX = 8.0
 _ZONE_PIXELS = 30

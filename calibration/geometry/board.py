@@ -13,15 +13,6 @@ from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.errors import RegistrationError
 from simulation.pose import projection_slopes
 
-__all__ = [
-    "DEFAULT_BOARD",
-    "BoardCorners",
-    "CharucoBoard",
-    "FittedCorners",
-    "find_board",
-    "fit_corners",
-]
-
 FloatArray = NDArray[np.float64]
 
 _HALF_MAX_PX = 9.0

@@ -16,8 +16,6 @@ from calibration.errors import GeometryError
 from calibration.geometry.camera import LENS_SIZE, SHARED_SIZE, CapturePose, PlaneLens
 from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
 
-__all__ = ["Adjustment", "LensPrior", "ParameterColumns", "adjust"]
-
 FloatArray = NDArray[np.float64]
 
 _POSE_SIZE = 4

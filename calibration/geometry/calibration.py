@@ -14,8 +14,6 @@ from calibration.geometry.outliers import ConsistentSeries, without_outliers
 from calibration.geometry.series import Exclusion, GeometryCapture
 from calibration.geometry.summary import FocalLength, summarised
 
-__all__ = ["GeometryOptions", "calibrate_geometry"]
-
 _FOCAL_PER_WIDTH = 1.2
 """Focal length assumed if none is known, in image widths; it cancels except in the tilt."""
 _FOCAL_CONVERGED = 2e-4

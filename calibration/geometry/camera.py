@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from simulation.pose import ideal_factors, seen_factors
 
-__all__ = ["LENS_SIZE", "SHARED_SIZE", "CapturePose", "PlaneLens"]
-
 FloatArray = NDArray[np.float64]
 
 LENS_SIZE = 4

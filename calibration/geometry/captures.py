@@ -9,8 +9,6 @@ from acquisition.session import CaptureRecord, Session
 from calibration.errors import GeometryError
 from calibration.geometry.series import GeometryCapture
 
-__all__ = ["GEOMETRY_KINDS", "geometry_captures", "geometry_records", "nominal_focal_px"]
-
 GEOMETRY_KINDS = ("board", "chart", "texture")
 
 

@@ -12,8 +12,6 @@ from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
 from calibration.geometry.camera import PlaneLens
 from calibration.geometry.series import PlaneMatches, PosedCapture
 
-__all__ = ["match_blocks"]
-
 FloatArray = NDArray[np.float64]
 _Value = TypeVar("_Value", bound=np.generic)
 

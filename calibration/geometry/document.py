@@ -4,15 +4,6 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = [
-    "GEOMETRY_SCHEMA",
-    "CaptureGeometry",
-    "ExcludedCapture",
-    "GeometryCalibration",
-    "HeightZoom",
-    "ScaleSource",
-]
-
 GEOMETRY_SCHEMA: Final = "standoff.geometry/1"
 
 ScaleSource = Literal["board", "given", "bench"]

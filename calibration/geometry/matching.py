@@ -29,8 +29,6 @@ from calibration.geometry.series import (
 from calibration.registration import ImageFeatures, find_features, homography_pose
 from simulation.pose import project, projection_slopes
 
-__all__ = ["MatchedCaptures", "MatchedSeries", "adjust_captures", "match_textures"]
-
 FloatArray = NDArray[np.float64]
 
 _FEATURE_ERROR_PX = 0.4

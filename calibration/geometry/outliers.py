@@ -12,8 +12,6 @@ from calibration.geometry.bundle_adjustment import Adjustment
 from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil, height_outlier
 from calibration.geometry.series import Exclusion, Series
 
-__all__ = ["ConsistentSeries", "without_outliers"]
-
 FloatArray = NDArray[np.float64]
 
 _MOVED_SIGMAS = 6.0

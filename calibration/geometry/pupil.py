@@ -15,8 +15,6 @@ from scipy.stats import t as student_t
 
 from calibration.geometry.bundle_adjustment import Adjustment
 
-__all__ = ["HEIGHT_FLOOR_MM", "PupilFit", "SeriesDistances", "fit_pupil", "height_outlier"]
-
 FloatArray = NDArray[np.float64]
 
 HEIGHT_FLOOR_MM = 0.0005

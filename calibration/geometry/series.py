@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from calibration.geometry.camera import CapturePose, PlaneLens
 
-__all__ = ["Exclusion", "GeometryCapture", "PlaneMatches", "PosedCapture", "Series"]
-
 FloatArray = NDArray[np.float64]
 
 

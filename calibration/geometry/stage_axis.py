@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from calibration.geometry.bundle_adjustment import Adjustment
 
-__all__ = ["StageAxis", "stage_axis"]
-
 FloatArray = NDArray[np.float64]
 
 _STEP = 1e-6

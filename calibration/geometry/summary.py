@@ -19,8 +19,6 @@ from calibration.geometry.document import (
 from calibration.geometry.pupil import HEIGHT_FLOOR_MM, PupilFit
 from calibration.geometry.stage_axis import StageAxis, stage_axis
 
-__all__ = ["FocalLength", "Measured", "length_of", "summarised"]
-
 FloatArray = NDArray[np.float64]
 Fields = dict[str, object]
 

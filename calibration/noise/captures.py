@@ -26,8 +26,6 @@ from calibration.noise.photon_transfer import (
     is_in_fit_range,
 )
 
-__all__ = ["NoiseMeasurement", "VarianceByLevel", "measure_noise", "noise_records"]
-
 _BINS = 512
 _FEWEST_IN_BIN = 30
 _COLLAPSED = 0.3  # of the largest variance: read noise only, or none at all

@@ -8,16 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-__all__ = [
-    "DARK_DEFECT",
-    "NOISE_DEFECT",
-    "RESPONSE_DEFECT",
-    "CorrectionMaps",
-    "Nonuniformity",
-    "correction_maps",
-    "nonuniformity",
-]
-
 DARK_DEFECT, RESPONSE_DEFECT, NOISE_DEFECT = 1, 2, 4
 """Bits of the defect map: wrong dark level, wrong response, too noisy."""
 

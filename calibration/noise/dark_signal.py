@@ -6,8 +6,6 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["DarkSample", "DarkSignal", "dark_signal"]
-
 _SIGNIFICANT = 3.0
 _US_PER_S = 1e6
 _CLEAR_OF_ZERO = 3.0

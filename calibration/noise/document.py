@@ -17,15 +17,6 @@ from calibration.noise.correction_maps import CorrectionMaps, Nonuniformity
 from calibration.noise.photon_transfer import LevelSample, PhotonTransfer
 from simulation.capture_noise import CaptureNoise
 
-__all__ = [
-    "NOISE_SCHEMA",
-    "MapFile",
-    "NoiseCalibration",
-    "map_paths",
-    "read_map_files",
-    "write_map_files",
-]
-
 NOISE_SCHEMA: Final = "standoff.noise/1"
 
 _MOST_FRAMES = 10**9  # a larger value is not a number of frames

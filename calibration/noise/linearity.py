@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Linearity", "measure_linearity"]
-
 LOW, HIGH = 0.05, 0.95
 """Range of levels, as a share of saturation (EMVA 1288 release 4.0, section 6.7)."""
 

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from simulation.capture_noise import CaptureNoise
 
-__all__ = ["LevelNoise", "fit_level_noise", "level_noise"]
-
 _BINS = 64
 _ROUNDS = 4
 _QUANTISATION_DN2 = 1.0 / 12.0

@@ -12,15 +12,6 @@ from calibration.errors import NoiseError
 from calibration.noise.dark_signal import DarkSignal, dark_signal
 from calibration.noise.linearity import Linearity, measure_linearity
 
-__all__ = [
-    "FIT_TOP",
-    "LevelSample",
-    "PhotonTransfer",
-    "Saturation",
-    "fit_photon_transfer",
-    "is_in_fit_range",
-]
-
 QUANTISATION_DN2 = 1.0 / 12.0
 """Variance of rounding to whole DN (EMVA 1288 release 4.0, section 2.4)."""
 

@@ -1,8 +1,6 @@
-from .calibration import (
-    CalibrationMethod as CalibrationMethod,
-    calibrate_mosaic as calibrate_mosaic,
-    calibrate_psf as calibrate_psf,
-)
+from calibration.choices import CalibrationMethod as CalibrationMethod, Channel as Channel
+
+from .calibration import calibrate_mosaic as calibrate_mosaic, calibrate_psf as calibrate_psf
 from .captures import (
     capture_images as capture_images,
     edge_images as edge_images,
@@ -27,11 +25,7 @@ from .document import (
 )
 from .field import FieldFit as FieldFit
 from .height_trend import HeightGroup as HeightGroup, HeightTrend as HeightTrend
-from .linearise import (
-    Channel as Channel,
-    luma_plane as luma_plane,
-    srgb_to_linear as srgb_to_linear,
-)
+from .linearise import luma_plane as luma_plane, srgb_to_linear as srgb_to_linear
 from .plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,
     draw_mtf as draw_mtf,

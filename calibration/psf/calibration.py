@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.choices import CalibrationMethod
 from calibration.edges import (
     PITCH_PX,
     REJECTING_FLAGS,
@@ -27,21 +26,6 @@ from calibration.psf.covariance import CovarianceFit, Estimate, fit_covariance, 
 from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
 from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
-
-__all__ = [
-    "COLOURS",
-    "REJECTING_FLAGS",
-    "CalibrationMethod",
-    "EdgeImage",
-    "EdgeMeasurement",
-    "Method",
-    "Region",
-    "calibrate_mosaic",
-    "calibrate_psf",
-    "measure_edges",
-    "plane_source",
-    "psf_of_edges",
-]
 
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))

@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import CaptureRecord, Session
+from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
-from calibration.psf.calibration import EdgeImage
-
-__all__ = ["capture_images", "edge_images", "edge_records", "scene_records"]
 
 EDGE_KINDS = ("edge", "board")
 SCENE_KINDS = ("texture", "chart")

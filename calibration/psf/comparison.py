@@ -6,8 +6,6 @@ from math import erfc, hypot, sqrt
 from calibration.errors import CalibrationError
 from calibration.psf.document import PsfCalibration
 
-__all__ = ["CHANGED_P", "PARAMETERS", "ParameterChange", "PsfChange", "compare_psfs"]
-
 PARAMETERS = (
     "sigma_x_px",
     "sigma_y_px",

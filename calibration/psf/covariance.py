@@ -14,16 +14,6 @@ from numpy.typing import NDArray
 from calibration.edges import orientation_of
 from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
 
-__all__ = [
-    "CovarianceFit",
-    "Estimate",
-    "PsfEstimates",
-    "estimates_of_covariance",
-    "fit_covariance",
-    "median_width",
-    "share_of_correlation",
-]
-
 Array = NDArray[np.float64]
 
 _NORMAL_95 = 1.959963984540054

@@ -18,15 +18,6 @@ from simulation.psf import CameraTransfer, GaussianPsf, PsfField, SampledTransfe
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "PSF_SCHEMA",
-    "CameraIdentity",
-    "ColourPsf",
-    "PairWidths",
-    "PsfCalibration",
-    "PsfOrigin",
-    "PsfWidths",
-]
 
 PSF_SCHEMA: Final = "standoff.psf/1"
 

@@ -15,8 +15,6 @@ from scipy import stats
 from calibration.psf.variance import VarianceFit, fit_variances
 from simulation.psf import PsfField, field_monomials
 
-__all__ = ["FIELD_DEGREE", "FieldEdges", "FieldFit", "fit_psf_field"]
-
 Array = NDArray[np.float64]
 
 FIELD_DEGREE = 2

@@ -9,8 +9,6 @@ from scipy import stats
 
 from calibration.psf.variance import excess_variance
 
-__all__ = ["HeightGroup", "HeightTrend", "fit_height_trend"]
-
 Array = NDArray[np.float64]
 
 _DRIFT_P = 0.01

@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from calibration.choices import Channel
 
-__all__ = ["Channel", "luma_plane", "srgb_to_linear"]
-
 REC601_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601-7, section 2.5.1
 
 

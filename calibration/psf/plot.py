@@ -16,13 +16,6 @@ from calibration.edges import REJECTING_FLAGS
 if TYPE_CHECKING:
     from calibration.psf.document import PsfCalibration
 
-__all__ = [
-    "ORIENTATION_COLOURS",
-    "draw_mtf",
-    "draw_widths",
-    "draw_widths_by_angle",
-    "psf_figure",
-]
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-__all__ = ["RESAMPLES", "VarianceFit", "excess_variance", "fit_variances"]
-
 Array = NDArray[np.float64]
 
 RESAMPLES = 2000

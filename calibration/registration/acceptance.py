@@ -6,14 +6,6 @@ from numpy.typing import NDArray
 from calibration.errors import RegistrationError
 from simulation.resampling import ZOOM_MIN
 
-__all__ = [
-    "OVERLAP_MIN_PX",
-    "refuse_little_overlap",
-    "refuse_low_correlation",
-    "refuse_nearer",
-    "refuse_negative",
-]
-
 OVERLAP_MIN_PX = 16
 """Follow-up pixels needed along each axis."""
 

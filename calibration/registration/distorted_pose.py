@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from simulation.pose import lens_of, warped
 
-__all__ = ["DistortedPose"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -25,8 +25,6 @@ from simulation import GaussianPsf
 from simulation.pose import DISTORTION_MAX
 from simulation.zoom import BlurredSpline
 
-__all__ = ["DistortedRefinement", "refined_distorted_pose"]
-
 FloatArray = NDArray[np.float64]
 
 _ASSUMED_SIGMA_PX = 0.65

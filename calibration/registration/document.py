@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
 
-__all__ = ["HOMOGRAPHY_SCHEMA", "Homography"]
-
 HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
 
 

@@ -11,14 +11,6 @@ from numpy.typing import NDArray
 from calibration.errors import RegistrationError
 from simulation.pose import project, projection_depth
 
-__all__ = [
-    "FeatureMatches",
-    "ImageFeatures",
-    "find_features",
-    "homography_pose",
-    "match_features",
-]
-
 FloatArray = NDArray[np.float64]
 
 _FEATURES = 4000

@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["flows_px", "moved_matrix", "unit_coordinates"]
-
 FloatArray = NDArray[np.float64]
 
 _MOTIONS = ((0, 2), (1, 2), (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1))

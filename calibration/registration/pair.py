@@ -19,13 +19,6 @@ from calibration.registration.features import homography_pose, match_features
 from calibration.registration.refinement import refined_pose, zoom_at_centre
 from simulation import GaussianPsf
 
-__all__ = [
-    "DistortedRegistration",
-    "Registration",
-    "register",
-    "register_distorted",
-]
-
 FloatArray = NDArray[np.float64]
 
 _DISAGREEMENT_MAX_PX = 1.5

@@ -19,8 +19,6 @@ from calibration.registration.motions import flows_px, moved_matrix
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
 from simulation.pose import project, projection_depth, projection_slopes
 
-__all__ = ["Refinement", "refined_pose", "zoom_at_centre"]
-
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 40

@@ -22,8 +22,6 @@ from calibration.registration.features import homography_pose, match_features
 from calibration.registration.refinement import zoom_at_centre
 from simulation.pose import project, projection_depth
 
-__all__ = ["TrackedPose", "TrackingReference"]
-
 FloatArray = NDArray[np.float64]
 ByteImage = NDArray[np.uint8]
 

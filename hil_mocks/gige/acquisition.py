@@ -18,8 +18,6 @@ from hil_mocks.gige.settings import CameraState, software_triggers, trigger_wait
 from hil_mocks.gige.stream import Block, StreamSender
 from hil_mocks.scene import ADC_MAX_DN
 
-__all__ = ["Acquisition"]
-
 CONTINUOUS, SINGLE_FRAME = 0, 1
 POLL_WHILE_STALLED_S = 0.02
 

@@ -11,16 +11,6 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-__all__ = [
-    "BOOTSTRAP_BYTES",
-    "DISCOVERY_BYTES",
-    "TICKS_PER_S",
-    "BootstrapAddress",
-    "Capability",
-    "Identity",
-    "bootstrap_page",
-]
-
 BOOTSTRAP_BYTES = 0x1000
 DISCOVERY_BYTES = 0xF8
 """The discovery acknowledge is the registers up to the user-defined name."""

@@ -31,8 +31,6 @@ from hil_mocks.gige.gvcp import (
 )
 from hil_mocks.gige.registers import RegisterMap
 
-__all__ = ["ControlChannel", "Privilege"]
-
 Peer = tuple[str, int]
 WRITES = (CommandCode.WRITEREG, CommandCode.WRITEMEM)
 

@@ -10,8 +10,6 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from hil_mocks.gige.feature import Feature
 
-__all__ = ["DESCRIPTION_FILE", "describe"]
-
 DESCRIPTION_FILE = "standoff_gige_camera.xml"
 NAMESPACE = "http://www.genicam.org/GenApi/Version_1_1"
 

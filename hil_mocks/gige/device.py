@@ -21,8 +21,6 @@ from hil_mocks.gige.registers import CAPABILITIES, RegisterMap
 from hil_mocks.gige.settings import CameraState
 from hil_mocks.gige.stream import StreamSender
 
-__all__ = ["ETHERNET_MTU_BYTES", "GigeDevice", "checked_loopback_address"]
-
 ETHERNET_MTU_BYTES = 1500
 LARGEST_DATAGRAM = 65536
 PATIENCE_MS = 100

@@ -4,8 +4,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-__all__ = ["GigeFaults"]
-
 RATES = ("packet_loss_rate", "duplicate_rate", "reorder_rate")
 
 

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Feature", "FeatureKind"]
-
 FeatureKind = Literal["integer", "float", "enumeration", "boolean", "command", "masked", "flag"]
 
 

@@ -16,8 +16,6 @@ from importlib.resources import files
 from hil_mocks.gige.feature import Feature
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, pixel_formats_of
 
-__all__ = ["DEVICE_PAGE", "features_of"]
-
 DEVICE_PAGE = 0xA000
 """Where the registers of the device itself begin (GigE Vision 2.0, section 28)."""
 

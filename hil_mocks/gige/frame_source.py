@@ -11,8 +11,6 @@ from scipy.special import ndtr, ndtri
 
 from hil_mocks.scene import ADC_MAX_DN, Sensor
 
-__all__ = ["BenchFrameSource", "FrameRequest", "FrameSource", "noise_table"]
-
 NOISE_LEVELS = 65536
 CERTAIN_SIGMA = 8.0
 """Beyond so many standard deviations the full well no longer matters to float32."""

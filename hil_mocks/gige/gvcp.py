@@ -10,29 +10,6 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-__all__ = [
-    "GVCP_PORT",
-    "READMEM_LIMIT_BYTES",
-    "Command",
-    "CommandCode",
-    "CommandFlag",
-    "GvcpError",
-    "GvcpStatus",
-    "MemoryRange",
-    "MemoryWrite",
-    "RegisterWrite",
-    "ResendRequest",
-    "acknowledge_code",
-    "encode_acknowledge",
-    "encode_pending",
-    "parse_command",
-    "parse_read_memory",
-    "parse_read_registers",
-    "parse_resend_request",
-    "parse_write_memory",
-    "parse_write_registers",
-]
-
 GVCP_PORT = 3956
 KEY = 0x42
 HEADER_BYTES = 8

@@ -16,19 +16,6 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "GVSP_HEADER_BYTES",
-    "IP_UDP_HEADER_BYTES",
-    "GvspHeader",
-    "ImageLeader",
-    "PacketFormat",
-    "encode_header",
-    "encode_leader",
-    "encode_payload_packets",
-    "encode_trailer",
-    "payload_bytes_per_packet",
-]
-
 IP_UDP_HEADER_BYTES = 28
 """IPv4 and UDP headers: GevSCPSPacketSize counts them too."""
 

@@ -13,15 +13,6 @@ from numpy.typing import NDArray
 
 from hil_mocks.scene import MONO8_SHIFT
 
-__all__ = [
-    "BAYER_ORDERS",
-    "PIXEL_LAYOUTS",
-    "PixelLayout",
-    "image_of_levels",
-    "pixel_formats_of",
-    "wire_bytes",
-]
-
 MONO16_SHIFT = 4
 """Mono16 holds the 12 bits in its upper bits."""
 

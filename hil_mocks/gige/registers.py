@@ -20,8 +20,6 @@ from hil_mocks.gige.features import DEVICE_PAGE
 from hil_mocks.gige.gvcp import READMEM_LIMIT_BYTES, GvcpError, GvcpStatus, MemoryWrite
 from hil_mocks.gige.settings import CameraState
 
-__all__ = ["DESCRIPTION_ADDRESS", "RegisterMap", "StreamTarget"]
-
 DESCRIPTION_ADDRESS = 0x20000
 DEVICE_PAGE_BYTES = 0x400
 USER_NAME_BYTES = 16

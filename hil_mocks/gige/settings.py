@@ -13,14 +13,6 @@ from hil_mocks.gige.gvsp import (
 )
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, PixelLayout
 
-__all__ = [
-    "MAX_FRAME_RATE_HZ",
-    "POWER_UP_PACKET_BYTES",
-    "CameraState",
-    "software_triggers",
-    "trigger_waits",
-]
-
 MAX_FRAME_RATE_HZ = 67.5
 """Of the whole frame: Allied Vision, Manta G-046 data sheet."""
 

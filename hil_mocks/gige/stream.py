@@ -28,8 +28,6 @@ from hil_mocks.gige.gvsp import (
 )
 from hil_mocks.gige.registers import StreamTarget
 
-__all__ = ["Block", "StreamSender"]
-
 BLOCKS_KEPT = 8
 """Blocks of which packets can be sent again."""
 

@@ -9,8 +9,6 @@ from scipy.special import ndtr
 
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 
-__all__ = ["Illumination"]
-
 LAMP_X_MM, LAMP_Y_MM, LAMP_HEIGHT_MM = 130.0, -70.0, 450.0
 """The lamp above the plane; its mirror image moves on the print when the camera moves."""
 

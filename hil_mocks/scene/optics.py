@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PIXEL_VARIANCE_PX2", "Lens"]
-
 PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 """Variance of a unit square along either axis."""
 

@@ -7,8 +7,6 @@ from math import atan2, cos, hypot, radians, sin
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CameraPose", "PinholeCamera", "distort", "undistort"]
-
 Coordinates = NDArray[np.float64]
 
 MIN_K1 = -0.14

@@ -13,15 +13,6 @@ from skimage.io import imread
 from hil_mocks.scene.scenes import Coordinates, Reflectance
 from hil_mocks.scene.spline import PeriodicImage
 
-__all__ = [
-    "GRAIN_PITCH_MM",
-    "PHOTOGRAPHS",
-    "LayeredPrint",
-    "photograph",
-    "print_lesion",
-    "print_photograph",
-]
-
 PHOTOGRAPHS = {
     "astronaut": "astronaut.png",
     "brick": "brick.png",

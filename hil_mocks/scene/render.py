@@ -18,8 +18,6 @@ from hil_mocks.scene.optics import Lens
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from hil_mocks.scene.scenes import Scene
 
-__all__ = ["Renderer"]
-
 ALIAS_EXPONENT = 0.6
 """``s0^2 (1 - s0^2 / sigma^2) K^2``: folded frequencies are below exp(-2 pi^2 0.6) = 7e-6."""
 

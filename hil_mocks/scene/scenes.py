@@ -13,20 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-__all__ = [
-    "BLACK_PAPER",
-    "WHITE_PAPER",
-    "CellGrid",
-    "Edge",
-    "Placed",
-    "Rectangle",
-    "Scene",
-    "SumOfScenes",
-    "Uniform",
-    "ZonePlate",
-    "gaussian_step",
-]
-
 Coordinates = NDArray[np.float64]
 Reflectance = NDArray[np.float64] | NDArray[np.float32]
 

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ADC_MAX_DN", "MONO8_SHIFT", "PIXEL_FORMATS", "Sensor"]
-
 PIXEL_FORMATS = ("Mono8", "Mono12", "Mono12Packed")
 """Formats that the simulated camera delivers; packing is undone on the way, as in a driver."""
 

@@ -11,8 +11,6 @@ import scipy.fft
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["PeriodicImage"]
-
 WANTED_SIGMA = 2.0
 """Blur, in samples, from which a cubic spline is enough: of the bench's prints it misses 7e-5
 of full scale at the worst point, and 2e-4 of any single frequency."""

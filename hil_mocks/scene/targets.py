@@ -22,8 +22,6 @@ from hil_mocks.scene.scenes import (
     ZonePlate,
 )
 
-__all__ = ["TARGETS", "Target", "TargetKind", "scene_of"]
-
 TargetKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
 
 BOARD_COLS, BOARD_ROWS = 11, 8

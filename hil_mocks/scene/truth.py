@@ -15,8 +15,6 @@ from hil_mocks.scene.scenes import Placed
 from hil_mocks.scene.sensor import Sensor
 from hil_mocks.scene.targets import TARGETS, scene_of
 
-__all__ = ["BenchTruth"]
-
 VIEWS_KEPT = 8
 
 

@@ -24,8 +24,6 @@ from hil_mocks.stages.grbl_lines import (
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.stepper_axis import StepperAxis
 
-__all__ = ["GrblFaults", "GrblFirmware"]
-
 STEP_S = 0.004
 """Motion is worked out in steps of this length."""
 

@@ -7,8 +7,6 @@ from typing import Self
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.stepper_axis import StepperAxis
 
-__all__ = ["HomingCycle", "HomingSettings"]
-
 SWITCH_NOT_RELEASED = 8
 SWITCH_NOT_FOUND = 9
 SEARCH_SCALAR = 1.5

@@ -3,17 +3,6 @@
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = [
-    "DEFAULT_SETTINGS",
-    "FACTORY_SETTINGS",
-    "MM_PER_INCH",
-    "GrblDialect",
-    "JogWords",
-    "read_jog",
-    "setting_lines",
-    "version_lines",
-]
-
 GrblDialect = Literal["grbl", "grblhal"]
 
 MM_PER_INCH = 25.4

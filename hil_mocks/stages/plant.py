@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from math import cos, exp, pi
 
-__all__ = ["PlantFaults", "StagePlant"]
-
 END_STOP_MM = 3.0
 """The carriage runs against its end that far behind a switch."""
 

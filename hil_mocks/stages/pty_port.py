@@ -10,8 +10,6 @@ from typing import Self
 
 from hil_mocks.stages.serial_line import LineFaults, SerialLine
 
-__all__ = ["PtyPort"]
-
 TICK_S = 0.002
 
 

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["Firmware", "LineFaults", "SerialLine"]
-
 
 class Firmware(Protocol):
     """A controller that lives on bytes and passing time."""

@@ -12,8 +12,6 @@ from hil_mocks.stages.pty_port import PtyPort
 from hil_mocks.stages.serial_line import SerialLine
 from hil_mocks.stages.zaber import ZaberFirmware
 
-__all__ = ["SerialStage", "StageProtocol"]
-
 StageProtocol = Literal["grbl", "zaber"]
 
 LOW_SWITCH_MM, HIGH_SWITCH_MM = 119.5, 519.5

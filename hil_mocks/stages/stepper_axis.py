@@ -4,8 +4,6 @@ from math import copysign, sqrt
 
 from hil_mocks.stages.plant import StagePlant
 
-__all__ = ["StepperAxis"]
-
 
 class StepperAxis:
     """Counts steps and turns the plant's motor; it never learns where the carriage really is.

@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.stepper_axis import StepperAxis
 
-__all__ = ["ZaberFaults", "ZaberFirmware"]
-
 STEP_S = 0.004
 SPEED_UNIT = 1.6384
 """``maxspeed`` counts microsteps a second times this."""

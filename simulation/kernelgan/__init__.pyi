@@ -1,11 +1,15 @@
+from simulation.choices import (
+    KERNEL_MODELS as KERNEL_MODELS,
+    TRAINING_STEPS as TRAINING_STEPS,
+    KernelModel as KernelModel,
+    Sampler as Sampler,
+)
+
 from .crops import CropPicker as CropPicker
 from .errors import KernelGanError as KernelGanError
 from .estimate import (
-    KERNEL_MODELS as KERNEL_MODELS,
-    TRAINING_STEPS as TRAINING_STEPS,
     EstimatedKernel as EstimatedKernel,
     KernelGanSettings as KernelGanSettings,
-    KernelModel as KernelModel,
     estimate_kernel as estimate_kernel,
 )
 from .generator import (
@@ -13,7 +17,7 @@ from .generator import (
     composed_kernel as composed_kernel,
     sampled as sampled,
 )
-from .sampling import Sampler as Sampler, kernel_operator as kernel_operator
+from .sampling import kernel_operator as kernel_operator
 from .training import KernelGanTraining as KernelGanTraining
 
 __all__ = [

@@ -9,8 +9,6 @@ import numpy as np
 from simulation.arrays import FloatArray, IntArray
 from simulation.kernelgan.errors import KernelGanError
 
-__all__ = ["OUTPUT_SIDE_PX", "CropPicker", "nearest_positions"]
-
 OUTPUT_SIDE_PX = 26
 """Side of the generator's output: what 64 px give at zoom 2 behind a kernel of 13 px
 (the publication crops 64 px), and kept at other zooms."""

@@ -6,8 +6,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-__all__ = ["PATCH_PX", "PatchDiscriminator"]
-
 PATCH_PX = 7  # publication, section 4.2
 _CHANNELS = 64
 _HIDDEN_LAYERS = 5  # of 1 px, with batch normalisation

@@ -2,8 +2,6 @@
 
 from typing import Literal
 
-__all__ = ["KernelGanError", "KernelGanReason", "TorchMissingError"]
-
 KernelGanReason = Literal[
     "torch_missing", "flat", "too_small", "not_finite", "wrong_sum", "discriminator_won"
 ]

@@ -24,18 +24,6 @@ from simulation.kernelgan.crops import CropPicker
 from simulation.kernelgan.errors import KernelGanError, TorchMissingError
 from simulation.resampling import refuse_non_finite
 
-__all__ = [
-    "KERNEL_MODELS",
-    "KERNEL_SIZE",
-    "TRAINING_STEPS",
-    "EstimatedKernel",
-    "KernelGanSettings",
-    "KernelModel",
-    "Progress",
-    "centre_half",
-    "estimate_kernel",
-]
-
 Progress = Callable[[int], None]
 """Called with the number of steps done."""
 

@@ -9,8 +9,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from torch import Tensor
 from torch.nn import functional
 
-__all__ = ["DeepLinearGenerator", "GaussianGenerator", "Generator", "composed_kernel", "sampled"]
-
 _LAYER_SIZES = (7, 5, 3, 1, 1, 1)  # publication, section 4.1
 _CHANNELS = 64  # publication, section 4.1
 _START_NOISE = 0.1

@@ -22,8 +22,6 @@ from simulation.resampling import (
 )
 from simulation.zoom import SeparableSum, ZoomOperator
 
-__all__ = ["SAMPLERS", "Sampler", "kernel_operator"]
-
 _FAINT_TERM = 1e-6
 """Singular values below this share of the first are left out."""
 

@@ -18,14 +18,6 @@ from simulation.kernelgan.generator import (
     sampled,
 )
 
-__all__ = [
-    "KernelGanTraining",
-    "KernelRegulariser",
-    "boundary_mask",
-    "one_thread",
-    "train",
-]
-
 _SUM_WEIGHT = 0.5  # alpha
 _BOUNDARY_WEIGHT = 0.5  # beta
 _SPARSE_WEIGHT = 5.0  # gamma

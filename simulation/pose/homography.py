@@ -10,8 +10,6 @@ from numba.extending import register_jitable
 
 from simulation.arrays import FloatArray
 
-__all__ = ["project", "projection_depth", "projection_slopes"]
-
 Coordinate = TypeVar("Coordinate", float, FloatArray)
 
 

@@ -19,18 +19,6 @@ from numba import njit
 from simulation.arrays import FloatArray
 from simulation.pose.homography import project, projection_slopes
 
-__all__ = [
-    "DISTORTION_MAX",
-    "ideal_factors",
-    "ideal_points",
-    "lens_of",
-    "refuse_folding",
-    "seen_factors",
-    "warp",
-    "warped",
-]
-
-
 DISTORTION_MAX = 0.12
 """Largest distortion, relative at the frame's corner. A barrel of strength s shows nothing beyond
 the radius ``2 / sqrt(27 s)``: from 4/27 on that lies inside the corner."""

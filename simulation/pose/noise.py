@@ -19,8 +19,6 @@ from simulation.pose.view import PoseView
 from simulation.psf import GaussianPsf, PsfField
 from simulation.resampling import spline_transfer
 
-__all__ = ["pose_noise_gain"]
-
 _PLACES = 17
 """Places per axis at which the squares are summed; the blur changes slowly over a frame."""
 

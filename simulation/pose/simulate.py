@@ -28,8 +28,6 @@ from simulation.resampling import (
     spline_gaussian,
 )
 
-__all__ = ["SharedBlur", "SimulatedPose", "shared_blur", "simulate_pose"]
-
 _TILE_PX = 512
 """Side of the tiles of the follow-up: what is kept per tile is a few MB."""
 

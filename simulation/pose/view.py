@@ -13,8 +13,6 @@ from simulation.pose.lens import ideal_points, lens_of, refuse_folding
 from simulation.pose.warped_blur import BlurredWarp, survey
 from simulation.psf import GaussianPsf, PsfField
 
-__all__ = ["PoseView"]
-
 _SINGULAR = 1e-9
 """Least determinant of a homography between frames scaled to unit squares, relative."""
 

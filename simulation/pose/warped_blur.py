@@ -18,16 +18,6 @@ from simulation.arrays import BoolArray, FloatArray, FloatImage
 from simulation.pose.lens import warp
 from simulation.resampling import LEVELS_PER_LOG, PHASES, SplineGaussianTable
 
-__all__ = [
-    "BORDER_PX",
-    "NEARER_TOLERANCE_PX2",
-    "BlurredWarp",
-    "SplineWindow",
-    "Tile",
-    "render",
-    "survey",
-]
-
 BORDER_PX = 0.5 + 1e-6
 """How far outside the outermost pixel centres a place still counts as inside."""
 

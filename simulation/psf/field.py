@@ -7,8 +7,6 @@ import numpy as np
 
 from simulation.arrays import FloatArray
 
-__all__ = ["PsfField", "field_monomials"]
-
 _CHECKED_PLACES = 33
 """Places per axis at which a field is checked, the corners among them."""
 

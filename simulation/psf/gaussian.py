@@ -8,8 +8,6 @@ import numpy as np
 
 from simulation.arrays import FloatArray
 
-__all__ = ["PIXEL_VARIANCE_PX2", "GaussianPsf"]
-
 PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 """Variance of the unit pixel square along either axis."""
 

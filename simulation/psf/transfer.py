@@ -11,8 +11,6 @@ from scipy.interpolate import PchipInterpolator
 from simulation.arrays import FloatArray
 from simulation.psf.gaussian import PIXEL_VARIANCE_PX2, GaussianPsf
 
-__all__ = ["CameraTransfer", "GaussianTransfer", "SampledTransfer", "Transfer"]
-
 _LOWEST_END_CY_PER_PX = 0.5
 """A measured curve has to reach the Nyquist frequency."""
 

@@ -1,3 +1,5 @@
+from simulation.choices import GaussianForm as GaussianForm
+
 from .banded import (
     BandedMatrix as BandedMatrix,
     apply_separable as apply_separable,
@@ -17,7 +19,6 @@ from .cubic import (
 )
 from .gaussian_kernel import (
     BlurCovariance as BlurCovariance,
-    GaussianForm as GaussianForm,
     gaussian_terms as gaussian_terms,
     matched_terms as matched_terms,
     spline_transfer as spline_transfer,

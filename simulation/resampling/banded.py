@@ -17,8 +17,6 @@ from scipy import sparse
 
 from simulation.arrays import Float32Array, FloatArray, FloatImage, IntArray
 
-__all__ = ["BandedMatrix", "apply_separable", "put_separable"]
-
 _UNROLL = 4
 """Input rows combined in one go; the bands of pairs are widened to a multiple of it."""
 

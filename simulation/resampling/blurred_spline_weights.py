@@ -13,8 +13,6 @@ import numpy as np
 
 from simulation.arrays import Float32Array, IntArray
 
-__all__ = ["LEVELS_PER_LOG", "PHASES", "SIGMA_MAX_PX", "SplineGaussianTable", "spline_gaussian"]
-
 PHASES = 128
 """Places per pixel; linear between them, an error of max|w''| / 8 / PHASES^2 = 8e-6."""
 

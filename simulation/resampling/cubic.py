@@ -10,8 +10,6 @@ import numpy as np
 from simulation.arrays import FloatArray, IntArray
 from simulation.resampling.banded import BandedMatrix
 
-__all__ = ["antialiased_cubic", "blur", "blur_at", "spline_sampling"]
-
 _KEYS_A = -0.5
 """Slope parameter of Pillow's BICUBIC (Resample.c) and of R. G. Keys, 1981."""
 

@@ -16,15 +16,6 @@ import numpy as np
 from simulation.arrays import FloatArray
 from simulation.choices import GaussianForm
 
-__all__ = [
-    "BlurCovariance",
-    "GaussianForm",
-    "SeparableTerm",
-    "gaussian_terms",
-    "matched_terms",
-    "spline_transfer",
-]
-
 _MATCHED_TAIL_TOLERANCE = 1e-3
 """Largest weight that the ``matched`` model cuts off, in ``zoom_out`` and ``simulate_pose`` alike;
 it keeps two zooms in a row within 0.07 % of one."""

@@ -8,8 +8,6 @@ import numpy as np
 
 from simulation.arrays import FloatArray
 
-__all__ = ["ZOOM_MIN", "SamplingGrid"]
-
 ZOOM_MIN = 0.99
 """Least zoom of a grid: measured zooms of captures at equal heights scatter around 1."""
 

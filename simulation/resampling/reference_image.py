@@ -4,8 +4,6 @@ import numpy as np
 
 from simulation.arrays import AnyArray
 
-__all__ = ["reference_shape", "refuse_non_finite"]
-
 
 def reference_shape(image: AnyArray) -> tuple[int, int]:
     """Return rows and columns of an image that a model takes.

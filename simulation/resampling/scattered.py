@@ -15,8 +15,6 @@ from scipy.ndimage import map_coordinates
 from simulation.arrays import FloatArray
 from simulation.resampling.grid import SamplingGrid
 
-__all__ = ["simulate_at"]
-
 _FINE_PITCH_PX = 0.5
 """Pitch of the fine picture in reference px; the spline reads it with errors below 1e-3 there."""
 

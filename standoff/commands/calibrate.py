@@ -28,7 +28,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from calibration.edges import EdgeImage, Region
 
-__all__ = ["calibrate"]
 
 _WITH_AN_EDGE_TARGET = Option("method", ("all-angles", "paper"))
 _LINEAR = "--noise and --correct are for linear, grey levels"

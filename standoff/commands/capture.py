@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from hil_mocks import SimulatedBench
     from standoff.terminal import Operator
 
-__all__ = ["capture"]
-
 
 def capture(
     *,

@@ -10,8 +10,6 @@ import typer
 from analysis.choices import FALSE_ALARMS
 from standoff.terminal import Json, print_json, say
 
-__all__ = ["changes"]
-
 
 def changes(
     reference: Annotated[Path, typer.Argument(help="The earlier, nearer image.")],

@@ -25,7 +25,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from calibration.psf import PsfCalibration
 
-__all__ = ["compare"]
 
 _RULES = (needs("report", "history"),)
 

@@ -32,7 +32,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from analysis.detectability import DetectabilityCurve
 
-__all__ = ["console"]
 
 DEFAULT_PORT = 8470
 

@@ -14,8 +14,6 @@ from standoff.terminal import BenchKeys, Json, print_json, print_table, read_ben
 if TYPE_CHECKING:
     from standoff.workflows import DemoResult
 
-__all__ = ["demo"]
-
 
 def demo(
     out: Annotated[Path, typer.Option(help="Directory for everything it makes.")] = Path(

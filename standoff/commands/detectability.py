@@ -24,7 +24,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from analysis.detectability import ChangeSignal, DetectabilityCurve
 
-__all__ = ["detectability"]
 
 _Name = TypeVar("_Name", bound=str)
 

@@ -17,8 +17,6 @@ from standoff.terminal import (
     say,
 )
 
-__all__ = ["cameras", "doctor"]
-
 _RULES = (needs("settings", "bench"),)
 
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from acquisition.focus import FocusOptions, FocusReading, Region
     from standoff.workflows import FocusSweep, OpenBench, OpenCamera
 
-__all__ = ["focus"]
 
 _LIVE_FRAMES = 3
 _SIGMAS_95 = 1.96

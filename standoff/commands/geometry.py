@@ -22,7 +22,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from calibration.geometry import CharucoBoard, GeometryCalibration
 
-__all__ = ["geometry"]
 
 _SOURCES = {
     "board": "the board {board}",

@@ -32,7 +32,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from analysis.pose import PoseLimits, ViewingCamera
 
-__all__ = ["limits"]
 
 _LIMITS = ("zoom", "is_zoom_beyond_curve", "tilt_deg", "zoom_by_tilt", "overlap_by_shift")
 

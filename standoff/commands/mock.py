@@ -22,7 +22,6 @@ from standoff.terminal import ERRORS, BenchKeys, Json, read_bench, say
 if TYPE_CHECKING:
     from hil_mocks.practice_bench import StageEmulator
 
-__all__ = ["mock"]
 
 READ_BYTES = 4096
 

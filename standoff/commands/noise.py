@@ -21,8 +21,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from calibration.noise import NoiseMeasurement
 
-__all__ = ["noise"]
-
 
 def noise(
     *,

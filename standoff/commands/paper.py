@@ -10,8 +10,6 @@ from analysis.choices import PAPER_TRAINING_STEPS
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import BenchKeys, Json, chosen_models, print_json, read_bench, say
 
-__all__ = ["paper"]
-
 _SHORT_STEPS = 25
 
 

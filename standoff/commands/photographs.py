@@ -10,8 +10,6 @@ import typer
 from acquisition.choices import CaptureKind
 from standoff.terminal import Json, print_json, say
 
-__all__ = ["import_photographs"]
-
 
 def import_photographs(
     images: Annotated[

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from calibration.registration import Registration
     from standoff.workflows import NamedFrame, StreamSummary
 
-__all__ = ["pose"]
 
 _RULES = (
     exactly_one("followup", "stream", "bench"),

@@ -7,8 +7,6 @@ import typer
 
 from standoff.terminal import Json, note, print_json, refuse_suffix, say
 
-__all__ = ["report"]
-
 
 def report(
     directory: Annotated[Path, typer.Argument(help="Session directory.", show_default=False)],

@@ -15,7 +15,6 @@ from standoff.terminal import Json, note, print_json, print_table, say
 if TYPE_CHECKING:
     from acquisition.session import Session, SessionCapture, SessionNotes
 
-__all__ = ["session", "verify"]
 
 Directory = Annotated[Path, typer.Argument(help="Session directory.", show_default=False)]
 Index = Annotated[int, typer.Argument(help="Index of the capture.", show_default=False, min=0)]

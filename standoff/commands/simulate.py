@@ -33,7 +33,6 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from standoff.workflows import CaptureOptions, FollowUp, FoundKernel
 
-__all__ = ["simulate"]
 
 TransferForm = Literal["gaussian", "measured"]
 AnyModel = Literal[Model, KernelModel]

@@ -16,8 +16,6 @@ from standoff.terminal import Json, checked_zoom, note, print_json, progress_bar
 if TYPE_CHECKING:
     from standoff.workflows import SrDatasetSummary
 
-__all__ = ["sr_pairs"]
-
 
 def _checked_fraction(fraction: float) -> float:
     if not (math.isfinite(fraction) and 0 <= fraction <= 1):

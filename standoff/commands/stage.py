@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from acquisition.bench import BenchConfig, StageConfig
     from acquisition.devices import Stage
 
-__all__ = ["stage"]
 
 Action = Literal["status", "home", "move", "stop", "unlock"]
 

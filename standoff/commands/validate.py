@@ -8,8 +8,6 @@ import typer
 from analysis.choices import CACHE_VARIABLE, PAPER_TRAINING_STEPS, VALIDATION_MODELS
 from standoff.terminal import Json, chosen_models, print_json, say
 
-__all__ = ["validate"]
-
 
 def validate(
     *,

@@ -17,8 +17,6 @@ from standoff.doctor import (
     check_stage_port,
 )
 
-__all__ = ["bench_checks"]
-
 
 def bench_checks(hub: BenchHub) -> tuple[Check, ...]:
     """All checks; camera and stage as the console finds them, as nobody else may open them."""

@@ -23,8 +23,6 @@ from standoff.console.jobs import ControlArbiter, JobRunner, PromptQueue, Sessio
 from standoff.console.plan_library import PlanLibrary
 from standoff.console.session_library import SessionLibrary
 
-__all__ = ["BenchHub", "Notice"]
-
 STOP_AGAIN_S = 0.3
 STOP_TRIES = 100
 """A stop is repeated until the job has ended: it may come between two moves."""

@@ -17,8 +17,6 @@ from standoff.workflows import (
     refuse_half_simulated,
 )
 
-__all__ = ["BenchDrivers", "bench_drivers"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchDrivers:

@@ -7,8 +7,6 @@ from acquisition.plan import CapturePlan, load_plan
 from acquisition.untrusted import parse_toml
 from standoff.errors import ApplicationError
 
-__all__ = ["PlanLibrary"]
-
 PLAN_SCHEMA = "standoff.plan/1"
 
 

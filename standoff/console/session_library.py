@@ -9,8 +9,6 @@ from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, SessionCap
 from standoff.errors import ApplicationError
 from standoff.workflows import RESULTS_FOLDER
 
-__all__ = ["SessionLibrary", "SessionSummary", "UnknownSessionError", "is_session_name"]
-
 REPORT_NAME = "report.html"
 LONGEST_NAME_BYTES = 255
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,99}")

@@ -12,8 +12,6 @@ from standoff.library.inputs import (
     total_psf,
 )
 
-__all__ = ["find_changes", "register"]
-
 
 def register(reference: ImageLike, followup: ImageLike, psf: PsfLike | None = None) -> Registration:
     """Return the pose of a follow-up in its reference, as a homography.

@@ -24,8 +24,6 @@ from standoff.library.inputs import (
     total_psf,
 )
 
-__all__ = ["DetectionTask", "d_prime_curves", "pose_limits"]
-
 
 def d_prime_curves(
     images: ImageLike | Iterable[ImageLike],

@@ -13,8 +13,6 @@ from simulation import MODELS, Model, SimulatedPose, simulate_pose as simulate_p
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
 from standoff.workflows import zoomed_out
 
-__all__ = ["simulate_pose", "zoom_out"]
-
 
 def zoom_out(
     image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = "matched"

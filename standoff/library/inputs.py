@@ -14,21 +14,6 @@ from simulation import GaussianPsf, Model, PsfField
 from simulation.capture_noise import CaptureNoise
 from standoff.workflows import ImageFile, read_image
 
-__all__ = [
-    "FilePath",
-    "ImageLike",
-    "NoiseLike",
-    "PsfLike",
-    "camera_noise",
-    "camera_psf",
-    "colour_planes",
-    "grey_image",
-    "image_file",
-    "listed_images",
-    "path_of",
-    "total_psf",
-]
-
 FilePath: TypeAlias = str | PathLike[str]
 ImageLike: TypeAlias = NDArray[Any] | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""

@@ -12,18 +12,8 @@ from calibration.edges import (
 )
 from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
 from calibration.psf import PsfCalibration, calibrate_psf as psf_of_images, edge_images
-from simulation import GaussianPsf
 from standoff.library.inputs import FilePath, ImageLike, image_file, listed_images, path_of
 from standoff.workflows import Reading, edge_image
-
-__all__ = [
-    "GaussianPsf",
-    "Session",
-    "calibrate_psf",
-    "measure_edges",
-    "read_psf",
-    "write_psf",
-]
 
 
 def calibrate_psf(

@@ -13,8 +13,6 @@ from standoff import __version__
 from standoff.errors import REPORTED_ERRORS
 from standoff.terminal.output import ERRORS
 
-__all__ = ["COMMANDS", "application", "run_application"]
-
 EXIT_REPORTED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130

@@ -8,8 +8,6 @@ stays as it was when the other module changes.
 from importlib.util import find_spec
 from pathlib import Path
 
-__all__ = ["COMPILED_PACKAGES", "drop_stale_code"]
-
 COMPILED_PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks")
 
 

@@ -13,15 +13,6 @@ from simulation.choices import Model
 if TYPE_CHECKING:
     from analysis.detectability import DetectabilityCurve
 
-__all__ = [
-    "CurveContrast",
-    "CurveModel",
-    "CurveNoise",
-    "CurveObserver",
-    "CurvesPath",
-    "MinDprime",
-    "chosen_curve",
-]
 
 CurvesPath = Annotated[Path, typer.Option(help="curves.json of standoff detectability.")]
 MinDprime = Annotated[

@@ -8,8 +8,6 @@ import numpy as np
 from calibration.edges import SFR_FREQ_CY_PER_PX
 from calibration.psf import PsfCalibration
 
-__all__ = ["edge_csv"]
-
 
 def edge_csv(calibration: PsfCalibration) -> str:
     """Return the table: what psf.json holds of each edge, then its contrast by frequency.

@@ -9,8 +9,6 @@ from rich.text import Text
 
 from standoff.terminal.output import ERRORS
 
-__all__ = ["LiveLine"]
-
 _INTERVAL_S = 0.1
 _PLAIN_INTERVAL_S = 1.0
 

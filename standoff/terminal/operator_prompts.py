@@ -13,8 +13,6 @@ from acquisition.plan import PlanEntry
 from standoff.errors import ApplicationError
 from standoff.terminal.output import ERRORS
 
-__all__ = ["Operator", "ScriptedOperator", "TerminalOperator", "what_to_place"]
-
 PLACE_QUESTION = "Enter to capture, s to skip"
 RETAKE_QUESTION = "Enter to keep it, r to take it again"
 

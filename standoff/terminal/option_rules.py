@@ -6,8 +6,6 @@ from typing import Literal
 
 import typer
 
-__all__ = ["Option", "OptionRule", "check_options", "exactly_one", "excludes", "needs"]
-
 
 @dataclass(frozen=True, slots=True)
 class Option:

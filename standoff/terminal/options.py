@@ -15,18 +15,6 @@ if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
     from hil_mocks import SimulatedBench
 
-__all__ = [
-    "BenchFile",
-    "BenchKeys",
-    "Json",
-    "checked_zoom",
-    "chosen_models",
-    "place_target",
-    "read_bench",
-    "refuse_overwriting",
-    "refuse_suffix",
-    "region_corner_and_size",
-]
 
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")

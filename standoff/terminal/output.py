@@ -18,8 +18,6 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["ERRORS", "Bar", "note", "print_json", "print_table", "progress_bar", "say"]
-
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 _WITHOUT_A_TERMINAL = 10_000
 _RESULTS = Console(

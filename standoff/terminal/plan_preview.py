@@ -9,8 +9,6 @@ from acquisition.bench import BenchConfig
 from acquisition.capture import flicker_fraction, without_flicker
 from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate
 
-__all__ = ["flicker_warnings", "frame_shape_of", "preview_lines", "time_text"]
-
 FLICKER_LIMIT = 0.01
 
 

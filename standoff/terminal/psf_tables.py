@@ -8,8 +8,6 @@ from calibration.blind import is_clear
 from calibration.psf import Estimate, PsfCalibration, share_of_correlation
 from standoff.terminal.output import note, print_table, say
 
-__all__ = ["print_psf", "print_psf_remarks"]
-
 _USUAL_RHO = 0.1
 _WORTH_SAYING = 0.002
 """Of a width: what a correlation of that size may hide."""

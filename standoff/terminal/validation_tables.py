@@ -3,8 +3,6 @@
 from analysis.validation import Validation, both_tables
 from standoff.terminal.output import print_table
 
-__all__ = ["print_validation"]
-
 
 def print_validation(validation: Validation) -> None:
     """Print both tables, the paper's rows below ours."""

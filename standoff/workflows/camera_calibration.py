@@ -26,8 +26,6 @@ from standoff.workflows.edge_sources import (
     origin_of,
 )
 
-__all__ = ["CalibratedCamera", "CalibrationRequest", "calibrate_camera"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationRequest:

@@ -12,8 +12,6 @@ from simulation import GaussianPsf
 from standoff.workflows.figure_files import write_figure
 from standoff.workflows.image_files import read_grey, write_float_tiff, write_mask
 
-__all__ = ["find_changes_of_files", "write_change_pictures"]
-
 
 def find_changes_of_files(
     reference: Path,

@@ -21,8 +21,6 @@ from standoff.workflows.session_report import write_session_report
 from standoff.workflows.simulated_session import capture_simulated
 from standoff.workflows.validation_run import session_validation
 
-__all__ = ["DemoResult", "TruthRow", "run_demo"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthRow:

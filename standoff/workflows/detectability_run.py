@@ -22,8 +22,6 @@ from standoff.workflows.figure_files import write_figure
 from standoff.workflows.image_files import read_grey
 from standoff.workflows.psf_files import read_total_psf
 
-__all__ = ["CurvesRequest", "curve_figures", "measure_curves"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurvesRequest:

@@ -19,15 +19,6 @@ from acquisition.stages.grbl import open_grbl_stage
 from acquisition.stages.zaber import open_zaber_stage
 from hil_mocks import SimulatedBench
 
-__all__ = [
-    "OpenBench",
-    "open_bench",
-    "open_camera",
-    "open_stage",
-    "place_in_simulation",
-    "refuse_half_simulated",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenBench:

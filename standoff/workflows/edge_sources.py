@@ -24,8 +24,6 @@ from calibration.psf import (
 from standoff.terminal import note
 from standoff.workflows.image_files import ImageFile, read_image
 
-__all__ = ["EdgeSources", "Reading", "edge_image", "from_files", "from_session", "origin_of"]
-
 _CLIPPED_FROM = 0.995  # of the saturation level
 
 

@@ -7,8 +7,6 @@ from matplotlib.figure import Figure
 from analysis.reports import png_bytes, svg_bytes
 from standoff.workflows.reports import write_file
 
-__all__ = ["write_figure"]
-
 
 def write_figure(path: Path, figure: Figure) -> None:
     """Write a figure: as SVG where the file's suffix says so, else as PNG.

@@ -26,8 +26,6 @@ from hil_mocks import SimulatedBench
 from standoff.terminal import LiveLine, progress_bar
 from standoff.workflows.devices import OpenBench, open_bench, open_camera
 
-__all__ = ["FocusSweep", "OpenCamera", "SweepRequest", "opened_camera", "run_sweep", "watch_focus"]
-
 _REFINED_STEPS = 2
 _BAR_CELLS = 30
 _ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}

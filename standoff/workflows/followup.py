@@ -25,16 +25,6 @@ from simulation.capture_noise import CaptureNoise, propagated_variance, with_cap
 from simulation.pose import pose_noise_gain
 from simulation.resampling import GaussianForm, reference_shape
 
-__all__ = [
-    "CaptureOptions",
-    "FollowUp",
-    "captured",
-    "followup_by",
-    "from_pose",
-    "zoomed_out",
-    "zoomed_out_as_measured",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureOptions:

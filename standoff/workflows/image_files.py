@@ -20,17 +20,6 @@ from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.psf import luma_plane
 from standoff.errors import ApplicationError, ImageFileError
 
-__all__ = [
-    "ImageFile",
-    "expanded_images",
-    "image_files_in",
-    "read_grey",
-    "read_image",
-    "tiff_bytes",
-    "write_float_tiff",
-    "write_mask",
-]
-
 _TIFF_SUFFIXES = {".tif", ".tiff"}
 _IMAGE_SUFFIXES = {".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp"}
 _PLATEAU_FRACTION = 0.002

@@ -20,8 +20,6 @@ from standoff.workflows.reports import RESULTS_FOLDER, make_folder
 from standoff.workflows.simulated_session import capture_simulated
 from standoff.workflows.validation_run import run_validation
 
-__all__ = ["PaperResult", "place_errors_px", "run_paper", "short_bench"]
-
 SHORT_WIDTH_PX, SHORT_HEIGHT_PX = 260, 192
 _TRUTH_STEP_PX = 5
 _BORDER_PX = 4

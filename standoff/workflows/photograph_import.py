@@ -16,8 +16,6 @@ from standoff.errors import ApplicationError, ImageFileError
 from standoff.terminal import note, progress_bar
 from standoff.workflows.image_files import ImageFile, read_image
 
-__all__ = ["ImportSettings", "import_into_session"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportSettings:

@@ -16,16 +16,6 @@ from standoff.terminal import LiveLine, say
 from standoff.workflows.focus_runs import OpenCamera
 from standoff.workflows.image_files import image_files_in, read_grey
 
-__all__ = [
-    "NamedFrame",
-    "StreamSummary",
-    "camera_frames",
-    "folder_frames",
-    "judge_stream",
-    "verdict_display",
-    "verdict_facts",
-]
-
 _POLL_S = 0.2
 
 

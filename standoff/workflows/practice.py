@@ -8,8 +8,6 @@ from hil_mocks.gige import GigeFaults
 from hil_mocks.practice_bench import HandStage, PracticeBench, StageEmulator
 from standoff.errors import ApplicationError
 
-__all__ = ["PracticeCommandError", "PracticeConsole", "faults_from_words"]
-
 TRUTH_VALUES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 

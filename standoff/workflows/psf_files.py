@@ -7,8 +7,6 @@ from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, Model, PsfField
 from standoff.terminal import note
 
-__all__ = ["frame_psf", "read_total_psf"]
-
 
 def read_total_psf(path: Path) -> GaussianPsf:
     """Read the total PSF of a psf.json, with a note where its correlation is taken as none.

@@ -28,18 +28,6 @@ from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
 from standoff.errors import ApplicationError
 
-__all__ = [
-    "RESULTS_FOLDER",
-    "make_folder",
-    "pdf_bytes",
-    "require_pdf",
-    "require_writable",
-    "write_calibration_report",
-    "write_file",
-    "write_geometry_report",
-    "write_page",
-]
-
 
 def require_pdf() -> None:
     """Check that PDF files can be made.

@@ -13,8 +13,6 @@ from standoff.terminal import note
 from standoff.workflows.reports import RESULTS_FOLDER, write_page
 from standoff.workflows.validation_run import session_validation
 
-__all__ = ["write_session_report"]
-
 
 def write_session_report(session: Session, path: Path) -> None:
     """Write the report of a session, from what its results folder holds.

@@ -34,8 +34,6 @@ from standoff.workflows.followup import (
 from standoff.workflows.image_files import read_image
 from standoff.workflows.psf_files import frame_psf
 
-__all__ = ["FollowUpRequest", "FoundKernel", "SimulatedPhotograph", "simulate_photograph"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowUpRequest:

@@ -9,8 +9,6 @@ from standoff.errors import ApplicationError
 from standoff.terminal import progress_bar
 from standoff.workflows.devices import open_bench, place_in_simulation
 
-__all__ = ["capture_simulated"]
-
 
 def capture_simulated(
     path: Path, config: BenchConfig, plan: CapturePlan, *, operator: str, what: str

@@ -19,8 +19,6 @@ from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.workflows.image_files import read_image, tiff_bytes
 
-__all__ = ["DATASET_SCHEMA", "SrDatasetSettings", "SrDatasetSummary", "write_sr_dataset"]
-
 DATASET_SCHEMA = "standoff.sr-pairs/1"
 MANIFEST_NAME = "manifest.jsonl"
 

@@ -27,8 +27,6 @@ from standoff.errors import ApplicationError
 from standoff.terminal import note, progress_bar
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file, write_page
 
-__all__ = ["default_models", "run_validation", "session_validation"]
-
 _FILE = "validation.json"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from calibration.psf.calibration import EdgeImage
+from calibration.edges.measurement import EdgeImage
 from simulation.psf.field import PsfField
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.edges.measurement import EdgeImage
 from calibration.noise.noise_by_level import LevelNoise
-from calibration.psf.calibration import EdgeImage
 from tests.calibration.closed_form import edge_image
 
 SIGMA_X_PX, SIGMA_Y_PX, RHO = 0.62, 0.48, 0.35

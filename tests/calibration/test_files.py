@@ -9,8 +9,8 @@ from typing import Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from calibration.documents import json_object, read_document, write_document
 from calibration.errors import DocumentError
-from calibration.files import json_object, read_document, write_document
 
 
 class LensFileError(DocumentError):

@@ -16,24 +16,18 @@ from analysis.detectability.sweep import SweepPlan, sweep_images
 from analysis.errors import ResultsFileError
 from analysis.validation.document import read_validation
 from analysis.validation.kernel_cache import KernelCache
+from calibration.documents import json_object
 from calibration.errors import (
     GeometryFileError,
     HomographyFileError,
     NoiseFileError,
     PsfFileError,
 )
-from calibration.files import (
-    GEOMETRY_SCHEMA,
-    HOMOGRAPHY_SCHEMA,
-    NOISE_SCHEMA,
-    json_object,
-    read_correction,
-    read_geometry,
-    read_homography,
-    read_noise,
-    read_psf,
-)
+from calibration.files import read_correction, read_geometry, read_homography, read_noise, read_psf
+from calibration.geometry.document import GEOMETRY_SCHEMA
+from calibration.noise.document import NOISE_SCHEMA
 from calibration.psf.calibration import calibrate_psf
+from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.workflows.image_files import read_image

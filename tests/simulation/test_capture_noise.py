@@ -4,7 +4,7 @@ from hypothesis import given, settings, strategies as st
 
 from simulation import GaussianPsf, SamplingGrid, zoom_operator
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
-from simulation.zoom import MODELS, Model
+from simulation.choices import MODELS, Model
 
 SHAPE = (18, 23)
 

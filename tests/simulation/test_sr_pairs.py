@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
+from simulation.choices import MODELS, Model
 from simulation.sr_pairs import crop_origins, sr_pairs
-from simulation.zoom import MODELS, Model
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.1)
 

@@ -24,8 +24,6 @@ from acquisition.stages.grbl.wire import JOG_CANCEL, ErrorReply
 from acquisition.stages.motor import MotorStage
 from acquisition.stages.serial_link import open_stage_link
 
-__all__ = ["GrblAxis", "open_grbl_stage"]
-
 STATES: dict[str, StageState] = {
     "Idle": "idle",
     "Run": "moving",

@@ -30,8 +30,6 @@ from acquisition.stages.grbl.wire import (
 )
 from acquisition.stages.serial_link import SerialLink
 
-__all__ = ["GrblAnswer", "GrblController", "GrblFirmware"]
-
 ANSWER_TIMEOUT_S = 2.0
 STATUS_TIMEOUT_S = 0.7
 """Grbl reports within 20 ms; a settings memory that is being written delays it."""

@@ -17,8 +17,6 @@ from acquisition.stages.grbl.controller import GrblController
 from acquisition.stages.grbl.setup import height_axis
 from acquisition.stages.grbl.wire import JOG_CANCEL, SOFT_RESET, StatusReport, jog_command
 
-__all__ = ["GrblMotion"]
-
 START_GRACE_S = 0.5
 """Grbl may report Idle for a moment between the ok and the first step."""
 

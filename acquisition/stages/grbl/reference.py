@@ -8,8 +8,6 @@ from acquisition.stages.grbl.motion import GrblMotion
 from acquisition.stages.grbl.setup import GrblSetup
 from acquisition.stages.motor import halt, travel
 
-__all__ = ["SWITCH_TOLERANCE_MM", "reference_error_mm"]
-
 SWITCH_TOLERANCE_MM = 0.1
 """What a mechanical switch repeats to, and what the creep towards it resolves."""
 

@@ -7,8 +7,6 @@ from acquisition.bench import StageConfig
 from acquisition.errors import DeviceProtocolError, DeviceSettingsError
 from acquisition.stages.grbl.wire import AXES
 
-__all__ = ["GrblSetup", "HeightAxis", "check_settings", "height_axis"]
-
 REPORT_INCHES, HOMING, HOMING_INVERTED, LOCATE_FEED, PULL_OFF = 13, 22, 23, 24, 27
 KEEP_HOMED_ON_RESET = 7
 """Bit of grblHAL's ``$22``."""

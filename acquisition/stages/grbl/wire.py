@@ -12,28 +12,6 @@ from math import isfinite
 
 from acquisition.errors import DeviceProtocolError
 
-__all__ = [
-    "ALARM_TEXTS",
-    "AXES",
-    "ERROR_TEXTS",
-    "FULL_STATUS_QUERY",
-    "JOG_CANCEL",
-    "SOFT_RESET",
-    "STATUS_QUERY",
-    "Alarm",
-    "Banner",
-    "ErrorReply",
-    "Feedback",
-    "GrblMessage",
-    "Ok",
-    "Setting",
-    "StartupLine",
-    "StatusReport",
-    "encode_line",
-    "jog_command",
-    "parse_line",
-]
-
 STATUS_QUERY = b"?"
 FULL_STATUS_QUERY = b"\x87"
 """grblHAL only: a report with every field, the homed one too. Grbl 1.1 drops the byte."""

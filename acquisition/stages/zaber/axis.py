@@ -23,8 +23,6 @@ from acquisition.stages.serial_link import open_stage_link
 from acquisition.stages.zaber.device import ZaberDevice, ZaberScale
 from acquisition.stages.zaber.wire import WARNING_TEXTS
 
-__all__ = ["ZaberAxis", "open_zaber_stage"]
-
 NO_REFERENCE = ("WR", "WH")
 DRIVER_OFF = ("FD", "FO", "FH")
 

@@ -23,8 +23,6 @@ from acquisition.stages.zaber.wire import (
     parse_message,
 )
 
-__all__ = ["ZaberDevice", "ZaberScale"]
-
 MAXSPEED_PER_MICROSTEP_PER_S = 1.6384
 """Unit of ``maxspeed``; Zaber ASCII Protocol Manual, "Data conversion"."""
 

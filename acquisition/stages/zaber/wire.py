@@ -10,19 +10,6 @@ from dataclasses import dataclass
 
 from acquisition.errors import DeviceProtocolError
 
-__all__ = [
-    "MESSAGE_IDS",
-    "REJECTIONS",
-    "WARNING_TEXTS",
-    "ZaberAlert",
-    "ZaberInfo",
-    "ZaberMessage",
-    "ZaberReply",
-    "checksum",
-    "encode_command",
-    "parse_message",
-]
-
 MESSAGE_IDS = 100
 """Ids run from 0 to 99."""
 

@@ -17,8 +17,6 @@ from acquisition.errors import (
 from standoff.console.devices.device_status import DeviceStatus
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 
-__all__ = ["CameraService"]
-
 RETRY_S = 1.0
 STALL_S = 1.0
 STALL_PERIODS = 5.0

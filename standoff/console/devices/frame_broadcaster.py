@@ -8,8 +8,6 @@ from threading import Condition
 
 from acquisition.devices import CameraSettings, Frame, FrameImage
 
-__all__ = ["FrameBroadcaster", "FrameCounts", "LiveFrame"]
-
 LAST_FRAME_ID = 65535
 """Block ids of GigE Vision are 16 bit; 0 is left out."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from acquisition.devices import FrameImage
 from standoff.console.devices.frame_broadcaster import LiveFrame
 
-__all__ = ["HEADER", "SATURATED", "PictureEncoder", "levels_8bit"]
-
 HEADER = struct.Struct("<4sIdHH4x")
 """Magic, sequence, time of arrival in ms since 1970, columns, rows; then the pixels row by row."""
 

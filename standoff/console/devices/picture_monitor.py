@@ -19,8 +19,6 @@ from acquisition.focus import (
 )
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
 
-__all__ = ["Levels", "PictureFacts", "PictureMonitor", "levels_of"]
-
 BINS = 128
 PERIOD_S = 0.04
 """At most 25 pictures a second are looked at: more than an eye follows."""

@@ -12,8 +12,6 @@ from calibration.errors import CalibrationError
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 from standoff.errors import ApplicationError
 
-__all__ = ["PoseMonitor", "PoseView", "TrackerMaker"]
-
 TrackerMaker = Callable[[NDArray[np.generic]], PoseTracker]
 """Makes the tracker of a reference image of shape ``(rows, cols)``."""
 

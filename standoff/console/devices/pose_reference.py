@@ -9,8 +9,6 @@ from analysis.detectability import DetectabilityCurve
 from analysis.pose import PoseTracker
 from standoff.console.devices.pose_monitor import TrackerMaker
 
-__all__ = ["tracker_maker"]
-
 
 def tracker_maker(curve: DetectabilityCurve, min_dprime: float) -> TrackerMaker:
     """Return what makes a tracker of a reference image, judged by this curve."""

@@ -14,8 +14,6 @@ from acquisition.errors import (
 )
 from standoff.console.devices.device_status import DeviceStatus
 
-__all__ = ["StageService", "StageView"]
-
 POLL_S = 0.2
 RETRY_S = 1.0
 CLOSE_TIMEOUT_S = 3.0

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from threading import Lock
 
-__all__ = ["ControlArbiter", "ControlView"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlView:

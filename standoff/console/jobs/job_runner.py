@@ -6,8 +6,6 @@ from threading import Event, Lock, Thread
 from acquisition.errors import OperatorStopError
 from standoff.errors import REPORTED_ERRORS, ApplicationError
 
-__all__ = ["BusyError", "Job", "JobRunner"]
-
 
 class BusyError(ApplicationError):
     """Something else is going on at the bench: ``job`` is its name."""

@@ -8,8 +8,6 @@ from acquisition.capture import Placement, QualityFinding, Verdict
 from acquisition.plan import PlanEntry
 from standoff.terminal import what_to_place
 
-__all__ = ["Choice", "Prompt", "PromptQueue"]
-
 STOP_CHECK_S = 0.1
 
 

@@ -18,8 +18,6 @@ from standoff.console.jobs.job_runner import Job
 from standoff.console.jobs.prompt_queue import PromptQueue
 from standoff.errors import ApplicationError
 
-__all__ = ["PlanRow", "RunState", "RunView", "SessionRun", "rows_of", "session_bench"]
-
 RunState = Literal["idle", "running", "paused", "finished", "stopped", "failed"]
 RowState = Literal["pending", "next", "done", "failed"]
 

@@ -7,8 +7,6 @@ import secrets
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
-__all__ = ["MIN_TOKEN_CHARS", "Access", "is_loopback_host"]
-
 MIN_TOKEN_CHARS = 12
 
 

@@ -9,8 +9,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from standoff.console.web.access import Access
 
-__all__ = ["OPEN_PATHS", "PAGE_POLICY", "REPORT_POLICY", "AccessMiddleware"]
-
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"

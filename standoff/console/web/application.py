@@ -31,8 +31,6 @@ from standoff.console.web.state_cache import StateCache
 from standoff.console.web.viewer import Viewer
 from standoff.errors import REPORTED_ERRORS
 
-__all__ = ["console_app"]
-
 FOLDER = Path(__file__).parent
 HELLO_TIMEOUT_S = 10.0
 REPLACED = 4001

@@ -18,8 +18,6 @@ from standoff.errors import ApplicationError
 from standoff.terminal import flicker_warnings
 from standoff.workflows import make_folder, write_session_report
 
-__all__ = ["CommandHandler", "NotInControlError"]
-
 LEAST_REGION_PX = 8
 
 

@@ -8,36 +8,6 @@ from acquisition.bench import validation_lines
 from acquisition.focus import FocusMeasure
 from standoff.errors import ApplicationError
 
-__all__ = [
-    "MAX_MESSAGE_CHARS",
-    "Acknowledge",
-    "Answer",
-    "FocusMetric",
-    "ForgetPeak",
-    "GoOn",
-    "Hello",
-    "Home",
-    "LookAt",
-    "Message",
-    "MessageError",
-    "Move",
-    "Pause",
-    "PoseClear",
-    "PoseReference",
-    "Preview",
-    "Release",
-    "Resume",
-    "Retake",
-    "Run",
-    "SetExposure",
-    "SetGain",
-    "Stop",
-    "TakeControl",
-    "Unlock",
-    "WriteReport",
-    "parse_message",
-]
-
 MAX_MESSAGE_CHARS = 4096
 
 Name = Annotated[str, Field(min_length=1, max_length=255)]

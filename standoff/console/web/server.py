@@ -12,8 +12,6 @@ from starlette.types import ASGIApp
 from standoff.console.web.messages import MAX_MESSAGE_CHARS
 from standoff.errors import ApplicationError
 
-__all__ = ["open_socket", "serve", "server_of"]
-
 GRACE_S = 2
 """How long pages are waited for at the end."""
 

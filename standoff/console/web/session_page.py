@@ -10,8 +10,6 @@ from acquisition.untrusted import parse_json
 from standoff.console.session_library import SessionLibrary
 from standoff.workflows import RESULTS_FOLDER
 
-__all__ = ["session_document"]
-
 MAX_RESULT_BYTES = 50 * 10**6
 PSF_FIGURES = (("sigma_x_px", "σx"), ("sigma_y_px", "σy"), ("rho", "ρ"))
 NOTES_SHOWN = 200

@@ -8,8 +8,6 @@ from typing import Any
 from standoff.console.bench_hub import BenchHub
 from standoff.console.web.view_model import levels_document, plan_document, state_document
 
-__all__ = ["StateCache"]
-
 STATE_S = 0.08
 LEVELS_S = 0.15
 

@@ -17,21 +17,6 @@ from standoff.console.devices import (
 from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView
 from standoff.terminal import time_text
 
-__all__ = [
-    "camera_document",
-    "control_document",
-    "disk_document",
-    "focus_document",
-    "levels_document",
-    "plan_document",
-    "pose_document",
-    "preview_document",
-    "prompt_document",
-    "run_document",
-    "stage_document",
-    "state_document",
-]
-
 SCARCE_BYTES, TOO_FEW_BYTES = 2 * 10**9, 10**8
 CLIPPED_FRACTION = 1e-3
 

@@ -14,8 +14,6 @@ from standoff.console.web import messages
 from standoff.console.web.state_cache import StateCache
 from standoff.console.web.view_model import control_document
 
-__all__ = ["Viewer"]
-
 PICTURE_PERIOD_S = 1 / 30
 IN_FLIGHT = 2
 """Pictures that may be on their way: the next one goes when the page has drawn the last but one."""

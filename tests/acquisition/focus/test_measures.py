@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
+from acquisition.choices import FocusMeasure
 from acquisition.focus.live import variance_between
-from acquisition.focus.measures import FOCUS_MEASURES, FocusMeasure, focus_value
+from acquisition.focus.measures import FOCUS_MEASURES, focus_value
 
 MEASURES: tuple[FocusMeasure, ...] = get_args(FocusMeasure)
 BLACK_DN = 64.0

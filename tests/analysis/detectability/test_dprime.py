@@ -14,11 +14,12 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
+from analysis.choices import OBSERVERS
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.covariance import DenseCovariance, WindowCovariance
 from analysis.detectability.dprime import d_primes, scene_artefact
 from analysis.detectability.local import LocalChange, local_changes
-from analysis.detectability.observers import OBSERVERS, auc_of, observer_templates
+from analysis.detectability.observers import auc_of, observer_templates
 from analysis.detectability.pair import compared_pair
 from analysis.detectability.scenario import Scenario
 from analysis.detectability.signal import GaussianSignal, PatchSignal, signal_offsets_px

@@ -3,8 +3,9 @@ from math import inf, log10
 import numpy as np
 import pytest
 
+from analysis.choices import ValidationModel
 from analysis.validation.metrics import ImageMetrics
-from analysis.validation.models import ModelInputs, ValidationModel
+from analysis.validation.models import ModelInputs
 from analysis.validation.pair import AlignedPair, PairMetrics, compare_pair
 from analysis.validation.session import mean_metrics
 from calibration.registration.pair import DistortedRegistration, register_distorted

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.session.reader import Session
+from analysis.choices import ValidationModel
 from analysis.reports.page import png_bytes
 from analysis.reports.validation import render_validation
 from analysis.reports.validation_plots import plot_curves, plot_images
@@ -24,7 +25,6 @@ from analysis.validation.document import (
 )
 from analysis.validation.kernels import KernelBook, trainings_needed
 from analysis.validation.metrics import ImageMetrics
-from analysis.validation.models import ValidationModel
 from analysis.validation.screening import screen
 from analysis.validation.session import (
     ValidationSettings,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.blind.calibration import calibrate_from_distances, calibrate_from_scene
+from calibration.edges.measurement import EdgeImage, Region
 from calibration.errors import NoEdgeError, PairError
 from calibration.noise.noise_by_level import LevelNoise
-from calibration.psf.calibration import EdgeImage, Region
 from calibration.psf.document import PsfCalibration
 from tests.calibration.blob_scene import blob_photograph
 from tests.calibration.edge_photographs import (

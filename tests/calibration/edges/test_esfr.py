@@ -12,8 +12,8 @@ from calibration.edges.esfr import (
     measure_esfr,
     pixel_mtf50,
 )
+from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples
-from calibration.psf.calibration import EdgeImage, EdgeMeasurement, measure_edges
 from tests.calibration.closed_form import edge_image, point_edge
 from tests.calibration.diffraction import diffracted_edge, system_mtf, system_mtf50
 

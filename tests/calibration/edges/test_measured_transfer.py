@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from calibration.edges.esfr import mean_transfer
+from calibration.edges.measurement import EdgeImage
 from calibration.errors import PsfFileError
-from calibration.psf.calibration import EdgeImage, calibrate_psf
+from calibration.psf.calibration import calibrate_psf
 from calibration.psf.document import PsfCalibration
 from tests.calibration.closed_form import edge_image
 

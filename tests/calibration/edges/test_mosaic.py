@@ -8,17 +8,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
+from calibration.choices import PATTERNS, Pattern
 from calibration.edges.detection import find_edges
 from calibration.edges.fit import fit_edge
-from calibration.edges.mosaic import (
-    PATTERNS,
-    Pattern,
-    in_sensor_pixels,
-    optical_of_total,
-    plane_places,
-)
+from calibration.edges.measurement import EdgeImage, Region
+from calibration.edges.mosaic import in_sensor_pixels, optical_of_total, plane_places
 from calibration.errors import NoEdgeError
-from calibration.psf.calibration import EdgeImage, Region, calibrate_mosaic
+from calibration.psf.calibration import calibrate_mosaic
 from tests.calibration.closed_form import edge_image, pixel_edge
 
 SIGMAS = {"red": 0.75, "green": 0.6, "blue": 0.9}

@@ -5,9 +5,10 @@ import pytest
 
 from calibration.edges.detection import find_edges
 from calibration.edges.fit import fit_edge
+from calibration.edges.measurement import EdgeImage, measure_edges
 from calibration.edges.paper_method import BIN_PX, lsf_fit
 from calibration.edges.samples import EdgeSamples
-from calibration.psf.calibration import EdgeImage, calibrate_psf, measure_edges
+from calibration.psf.calibration import calibrate_psf
 from calibration.psf.covariance import median_width
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_photographs import photographs

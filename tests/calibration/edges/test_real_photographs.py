@@ -9,8 +9,8 @@ import tifffile
 from PIL import Image
 
 from calibration.edges.esfr import gaussian_mtf50
-from calibration.edges.measurement import measure_edges
-from calibration.psf.calibration import EdgeImage, Method, calibrate_psf
+from calibration.edges.measurement import EdgeImage, Method, measure_edges
+from calibration.psf.calibration import calibrate_psf
 from calibration.psf.document import PsfCalibration
 from calibration.psf.linearise import luma_plane
 

@@ -5,8 +5,8 @@ import pytest
 
 from calibration.edges.detection import find_edges
 from calibration.edges.fit import fit_edge
+from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
-from calibration.psf.calibration import EdgeImage, EdgeMeasurement, measure_edges
 from tests.calibration.closed_form import edge_image, point_edge
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from calibration.errors import GeometryError, RegistrationError
-from calibration.files import GEOMETRY_SCHEMA, read_geometry, write_geometry
+from calibration.files import read_geometry, write_geometry
 from calibration.geometry.board import CharucoBoard, find_board
 from calibration.geometry.calibration import GeometryOptions, calibrate_geometry
-from calibration.geometry.document import GeometryCalibration
+from calibration.geometry.document import GEOMETRY_SCHEMA, GeometryCalibration
 from calibration.geometry.series import GeometryCapture
 from hil_mocks.scene.pinhole import CameraPose
 from tests.calibration.geometry_bench import (

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from acquisition.untrusted import TiffDamageError
+from calibration.documents import json_object
 from calibration.errors import NoiseFileError
-from calibration.files import json_object, read_correction, read_noise, write_noise
+from calibration.files import read_correction, read_noise, write_noise
 from calibration.noise.captures import NoiseMeasurement, measure_noise
 from calibration.noise.document import NoiseCalibration, write_map_files
 from tests.calibration.noise_session import SHAPE, noise_session

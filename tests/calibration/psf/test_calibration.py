@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.edges.fit import EdgeFit, fit_edge
+from calibration.edges.measurement import EdgeImage, Region, measure_edges
 from calibration.errors import NoEdgeError
-from calibration.psf.calibration import EdgeImage, Region, calibrate_psf, measure_edges
+from calibration.psf.calibration import calibrate_psf
 from calibration.psf.covariance import Estimate
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_photographs import (

@@ -10,11 +10,13 @@ import pytest
 from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
+from calibration.documents import json_object
 from calibration.errors import PsfFileError
-from calibration.files import PSF_SCHEMA, json_object, read_psf, write_psf
+from calibration.files import read_psf, write_psf
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.document import (
+    PSF_SCHEMA,
     CameraIdentity,
     ColourPsf,
     PairWidths,

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.psf.linearise import Channel, luma_plane, srgb_to_linear
+from calibration.choices import Channel
+from calibration.psf.linearise import luma_plane, srgb_to_linear
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from simulation.resampling.gaussian_kernel import BlurCovariance, GaussianForm, gaussian_terms
+from simulation.choices import GaussianForm
+from simulation.resampling.gaussian_kernel import BlurCovariance, gaussian_terms
 
 
 def kernel_of(

@@ -7,8 +7,8 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from calibration.documents import write_document
 from calibration.errors import NoiseFileError
-from calibration.files import write_document
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.noise.document import NoiseCalibration, write_map_files
 from simulation import GaussianPsf, zoom_out

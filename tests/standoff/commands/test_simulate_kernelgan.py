@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings, KernelModel
+from simulation.choices import KernelModel
+from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
 from tests.standoff.conftest import Command
 
 TEXTURE = np.random.default_rng(0).integers(0, 4000, (90, 120)).astype(np.uint16)
