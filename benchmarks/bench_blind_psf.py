@@ -13,7 +13,6 @@ clear edges that a single image needs show a dash.
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, bench_parser
@@ -27,6 +26,7 @@ from calibration.errors import CalibrationError
 from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration
 from hil_mocks.scene import PHOTOGRAPHS, BenchTruth, CameraPose
+from simulation.arrays import FloatArray
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"
 WHITE_DN, BLACK_DN, SNR = 3000.0, 64.0, 50.0
@@ -44,7 +44,7 @@ def photograph(truth: BenchTruth, name: str, height_mm: float, seed: int) -> Edg
     return EdgeImage(name=name, image_dn=image, noise=known)
 
 
-def ratios(found: PsfCalibration, truth_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def ratios(found: PsfCalibration, truth_px: FloatArray) -> FloatArray:
     assert found.covariance_px2 is not None
     return np.asarray(np.sqrt(np.diag(found.covariance_px2)) / truth_px)
 

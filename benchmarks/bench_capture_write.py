@@ -23,6 +23,7 @@ from acquisition.plan import CapturePlan, PlanEntry, parse_plan
 from acquisition.session import Session, SessionWriter, Take
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import Work, medians_s
+from simulation.arrays import Float32Array
 
 ROWS, COLS, FRAMES, ROUNDS = 580, 780, 10, 40
 
@@ -109,7 +110,7 @@ def bench() -> BenchConfig:
     )
 
 
-def written_durably(path: Path, pages: NDArray[np.float32]) -> None:
+def written_durably(path: Path, pages: Float32Array) -> None:
     with path.open("wb") as file:
         tifffile.imwrite(file, pages)
         file.flush()

@@ -14,7 +14,6 @@ beside the homography that knows nothing of it.
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
@@ -30,6 +29,7 @@ from benchmarks.change_roc import Roc, plot_change_roc, roc_of
 from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import DistortedPose, register
 from hil_mocks.scene import BenchTruth
+from simulation.arrays import BoolArray
 from standoff.shipped_configs import shipped_config
 from tests.analysis.changed_scenes import (
     BenchPair,
@@ -56,7 +56,7 @@ def found(truth: BenchTruth, pair: BenchPair) -> ChangeResult:
     return find_changes(pair.reference, pair.followup, bench_psf(truth), options)
 
 
-def parts(pair: BenchPair, result: ChangeResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def parts(pair: BenchPair, result: ChangeResult) -> tuple[BoolArray, BoolArray]:
     """Pixels in the core of a spot, and those that hold nothing of one."""
     core = result.valid & (pair.change > 0.5 * pair.change.max())
     clear = result.valid & (gaussian_filter(pair.change, 1.0) < 0.005 * pair.change.max())

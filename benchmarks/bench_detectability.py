@@ -12,7 +12,6 @@ from d': ``2 / d'^2 / 1e-4 + 1 / (4 x 1e-4)``.
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from analysis.detectability import (
@@ -29,6 +28,7 @@ from analysis.detectability import (
 )
 from benchmarks.harness import Recorder, bench_parser
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from simulation.resampling import apply_separable
 from tests.analysis.detectability_trials import run_trials
 
@@ -39,8 +39,6 @@ PSF = GaussianPsf(sigma_x_px=0.935, sigma_y_px=0.935)
 SPOT = GaussianSignal(sigma_px=2.0)
 NOISE_DN, CONTRAST_DN = 2.0, 12.0
 WINDOW_TRIALS, FRAME_TRIALS = 500, 10
-
-FloatArray = NDArray[np.float64]
 
 
 def trials_for_one_per_cent(d_prime: float) -> float:

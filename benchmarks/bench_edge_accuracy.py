@@ -12,16 +12,14 @@ from dataclasses import dataclass, field
 from math import hypot, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.bench_edge_fit import exact_edge
 from benchmarks.harness import Recorder, bench_parser
 from calibration.edges import EdgeFit, find_edges, fit_edge
 from calibration.noise import LevelNoise
 from calibration.psf import fit_covariance
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
-
-Array = NDArray[np.float64]
 
 SIDE_PX = 100
 LOW_DN, HIGH_DN = 8_000.0, 52_000.0
@@ -54,7 +52,7 @@ class Tally:
         )
 
 
-def only_fit(image: Array, noise: LevelNoise | None = None) -> EdgeFit | None:
+def only_fit(image: FloatArray, noise: LevelNoise | None = None) -> EdgeFit | None:
     segments = find_edges(image, cell_px=1000.0)
     return fit_edge(image, segments[0], noise=noise) if len(segments) == 1 else None
 
@@ -85,7 +83,7 @@ def noise_free(record: Recorder) -> None:
         )
 
 
-def bound_px(truth: Array, x: Array, y: Array, noise_dn: Array) -> float:
+def bound_px(truth: FloatArray, x: FloatArray, y: FloatArray, noise_dn: FloatArray) -> float:
     """Cramer-Rao bound of sigma's standard deviation; ``noise_dn`` of each pixel."""
     steps = np.array([1e-6, 1e-5, 1e-8, 1e-5, 1e-1, 1e-1])
     jacobian = np.column_stack(

@@ -24,14 +24,13 @@ from calibration.edges import (
     fit_edge,
     side_level,
 )
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 SIGMAS_PX = (0.5, 0.8, 1.5)
 SIDE_PX = 100
 
 
-def exact_edge(parameters: Array, x: Array, y: Array) -> Array:
+def exact_edge(parameters: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     """Level of pixels at (x, y); angle, offset, curvature, log sigma, low, high."""
     angle, offset, curvature, log_sigma, low, high = parameters
     c, s, sigma = np.cos(angle), np.sin(angle), np.exp(log_sigma)
@@ -45,7 +44,7 @@ def exact_edge(parameters: Array, x: Array, y: Array) -> Array:
     return np.asarray(low + (high - low) * unit / (a * b))
 
 
-def naive_fit(image: Array, segment: EdgeSegment) -> float:
+def naive_fit(image: FloatArray, segment: EdgeSegment) -> float:
     """Optical width by scipy, from the start that ``fit_edge`` has."""
     sigma_px = segment.sigma_px
     half_width = min(band_half_width(sigma_px), segment.clearance_px)
@@ -54,7 +53,7 @@ def naive_fit(image: Array, segment: EdgeSegment) -> float:
     start = np.array([segment.normal_rad, 0.0, 0.0, np.log(sigma_px), low, high])
     scale = np.array([0.01, 0.1, 1e-4, 0.1, high - low, high - low])
 
-    def residuals(parameters: Array) -> Array:
+    def residuals(parameters: FloatArray) -> FloatArray:
         return exact_edge(parameters, x, y) - values
 
     fit = least_squares(residuals, start, x_scale=scale)
@@ -87,7 +86,7 @@ def fit_speed(record: Recorder) -> None:
             )
 
 
-def chart(rows: int = 1944, cols: int = 2592, pitch_px: float = 160.0) -> Array:
+def chart(rows: int = 1944, cols: int = 2592, pitch_px: float = 160.0) -> FloatArray:
     """Tilted dark squares on white: about 190 of them, 8-bit levels with noise of 1 DN."""
     y, x = np.mgrid[:rows, :cols].astype(np.float64)
     turn = np.deg2rad(5.0)

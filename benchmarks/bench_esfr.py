@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
@@ -26,10 +25,9 @@ from calibration.edges import (
     measure_esfr,
     pixel_mtf50,
 )
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.diffraction import diffracted_edge, system_mtf50
-
-Array = NDArray[np.float64]
 
 NORMALS_DEG = (4.0, 12.0, 95.0)
 SIGMAS_PX = (0.4, 0.6, 0.9, 1.4)
@@ -38,7 +36,7 @@ NOISE_DN = 440.0  # of a contrast of 44000
 DRAWS = 4
 
 
-def cases() -> dict[str, list[tuple[Array, float]]]:
+def cases() -> dict[str, list[tuple[FloatArray, float]]]:
     """Images and their true MTF50, by kind."""
     turns = [(n, float(np.deg2rad(n))) for n in NORMALS_DEG]
     return {
@@ -56,20 +54,20 @@ def cases() -> dict[str, list[tuple[Array, float]]]:
     }
 
 
-def samples_of(image: Array) -> tuple[EdgeSamples, float]:
+def samples_of(image: FloatArray) -> tuple[EdgeSamples, float]:
     segment = find_edges(image)[0]
     fit = fit_edge(image, segment)
     assert fit is not None
     return edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px)), fit.sigma_px
 
 
-def by_spline(image: Array) -> float:
+def by_spline(image: FloatArray) -> float:
     samples, sigma = samples_of(image)
     esfr = measure_esfr(samples, sigma)
     return (esfr.mtf50_cy_per_px if esfr else None) or np.nan
 
 
-def by_bins(image: Array) -> float:
+def by_bins(image: FloatArray) -> float:
     """ISO 12233:2017, annex D, on the pixels that the spline sees."""
     samples, _ = samples_of(image)
     place = np.round(samples.distance_px * 4).astype(int)
@@ -86,7 +84,7 @@ def by_bins(image: Array) -> float:
     return float(np.interp(-0.5, -mtf[first - 1 : first + 1], freq[first - 1 : first + 1]))
 
 
-def quick_mtf() -> Callable[[Array], float] | None:
+def quick_mtf() -> Callable[[FloatArray], float] | None:
     """Return the half-contrast frequency of quickMTF, or None where it is not installed."""
     try:
         module = importlib.import_module("quickMTF.quickMTF")
@@ -94,7 +92,7 @@ def quick_mtf() -> Callable[[Array], float] | None:
         return None
     peer = module.quickMTF()
 
-    def measured(image: Array) -> float:
+    def measured(image: FloatArray) -> float:
         try:
             return float(peer.quicksfrCP(image, mtf_indx=50)[0])
         except (ValueError, TypeError, IndexError):
@@ -107,7 +105,7 @@ def main() -> None:
     with Recorder.of(
         bench_parser(__doc__).parse_args(), "esfr", packages=("numpy", "scipy", "numba")
     ) as record:
-        peers: dict[str, Callable[[Array], float]] = {"spline": by_spline, "bins": by_bins}
+        peers: dict[str, Callable[[FloatArray], float]] = {"spline": by_spline, "bins": by_bins}
         quick = quick_mtf()
         if quick is None:
             record.say("quickMTF is not installed: pip install quickMTF to compare with it")
@@ -136,7 +134,7 @@ def main() -> None:
 
 
 def compare_errors(
-    record: Recorder, peers: dict[str, Callable[[Array], float]], rng: np.random.Generator
+    record: Recorder, peers: dict[str, Callable[[FloatArray], float]], rng: np.random.Generator
 ) -> None:
     """Print the errors of MTF50 by kind of edge."""
     heading = f"{'|error of MTF50| / %: median (largest)':40s}"

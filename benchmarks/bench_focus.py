@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
 from acquisition.focus import (
@@ -24,12 +23,13 @@ from acquisition.focus import (
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import medians_s
 from hil_mocks.scene import BenchTruth, CameraPose
+from simulation.arrays import Float32Array
 
 ROUNDS, SEEDS = 200, 16
 STEP_MM, STEPS, FOCUS_MM = 7.0, 15, 306.4
 TRAVEL_MM = STEP_MM * (STEPS - 1)
 MIDDLES_MM = (294.0, 301.0, 308.0, 315.0)
-Views = dict[tuple[str, float], NDArray[np.float32]]
+Views = dict[tuple[str, float], Float32Array]
 CONFIGS = Path(__file__).parents[1] / "configs"
 
 

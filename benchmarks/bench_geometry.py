@@ -12,7 +12,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from benchmarks.harness import Recorder, bench_parser
@@ -25,6 +24,7 @@ from calibration.geometry import (
 )
 from calibration.registration import homography_pose, match_features, zoom_at_centre
 from hil_mocks.scene import BenchTruth, CameraPose
+from simulation.arrays import Float32Array, FloatArray
 
 FRAMES = 10
 TARGETS = ("astronaut", "brick", "gravel", "board")
@@ -40,8 +40,8 @@ class Case:
     truth: BenchTruth
     k1: float
     tilt_deg: tuple[float, float]
-    heights_mm: NDArray[np.float64]
-    images: list[NDArray[np.float32]]
+    heights_mm: FloatArray
+    images: list[Float32Array]
 
 
 def draw_case(seed: int, width_px: int) -> Case:

@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
 from analysis.detectability import Scenario, SweepPlan, sweep_images
@@ -26,6 +25,7 @@ from calibration.geometry import GeometryCapture, GeometryOptions, calibrate_geo
 from calibration.psf import calibrate_psf
 from hil_mocks.scene import BenchTruth, CameraPose
 from simulation import GaussianPsf, zoom_out
+from simulation.arrays import Float32Array
 from tests.calibration.closed_form import edge_image
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"
@@ -116,7 +116,7 @@ def by_heights(record: Recorder) -> Growth:
     return timed("geometry of a height series", "heights of 390 x 290", counts, calibrate, record)
 
 
-def seen(truth: BenchTruth, height_mm: float) -> NDArray[np.float32]:
+def seen(truth: BenchTruth, height_mm: float) -> Float32Array:
     """Capture without noise."""
     image = truth.expected_image_dn(
         "brick", 0.0, CameraPose(height_mm=height_mm), exposure_us=9000.0

@@ -15,7 +15,6 @@ from functools import partial
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from torch import Tensor
 from torch.nn import functional
@@ -24,6 +23,7 @@ from benchmarks.harness import Recorder, bench_parser
 from calibration.blind import calibrate_from_scene, pair_psf
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
+from simulation.arrays import FloatArray
 from simulation.kernelgan import (
     KERNEL_MODELS,
     CropPicker,
@@ -157,7 +157,7 @@ def by_distances(sigma_px: float, seed: int) -> Variances:
     return _between(pair_psf(near, far, matrix).covariance_px2)
 
 
-def _between(covariance_px2: NDArray[np.float64] | None) -> Variances:
+def _between(covariance_px2: FloatArray | None) -> Variances:
     """What a PSF adds at the zoom-out of the table."""
     assert covariance_px2 is not None
     (xx, _), (_, yy) = (covariance_px2 * (ZOOM**2 - 1)).tolist()

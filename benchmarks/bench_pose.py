@@ -9,11 +9,11 @@ from math import cos, radians, sin
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
 from simulation import GaussianPsf, SamplingGrid, simulate_pose, zoom_out
+from simulation.arrays import FloatArray
 
 SIGMA_PX = 0.935
 FOCAL_PX_PER_WIDTH = 964 / 780
@@ -24,7 +24,7 @@ POSES = ((0.0, 0.0, 1.5), (20.0, 0.0, 1.0), (20.0, 0.0, 1.5), (20.0, 45.0, 1.5),
 
 def homography(
     shape: tuple[int, int], tilt_deg: float, bearing_deg: float, zoom: float
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Camera that looks at the reference's centre from ``zoom`` times its distance."""
     t, b = radians(tilt_deg), radians(bearing_deg)
     about = np.array([[cos(b), -sin(b), 0], [sin(b), cos(b), 0], [0, 0, 1]])

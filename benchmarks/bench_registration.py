@@ -14,17 +14,15 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, bench_parser
 from calibration.registration import DistortedPose, register_distorted
 from hil_mocks import BenchTruth
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from standoff.shipped_configs import shipped_config
 from standoff.workflows import place_errors_px
-
-FloatArray = NDArray[np.float64]
 
 TARGETS = ("grass", "lesion", "chart")
 ZOOMS = (1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)

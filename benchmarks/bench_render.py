@@ -13,7 +13,6 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from acquisition.bench import BenchConfig, load_bench
@@ -21,6 +20,7 @@ from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
 from hil_mocks import BenchTruth, CameraPose
 from hil_mocks.scene import Edge, PeriodicImage, Placed
+from simulation.arrays import FloatArray
 
 CONFIG = Path(__file__).parents[1] / "configs" / "simulated.toml"
 SECONDS = 2.0
@@ -36,7 +36,7 @@ def rendering_seconds(config: BenchConfig, target: str, seconds: float) -> float
     )
 
 
-def supersampled_edge(truth: BenchTruth, samples_per_px: int) -> NDArray[np.float64]:
+def supersampled_edge(truth: BenchTruth, samples_per_px: int) -> FloatArray:
     """Point-sample the sharp edge, blur the samples, average the blocks of each pixel."""
     rows, cols, pad = truth.camera.height_px, truth.camera.width_px, 4
     x_px = (np.arange((cols + 2 * pad) * samples_per_px) + 0.5) / samples_per_px - 0.5 - pad

@@ -14,7 +14,6 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
@@ -23,6 +22,7 @@ from analysis.reports import in_report_style, new_figure, png_bytes
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
 from simulation import MODELS, GaussianPsf, SamplingGrid, zoom_out
+from simulation.arrays import Float32Array
 
 SIGMA_PX = 0.935
 SHAPES = ((580, 780), (3000, 4000))
@@ -31,7 +31,7 @@ GROWTH_MEGAPIXELS = (0.1, 0.3, 1.0, 3.0, 12.0, 24.0)
 GROWTH_ZOOMS = (1.05, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0)
 
 
-def pillow_and_scipy(image: NDArray[np.float32], zoom: float) -> NDArray[np.float32]:
+def pillow_and_scipy(image: Float32Array, zoom: float) -> Float32Array:
     grid = SamplingGrid.centred((image.shape[0], image.shape[1]), zoom)
     margin_x, margin_y = (
         max((size - count * zoom) / 2, 0.0)

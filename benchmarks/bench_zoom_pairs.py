@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from scipy.optimize import minimize
 
@@ -31,8 +30,7 @@ from analysis.validation import (
 from benchmarks.harness import Recorder, bench_parser
 from calibration.psf import luma_plane
 from simulation import GaussianPsf, Model, zoom_out
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 ZOOMS = {"nikon": 2.9, "iphone": 2.4}
 """Ratios of focal lengths and of distances, as the publication of the photographs has them."""

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from analysis.reports import in_report_style, new_figure
+from simulation.arrays import FloatArray
 
 __all__ = ["Roc", "plot_change_roc", "roc_of"]
-
-FloatArray = NDArray[np.float64]
 
 _COLOURS = ("#D55E00", "#0072B2", "#009E73")
 

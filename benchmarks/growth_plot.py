@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from numpy.typing import NDArray
 
 from analysis.reports import in_report_style, new_figure, png_bytes
+from simulation.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ def plot_growths(growths: Sequence[Growth]) -> bytes:
     return png_bytes(figure)
 
 
-def _readable(sizes: NDArray[np.float64]) -> list[str]:
+def _readable(sizes: FloatArray) -> list[str]:
     """Names of the sizes, without those that would run into the one before."""
     apart = 0.11 * np.log(sizes[-1] / sizes[0])
     names, last = [], -np.inf

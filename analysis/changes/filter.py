@@ -9,7 +9,6 @@ from math import exp, pi, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 from scipy.optimize import brentq
 from scipy.special import ndtr
@@ -21,14 +20,13 @@ from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
 from simulation import GaussianPsf, simulate_pose
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from simulation.pose import pose_noise_gain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-FloatArray = NDArray[np.float64]
 
 SOFTNESS_LIMIT_PX2 = 0.15
 """Extra blur of the follow-up that is refused: a width of 0.39 px on top of the simulated."""
@@ -104,8 +102,8 @@ class ChangeResult:
     pose_difference_dn: FloatArray
     variance_dn2: FloatArray
     significance: FloatArray
-    is_change: NDArray[np.bool_]
-    valid: NDArray[np.bool_]
+    is_change: BoolArray
+    valid: BoolArray
 
     def __repr__(self) -> str:
         found = self.summary
@@ -126,8 +124,8 @@ class ChangeResult:
 
 
 def find_changes(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
+    reference: AnyArray,
+    followup: AnyArray,
     psf: GaussianPsf,
     options: ChangeOptions | None = None,
 ) -> ChangeResult:
@@ -213,7 +211,7 @@ def find_changes(
 
 def _simulated(
     near: FloatArray, far: FloatArray, psf: GaussianPsf, pose: DistortedPose
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """The follow-up as its pose alone would make it, and the pixels that may be compared."""
     try:
         simulated = simulate_pose(
@@ -233,7 +231,7 @@ def _simulated(
 
 
 def _light(
-    simulated: FloatArray, followup: FloatArray, valid: NDArray[np.bool_]
+    simulated: FloatArray, followup: FloatArray, valid: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Gain and offset that change slowly over the frame, by a robust fit of quadratics."""
     rows, cols = simulated.shape
@@ -258,7 +256,7 @@ def _light(
     return np.asarray(gain), np.asarray(offset)
 
 
-def _significance(normalised: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+def _significance(normalised: FloatArray, valid: BoolArray) -> FloatArray:
     weight = gaussian_filter(valid.astype(np.float64), _SMOOTHING_PX)
     smooth = gaussian_filter(np.where(valid, normalised, 0.0), _SMOOTHING_PX)
     smooth = np.where(valid, smooth / np.maximum(weight, 1e-6), 0.0)

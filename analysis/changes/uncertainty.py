@@ -9,11 +9,10 @@ change.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, convolve, laplace
 from scipy.optimize import nnls
 
-FloatArray = NDArray[np.float64]
+from simulation.arrays import BoolArray, FloatArray
 
 _BLOCK_PX = 16
 """Pixels of other blocks are taken as independent."""
@@ -39,9 +38,7 @@ class ExtraBlur:
     err_px2: float
 
 
-def extra_blur(
-    expected_dn: FloatArray, followup_dn: FloatArray, valid: NDArray[np.bool_]
-) -> ExtraBlur:
+def extra_blur(expected_dn: FloatArray, followup_dn: FloatArray, valid: BoolArray) -> ExtraBlur:
     """Fit the variance t of a blur: what it changes is ``t / 2`` times the Laplacian.
 
     The difference and the Laplacian of the simulated image share that image's noise, which would
@@ -108,7 +105,7 @@ class DifferenceVariance:
 def fit_variance(
     difference_dn: FloatArray,
     simulated_dn: FloatArray,
-    valid: NDArray[np.bool_],
+    valid: BoolArray,
     noise_variance_dn2: FloatArray | None,
 ) -> DifferenceVariance:
     """Fit the sizes of noise, registration and model error to a difference image.

@@ -10,10 +10,9 @@ from itertools import pairwise
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.linalg import cho_factor, cho_solve
 
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _RESIDUAL = 1e-9
 _ITERATIONS = 400

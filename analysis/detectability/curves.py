@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from analysis.choices import Observer
@@ -13,6 +13,7 @@ from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
 from calibration.notebook import html_table
 from simulation import Model
+from simulation.arrays import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -101,7 +102,7 @@ class DetectabilityCurve(StoredValues):
             f"contrast {self.contrast_dn:g} DN"
         )
 
-    def d_prime_at(self, zoom: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    def d_prime_at(self, zoom: FloatArray | float) -> FloatArray:
         """Return d' between the curve's zooms, 1/d' straight in zoom; NaN beyond the last one.
 
         Below the first zoom, and below 1, the first value holds: a nearer follow-up is no worse.
@@ -110,7 +111,7 @@ class DetectabilityCurve(StoredValues):
         value = self.between(self.dprime, zoom)
         return np.asarray(np.where(np.asarray(zoom) > self.zoom[-1] + 1e-9, np.nan, value))
 
-    def between(self, values: ArrayLike, zoom: ArrayLike) -> NDArray[np.float64]:
+    def between(self, values: ArrayLike, zoom: ArrayLike) -> FloatArray:
         """Return any values of d' at the curve's zooms, read between them as d' is."""
         return d_prime_between(self.zoom, values, zoom)
 
@@ -219,7 +220,7 @@ class DetectabilityCurves(ResultsDocument):
         raise AmbiguousCurveError(message, fitting=tuple(fitting), open_choices=open_choices)
 
 
-def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> NDArray[np.float64]:
+def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> FloatArray:
     """Return d' at any zoom, 1/d' straight between those computed; outside, the nearest one.
 
     The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
@@ -19,8 +18,7 @@ from analysis.detectability.observers import observer_templates
 from analysis.detectability.pair import compared_pair
 from analysis.detectability.scenario import Scenario
 from simulation import Model
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 BOOTSTRAP_REPLICATES = 1000
 _INTERVAL_PERCENT = (2.5, 97.5)

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.detectability.pair import compared_pair, frame_size_px
 from analysis.detectability.scenario import Scenario
 from analysis.detectability.signal import ChangeSignal, signal_offsets_px
 from simulation import Model
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

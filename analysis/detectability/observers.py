@@ -13,13 +13,11 @@ H. H. Barrett, "Validating the use of channels to estimate the ideal linear obse
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import eval_laguerre, ndtr
 
 from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.covariance import Covariance
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 CHANNELS = 6
 """Laguerre-Gauss channels; Gallas and Barrett 2003 find 5 to 10 enough for Gaussian signals."""

@@ -10,13 +10,11 @@ from functools import lru_cache
 from math import ceil, hypot, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.choices import REFERENCE_ZOOM
 from simulation import GaussianPsf, Model, SamplingGrid, ZoomOperator, zoom_operator
+from simulation.arrays import FloatArray
 from simulation.resampling import BandedMatrix, antialiased_cubic, apply_separable
-
-FloatArray = NDArray[np.float64]
 
 _CUBIC_REACH_PX = 2
 """Follow-up pixels that the cubic takes on either side."""

@@ -5,9 +5,8 @@ from math import ceil
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _REACH_SIGMAS = 6.0
 _PLASTIC = 1.324717957244746

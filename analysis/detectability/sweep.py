@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
-from numpy.typing import NDArray
 
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
@@ -27,8 +26,7 @@ from analysis.detectability.dprime import scene_artefact
 from analysis.detectability.scenario import Scenario
 from analysis.errors import AnalysisError, ResultsFileError
 from simulation import Model
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _VERSION = 1
 """Counts the changes of what a cell holds; older cells are made anew."""

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX, Observer
 from analysis.detectability.artefact import ArtefactTiles
@@ -21,8 +20,7 @@ from analysis.detectability.sweep import (
     tiles_per_side,
 )
 from simulation import GaussianPsf, Model
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _USUAL_ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
 

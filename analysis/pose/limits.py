@@ -6,19 +6,17 @@ from math import atan2, degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import BeyondCurveError, NotDetectableError
 from analysis.pose.local_sampling import sampled_places
 from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
 from calibration.notebook import html_table
+from simulation.arrays import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-FloatArray = NDArray[np.float64]
 
 _DIRECTIONS = 13
 _REFINED = 3
@@ -115,7 +113,7 @@ def _sides(corners: FloatArray) -> FloatArray:
     return np.asarray(np.cross(corners, np.roll(corners, -1, axis=0)))
 
 
-def _is_within(places: FloatArray, corners: FloatArray) -> NDArray[np.bool_]:
+def _is_within(places: FloatArray, corners: FloatArray) -> BoolArray:
     least, most = corners[0, :2] - _ON_THE_BORDER_PX, corners[2, :2] + _ON_THE_BORDER_PX
     at = places[..., :2]
     return np.asarray(np.all((at >= least) & (at <= most), axis=-1))

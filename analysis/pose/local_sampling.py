@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulation.arrays import BoolArray, FloatArray
 from simulation.pose import project, projection_depth, projection_slopes
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -24,7 +22,7 @@ class LocalSampling:
 
     worst_zoom: FloatArray
     best_zoom: FloatArray
-    inside: NDArray[np.bool_]
+    inside: BoolArray
 
     @property
     def anisotropy(self) -> FloatArray:

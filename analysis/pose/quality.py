@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice, DetectabilityCurve
 from analysis.errors import AnalysisError, OverlapError
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
+from simulation.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 _Row3 = tuple[float, float, float]
 
 QUANTILE = 0.05

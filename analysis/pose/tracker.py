@@ -8,7 +8,6 @@ the first frame and whenever the pose was lost.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
@@ -16,8 +15,7 @@ from analysis.errors import AnalysisError
 from analysis.pose.quality import PoseQuality, judge_pose
 from calibration.errors import RegistrationError
 from calibration.registration import TrackedPose, TrackingReference
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import AnyArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -87,7 +85,7 @@ class PoseTracker:
 
     def __init__(
         self,
-        reference: NDArray[np.generic],
+        reference: AnyArray,
         curve: DetectabilityCurve,
         min_d_prime: float,
         criterion: Criterion = "min",
@@ -117,7 +115,7 @@ class PoseTracker:
         """Forget the pose: the next frame is searched as a whole."""
         self._last = None
 
-    def update(self, image: NDArray[np.generic]) -> PoseVerdict:
+    def update(self, image: AnyArray) -> PoseVerdict:
         """Judge the pose of the next frame.
 
         Parameters
@@ -150,7 +148,7 @@ class PoseTracker:
                 return _unknown(f"the reference is not recognised: {error}")
         return self._judged(found, (image.shape[1], image.shape[0]), is_anchored=is_anchored)
 
-    def _followed(self, image: NDArray[np.generic]) -> TrackedPose | None:
+    def _followed(self, image: AnyArray) -> TrackedPose | None:
         if self._last is None:
             return None
         try:

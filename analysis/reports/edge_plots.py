@@ -1,18 +1,15 @@
 """Figures of measured edges: on their photograph, across each, and their widths by angle."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from analysis.reports.page import in_report_style, new_figure
 from calibration.edges import EdgeMeasurement, edge_profile
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
-
-Image = NDArray[np.floating[Any]]
+from simulation.arrays import FloatArray, FloatImage
 
 REJECTED_COLOUR = "#CC79A7"
 _INK = "#1b1f24"
@@ -24,7 +21,7 @@ _PROFILE_BIN_PX = 0.25
 
 @in_report_style
 def plot_edges(
-    image_dn: Image, edges: Sequence[EdgeMeasurement], rejected: frozenset[str]
+    image_dn: FloatImage, edges: Sequence[EdgeMeasurement], rejected: frozenset[str]
 ) -> Figure:
     """Draw the measured edges on their photograph; rejected ones dashed."""
     rows, cols = image_dn.shape
@@ -57,7 +54,7 @@ def plot_edges(
 
 
 @in_report_style
-def plot_profile(image_dn: Image, edge: EdgeMeasurement) -> Figure:
+def plot_profile(image_dn: FloatImage, edge: EdgeMeasurement) -> Figure:
     """Plot one edge: its pixels by distance, the fitted edge, and what is left between them."""
     distances, values, low, high = _edge_pixels(image_dn, edge)
     levels = (values - low) / (high - low)
@@ -106,7 +103,7 @@ def plot_widths_by_angle(psf: PsfCalibration, rejected: frozenset[str]) -> Figur
     return figure
 
 
-def _filled(image_dn: Image) -> Image:
+def _filled(image_dn: FloatImage) -> FloatImage:
     """The image with pixels that are NaN (of other colours in a mosaic) taken from beside."""
     known = np.isfinite(image_dn)
     if known.all():
@@ -117,8 +114,8 @@ def _filled(image_dn: Image) -> Image:
 
 
 def _edge_pixels(
-    image_dn: Image, edge: EdgeMeasurement
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    image_dn: FloatImage, edge: EdgeMeasurement
+) -> tuple[FloatArray, FloatArray, float, float]:
     """Distance and level of the pixels around an edge, and the levels of its two sides."""
     rows, cols = image_dn.shape
     turn = np.deg2rad(edge.angle_deg)

@@ -2,10 +2,10 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from acquisition.focus import FocusPeak
 from analysis.reports.page import in_report_style, new_figure
+from simulation.arrays import FloatArray
 
 _BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#1b1f24"
 _SIGMAS_95 = 1.96
@@ -13,9 +13,9 @@ _SIGMAS_95 = 1.96
 
 @in_report_style
 def plot_focus_sweep(
-    heights_mm: NDArray[np.float64],
-    values: NDArray[np.float64],
-    errs: NDArray[np.float64],
+    heights_mm: FloatArray,
+    values: FloatArray,
+    errs: FloatArray,
     peak: FocusPeak | None,
     measure: str,
 ) -> Figure:

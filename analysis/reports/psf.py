@@ -3,19 +3,15 @@
 from collections.abc import Callable
 from itertools import groupby
 from pathlib import PurePath
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from analysis.reports.edge_plots import plot_edges, plot_profile
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
 from analysis.reports.psf_plots import field_section, plot_mtf, widths_section, with_err
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.psf import PsfCalibration
+from simulation.arrays import FloatImage
 
-Image = NDArray[np.floating[Any]]
-ImageLoader = Callable[[EdgeMeasurement], Image]
+ImageLoader = Callable[[EdgeMeasurement], FloatImage]
 
 _IMAGES_SHOWN = 4
 _DIRECTION_STEP_DEG = 15.0

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from analysis.reports.edge_plots import plot_widths_by_angle
 from analysis.reports.page import (
@@ -20,8 +19,6 @@ from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
 from calibration.psf import ORIENTATION_COLOURS, HeightTrend, PsfCalibration, draw_mtf
 from simulation.psf import PsfField
-
-Array = NDArray[np.float64]
 
 _INK = "#1b1f24"
 _AXES = (("x", "vertical"), ("y", "horizontal"))

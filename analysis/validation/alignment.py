@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.errors import OverlapError
 from calibration.registration import OVERLAP_MIN_PX, DistortedPose
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import AnyArray, FloatArray
 
 Procedure = Literal["as-in-paper", "reference-grid", "followup-grid"]
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
@@ -79,7 +77,7 @@ def shared_window(pose: DistortedPose) -> SharedWindow:
     )
 
 
-def bicubic_at(image: NDArray[np.generic], y_px: FloatArray, x_px: FloatArray) -> FloatArray:
+def bicubic_at(image: AnyArray, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
     """Levels of an image at any places by bicubic interpolation; its border goes on outside.
 
     References
@@ -103,7 +101,7 @@ def bicubic_at(image: NDArray[np.generic], y_px: FloatArray, x_px: FloatArray) -
     return total
 
 
-def scaled_up(image: NDArray[np.generic], zoom: float, shape: tuple[int, int]) -> FloatArray:
+def scaled_up(image: AnyArray, zoom: float, shape: tuple[int, int]) -> FloatArray:
     """An image scaled up by a zoom to a size, both centred: the paper's plain upscaling."""
     y, x = (
         (np.arange(size) - (size - 1) / 2) / zoom + (count - 1) / 2

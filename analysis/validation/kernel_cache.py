@@ -13,12 +13,12 @@ from pathlib import Path
 from tokenize import TokenError
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.session import atomic_write
 from analysis.choices import CACHE_VARIABLE
 from analysis.errors import ResultsFileError
+from simulation.arrays import AnyArray, FloatArray
 from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 
 _TRAINING_VERSION = 1
@@ -45,7 +45,7 @@ class KernelCache:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def path(self, image: NDArray[np.generic], settings: KernelGanSettings) -> Path:
+    def path(self, image: AnyArray, settings: KernelGanSettings) -> Path:
         """Return where the kernel of an image and settings lies, whether or not it does."""
         content = hashlib.sha256()
         stated = {**asdict(settings), "version": _TRAINING_VERSION}
@@ -54,9 +54,7 @@ class KernelCache:
         content.update(np.ascontiguousarray(image).tobytes())
         return self.folder / f"{settings.model}-{content.hexdigest()[:_KEY_DIGITS]}.npy"
 
-    def load(
-        self, image: NDArray[np.generic], settings: KernelGanSettings
-    ) -> EstimatedKernel | None:
+    def load(self, image: AnyArray, settings: KernelGanSettings) -> EstimatedKernel | None:
         """Return a stored kernel; None where there is none, or its file is damaged."""
         path = self.path(image, settings)
         try:
@@ -72,9 +70,7 @@ class KernelCache:
             # It is trained again, and the file replaced.
             return None
 
-    def store(
-        self, image: NDArray[np.generic], settings: KernelGanSettings, kernel: EstimatedKernel
-    ) -> Path:
+    def store(self, image: AnyArray, settings: KernelGanSettings, kernel: EstimatedKernel) -> Path:
         """Store a kernel and its picture; return the path of the ``.npy``.
 
         Raises
@@ -96,7 +92,7 @@ class KernelCache:
         return path
 
 
-def _picture(weights: NDArray[np.float64]) -> bytes:
+def _picture(weights: FloatArray) -> bytes:
     """Return a PNG of the weights: 0 black, the largest white, negative ones black."""
     levels = np.clip(np.rint(255 * weights / weights.max()), 0, 255).astype(np.uint8)
     magnified = np.kron(levels, np.ones((_PICTURE_PX_PER_WEIGHT,) * 2, dtype=np.uint8))

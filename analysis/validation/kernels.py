@@ -4,9 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from joblib import Parallel, delayed, parallel_config
-from numpy.typing import NDArray
 
 from acquisition.session import Session
 from analysis.choices import PAPER_TRAINING_STEPS, ValidationModel
@@ -15,6 +13,7 @@ from analysis.validation.kernel_cache import KernelCache
 from analysis.validation.models import ModelInputs
 from analysis.validation.screening import RegisteredPair
 from simulation import GaussianPsf
+from simulation.arrays import AnyArray
 from simulation.kernelgan import (
     KERNEL_MODELS,
     EstimatedKernel,
@@ -54,7 +53,7 @@ class KernelBook:
         return None
 
     def kernel(
-        self, image: NDArray[np.generic], model: ValidationModel, zoom: float
+        self, image: AnyArray, model: ValidationModel, zoom: float
     ) -> EstimatedKernel | None:
         """Kernel of a model for a reference and a zoom; trained here where it is not stored.
 
@@ -74,7 +73,7 @@ class KernelBook:
 
     def inputs(
         self,
-        image: NDArray[np.generic],
+        image: AnyArray,
         models: Sequence[ValidationModel],
         zoom: float,
         psf: GaussianPsf,
@@ -149,9 +148,7 @@ def trainings_needed(
     return list(needed.values())
 
 
-def _trained(
-    image: NDArray[np.generic], settings: KernelGanSettings, folder: Path
-) -> EstimatedKernel:
+def _trained(image: AnyArray, settings: KernelGanSettings, folder: Path) -> EstimatedKernel:
     try:
         kernel = estimate_kernel(image, settings)
     except KernelGanError as error:

@@ -4,12 +4,10 @@ from collections.abc import Callable
 from math import inf, log10
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage import metrics as skimage_metrics
 
 from analysis.results_file import InfiniteAsNull, StoredValues
-
-FloatImage = NDArray[np.float32] | NDArray[np.float64]
+from simulation.arrays import FloatArray, FloatImage
 
 # scikit-image declares no types for these two.
 _nmi: Callable[..., float] = skimage_metrics.normalized_mutual_information
@@ -112,7 +110,7 @@ def mean_squared_error(a: FloatImage, b: FloatImage) -> float:
     return float(np.mean((first - second) ** 2))
 
 
-def _checked_pair(a: FloatImage, b: FloatImage) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _checked_pair(a: FloatImage, b: FloatImage) -> tuple[FloatArray, FloatArray]:
     if a.ndim != 2 or a.shape != b.shape or a.size == 0:
         raise ValueError(f"two grey images of one shape are compared, got {a.shape}, {b.shape}")
     first, second = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.choices import ValidationModel
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
+from simulation.arrays import AnyArray, FloatArray
 from simulation.kernelgan import (
     KERNEL_MODELS,
     EstimatedKernel,
@@ -37,7 +38,7 @@ class ModelInputs:
     kernels: Mapping[ValidationModel, EstimatedKernel | None]
 
     def simulator(
-        self, reference: NDArray[np.generic], model: ValidationModel, sampler: Sampler = "exact"
+        self, reference: AnyArray, model: ValidationModel, sampler: Sampler = "exact"
     ) -> Simulate:
         """Return a model as a function of the grid.
 
@@ -66,13 +67,13 @@ class ModelInputs:
 
 
 def _on_grid(
-    image: NDArray[np.float64], psf: GaussianPsf, model: Model, grid: SamplingGrid
+    image: FloatArray, psf: GaussianPsf, model: Model, grid: SamplingGrid
 ) -> NDArray[np.floating[Any]]:
     return zoom_out_on_grid(image, grid, psf, model)
 
 
 def _by_kernel(
-    image: NDArray[np.float64], kernel: EstimatedKernel, sampler: Sampler, grid: SamplingGrid
+    image: FloatArray, kernel: EstimatedKernel, sampler: Sampler, grid: SamplingGrid
 ) -> NDArray[np.floating[Any]]:
     shape = image.shape[0], image.shape[1]
     return kernel_operator(shape, grid, kernel, sampler).apply(image)

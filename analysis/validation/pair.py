@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.choices import ValidationModel
 from analysis.validation.alignment import Procedure, bicubic_at, scaled_up, shared_window
@@ -14,10 +13,8 @@ from analysis.validation.models import ModelInputs
 from analysis.validation.processing import FULL_SCALE_DN, process_for_comparison
 from calibration.registration import DistortedPose
 from simulation import SamplingGrid
+from simulation.arrays import FloatArray, FloatImage
 from simulation.resampling import simulate_at
-
-FloatArray = NDArray[np.float64]
-Image = NDArray[np.float32] | NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,8 +38,8 @@ class ProcessedFollowup:
 class AlignedPair:
     """Grey levels of two captures of one target, and where the follow-up lies in the reference."""
 
-    reference: Image
-    followup: Image
+    reference: FloatImage
+    followup: FloatImage
     pose: DistortedPose
 
     def processed_reference(self) -> FloatArray:

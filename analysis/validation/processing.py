@@ -1,10 +1,9 @@
 """What the paper does to two aligned images before it compares them, step by step."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-FloatArray = NDArray[np.float64]
+from simulation.arrays import AnyArray, FloatArray
 
 BACKGROUND_SIGMA_PX = 10.0
 """Width of the Gaussian that is subtracted, from the paper."""
@@ -13,7 +12,7 @@ FULL_SCALE_DN = 255.0
 """Levels run from 0 to this after ``normalise``, from the paper."""
 
 
-def process_for_comparison(image: NDArray[np.generic]) -> FloatArray:
+def process_for_comparison(image: AnyArray) -> FloatArray:
     """Processed image of the paper: normalised, background subtracted, centre half.
 
     Parameters
@@ -29,7 +28,7 @@ def process_for_comparison(image: NDArray[np.generic]) -> FloatArray:
     return crop_centre_half(subtract_background(normalise(image)))
 
 
-def normalise(image: NDArray[np.generic]) -> FloatArray:
+def normalise(image: AnyArray) -> FloatArray:
     """Image stretched to [0, 255]: its own minimum to 0, its own maximum to 255.
 
     The extremes are those of the array handed in. Images that are compared must therefore be cut
@@ -49,15 +48,13 @@ def normalise(image: NDArray[np.generic]) -> FloatArray:
     return np.asarray((values - low) * (FULL_SCALE_DN / (high - low)))
 
 
-def subtract_background(
-    image: NDArray[np.generic], sigma_px: float = BACKGROUND_SIGMA_PX
-) -> FloatArray:
+def subtract_background(image: AnyArray, sigma_px: float = BACKGROUND_SIGMA_PX) -> FloatArray:
     """Image minus its own blur by a Gaussian of ``sigma_px``, mirrored at the border."""
     values = np.asarray(image, dtype=np.float64)
     return np.asarray(values - gaussian_filter(values, sigma_px, mode="reflect"))
 
 
-def crop_centre_half(image: NDArray[np.float64]) -> FloatArray:
+def crop_centre_half(image: FloatArray) -> FloatArray:
     """Middle half of each axis, shape ``(rows // 2, cols // 2)``.
 
     The PSF is that of the image centre, and the borders carry the marks of filtering.

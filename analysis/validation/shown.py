@@ -3,9 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from acquisition.session import Session
 from analysis.choices import ValidationModel
 from analysis.validation.alignment import Procedure
@@ -14,8 +11,7 @@ from analysis.validation.kernels import KernelBook
 from analysis.validation.models import ModelInputs
 from analysis.validation.pair import AlignedPair
 from simulation import MODELS
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _SHOWN_ZOOM = 2.0
 """Figure 2 shows the follow-up that is nearest to it."""

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from calibration.errors import PairError
-
-Array = NDArray[np.float64]
+from simulation.arrays import BoolArray, FloatArray
 
 _DISPLACEMENT_DEGREE = 3
 _GAIN_DEGREE = 4
@@ -32,14 +30,16 @@ class SmoothAlignment:
     mean of d(near x, near y) / d(far x, far y) over the overlap.
     """
 
-    y_px: Array
-    x_px: Array
-    gain: Array
-    jacobian: Array
+    y_px: FloatArray
+    x_px: FloatArray
+    gain: FloatArray
+    jacobian: FloatArray
     residual_rms_dn: float
 
 
-def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothAlignment:
+def align_smoothly(
+    near_dn: FloatArray, far_dn: FloatArray, far_to_near: FloatArray
+) -> SmoothAlignment:
     """Refine a homography by a smooth displacement and gain.
 
     Parameters
@@ -92,7 +92,7 @@ def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothA
             np.ones_like(seen)[None],
         ])  # fmt: skip
         normal = design @ design.T
-        solution: Array = np.asarray(np.linalg.lstsq(normal, design @ target)[0], np.float64)
+        solution: FloatArray = np.asarray(np.linalg.lstsq(normal, design @ target)[0], np.float64)
         count = len(moves)
         move_x, move_y = move_x + solution[:count], move_y + solution[count : 2 * count]
         gain = solution[2 * count : -1]
@@ -109,26 +109,26 @@ def align_smoothly(near_dn: Array, far_dn: Array, far_to_near: Array) -> SmoothA
     )
 
 
-def _inside(y: Array, x: Array, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def _inside(y: FloatArray, x: FloatArray, shape: tuple[int, ...]) -> BoolArray:
     within_y = (y >= _MARGIN_PX) & (y <= shape[0] - 1 - _MARGIN_PX)
     return np.asarray(within_y & (x >= _MARGIN_PX) & (x <= shape[1] - 1 - _MARGIN_PX))
 
 
-def _normalised(coordinate: Array, inside: NDArray[np.bool_]) -> Array:
+def _normalised(coordinate: FloatArray, inside: BoolArray) -> FloatArray:
     low, high = float(coordinate[inside].min()), float(coordinate[inside].max())
     return np.asarray(2 * (coordinate - low) / max(high - low, 1.0) - 1)
 
 
-def _monomials(u: Array, v: Array, degree: int) -> Array:
+def _monomials(u: FloatArray, v: FloatArray, degree: int) -> FloatArray:
     return np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)])
 
 
-def _mean_jacobian(y: Array, x: Array, inside: NDArray[np.bool_]) -> Array:
+def _mean_jacobian(y: FloatArray, x: FloatArray, inside: BoolArray) -> FloatArray:
     (x_down, x_right), (y_down, y_right) = _slopes(x), _slopes(y)
     mean = [float(slope[inside].mean()) for slope in (x_right, x_down, y_right, y_down)]
     return np.array(mean).reshape(2, 2)
 
 
-def _slopes(image: Array) -> tuple[Array, Array]:
+def _slopes(image: FloatArray) -> tuple[FloatArray, FloatArray]:
     down, right = np.gradient(image)
     return np.asarray(down), np.asarray(right)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.blind.single_image import fit_sharpest_widths
 from calibration.blind.two_distance import PairPsf, combined, pair_psf
@@ -17,8 +16,7 @@ from calibration.psf import (
     estimates_of_covariance,
 )
 from calibration.registration import register
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _CLEAREST_SNR = 9.0
 _PIXEL_VARIANCE_PX2 = 1.0 / 12.0
@@ -162,7 +160,7 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
     return pair_psf(image, far.image_dn, matrix, near_noise_dn2=noise_dn2)
 
 
-def _centred_zoom(zoom: float, near: tuple[int, ...], far: tuple[int, ...]) -> Array:
+def _centred_zoom(zoom: float, near: tuple[int, ...], far: tuple[int, ...]) -> FloatArray:
     x = (near[1] - 1) / 2 - zoom * (far[1] - 1) / 2
     y = (near[0] - 1) / 2 - zoom * (far[0] - 1) / 2
     return np.array([[zoom, 0.0, x], [0.0, zoom, y], [0.0, 0.0, 1.0]])
@@ -183,8 +181,8 @@ def _widths(near: str, far: str, pair: PairPsf) -> PairWidths:
 
 
 def _calibration(
-    covariance_px2: Array,
-    errors: Array,
+    covariance_px2: FloatArray,
+    errors: FloatArray,
     method: CalibrationMethod,
     *,
     edges: tuple[EdgeMeasurement, ...] = (),

@@ -18,8 +18,7 @@ from scipy.ndimage import spline_filter
 
 from calibration.blind.alignment import SmoothAlignment
 from calibration.errors import PairError
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _ORDER: Final = 5  # of the interpolating spline: flat to 1 % up to 0.85 of the Nyquist frequency
 _TAPS = _ORDER + 1
@@ -54,20 +53,20 @@ class InterImageKernel:
     """
 
     radius_px: int
-    normal: Array
-    noisy_normal: Array
-    right: Array
+    normal: FloatArray
+    noisy_normal: FloatArray
+    right: FloatArray
     squares: float
     pixels: int
 
-    def squared_error(self, unknowns: Array) -> float:
+    def squared_error(self, unknowns: FloatArray) -> float:
         """Sum of the squared differences at the far pixels, without the near image's noise."""
         return float(self.squares - 2 * self.right @ unknowns + unknowns @ self.normal @ unknowns)
 
 
 def estimate_kernel(
-    near_dn: Array,
-    far_dn: Array,
+    near_dn: FloatArray,
+    far_dn: FloatArray,
     alignment: SmoothAlignment,
     *,
     radius_px: int,
@@ -128,8 +127,8 @@ def estimate_kernel(
 class _FarPoints:
     rows: NDArray[np.intp]
     cols: NDArray[np.intp]
-    y: Array
-    x: Array
+    y: FloatArray
+    x: FloatArray
 
 
 def _far_points(
@@ -147,7 +146,7 @@ def _far_points(
     return _FarPoints(rows=rows, cols=cols, y=y.ravel()[chosen], x=x.ravel()[chosen])
 
 
-def _samples(coefficients: Array, y: Array, x: Array, radius_px: int) -> Array:
+def _samples(coefficients: FloatArray, y: FloatArray, x: FloatArray, radius_px: int) -> FloatArray:
     """The near image at (y, x) plus every offset of the kernel, shape ``(n, (2 r + 1)^2)``."""
     width = 2 * radius_px + 1
     first_y = np.floor(y).astype(np.intp) - _TAPS // 2 + 1 - radius_px
@@ -165,7 +164,7 @@ def _samples(coefficients: Array, y: Array, x: Array, radius_px: int) -> Array:
     return both.reshape(len(y), -1)
 
 
-def _spline_taps(fraction: Array) -> Array:
+def _spline_taps(fraction: FloatArray) -> FloatArray:
     """Weights of the six B-spline coefficients around each position, shape ``(n, 6)``."""
     distance = fraction[:, None] - (np.arange(_TAPS) - _TAPS // 2 + 1)
     return np.asarray(_basis()(distance))
@@ -178,7 +177,7 @@ def _basis() -> BSpline:
 
 
 @cache
-def _interpolated_noise() -> Array:
+def _interpolated_noise() -> FloatArray:
     """Covariance of white noise interpolated at f and f + lag, by phase of f and by lag >= 0."""
     unit = np.zeros(2 * _REACH + 1)
     unit[_REACH] = 1.0
@@ -192,7 +191,7 @@ def _interpolated_noise() -> Array:
     return table
 
 
-def _noise_covariance(points: _FarPoints, radius_px: int) -> Array:
+def _noise_covariance(points: _FarPoints, radius_px: int) -> FloatArray:
     """Contribution of unit noise in the near image to the normal matrix, averaged over pixels."""
     table = _interpolated_noise()
     lag = np.abs(np.subtract.outer(np.arange(2 * radius_px + 1), np.arange(2 * radius_px + 1)))

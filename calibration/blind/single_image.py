@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from math import exp, log, pi, sqrt, tanh
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 FEWEST_EDGES = 12
 """Edges needed for the three elements of Sigma and the softness, with a few to spare."""
@@ -40,13 +39,15 @@ class SharpestWidths:
     ``softness_px2`` the mean variance that the scene adds, ``edges_used`` the number of edges used.
     """
 
-    covariance_px2: Array
-    covariance_err_px2: Array
+    covariance_px2: FloatArray
+    covariance_err_px2: FloatArray
     softness_px2: float
     edges_used: int
 
 
-def fit_sharpest_widths(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> SharpestWidths:
+def fit_sharpest_widths(
+    angles_deg: FloatArray, sigma_px: FloatArray, sigma_err_px: FloatArray
+) -> SharpestWidths:
     """Fit the PSF to widths of edges, some of which are soft in the scene itself.
 
     Parameters
@@ -72,7 +73,7 @@ def fit_sharpest_widths(angles_deg: Array, sigma_px: Array, sigma_err_px: Array)
     variance = sigma_px[sure] ** 2
     err = np.hypot(2 * sigma_px[sure] * sigma_err_px[sure], _LEAST_ERR_PX2)
 
-    def cost(parameters: Array) -> float:
+    def cost(parameters: FloatArray) -> float:
         xx, xy, yy = _covariance(parameters)
         expected = nx**2 * xx + 2 * nx * ny * xy + ny**2 * yy
         likely = _log_modified_gaussian(variance - expected, err, float(np.exp(parameters[3])))
@@ -105,14 +106,14 @@ def fit_sharpest_widths(angles_deg: Array, sigma_px: Array, sigma_err_px: Array)
     )
 
 
-def _covariance(parameters: Array) -> tuple[float, float, float]:
+def _covariance(parameters: FloatArray) -> tuple[float, float, float]:
     """Elements xx, xy, yy from the log mean width, the log ratio of the widths and atanh(rho)."""
     mean, ratio, tilt = (float(value) for value in parameters[:3])
     x, y = exp(mean + ratio / 2), exp(mean - ratio / 2)
     return x * x, tanh(tilt) * x * y, y * y
 
 
-def _log_modified_gaussian(left: Array, err: Array, mean: float) -> Array:
+def _log_modified_gaussian(left: FloatArray, err: FloatArray, mean: float) -> FloatArray:
     """Log density of a Gaussian error plus an exponential variable with this mean."""
     ratio = err / mean
     return np.asarray(
@@ -120,7 +121,7 @@ def _log_modified_gaussian(left: Array, err: Array, mean: float) -> Array:
     )
 
 
-def _hessian(cost: Callable[[Array], float], point: Array) -> Array:
+def _hessian(cost: Callable[[FloatArray], float], point: FloatArray) -> FloatArray:
     steps = _STEP * np.eye(len(point))
     return np.array([
         [

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from math import ceil, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.blind.alignment import align_smoothly
 from calibration.blind.inter_image_kernel import InterImageKernel, estimate_kernel
 from calibration.errors import PairError
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _SMALLEST_ZOOM = 1.15
 _WIDEST_SIGMA_PX = 1.2
@@ -37,12 +35,12 @@ class PairPsf:
     """
 
     zoom: float
-    covariance_px2: Array
-    covariance_err_px2: Array
+    covariance_px2: FloatArray
+    covariance_err_px2: FloatArray
 
 
 def pair_psf(
-    near_dn: Array, far_dn: Array, far_to_near: Array, *, near_noise_dn2: float = 0.0
+    near_dn: FloatArray, far_dn: FloatArray, far_to_near: FloatArray, *, near_noise_dn2: float = 0.0
 ) -> PairPsf:
     """Total PSF from a near and a far photograph.
 
@@ -98,7 +96,7 @@ def pair_psf(
     )
 
 
-def combined(pairs: Sequence[PairPsf]) -> tuple[Array, Array]:
+def combined(pairs: Sequence[PairPsf]) -> tuple[FloatArray, FloatArray]:
     """Weighted mean of the covariances' elements (xx, xy, yy), and its covariance matrix.
 
     If the pairs disagree by more than their errors, the errors grow by that factor.
@@ -117,7 +115,7 @@ def combined(pairs: Sequence[PairPsf]) -> tuple[Array, Array]:
     return mean, covariance
 
 
-def _gaussian_of(kernel: InterImageKernel) -> tuple[Array, Array]:
+def _gaussian_of(kernel: InterImageKernel) -> tuple[FloatArray, FloatArray]:
     """Covariance elements (xx, xy, yy) of the Gaussian that fits the pixels best, and their error.
 
     Gauss-Newton on the squared error of the far pixels, which the normal equations contain in full;
@@ -153,12 +151,12 @@ def _gaussian_of(kernel: InterImageKernel) -> tuple[Array, Array]:
     return parameters[:3], np.asarray(covariance[:3, :3])
 
 
-def _is_covariance(parameters: Array) -> bool:
+def _is_covariance(parameters: FloatArray) -> bool:
     xx, xy, yy = parameters[:3]
     return bool(xx > 0 and yy > 0 and xy**2 < xx * yy)
 
 
-def _gaussian_kernel(parameters: Array, radius: int) -> tuple[Array, Array]:
+def _gaussian_kernel(parameters: FloatArray, radius: int) -> tuple[FloatArray, FloatArray]:
     """Weights and offset of a Gaussian kernel from its transfer function, and their derivatives."""
     xx, xy, yy, shift_x, shift_y, gain, offset = parameters
     fy, fx = np.meshgrid(np.fft.fftfreq(_GRID), np.fft.fftfreq(_GRID), indexing="ij")

@@ -6,14 +6,12 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.errors import RegistrationError
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.pose import projection_slopes
-
-FloatArray = NDArray[np.float64]
 
 _HALF_MAX_PX = 9.0
 """Beyond this, the curvature of the edges by lens distortion would matter."""
@@ -40,7 +38,7 @@ class FittedCorners:
 
     points_px: FloatArray
     err_px: FloatArray
-    is_good: NDArray[np.bool_]
+    is_good: BoolArray
 
 
 def fit_corners(
@@ -227,7 +225,7 @@ class BoardCorners:
     err_px: FloatArray
 
 
-def find_board(image: NDArray[np.generic], board: CharucoBoard) -> BoardCorners:
+def find_board(image: AnyArray, board: CharucoBoard) -> BoardCorners:
     """Find the corners of a board.
 
     Parameters

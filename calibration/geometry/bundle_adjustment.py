@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from calibration.errors import GeometryError
 from calibration.geometry.camera import LENS_SIZE, SHARED_SIZE, CapturePose, PlaneLens
 from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import BoolArray, FloatArray
 
 _POSE_SIZE = 4
 _TILT_SIZE = SHARED_SIZE - LENS_SIZE
@@ -56,7 +55,7 @@ class ParameterColumns:
         poses = LENS_SIZE + _TILT_SIZE * len(series)
         self.size = poses + _POSE_SIZE * len(captures)
         self._starts = {c: poses + _POSE_SIZE * number for number, c in enumerate(captures)}
-        self.free: NDArray[np.bool_] = np.ones(self.size, dtype=np.bool_)
+        self.free: BoolArray = np.ones(self.size, dtype=np.bool_)
         for own in series:
             if not own.is_in_mm:
                 self.free[self.pose(own.captures[0].capture)] = False
@@ -326,9 +325,7 @@ def _plane_equations(
     return point, shared, own
 
 
-def _jackknife(
-    rows: Sequence[_Rows], precisions: FloatArray, is_free: NDArray[np.bool_]
-) -> FloatArray:
+def _jackknife(rows: Sequence[_Rows], precisions: FloatArray, is_free: BoolArray) -> FloatArray:
     """Covariance of the free parameters from the solutions that each leave out one region."""
     size, free = len(is_free), np.flatnonzero(is_free)
     regions, region = np.unique(np.concatenate([p.region for p in rows]), return_inverse=True)

@@ -10,11 +10,9 @@ from math import hypot, sqrt
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray
 from simulation.pose import ideal_factors, seen_factors
-
-FloatArray = NDArray[np.float64]
 
 LENS_SIZE = 4
 """Parameters of the lens: k1, k2 and the two offsets of the principal point."""

@@ -11,8 +11,8 @@ from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
 
 from calibration.geometry.camera import PlaneLens
 from calibration.geometry.series import PlaneMatches, PosedCapture
+from simulation.arrays import BoolArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 _Value = TypeVar("_Value", bound=np.generic)
 
 BLOCK_PX = 32
@@ -139,7 +139,7 @@ def _match(lens: PlaneLens, near: PosedCapture, far: PosedCapture, blocks: _Bloc
 
 def _simulated(
     lens: PlaneLens, near: PosedCapture, far: PosedCapture, plane: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """The nearer capture on the further one's pixels, and which blocks are completely inside it."""
     rows, cols = plane.shape[:2]
     image = np.asarray(near.capture.image, dtype=np.float64)
@@ -172,6 +172,6 @@ def _blocks(image: NDArray[_Value]) -> NDArray[_Value]:
     return cut.swapaxes(1, 2)
 
 
-def _flat(image: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+def _flat(image: FloatArray, chosen: BoolArray) -> FloatArray:
     """Pixels of the chosen blocks, shape (blocks, pixels)."""
     return _blocks(image).reshape(-1, BLOCK_PX * BLOCK_PX)[chosen]

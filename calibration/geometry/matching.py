@@ -12,7 +12,6 @@ from math import atan2, log
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import GeometryError, RegistrationError
 from calibration.geometry.board import BoardCorners, CharucoBoard, find_board
@@ -27,9 +26,8 @@ from calibration.geometry.series import (
     Series,
 )
 from calibration.registration import ImageFeatures, find_features, homography_pose
+from simulation.arrays import FloatArray
 from simulation.pose import project, projection_slopes
-
-FloatArray = NDArray[np.float64]
 
 _FEATURE_ERROR_PX = 0.4
 _REACH = 2

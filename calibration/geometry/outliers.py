@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from math import degrees, exp, hypot, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import GeometryError
 from calibration.geometry.bundle_adjustment import Adjustment
 from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil, height_outlier
 from calibration.geometry.series import Exclusion, Series
-
-FloatArray = NDArray[np.float64]
 
 _MOVED_SIGMAS = 6.0
 _MOVED_MIN_MM = 0.5

@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student_t
 
 from calibration.geometry.bundle_adjustment import Adjustment
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import BoolArray, FloatArray
 
 HEIGHT_FLOOR_MM = 0.0005
 """Half of the last digit to which heights are recorded."""
@@ -111,7 +110,7 @@ class SeriesDistances:
             covariance=adjustment.covariance[np.ix_(log_distance, log_distance)],
         )
 
-    def only(self, chosen: NDArray[np.bool_]) -> Self:
+    def only(self, chosen: BoolArray) -> Self:
         """Distances of the chosen captures, with their series renumbered."""
         return replace(
             self,

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.camera import CapturePose, PlaneLens
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

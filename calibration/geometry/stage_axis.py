@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry.bundle_adjustment import Adjustment
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _STEP = 1e-6
 

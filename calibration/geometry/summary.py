@@ -6,7 +6,6 @@ from itertools import combinations
 from math import atan, degrees, exp, hypot, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry.bundle_adjustment import Adjustment
 from calibration.geometry.document import (
@@ -19,7 +18,6 @@ from calibration.geometry.document import (
 from calibration.geometry.pupil import HEIGHT_FLOOR_MM, PupilFit
 from calibration.geometry.stage_axis import StageAxis, stage_axis
 
-FloatArray = NDArray[np.float64]
 Fields = dict[str, object]
 
 _DETERMINED = 0.5

@@ -25,6 +25,7 @@ from calibration.noise.photon_transfer import (
     fit_photon_transfer,
     is_in_fit_range,
 )
+from simulation.arrays import BoolArray
 
 _BINS = 512
 _FEWEST_IN_BIN = 30
@@ -198,7 +199,7 @@ def measure_noise(
     )
 
 
-def _sample(images: CaptureImages, sound: NDArray[np.bool_] | None) -> LevelSample:
+def _sample(images: CaptureImages, sound: BoolArray | None) -> LevelSample:
     record = images.record
     assert images.variance_dn2 is not None
     mean, variance = images.mean_dn, images.variance_dn2

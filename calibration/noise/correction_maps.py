@@ -1,12 +1,13 @@
 """Dark, flat and defect maps of a sensor, and the correction of captures with them."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray, FloatImage
 
 DARK_DEFECT, RESPONSE_DEFECT, NOISE_DEFECT = 1, 2, 4
 """Bits of the defect map: wrong dark level, wrong response, too noisy."""
@@ -18,8 +19,6 @@ _NOISE_RATIO = 3.0
 _MEDIAN_PX = 5
 _SHADING_SIGMA_PX = 12.0
 
-Image = NDArray[np.floating[Any]]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorrectionMaps:
@@ -30,8 +29,8 @@ class CorrectionMaps:
     `DARK_DEFECT`, `RESPONSE_DEFECT` and `NOISE_DEFECT`.
     """
 
-    dark_dn: NDArray[np.float32]
-    response: NDArray[np.float32]
+    dark_dn: Float32Array
+    response: Float32Array
     defects: NDArray[np.uint8]
     black_level_dn: float
 
@@ -42,11 +41,11 @@ class CorrectionMaps:
             )
 
     @property
-    def is_defect(self) -> NDArray[np.bool_]:
+    def is_defect(self) -> BoolArray:
         """The pixels that must not be used."""
         return self.defects > 0
 
-    def correct(self, image_dn: NDArray[np.generic]) -> NDArray[np.float64]:
+    def correct(self, image_dn: AnyArray) -> FloatArray:
         """Return the image without fixed pattern, shading and defects; the black level is kept.
 
         ``(image - dark) / response + black``; a defect becomes the mean of its good neighbours.
@@ -60,7 +59,7 @@ class CorrectionMaps:
         light = (image_dn.astype(np.float64) - self.dark_dn) / self._divisor()
         return _filled(light, self.is_defect) + self.black_level_dn
 
-    def correct_variance(self, variance_dn2: Image) -> NDArray[np.float64]:
+    def correct_variance(self, variance_dn2: FloatImage) -> FloatArray:
         """Return the temporal variance of an image after ``correct``.
 
         Raises
@@ -71,10 +70,10 @@ class CorrectionMaps:
         self._require_shape(variance_dn2)
         return _filled(variance_dn2.astype(np.float64) / self._divisor() ** 2, self.is_defect)
 
-    def _divisor(self) -> NDArray[np.float64]:
+    def _divisor(self) -> FloatArray:
         return np.where(self.is_defect, 1.0, self.response).astype(np.float64)
 
-    def _require_shape(self, image: NDArray[np.generic]) -> None:
+    def _require_shape(self, image: AnyArray) -> None:
         if image.shape != self.dark_dn.shape:
             raise ValueError(
                 f"an image of {image.shape} (rows, cols), maps of {self.dark_dn.shape}"
@@ -96,11 +95,11 @@ class Nonuniformity:
 
 
 def correction_maps(
-    dark_dn: Image,
-    response: Image,
+    dark_dn: FloatImage,
+    response: FloatImage,
     *,
     dark_noise_dn: float,
-    variance_ratio: Image,
+    variance_ratio: FloatImage,
     black_level_dn: float,
 ) -> CorrectionMaps:
     """Make the maps, and find the defects on them.
@@ -164,7 +163,7 @@ def nonuniformity(
     )
 
 
-def _stands_out(image: Image, least: float) -> NDArray[np.bool_]:
+def _stands_out(image: FloatImage, least: float) -> BoolArray:
     plane = np.ascontiguousarray(image, dtype=np.float32)
     left = np.abs(plane - cv2.medianBlur(plane, _MEDIAN_PX))
     # The median absolute difference from a median of few values is a little too small.
@@ -172,7 +171,7 @@ def _stands_out(image: Image, least: float) -> NDArray[np.bool_]:
     return np.asarray(left > limit)
 
 
-def _filled(image: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _filled(image: FloatArray, hole: BoolArray) -> FloatArray:
     """The image with holes filled from their rims inwards with the mean of known neighbours."""
     if not hole.any() or hole.all():
         return image

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
 
 _BINS = 64
@@ -28,7 +29,7 @@ class LevelNoise:
         if not self.floor_dn2 > 0:
             raise ValueError(f"floor_dn2 must be positive, got {self.floor_dn2}")
 
-    def variance_dn2(self, level_dn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def variance_dn2(self, level_dn: FloatArray) -> FloatArray:
         """Variance at each level, in DN^2."""
         return np.maximum(self.offset_dn2 + self.slope_dn * level_dn, self.floor_dn2)
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from calibration.errors import NoiseError
 from calibration.noise.dark_signal import DarkSignal, dark_signal
 from calibration.noise.linearity import Linearity, measure_linearity
+from simulation.arrays import FloatArray
 
 QUANTISATION_DN2 = 1.0 / 12.0
 """Variance of rounding to whole DN (EMVA 1288 release 4.0, section 2.4)."""
@@ -94,7 +94,7 @@ class PhotonTransfer:
         """Number of electrons at saturation."""
         return self.gain_e_per_dn * (self.saturation.level_dn - self.dark.black_level_dn)
 
-    def variance_dn2(self, light_dn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def variance_dn2(self, light_dn: FloatArray) -> FloatArray:
         """The fitted variance of one frame at a level above black."""
         return self.offset_dn2 + self.slope_dn * light_dn + self.curvature * light_dn**2
 
@@ -176,7 +176,7 @@ def _marked(sample: LevelSample, black_level_dn: float, saturation_dn: float) ->
     return sample.model_copy(update={"is_fitted": is_fitted})
 
 
-def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> NDArray[np.float64]:
+def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> FloatArray:
     """Levels above black of the flats to fit; there must be three different levels."""
     flats = [sample for sample in samples if sample.kind == "flat"]
     lit_dn = np.array([flat.mean_dn for flat in flats if flat.is_fitted]) - black_level_dn
@@ -201,8 +201,8 @@ def _require_levels(samples: Sequence[LevelSample], black_level_dn: float) -> ND
 class _Line:
     """Variance of one frame against the light level, a polynomial of order 1 or 2."""
 
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    values: FloatArray
+    covariance: FloatArray
     chi2_reduced: float
 
     @property
@@ -290,9 +290,9 @@ def _linearity(
 
 
 def _fit(
-    light_dn: NDArray[np.float64],
-    variance_dn2: NDArray[np.float64],
-    spread: NDArray[np.float64],
+    light_dn: FloatArray,
+    variance_dn2: FloatArray,
+    spread: FloatArray,
     order: int,
 ) -> _Line:
     """Weighted polynomial; weights follow the fitted curve, never the scattered values."""

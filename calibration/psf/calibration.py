@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.edges import (
     PITCH_PX,
@@ -26,6 +25,7 @@ from calibration.psf.covariance import CovarianceFit, Estimate, fit_covariance, 
 from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
 from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
+from simulation.arrays import FloatArray
 
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
@@ -105,9 +105,7 @@ def _resolved(edges: Sequence[EdgeMeasurement]) -> list[EdgeMeasurement]:
     return [edge for edge in edges if edge.optical_sigma_px is not None]
 
 
-def _widths(
-    edges: Sequence[EdgeMeasurement], *, is_optical: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _widths(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
     pairs = [
         (edge.optical_sigma_px or 0.0, edge.optical_sigma_err_px or 0.0)
         if is_optical
@@ -118,7 +116,7 @@ def _widths(
     return sigma, np.maximum(err, _LEAST_ERR_PX)
 
 
-def _angles(edges: Sequence[EdgeMeasurement]) -> NDArray[np.float64]:
+def _angles(edges: Sequence[EdgeMeasurement]) -> FloatArray:
     return np.array([edge.angle_deg for edge in edges])
 
 

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.edges import orientation_of
 from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
-
-Array = NDArray[np.float64]
+from simulation.arrays import BoolArray, FloatArray
 
 _NORMAL_95 = 1.959963984540054
 _MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
@@ -42,7 +40,7 @@ class Estimate:
         return f"{self.value:.4f} ± {self.err:.4f}"
 
 
-def median_width(sigma_px: Array, sigma_err_px: Array) -> Estimate:
+def median_width(sigma_px: FloatArray, sigma_err_px: FloatArray) -> Estimate:
     """Median of widths, with an error from their scatter; a single width keeps its own error.
 
     Raises
@@ -68,10 +66,12 @@ class PsfEstimates:
     sigma_x_px: Estimate | None
     sigma_y_px: Estimate | None
     rho: Estimate | None
-    covariance_px2: Array | None
+    covariance_px2: FloatArray | None
 
 
-def estimates_of_covariance(covariance_px2: Array, element_covariance: Array) -> PsfEstimates:
+def estimates_of_covariance(
+    covariance_px2: FloatArray, element_covariance: FloatArray
+) -> PsfEstimates:
     """Return the widths and the correlation of a covariance, with their errors.
 
     Parameters
@@ -102,7 +102,7 @@ class CovarianceFit(PsfEstimates):
     """
 
     scatter_px: float
-    weights: Array
+    weights: FloatArray
 
     @property
     def edges_used(self) -> int:
@@ -110,7 +110,9 @@ class CovarianceFit(PsfEstimates):
         return int(np.count_nonzero(self.weights > 0.5))
 
 
-def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> CovarianceFit:
+def fit_covariance(
+    angles_deg: FloatArray, sigma_px: FloatArray, sigma_err_px: FloatArray
+) -> CovarianceFit:
     """Fit the PSF covariance to widths across edges.
 
     Parameters
@@ -169,7 +171,7 @@ def fit_covariance(angles_deg: Array, sigma_px: Array, sigma_err_px: Array) -> C
     )
 
 
-def share_of_correlation(angles_deg: Array) -> float:
+def share_of_correlation(angles_deg: FloatArray) -> float:
     """Relative error of a width per unit of a correlation that the edges do not determine.
 
     Across an edge tilted by a from the vertical the variance is ``cos^2 a xx + sin 2a xy + ...``;
@@ -188,7 +190,7 @@ def share_of_correlation(angles_deg: Array) -> float:
     return max(shares)
 
 
-def _estimate(value: float, err: float, replicates: Array | None) -> Estimate:
+def _estimate(value: float, err: float, replicates: FloatArray | None) -> Estimate:
     if replicates is not None and replicates.size >= RESAMPLES // 2:
         low, high = np.quantile(replicates, [0.025, 0.975])
         return Estimate(value=value, err=err, low=float(low), high=float(high))
@@ -208,7 +210,9 @@ def _width(fit: VarianceFit, index: int) -> Estimate | None:
     return _estimate(value, err, replicates)
 
 
-def _determined_fully(design: Array, sigma: Array, err: Array) -> CovarianceFit | None:
+def _determined_fully(
+    design: FloatArray, sigma: FloatArray, err: FloatArray
+) -> CovarianceFit | None:
     if sigma.size < 3 or np.linalg.matrix_rank(design, tol=1e-3) < 3:
         return None
     fit = fit_variances(design, sigma, err)
@@ -238,7 +242,7 @@ def _determined_fully(design: Array, sigma: Array, err: Array) -> CovarianceFit 
 
 
 def _axis_aligned(
-    design: Array, sigma: Array, err: Array, axial: NDArray[np.bool_]
+    design: FloatArray, sigma: FloatArray, err: FloatArray, axial: BoolArray
 ) -> CovarianceFit:
     fit = fit_variances(design[axial], sigma[axial], err[axial])
     weights = np.zeros(sigma.size)

@@ -8,14 +8,12 @@ supports it and the edges determine it everywhere in the frame.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from scipy import stats
 
 from calibration.psf.variance import VarianceFit, fit_variances
+from simulation.arrays import FloatArray
 from simulation.psf import PsfField, field_monomials
-
-Array = NDArray[np.float64]
 
 FIELD_DEGREE = 2
 _TERMS = (FIELD_DEGREE + 1) * (FIELD_DEGREE + 2) // 2
@@ -31,11 +29,11 @@ _CHECKED_NORMALS_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 class FieldEdges:
     """Widths across edges, with their positions and angles; shape ``(n,)`` each."""
 
-    x_px: Array
-    y_px: Array
-    angle_deg: Array
-    sigma_px: Array
-    sigma_err_px: Array
+    x_px: FloatArray
+    y_px: FloatArray
+    angle_deg: FloatArray
+    sigma_px: FloatArray
+    sigma_err_px: FloatArray
 
 
 Coefficients = tuple[tuple[float, ...], ...]
@@ -151,17 +149,17 @@ def fit_psf_field(
     )
 
 
-def _rows(matrix: Array) -> Coefficients:
+def _rows(matrix: FloatArray) -> Coefficients:
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def _elements(normal_rad: Array) -> Array:
+def _elements(normal_rad: FloatArray) -> FloatArray:
     """Weights of the elements xx, xy, yy in the variance along normals; shape ``(n, 3)``."""
     nx, ny = np.cos(normal_rad), np.sin(normal_rad)
     return np.stack([nx**2, 2 * nx * ny, ny**2], axis=-1)
 
 
-def _worst_err(field: PsfField, covariance: Array) -> float:
+def _worst_err(field: PsfField, covariance: FloatArray) -> float:
     x = np.linspace(0, field.width_px - 1, _CHECKED_PLACES)[None, :]
     y = np.linspace(0, field.height_px - 1, _CHECKED_PLACES)[:, None]
     terms = field_monomials(field.width_px, field.height_px, FIELD_DEGREE, x, y)
@@ -173,7 +171,9 @@ def _worst_err(field: PsfField, covariance: Array) -> float:
     return float(np.max(err / (2 * np.maximum(variance, 1e-12))))
 
 
-def _p_value(elements: Array, design: Array, fit: VarianceFit, edges: FieldEdges) -> float:
+def _p_value(
+    elements: FloatArray, design: FloatArray, fit: VarianceFit, edges: FieldEdges
+) -> float:
     """Probability of so much better a fit if one PSF held for the whole frame."""
     squares = edges.sigma_px**2
     spread2 = 4 * squares * (edges.sigma_err_px**2 + fit.scatter_px**2)

@@ -3,13 +3,11 @@
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy import stats
 
 from calibration.psf.variance import excess_variance
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _DRIFT_P = 0.01
 _DRIFT_LEAST = 0.01  # relative change over the range of heights
@@ -59,7 +57,7 @@ class HeightTrend(BaseModel):
 
 
 def fit_height_trend(
-    height_mm: Array, relative_width: Array, relative_width_err: Array
+    height_mm: FloatArray, relative_width: FloatArray, relative_width_err: FloatArray
 ) -> HeightTrend | None:
     """Fit a line to widths over heights.
 

@@ -1,14 +1,14 @@
 """From the pixels of an image file to one plane that is linear in light."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.choices import Channel
+from simulation.arrays import AnyArray, FloatArray
 
 REC601_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601-7, section 2.5.1
 
 
-def luma_plane(image: NDArray[np.generic], channel: Channel = "luma") -> NDArray[np.float64]:
+def luma_plane(image: AnyArray, channel: Channel = "luma") -> FloatArray:
     """Return one float64 plane of a grey or colour image.
 
     Parameters
@@ -39,7 +39,7 @@ def luma_plane(image: NDArray[np.generic], channel: Channel = "luma") -> NDArray
     return np.asarray(colours[:, :, ("red", "green", "blue").index(channel)])
 
 
-def srgb_to_linear(image: NDArray[np.generic], full_scale: float) -> NDArray[np.float64]:
+def srgb_to_linear(image: AnyArray, full_scale: float) -> FloatArray:
     """Undo the sRGB transfer curve (IEC 61966-2-1:1999, section 5.2); the scale is kept.
 
     Raises

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from calibration.edges import REJECTING_FLAGS
+from simulation.arrays import FloatArray
 
 if TYPE_CHECKING:
     from calibration.psf.document import PsfCalibration
 
-
-Array = NDArray[np.float64]
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 ORIENTATION_COLOURS = {"vertical": "#0072B2", "horizontal": "#D55E00", "diagonal": "#009E73"}
@@ -146,12 +144,12 @@ def draw_widths(
         axes.set_ylim(min(shown) - room, max(shown) + room)
 
 
-def _half(freq: Array, values: Array) -> str:
+def _half(freq: FloatArray, values: FloatArray) -> str:
     half = _half_frequency(freq, values)
     return "MTF50 beyond 1 cy/px" if half is None else f"MTF50 {half:.3f} cy/px"
 
 
-def _half_frequency(freq: Array, values: Array) -> float | None:
+def _half_frequency(freq: FloatArray, values: FloatArray) -> float | None:
     below = np.flatnonzero(values < 0.5)
     if below.size == 0 or below[0] == 0:
         return None
@@ -159,7 +157,7 @@ def _half_frequency(freq: Array, values: Array) -> float | None:
     return float(np.interp(-0.5, -values[pair], freq[pair]))
 
 
-def _mark_half(axes: Axes, freq: Array, values: Array, colour: str) -> None:
+def _mark_half(axes: Axes, freq: FloatArray, values: FloatArray, colour: str) -> None:
     half = _half_frequency(freq, values)
     if half is not None:
         axes.plot([half], [0.5], "o", color=colour, markersize=4)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 RESAMPLES = 2000
 _TUKEY_SIGMAS = 5.0
@@ -28,15 +27,15 @@ class VarianceFit:
     widths beyond their errors; ``weights``, in [0, 1], are the robust weights of the edges.
     """
 
-    values: Array
-    covariance: Array
-    replicates: Array | None
+    values: FloatArray
+    covariance: FloatArray
+    replicates: FloatArray | None
     scatter_px: float
-    weights: Array
+    weights: FloatArray
 
 
 def fit_variances(
-    design: Array, sigma: Array, err: Array, *, is_resampled: bool = True
+    design: FloatArray, sigma: FloatArray, err: FloatArray, *, is_resampled: bool = True
 ) -> VarianceFit:
     """Robust weighted least squares on ``sigma**2``, allowing for scatter beyond the errors.
 
@@ -54,7 +53,7 @@ def fit_variances(
     centre = sigma.copy()  # the model's value of each width, after the first round
     trust = np.ones(count)
     scatter2 = 0.0
-    values: Array = np.zeros(unknowns)
+    values: FloatArray = np.zeros(unknowns)
     weight = np.ones(count)
     for round_ in range(_ROUNDS):
         spread = 2 * centre * np.sqrt(err**2 + scatter2)
@@ -75,7 +74,7 @@ def fit_variances(
                 ratio = deviation / (_TUKEY_SIGMAS * scale * np.sqrt(err**2 + scatter2))
                 trust = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
                 trust = np.where(np.abs(ratio) < 0.5, 1.0, trust)
-    covariance: Array = np.asarray(
+    covariance: FloatArray = np.asarray(
         np.linalg.inv(design.T @ (weight[:, None] * design)), dtype=np.float64
     )
     return VarianceFit(
@@ -87,7 +86,9 @@ def fit_variances(
     )
 
 
-def excess_variance(deviation: Array, err: Array, trust: Array, freedom: float) -> float:
+def excess_variance(
+    deviation: FloatArray, err: FloatArray, trust: FloatArray, freedom: float
+) -> float:
     """Variance beyond the errors that brings the weighted squares to their expected value.
 
     Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
@@ -108,7 +109,7 @@ def excess_variance(deviation: Array, err: Array, trust: Array, freedom: float) 
     return 0.5 * (low + high)
 
 
-def _bootstrap(design: Array, squares: Array, weight: Array) -> Array | None:
+def _bootstrap(design: FloatArray, squares: FloatArray, weight: FloatArray) -> FloatArray | None:
     """Solutions of resampled edges, shape ``(resamples, unknowns)``; None for few edges.
 
     The replicates are widened by sqrt(n / (n - p)), because resampled residuals are too small, and

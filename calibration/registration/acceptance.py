@@ -1,9 +1,9 @@
 """Requirements that an alignment must meet to be accepted."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from simulation.arrays import BoolArray
 from simulation.resampling import ZOOM_MIN
 
 OVERLAP_MIN_PX = 16
@@ -22,7 +22,7 @@ def refuse_nearer(zoom: float) -> None:
         )
 
 
-def refuse_little_overlap(inside: NDArray[np.bool_]) -> None:
+def refuse_little_overlap(inside: BoolArray) -> None:
     """Raise a RegistrationError if too few of a follow-up's pixels are inside the reference."""
     if np.count_nonzero(inside) < OVERLAP_MIN_PX**2:
         raise RegistrationError("the images overlap too little", reason="little_overlap")

@@ -22,10 +22,9 @@ from calibration.registration.acceptance import (
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.motions import flows_px, moved_matrix, unit_coordinates
 from simulation import GaussianPsf
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.pose import DISTORTION_MAX
 from simulation.zoom import BlurredSpline
-
-FloatArray = NDArray[np.float64]
 
 _ASSUMED_SIGMA_PX = 0.65
 """Total PSF if none is given: a wrong width blurs every detail symmetrically and moves nothing."""
@@ -66,8 +65,8 @@ class DistortedRefinement:
 
 
 def refined_distorted_pose(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
+    reference: AnyArray,
+    followup: AnyArray,
     psf: GaussianPsf | None,
     matrix: FloatArray,
 ) -> DistortedRefinement:
@@ -130,7 +129,7 @@ class _Linearised:
     ``design`` holds the columns of the pose first, ``step`` is the solution for them.
     """
 
-    inside: NDArray[np.bool_]
+    inside: BoolArray
     design: FloatArray
     normal: FloatArray
     residual_dn: FloatArray
@@ -173,7 +172,7 @@ class _Problem:
         u, v = unit_coordinates(shape)
         self._shades = (np.ones(shape), u, v, u * u, u * v, v * v)
 
-    def linearised(self, pose: DistortedPose, allowed: NDArray[np.bool_]) -> _Linearised:
+    def linearised(self, pose: DistortedPose, allowed: BoolArray) -> _Linearised:
         """Compare the follow-up with its prediction, and solve for the next step of the pose."""
         reference_y, reference_x = pose.followup_places_px()
         rows, cols = pose.reference_shape
@@ -226,9 +225,7 @@ class _Problem:
         matrix = moved_matrix(pose.matrix, step[:-1], pose.followup_shape)
         return pose.with_(matrix, pose.k1 + float(step[-1]) if self._is_one_camera else 0.0)
 
-    def place_err_px(
-        self, inside: NDArray[np.bool_], covariance: FloatArray, pose: DistortedPose
-    ) -> float:
+    def place_err_px(self, inside: BoolArray, covariance: FloatArray, pose: DistortedPose) -> float:
         """Standard error of a pixel's position in follow-up px, rms over the pixels used."""
         flows = [(fx[inside], fy[inside]) for fx, fy in self._flows]
         flows.append(self._k1_flow(pose, inside))
@@ -238,9 +235,7 @@ class _Problem:
             variance += float(np.mean(np.einsum("ni,ij,nj->n", along, covariance, along)))
         return sqrt(variance)
 
-    def _k1_flow(
-        self, pose: DistortedPose, inside: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray]:
+    def _k1_flow(self, pose: DistortedPose, inside: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Displacement of every pixel used per unit of distortion, in follow-up px, in x and y."""
         if not self._is_one_camera:
             nothing = np.zeros(int(inside.sum()))

@@ -3,13 +3,14 @@
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
+
+from simulation.arrays import FloatArray
 
 HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
 
 
-def _matrix(value: object) -> NDArray[np.float64]:
+def _matrix(value: object) -> FloatArray:
     try:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -46,7 +47,7 @@ class Homography(BaseModel):
 
     schema_name: Literal["standoff.homography/1"] = Field(default=HOMOGRAPHY_SCHEMA, alias="schema")
     matrix: Annotated[
-        NDArray[np.float64],
+        FloatArray,
         BeforeValidator(_matrix),
         PlainSerializer(lambda matrix: matrix.tolist(), return_type=list[list[float]]),
     ]

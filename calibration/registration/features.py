@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
-
-FloatArray = NDArray[np.float64]
 
 _FEATURES = 4000
 _RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004
@@ -38,7 +37,7 @@ class FeatureMatches:
         x, y = project(matrix, *self.followup_px.T)
         return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
 
-    def rms_px(self, matrix: FloatArray, inlier: NDArray[np.bool_]) -> float:
+    def rms_px(self, matrix: FloatArray, inlier: BoolArray) -> float:
         """Rms of ``distances_px`` over the chosen matches."""
         return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
 
@@ -48,7 +47,7 @@ class ImageFeatures:
     """SIFT features of an image of ``shape``: points ``(x, y)``, shape (n, 2), and descriptors."""
 
     points_px: FloatArray
-    descriptors: NDArray[np.float32]
+    descriptors: Float32Array
     shape: tuple[int, ...]
 
     def matched_with(self, followup: Self, expected: FloatArray | None = None) -> FeatureMatches:
@@ -76,8 +75,8 @@ class ImageFeatures:
 
 
 def match_features(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
+    reference: AnyArray,
+    followup: AnyArray,
     expected: FloatArray | None = None,
 ) -> FeatureMatches:
     """SIFT features that the follow-up and the reference share.
@@ -101,7 +100,7 @@ def match_features(
 
 
 def find_features(
-    image: NDArray[np.generic], role: Literal["reference", "followup"] | None = None
+    image: AnyArray, role: Literal["reference", "followup"] | None = None
 ) -> ImageFeatures:
     """SIFT features of a grey image; ``role`` names the image in errors.
 
@@ -134,7 +133,7 @@ def _is_distinct(found: Sequence[cv2.DMatch]) -> bool:
     return len(found) == 1 and found[0].distance < _LONELY_DISTANCE_MAX
 
 
-def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.bool_]]:
+def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, BoolArray]:
     """Homography, shape (3, 3), from follow-up to reference, and the matches that agree with it.
 
     Raises
@@ -152,7 +151,7 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
             f"only {count} feature matches agree on a pose", reason="no_common_pose", count=count
         )
     matrix: FloatArray = np.asarray(found, dtype=np.float64)
-    inlier: NDArray[np.bool_] = mask.ravel().astype(np.bool_)
+    inlier: BoolArray = mask.ravel().astype(np.bool_)
     depth = projection_depth(matrix, *matches.followup_px[inlier].T)
     # Local area and orientation are det / depth^3. A scene seen from its front is not mirrored.
     if not np.all(np.linalg.det(matrix) * depth > 0):
@@ -162,7 +161,7 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, NDArray[np.boo
     return matrix, inlier
 
 
-def _as_bytes(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+def _as_bytes(image: AnyArray) -> NDArray[np.uint8]:
     values = np.asarray(image, dtype=np.float64)
     if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
         raise ValueError(f"alignment needs grey images with finite values, got shape {image.shape}")

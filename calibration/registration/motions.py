@@ -1,9 +1,8 @@
 """Small motions of a follow-up's pixels: the degrees of freedom of a pose in the descent."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _MOTIONS = ((0, 2), (1, 2), (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1))
 """Elements of each motion in the 3 x 3 matrix that is added to the identity, in coordinates (u, v)

@@ -18,8 +18,7 @@ from calibration.registration.distortion_refinement import refined_distorted_pos
 from calibration.registration.features import homography_pose, match_features
 from calibration.registration.refinement import refined_pose, zoom_at_centre
 from simulation import GaussianPsf
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import AnyArray, FloatArray
 
 _DISAGREEMENT_MAX_PX = 1.5
 """Median distance of features from the pose by pixels; features alone scatter by 0.3 px."""
@@ -89,8 +88,8 @@ class DistortedRegistration:
 
 
 def register(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
+    reference: AnyArray,
+    followup: AnyArray,
     psf: GaussianPsf | None = None,
 ) -> Registration:
     """Pose of ``followup`` in ``reference`` as a homography.
@@ -123,8 +122,8 @@ def register(
 
 
 def register_distorted(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
+    reference: AnyArray,
+    followup: AnyArray,
     psf: GaussianPsf | None = None,
     expected_zoom: float | None = None,
 ) -> DistortedRegistration:
@@ -160,8 +159,8 @@ def register_distorted(
 
 
 def _register_distorted(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
+    reference: AnyArray,
+    followup: AnyArray,
     psf: GaussianPsf | None,
     expected: FloatArray | None,
 ) -> DistortedRegistration:

@@ -17,9 +17,8 @@ from calibration.registration.acceptance import (
 )
 from calibration.registration.motions import flows_px, moved_matrix
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.pose import project, projection_depth, projection_slopes
-
-FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 40
 _CONVERGED_PX = 5e-4
@@ -47,8 +46,8 @@ class Refinement:
 
 
 def refined_pose(
-    reference: NDArray[np.generic],
-    followup: NDArray[np.generic],
+    reference: AnyArray,
+    followup: AnyArray,
     psf: GaussianPsf | None,
     matrix: FloatArray,
 ) -> Refinement:
@@ -106,7 +105,7 @@ def refined_pose(
 
 
 def _zoomed(
-    reference: NDArray[np.generic],
+    reference: AnyArray,
     psf: GaussianPsf | None,
     matrix: FloatArray,
     shape: tuple[int, int],
@@ -121,7 +120,7 @@ def _zoomed(
 
 def _warped(
     zoomed: FloatArray, rest: FloatArray, shape: tuple[int, int]
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Follow-up by the small remainder of the pose, in ``shape``, and where it is valid."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
     zoomed_x, zoomed_y = project(rest, x, y)

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from calibration.errors import RegistrationError
 from calibration.registration.features import homography_pose, match_features
 from calibration.registration.refinement import zoom_at_centre
+from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
 
-FloatArray = NDArray[np.float64]
 ByteImage = NDArray[np.uint8]
 
 _CORNERS = 400
@@ -93,7 +93,7 @@ class TrackingReference:
         If it has too few corners to track.
     """
 
-    def __init__(self, reference: NDArray[np.generic]) -> None:
+    def __init__(self, reference: AnyArray) -> None:
         self._levels = _bytes_of(reference)
         self._softened: dict[int, _Softened] = {}
         self._at(1.0)
@@ -103,7 +103,7 @@ class TrackingReference:
         """``(rows, cols)`` of the reference."""
         return self._levels.shape[0], self._levels.shape[1]
 
-    def anchored(self, frame: NDArray[np.generic]) -> TrackedPose:
+    def anchored(self, frame: AnyArray) -> TrackedPose:
         """Find the pose with no prior knowledge: by matched features, then by the flow.
 
         Parameters
@@ -120,7 +120,7 @@ class TrackingReference:
         matrix, _ = homography_pose(match_features(self._levels, levels))
         return self._flowed(levels, matrix, _ANCHOR_PASSES)
 
-    def followed(self, frame: NDArray[np.generic], matrix: FloatArray) -> TrackedPose:
+    def followed(self, frame: AnyArray, matrix: FloatArray) -> TrackedPose:
         """Measure the pose of a frame that is close to a known one.
 
         Parameters
@@ -256,7 +256,7 @@ def _corners_px(levels: ByteImage, zoom: float) -> FloatArray:
     return corners
 
 
-def _lit_like(warped: ByteImage, frame: ByteImage, corners: NDArray[np.float32]) -> ByteImage:
+def _lit_like(warped: ByteImage, frame: ByteImage, corners: Float32Array) -> ByteImage:
     """Reference in the frame's light: mean and contrast around the corners are made equal."""
     (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
     part = np.s_[top : bottom + 1 : 2, left : right + 1 : 2]
@@ -267,7 +267,7 @@ def _lit_like(warped: ByteImage, frame: ByteImage, corners: NDArray[np.float32])
     return np.asarray(cv2.LUT(warped, lit.astype(np.uint8)), dtype=np.uint8)
 
 
-def _bytes_of(image: NDArray[np.generic]) -> ByteImage:
+def _bytes_of(image: AnyArray) -> ByteImage:
     """Levels from 0 to 255, as the flow needs them."""
     if image.ndim != 2 or min(image.shape) < 4 * _WINDOW_PX:
         raise ValueError(

@@ -34,12 +34,10 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from analysis.detectability import DetectabilityCurve
     from analysis.pose import PoseQuality
     from calibration.registration import Registration
+    from simulation.arrays import FloatArray
     from standoff.workflows import NamedFrame, StreamSummary
 
 
@@ -163,7 +161,7 @@ def _frames(
 
 
 def _judged(
-    near: NDArray[np.float64],
+    near: FloatArray,
     followup: Path,
     psf: Path | None,
     curve: DetectabilityCurve,

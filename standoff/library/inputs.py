@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibration.files import read_noise, read_psf
 from calibration.psf import PsfCalibration, luma_plane
 from simulation import GaussianPsf, Model, PsfField
+from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.workflows import ImageFile, read_image
 
@@ -55,12 +56,12 @@ def image_file(image: ImageLike, name: str = "image") -> ImageFile:
     raise TypeError(f"{name}: expected an array or the path of an image, got {_kind(image)}")
 
 
-def colour_planes(image: ImageLike, name: str = "image") -> NDArray[np.generic]:
+def colour_planes(image: ImageLike, name: str = "image") -> AnyArray:
     """Return the levels of an image without an opacity plane, grey or in colour."""
     return image_file(image, name).colour_planes
 
 
-def grey_image(image: ImageLike, name: str = "image") -> NDArray[np.float64]:
+def grey_image(image: ImageLike, name: str = "image") -> FloatArray:
     """Return the grey levels of an image, shape ``(rows, cols)``; of colours their luma."""
     return luma_plane(image_file(image, name).colour_planes)
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.registration import Homography
 from simulation import (
@@ -19,7 +18,7 @@ from simulation import (
     zoom_operator,
     zoom_out,
 )
-from simulation.arrays import FloatImage
+from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
 from simulation.pose import pose_noise_gain
@@ -64,14 +63,14 @@ class FollowUp:
     """
 
     image: FloatImage
-    own_variance_dn2: NDArray[np.float64] | None
-    nearer: NDArray[np.bool_] | None = None
-    outside: NDArray[np.bool_] | None = None
+    own_variance_dn2: FloatArray | None
+    nearer: BoolArray | None = None
+    outside: BoolArray | None = None
     is_field: bool = False
 
 
 def zoomed_out(
-    reference: NDArray[np.generic],
+    reference: AnyArray,
     zoom: float,
     psf: GaussianPsf | PsfField | None,
     model: Model,
@@ -103,7 +102,7 @@ def zoomed_out(
 
 
 def zoomed_out_as_measured(
-    reference: NDArray[np.generic],
+    reference: AnyArray,
     zoom: float,
     transfer: CameraTransfer,
     noise: CaptureNoise | None = None,
@@ -122,7 +121,7 @@ def zoomed_out_as_measured(
 
 
 def followup_by(
-    reference: NDArray[np.generic], operator: ZoomOperator, noise: CaptureNoise | None = None
+    reference: AnyArray, operator: ZoomOperator, noise: CaptureNoise | None = None
 ) -> FollowUp:
     """Follow-up by an operator for images of this size, plane by plane."""
     dtype = np.float64 if reference.dtype == np.float64 else np.float32
@@ -135,7 +134,7 @@ def followup_by(
 
 
 def from_pose(
-    reference: NDArray[np.generic],
+    reference: AnyArray,
     pose: Homography,
     psf: GaussianPsf | PsfField,
     noise: CaptureNoise | None = None,
@@ -187,9 +186,7 @@ def captured(followup: FollowUp, options: CaptureOptions) -> FloatImage:
     return image
 
 
-def _own_variance(
-    reference: NDArray[np.generic], operator: ZoomOperator, noise: CaptureNoise
-) -> NDArray[np.float64]:
+def _own_variance(reference: AnyArray, operator: ZoomOperator, noise: CaptureNoise) -> FloatArray:
     variance = noise.variance_dn2(reference.astype(np.float64))
     if variance.ndim == 2:
         return propagated_variance(operator, variance)

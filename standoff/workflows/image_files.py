@@ -18,6 +18,7 @@ from PIL import Image, UnidentifiedImageError
 from acquisition.session import atomic_write
 from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.psf import luma_plane
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from standoff.errors import ApplicationError, ImageFileError
 
 _TIFF_SUFFIXES = {".tif", ".tiff"}
@@ -35,7 +36,7 @@ class ImageFile:
     """
 
     path: Path
-    pixels: NDArray[np.generic]
+    pixels: AnyArray
     full_scale_dn: float | None
     saturation_dn: float | None
     is_jpeg: bool
@@ -70,7 +71,7 @@ class ImageFile:
         return self.pixels.ndim == 3 and self.pixels.shape[2] >= 3
 
     @property
-    def colour_planes(self) -> NDArray[np.generic]:
+    def colour_planes(self) -> AnyArray:
         """The pixels without an opacity plane, as a type that the capture model takes."""
         pixels = self.pixels
         if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
@@ -99,7 +100,7 @@ def read_image(path: Path) -> ImageFile:
     return ImageFile.of_pixels(path, pixels, is_jpeg=data[:3] == b"\xff\xd8\xff")
 
 
-def read_grey(path: Path) -> NDArray[np.float64]:
+def read_grey(path: Path) -> FloatArray:
     """Read the grey levels of an image; a colour image as Rec. 601 luma.
 
     Raises
@@ -144,7 +145,7 @@ def image_files_in(folder: Path) -> list[Path]:
         raise ApplicationError(f"cannot read the folder {folder}: {error.strerror}") from error
 
 
-def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -> None:
+def write_float_tiff(path: Path, image: Float32Array, description: str) -> None:
     """Write a float32 TIFF, whole or not at all.
 
     Raises
@@ -158,7 +159,7 @@ def write_float_tiff(path: Path, image: NDArray[np.float32], description: str) -
         raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
 
 
-def write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
+def write_mask(path: Path, mask: BoolArray) -> None:
     """Write a mask as a PNG of 0 and 255, whole or not at all.
 
     Raises
@@ -173,7 +174,7 @@ def write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
         raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
 
 
-def tiff_bytes(image: NDArray[np.float32], description: str) -> bytes:
+def tiff_bytes(image: Float32Array, description: str) -> bytes:
     """Return a float32 TIFF, grey or RGB, as the bytes of its file."""
     buffer = BytesIO()
     tifffile.imwrite(
@@ -186,7 +187,7 @@ def tiff_bytes(image: NDArray[np.float32], description: str) -> bytes:
     return buffer.getvalue()
 
 
-def _saturation(pixels: NDArray[np.generic], full_scale: float | None) -> float | None:
+def _saturation(pixels: AnyArray, full_scale: float | None) -> float | None:
     """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows."""
     if full_scale is None:
         return None

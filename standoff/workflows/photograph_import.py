@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.choices import CaptureKind
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.session import Photograph, SessionWriter
 from calibration.psf import luma_plane, srgb_to_linear
+from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.terminal import note, progress_bar
 from standoff.workflows.image_files import ImageFile, read_image
@@ -89,7 +89,7 @@ def _plan_of(images: Sequence[Path], settings: ImportSettings) -> CapturePlan:
     )
 
 
-def _plane(file: ImageFile, *, is_srgb: bool) -> NDArray[np.float64]:
+def _plane(file: ImageFile, *, is_srgb: bool) -> FloatArray:
     pixels = file.pixels
     if is_srgb:
         pixels = srgb_to_linear(pixels, file.full_scale_dn or 1.0)
@@ -99,7 +99,7 @@ def _plane(file: ImageFile, *, is_srgb: bool) -> NDArray[np.float64]:
         raise ImageFileError(f"{file.path}: {error}") from error
 
 
-def _top_dn(file: ImageFile, plane: NDArray[np.float64], *, is_srgb: bool) -> float:
+def _top_dn(file: ImageFile, plane: FloatArray, *, is_srgb: bool) -> float:
     """Level at which the file clips; a float file tells nothing, and counts none as clipped."""
     if file.saturation_dn is None:
         return float(np.nextafter(np.float32(plane.max()), np.float32(np.inf)))

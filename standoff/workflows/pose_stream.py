@@ -6,11 +6,9 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from acquisition.focus import newest_frames
 from analysis.pose import PoseTracker, PoseVerdict
+from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.terminal import LiveLine, say
 from standoff.workflows.focus_runs import OpenCamera
@@ -24,7 +22,7 @@ class NamedFrame:
     """One image of a stream; the name is that of its file, or the frame's number."""
 
     name: str
-    image: NDArray[np.generic]
+    image: AnyArray
 
 
 @dataclass(slots=True)

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.validation import KernelCache, default_cache_folder
 from calibration.files import read_correction, read_homography, read_psf
 from calibration.psf import luma_plane
 from calibration.registration import Homography
 from simulation import SamplingGrid
+from simulation.arrays import AnyArray, Float32Array
 from simulation.choices import GaussianForm, KernelModel, Model, Sampler
 from simulation.kernelgan import (
     EstimatedKernel,
@@ -72,7 +72,7 @@ class FoundKernel:
 class SimulatedPhotograph:
     """The image as the camera delivers it, what it was made from, and the learned kernel."""
 
-    image: NDArray[np.float32]
+    image: Float32Array
     followup: FollowUp
     kernel: FoundKernel | None
 
@@ -109,7 +109,7 @@ def simulate_photograph(request: FollowUpRequest) -> SimulatedPhotograph:
     return SimulatedPhotograph(image=image, followup=followup, kernel=kernel)
 
 
-def _reference(image: Path, correct: Path | None) -> NDArray[np.generic]:
+def _reference(image: Path, correct: Path | None) -> AnyArray:
     file = read_image(image)
     if correct is None:
         return file.colour_planes
@@ -122,9 +122,7 @@ def _reference(image: Path, correct: Path | None) -> NDArray[np.generic]:
         raise ApplicationError(f"{image}: {error}") from error
 
 
-def _kernel(
-    reference: NDArray[np.generic], request: FollowUpRequest, model: KernelModel
-) -> FoundKernel:
+def _kernel(reference: AnyArray, request: FollowUpRequest, model: KernelModel) -> FoundKernel:
     """Return the kernel of a photograph, trained with a bar on stderr unless it is stored."""
     settings = KernelGanSettings(
         zoom=_zoom(request),
@@ -149,25 +147,21 @@ def _kernel(
     return FoundKernel(kernel=kernel, path=path, is_from_cache=False)
 
 
-def _by_kernel(
-    reference: NDArray[np.generic], request: FollowUpRequest, kernel: EstimatedKernel
-) -> FollowUp:
+def _by_kernel(reference: AnyArray, request: FollowUpRequest, kernel: EstimatedKernel) -> FollowUp:
     shape = reference_shape(reference)
     grid = SamplingGrid.centred(shape, _zoom(request))
     operator = kernel_operator(shape, grid, kernel, request.sampler)
     return followup_by(reference, operator, request.camera.noise)
 
 
-def _from_pose(
-    reference: NDArray[np.generic], request: FollowUpRequest, pose: Homography
-) -> FollowUp:
+def _from_pose(reference: AnyArray, request: FollowUpRequest, pose: Homography) -> FollowUp:
     assert request.psf is not None
     frame = (reference.shape[1], reference.shape[0])
     psf = frame_psf(request.psf, frame if pose.size == frame else None, "matched")
     return from_pose(reference, pose, psf, request.camera.noise)
 
 
-def _zoomed_out(reference: NDArray[np.generic], request: FollowUpRequest, model: Model) -> FollowUp:
+def _zoomed_out(reference: AnyArray, request: FollowUpRequest, model: Model) -> FollowUp:
     zoom, noise = _zoom(request), request.camera.noise
     if request.psf is None:
         return zoomed_out(reference, zoom, None, model, noise)

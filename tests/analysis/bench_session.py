@@ -5,7 +5,6 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.plan import CapturePlan, PlanEntry
@@ -13,13 +12,12 @@ from acquisition.session.reader import Session
 from acquisition.session.take import Take
 from calibration.noise.noise_by_level import LevelNoise
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG
 from tests.calibration.edge_session import averaged, photograph_dn
 from tests.simulation.closed_form import photograph, random_scene
-
-FloatArray = NDArray[np.float64]
 
 OPTICAL_SIGMA_PX = 0.6
 PSF = GaussianPsf(

@@ -1,12 +1,11 @@
 """A scene of Gaussian blobs, seen by a Gaussian PSF in closed form: no resampling anywhere."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
-def blobs(seed: int, count: int, reach_px: float) -> Array:
+def blobs(seed: int, count: int, reach_px: float) -> FloatArray:
     """Rows of y, x, sigma (reference px around its centre) and amplitude (DN)."""
     rng = np.random.default_rng(seed)
     return np.column_stack(
@@ -19,8 +18,8 @@ def blobs(seed: int, count: int, reach_px: float) -> Array:
 
 
 def photograph(
-    scene: Array, shape: tuple[int, int], zoom: float, psf_px: float, shift_px: float = 0.0
-) -> Array:
+    scene: FloatArray, shape: tuple[int, int], zoom: float, psf_px: float, shift_px: float = 0.0
+) -> FloatArray:
     """Image of the blobs on 120 DN; pixel centres, the middle of the scene ``shift_px`` aside."""
     image = np.full(shape, 120.0)
     middle_y, middle_x = (shape[0] - 1) / 2, (shape[1] - 1) / 2
@@ -41,7 +40,7 @@ def photograph(
 
 def pose_matrix(
     near: tuple[int, int], far: tuple[int, int], zoom: float, shift_px: float = 0.0
-) -> Array:
+) -> FloatArray:
     """Homography of that pose: follow-up pixel (x, y, 1) to reference pixel."""
     return np.array(
         [

@@ -3,30 +3,28 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil_mocks.scene.pinhole import CameraPose
 from hil_mocks.scene.scenes import Placed, SumOfScenes, ZonePlate
 from hil_mocks.scene.targets import scene_of
 from hil_mocks.scene.truth import BenchTruth
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
 
 EXPOSURE_US = 12000.0
 FRAMES_AVERAGED = 10
 NEAR_MM = 180.0
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BenchPair:
     """Reference, follow-up, what the change adds to the follow-up, and the true homography."""
 
-    reference: Array
-    followup: Array
-    change: Array
-    matrix: Array
+    reference: FloatArray
+    followup: FloatArray
+    change: FloatArray
+    matrix: FloatArray
 
 
 def far_pose(truth: BenchTruth, zoom: float, **pose: float) -> CameraPose:
@@ -114,7 +112,7 @@ def with_noise_of(
     noise = bench_noise(truth, frames_averaged)
     rng = np.random.default_rng(seed)
 
-    def shot(mean: Array) -> Array:
+    def shot(mean: FloatArray) -> FloatArray:
         return mean + np.sqrt(noise.variance_dn2(mean)) * rng.standard_normal(mean.shape)
 
     return replace(pair, reference=shot(pair.reference), followup=shot(pair.followup))

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from analysis.detectability.local import LocalChange
+from simulation.arrays import FloatArray
 
 __all__ = ["TrialResult", "run_trials"]
-
-FloatArray = NDArray[np.float64]
 
 _BATCH = 500
 

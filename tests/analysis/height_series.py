@@ -5,19 +5,17 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
 from acquisition.session.take import Take
 from calibration.noise.noise_by_level import LevelNoise
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
 from tests.calibration.edge_session import averaged
 from tests.simulation.closed_form import photograph, random_scene
-
-FloatArray = NDArray[np.float64]
 
 OPTICAL_SIGMA_PX = 0.6
 PSF = GaussianPsf(

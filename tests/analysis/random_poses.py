@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from acquisition.bench import BenchConfig
 from hil_mocks.scene.pinhole import CameraPose
 from hil_mocks.scene.truth import BenchTruth
+from simulation.arrays import FloatArray
 
 NEAR_MM = 180.0
 EXPOSURE_US = 12000.0
@@ -20,7 +21,7 @@ class PosedFrame:
     """A frame, and the true homography from it to the reference."""
 
     image_dn: NDArray[np.uint16]
-    matrix: NDArray[np.float64]
+    matrix: FloatArray
 
 
 def reference_frame(truth: BenchTruth, target: str, seed: int) -> NDArray[np.uint16]:

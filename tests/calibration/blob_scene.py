@@ -1,20 +1,19 @@
 """A scene of Gaussian blobs, photographed in closed form: widths add in squares."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
 def blob_photograph(
     zoom: float,
-    covariance_px2: Array,
+    covariance_px2: FloatArray,
     *,
     shape: tuple[int, int] = (240, 320),
     blobs: int = 1500,
     seed: int = 1,
     bend: float = 0.0,
-) -> Array:
+) -> FloatArray:
     """The scene from ``zoom`` times as far away, in DN, through a Gaussian PSF.
 
     The blobs lie in units of the nearest photograph's pixels about the image centre; ``bend`` is
@@ -47,7 +46,7 @@ def blob_photograph(
     return image
 
 
-def far_to_near(zoom: float, shape: tuple[int, int] = (240, 320)) -> Array:
+def far_to_near(zoom: float, shape: tuple[int, int] = (240, 320)) -> FloatArray:
     """Homography from the far photograph's pixels to the near one's."""
     rows, cols = shape
     return np.array(

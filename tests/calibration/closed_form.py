@@ -1,18 +1,19 @@
 """Edges as a sensor sees them, by quadrature: shares nothing with the code under test."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
-def point_edge(distance_px: Array, sigma_px: float) -> Array:
+def point_edge(distance_px: FloatArray, sigma_px: float) -> FloatArray:
     """A step blurred by a Gaussian, sampled at points."""
     return np.asarray(ndtr(distance_px / sigma_px))
 
 
-def pixel_edge(distance_px: Array, sigma_px: float, normal_rad: float, nodes: int = 24) -> Array:
+def pixel_edge(
+    distance_px: FloatArray, sigma_px: float, normal_rad: float, nodes: int = 24
+) -> FloatArray:
     """The same step averaged over the unit pixel, by Gauss-Legendre quadrature."""
     x, weight = np.polynomial.legendre.leggauss(nodes)
     x, weight = x / 2, weight / 2
@@ -34,7 +35,7 @@ def edge_image(
     high_dn: float = 52_000.0,
     has_pixel: bool = False,
     sagitta_px: float = 0.0,
-) -> Array:
+) -> FloatArray:
     """An edge through the middle of the image; the bright side lies along the normal."""
     rows, cols = shape
     y, x = np.mgrid[:rows, :cols].astype(np.float64)

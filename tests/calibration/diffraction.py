@@ -1,24 +1,23 @@
 """Edges of a diffraction-limited lens behind square pixels, from their Fourier integral."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 _NODES = 400
 _REACH_PX = 75.0
 _STEP_PX = 0.04
 
 
-def lens_mtf(freq: Array, cutoff: float) -> Array:
+def lens_mtf(freq: FloatArray, cutoff: float) -> FloatArray:
     """Incoherent MTF of a round, perfect lens (Goodman, Introduction to Fourier Optics, 6.3)."""
     v = np.clip(freq / cutoff, 0, 1)
     return np.asarray(2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v)))
 
 
-def system_mtf(freq: Array, cutoff: float, normal_rad: float) -> Array:
+def system_mtf(freq: FloatArray, cutoff: float, normal_rad: float) -> FloatArray:
     square = np.sinc(freq * np.cos(normal_rad)) * np.sinc(freq * np.sin(normal_rad))
     return np.asarray(lens_mtf(freq, cutoff) * square)
 
@@ -29,7 +28,9 @@ def system_mtf50(cutoff: float, normal_rad: float) -> float:
     )
 
 
-def diffracted_edge(cutoff: float, normal_deg: float, shape: tuple[int, int] = (90, 110)) -> Array:
+def diffracted_edge(
+    cutoff: float, normal_deg: float, shape: tuple[int, int] = (90, 110)
+) -> FloatArray:
     """E(d) = 1/2 + integral of MTF(f) sin(2 pi f d) / (pi f) df, by Gauss-Legendre."""
     normal = np.deg2rad(normal_deg)
     x, weight = np.polynomial.legendre.leggauss(_NODES)

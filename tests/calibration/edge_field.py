@@ -1,13 +1,10 @@
 """Photographs of edges through a lens whose PSF changes over the frame, in closed form."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calibration.edges.measurement import EdgeImage
 from simulation.psf.field import PsfField
-
-Array = NDArray[np.float64]
 
 COLS, ROWS = 520, 390
 LOW_DN, HIGH_DN = 500.0, 3300.0

@@ -5,10 +5,10 @@ from functools import cache
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.edges.measurement import EdgeImage
 from calibration.noise.noise_by_level import LevelNoise
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 
 SIGMA_X_PX, SIGMA_Y_PX, RHO = 0.62, 0.48, 0.35
@@ -24,12 +24,12 @@ def width_across(normal_deg: float) -> float:
 
 
 @cache
-def clean_photograph(normal_deg: float) -> NDArray[np.float64]:
+def clean_photograph(normal_deg: float) -> FloatArray:
     """An edge behind square pixels, without noise; do not write to it."""
     return edge_image(width_across(normal_deg), normal_deg, has_pixel=True)
 
 
-def photograph(normal_deg: float, rng: np.random.Generator) -> NDArray[np.float64]:
+def photograph(normal_deg: float, rng: np.random.Generator) -> FloatArray:
     """The same with shot and read noise: an SNR of about 100."""
     clean = clean_photograph(normal_deg)
     return clean + rng.normal(size=clean.shape) * np.sqrt(NOISE.variance_dn2(clean))

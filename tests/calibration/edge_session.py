@@ -4,12 +4,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
 from acquisition.session.take import Take
 from calibration.noise.noise_by_level import LevelNoise
+from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
 from tests.calibration.edge_photographs import clean_photograph
@@ -19,13 +19,13 @@ FRAME_NOISE = LevelNoise(offset_dn2=30.0, slope_dn=0.4, floor_dn2=1.0)
 """Noise of a single frame, on the 12-bit levels of ``photograph_dn``."""
 
 
-def photograph_dn(normal_deg: float) -> NDArray[np.float64]:
+def photograph_dn(normal_deg: float) -> FloatArray:
     """An edge from 500 to 3250 DN."""
     return clean_photograph(normal_deg) / 16.0
 
 
 def averaged(
-    clean: NDArray[np.float64], rng: np.random.Generator, noise: LevelNoise = FRAME_NOISE
+    clean: FloatArray, rng: np.random.Generator, noise: LevelNoise = FRAME_NOISE
 ) -> AveragedFrames:
     """Mean and unbiased variance of FRAMES noisy frames of one clean image."""
     spread = np.sqrt(noise.variance_dn2(clean))

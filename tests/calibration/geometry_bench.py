@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from calibration.geometry.camera import CapturePose, PlaneLens
 from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from hil_mocks.scene.truth import BenchTruth
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 WIDTH_PX, HEIGHT_PX = 390, 290
 FOCAL_MM, PITCH_UM = 8.0, 16.6
@@ -157,7 +155,7 @@ def truth(k1: float = -0.01) -> BenchTruth:
 @cache
 def photograph(
     target: str, height_mm: float, tilt_x_deg: float, orientation_deg: float
-) -> NDArray[np.float64]:
+) -> FloatArray:
     pose = CameraPose(height_mm=height_mm, tilt_x_deg=tilt_x_deg)
     image = truth().expected_image_dn(target, orientation_deg, pose, exposure_us=9000.0)
     image.setflags(write=False)

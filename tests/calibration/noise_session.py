@@ -4,11 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
 from acquisition.session.take import Take
+from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
 from tests.calibration.poisson_frames import BLACK_DN, GAIN_E_PER_DN, READ_NOISE_E
@@ -24,8 +24,8 @@ def captured(
     is_dark: bool,
     exposure_us: float,
     *,
-    dark_dn_per_us: float | NDArray[np.float64] = 0.0,
-    extra_variance_dn2: float | NDArray[np.float64] = 0.0,
+    dark_dn_per_us: float | FloatArray = 0.0,
+    extra_variance_dn2: float | FloatArray = 0.0,
 ) -> AveragedFrames:
     """The expectation of FRAMES frames: v = read noise^2 + 1/12 + level / gain, without scatter."""
     collected = dark_dn_per_us * exposure_us + (0.0 if is_dark else LIGHT_DN_PER_US * exposure_us)
@@ -48,8 +48,8 @@ def captured(
 def noise_session(
     path: Path,
     *,
-    dark_dn_per_us: float | NDArray[np.float64] = 0.0,
-    extra_variance_dn2: float | NDArray[np.float64] = 0.0,
+    dark_dn_per_us: float | FloatArray = 0.0,
+    extra_variance_dn2: float | FloatArray = 0.0,
     flat_gain_db: float = 0.0,
 ) -> Session:
     """Darks and flats of one camera; its bench exposes for 2000 us and averages 3 frames."""

@@ -1,9 +1,9 @@
 """Dark and flat captures of a sensor whose truth is known, made of Poisson frames."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.noise.photon_transfer import LevelSample, Saturation
+from simulation.arrays import FloatArray
 
 GAIN_E_PER_DN, READ_NOISE_E, BLACK_DN, TOP_DN = 5.0, 12.0, 64.0, 4095.0
 FRAMES, SHAPE = 8, (60, 80)
@@ -12,12 +12,12 @@ SATURATION = Saturation(level_dn=TOP_DN, err_dn=0.3)
 
 def frames_dn(
     rng: np.random.Generator,
-    electrons: float | NDArray[np.float64],
+    electrons: float | FloatArray,
     *,
     shape: tuple[int, int] = SHAPE,
     flicker: float = 0.0,
     frames: int = FRAMES,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Rounded and clipped frames, shape (frames, rows, cols)."""
     light = 1.0 + flicker * rng.standard_normal((frames, 1, 1))
     collected = rng.poisson(np.maximum(light, 0) * np.broadcast_to(electrons, shape))
@@ -26,7 +26,7 @@ def frames_dn(
 
 
 def sample(
-    frames: NDArray[np.float64], exposure_us: float, *, kind: str = "flat", time_s: float = 0.0
+    frames: FloatArray, exposure_us: float, *, kind: str = "flat", time_s: float = 0.0
 ) -> LevelSample:
     """What a capture of these frames is to the fit."""
     return LevelSample(

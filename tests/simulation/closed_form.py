@@ -7,10 +7,9 @@ one-dimensional profiles, whatever its distance. Nothing here is shared with ``s
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
 @dataclass(frozen=True)

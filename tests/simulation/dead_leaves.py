@@ -2,8 +2,9 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
+
+from simulation.arrays import FloatArray
 
 SUBPIXELS = 4
 
@@ -17,7 +18,7 @@ def dead_leaves(
     *,
     is_square: bool = False,
     radius_min_px: float = 0.375,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Overlapping discs with radii of density ``r^-3``, levels 0.1 to 0.9, blurred and sampled.
 
     ``sigma_px`` is the total PSF: four points per pixel along each axis carry the scene, and the

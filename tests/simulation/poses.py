@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from skimage import data
 
 from simulation import GaussianPsf, PsfField
+from simulation.arrays import FloatArray
 from tests.simulation.closed_form import gaussian_blob
-
-FloatArray = NDArray[np.float64]
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7)
 TILTED_PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.3)

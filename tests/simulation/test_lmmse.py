@@ -4,7 +4,6 @@ from math import sqrt
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from simulation import (
@@ -20,10 +19,9 @@ from simulation import (
     zoom_out,
     zoom_out_on_grid,
 )
+from simulation.arrays import FloatArray
 from simulation.lmmse import lmmse_terms
 from tests.simulation.closed_form import gaussian_blob, photograph, random_scene
-
-FloatArray = NDArray[np.float64]
 
 SHAPE = (110, 140)
 ZOOMS = (1.1, 1.5, 2.0, 3.0)

@@ -18,9 +18,8 @@ from simulation import (
     zoom_out,
     zoom_out_on_grid,
 )
+from simulation.arrays import AnyArray, FloatArray
 from tests.simulation.closed_form import gaussian_blob, photograph, random_scene
-
-FloatArray = NDArray[np.float64]
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7)
 TILTED_PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.3)
@@ -342,7 +341,7 @@ def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
         pytest.param(np.zeros((5, 1)), id="too small for the zoom"),
     ],
 )
-def test_what_is_no_image_is_refused(image: NDArray[np.generic]) -> None:
+def test_what_is_no_image_is_refused(image: AnyArray) -> None:
     with pytest.raises(ValueError):
         zoom_out(image, 2.0, PSF)
 

@@ -6,7 +6,6 @@ from threading import Event, Lock, Thread
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.devices import FrameImage
 from acquisition.focus import (
@@ -17,6 +16,7 @@ from acquisition.focus import (
     FocusTrace,
     Region,
 )
+from simulation.arrays import IntArray
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
 
 BINS = 128
@@ -32,7 +32,7 @@ TRACE_VALUES = 300
 class Levels:
     """Counts of the levels, ``BINS`` bins from 0 to ``max_level_dn``, and the share clipped."""
 
-    counts: NDArray[np.int64]
+    counts: IntArray
     max_level_dn: int
     mean_dn: float
     saturated_fraction: float

@@ -4,15 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Event, Lock, Thread
 
-import numpy as np
-from numpy.typing import NDArray
-
 from analysis.pose import PoseTracker, PoseVerdict
 from calibration.errors import CalibrationError
+from simulation.arrays import AnyArray
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 from standoff.errors import ApplicationError
 
-TrackerMaker = Callable[[NDArray[np.generic]], PoseTracker]
+TrackerMaker = Callable[[AnyArray], PoseTracker]
 """Makes the tracker of a reference image of shape ``(rows, cols)``."""
 
 PERIOD_S = 0.1
@@ -67,7 +65,7 @@ class PoseMonitor:
         """The pose now."""
         return self._view
 
-    def choose(self, name: str, image: NDArray[np.generic]) -> None:
+    def choose(self, name: str, image: AnyArray) -> None:
         """Judge the pose against this image from now on.
 
         Raises

@@ -2,18 +2,16 @@
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from analysis.detectability import DetectabilityCurve
 from analysis.pose import PoseTracker
+from simulation.arrays import AnyArray
 from standoff.console.devices.pose_monitor import TrackerMaker
 
 
 def tracker_maker(curve: DetectabilityCurve, min_dprime: float) -> TrackerMaker:
     """Return what makes a tracker of a reference image, judged by this curve."""
 
-    def make(image: NDArray[np.generic]) -> PoseTracker:
+    def make(image: AnyArray) -> PoseTracker:
         reference: Any = image
         return PoseTracker(reference, curve, min_dprime)
 

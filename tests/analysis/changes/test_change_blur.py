@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from analysis.changes.filter import find_changes
 from analysis.changes.uncertainty import extra_blur
+from simulation.arrays import FloatArray
 from tests.analysis.changes.test_filter import MATRIX, PSF, pair, posed
-
-FloatArray = NDArray[np.float64]
 
 EVERYWHERE = np.ones((200, 240), dtype=np.bool_)
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
@@ -25,13 +24,12 @@ from analysis.results_file import write_results
 from benchmarks.change_roc import roc_of
 from calibration.registration.distorted_pose import DistortedPose
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.shipped_configs import shipped_config
 from tests.analysis.blob_scene import blobs, photograph, pose_matrix
 from tests.analysis.changed_scenes import bench_noise, bench_pair, bench_psf, far_pose
 from tests.analysis.random_poses import bench_truth
-
-Array = NDArray[np.float64]
 
 NEAR, FAR, ZOOM, PSF_PX, SHIFT_PX = (270, 330), (170, 210), 1.5, 0.9, 2.3
 PSF = GaussianPsf(sigma_x_px=PSF_PX, sigma_y_px=PSF_PX)
@@ -42,9 +40,9 @@ LIGHT = 1.05 + 0.1 * np.linspace(-1, 1, FAR[1])[None, :]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pair:
-    reference: Array
-    followup: Array
-    truth: Array
+    reference: FloatArray
+    followup: FloatArray
+    truth: FloatArray
 
 
 @lru_cache
@@ -67,7 +65,7 @@ def pair(seed: int, contrast_dn: float) -> Pair:
 
 
 def posed(
-    matrix: Array,
+    matrix: FloatArray,
     noise: CaptureNoise | None = NOISE,
     near: tuple[int, int] = NEAR,
     far: tuple[int, int] = FAR,

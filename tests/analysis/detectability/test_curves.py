@@ -28,8 +28,7 @@ from analysis.reports.results import plot_detectability
 from analysis.results_file import write_results
 from calibration.documents import json_object
 from simulation import GaussianPsf, Model
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
 def curve(**values: Any) -> DetectabilityCurve:

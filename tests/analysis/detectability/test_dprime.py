@@ -25,9 +25,8 @@ from analysis.detectability.scenario import Scenario
 from analysis.detectability.signal import GaussianSignal, PatchSignal, signal_offsets_px
 from analysis.detectability.task import DetectionTask, d_prime_curves
 from simulation import GaussianPsf, Model
+from simulation.arrays import FloatArray
 from tests.analysis.detectability_trials import run_trials
-
-Array = NDArray[np.float64]
 
 SIGMA_PX = 0.9
 PSF = GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
@@ -39,7 +38,7 @@ NO_ARTEFACT = ArtefactTiles(
 )
 
 
-def texture(seed: int = 0, shape: tuple[int, int] = (180, 220)) -> Array:
+def texture(seed: int = 0, shape: tuple[int, int] = (180, 220)) -> FloatArray:
     rng = np.random.default_rng(seed)
     return np.asarray(120 + 60 * gaussian_filter(rng.standard_normal(shape), 1.2))
 
@@ -287,10 +286,12 @@ def test_curves_of_photographs_are_the_document_and_print_in_a_line() -> None:
     assert npw.dprime[0] == pytest.approx(12 * flat, rel=1e-3)
 
 
-def keys_cubic_upscaled(image: Array, places_y: Array, places_x: Array) -> Array:
+def keys_cubic_upscaled(
+    image: FloatArray, places_y: FloatArray, places_x: FloatArray
+) -> FloatArray:
     """Keys' cubic written out: the alignment, independent of the analysis."""
 
-    def matrix(places: Array, size: int) -> Array:
+    def matrix(places: FloatArray, size: int) -> FloatArray:
         x = np.abs(places[:, None] - np.arange(size))
         near = 1.5 * x**3 - 2.5 * x**2 + 1
         far = -0.5 * x**3 + 2.5 * x**2 - 4 * x + 2
@@ -307,18 +308,20 @@ def test_on_a_flat_scene_a_monte_carlo_of_scipy_alone_agrees() -> None:
     """
     zoom, noise_dn, contrast_dn, side, trials = 1.5, 3.0, 12.0, 181, 4000
     rng = np.random.default_rng(11)
-    place: Array = np.arange(float(side)) - side // 2
-    spot: Array = contrast_dn * np.exp(-0.5 * (place[:, None] ** 2 + place[None, :] ** 2) / 4.0)
+    place: FloatArray = np.arange(float(side)) - side // 2
+    spot: FloatArray = contrast_dn * np.exp(
+        -0.5 * (place[:, None] ** 2 + place[None, :] ** 2) / 4.0
+    )
     grids = []
     for total in (2.0, 2.0 * zoom):
         count = int(side / total)
         grids.append((np.arange(count) - (count - 1) / 2) * total + (side - 1) / 2)
     near, far = grids
-    blurred: Array = gaussian_filter(spot, SIGMA_PX * sqrt((2 * zoom) ** 2 - 1), truncate=6)
-    followup: Array = map_coordinates(blurred, np.meshgrid(far, far, indexing="ij"), order=3)
+    blurred: FloatArray = gaussian_filter(spot, SIGMA_PX * sqrt((2 * zoom) ** 2 - 1), truncate=6)
+    followup: FloatArray = map_coordinates(blurred, np.meshgrid(far, far, indexing="ij"), order=3)
     middle = len(near) // 2
     window = near[middle - N // 2 : middle + N // 2 + 1]
-    places: Array = (window - far[0]) / (2 * zoom)
+    places: FloatArray = (window - far[0]) / (2 * zoom)
     signal = keys_cubic_upscaled(followup, places, places)
     # Pixels of the follow-up within the cubic's reach of the window.
     first, last = int(places[0]) - 3, int(places[-1]) + 4
@@ -340,7 +343,7 @@ def test_on_a_flat_scene_a_monte_carlo_of_scipy_alone_agrees() -> None:
 
 
 def assert_trials_agree(
-    scenes: list[Array], model: Model, zoom: float, tiles_per_side: int, trials: int
+    scenes: list[FloatArray], model: Model, zoom: float, tiles_per_side: int, trials: int
 ) -> None:
     """Hold the analytic d' of all observers to counted decisions on the same scenes."""
     rng = np.random.default_rng(5)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from analysis.detectability.dprime import scene_artefact
 from analysis.detectability.scenario import Scenario
@@ -17,6 +16,7 @@ from analysis.detectability.sweep import (
 )
 from analysis.errors import AnalysisError, ResultsFileError
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 
 PLAN = SweepPlan(
     scenario=Scenario(psf=GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.8), window_px=9),
@@ -29,11 +29,11 @@ PLAN = SweepPlan(
 NOBODY = SweepWorkers(scheduler="tcp://127.0.0.1:1")
 
 
-def load(path: Path) -> NDArray[np.float64]:
+def load(path: Path) -> FloatArray:
     return np.asarray(np.load(path), dtype=np.float64)
 
 
-def refuse(path: Path) -> NDArray[np.float64]:
+def refuse(path: Path) -> FloatArray:
     raise AssertionError(f"{path} is measured again")
 
 

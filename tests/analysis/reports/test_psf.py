@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from acquisition.session.reader import Session
 from analysis.reports.psf import (
@@ -12,6 +11,7 @@ from analysis.reports.psf_plots import field_section, widths_section
 from calibration.edges.measurement import EdgeMeasurement
 from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldFit
+from simulation.arrays import Float32Array, FloatArray
 
 
 def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(
@@ -38,7 +38,7 @@ def test_what_is_null_is_not_determined_and_rejected_edges_do_not_count(
 
 
 def test_a_psf_of_total_values_alone_has_a_report_too() -> None:
-    def no_image(edge: EdgeMeasurement) -> NDArray[np.float64]:
+    def no_image(edge: EdgeMeasurement) -> FloatArray:
         raise AssertionError(edge)
 
     [section] = calibration_sections(PsfCalibration(sigma_x_px=0.8, sigma_y_px=0.7), no_image)
@@ -54,7 +54,7 @@ def test_photographs_of_different_directions_are_shown_and_each_orientation_has_
     records = {record.file: record for record in session.records}
     read: list[str] = []
 
-    def load(edge: EdgeMeasurement) -> NDArray[np.float32]:
+    def load(edge: EdgeMeasurement) -> Float32Array:
         read.append(edge.image)
         return session.load(records[edge.image]).mean_dn
 
@@ -111,7 +111,7 @@ def test_a_long_list_of_edges_is_cut_and_says_so(psf: PsfCalibration) -> None:
 def test_edges_of_foreign_photographs_are_counted_and_said_to_be_left_out(
     psf: PsfCalibration,
 ) -> None:
-    def no_image(edge: EdgeMeasurement) -> NDArray[np.float64]:
+    def no_image(edge: EdgeMeasurement) -> FloatArray:
         raise AssertionError(edge)
 
     sections = {s.title: s for s in calibration_sections(psf, no_image, frozenset())}

@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 
 from calibration.blind.single_image import FEWEST_EDGES, fit_sharpest_widths
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 
 def drawn(
-    count: int, covariance: Array, softness_px2: float, err: float = 0.05, seed: int = 1
-) -> tuple[Array, Array, Array]:
+    count: int, covariance: FloatArray, softness_px2: float, err: float = 0.05, seed: int = 1
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angles, widths and errors of edges of a scene; ``err`` is relative."""
     rng = np.random.default_rng(seed)
     angles = rng.uniform(0, 180, count)

@@ -3,32 +3,30 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 
 from calibration.blind.two_distance import PairPsf, combined, pair_psf
 from calibration.errors import PairError
+from simulation.arrays import FloatArray
 from tests.calibration.blob_scene import blob_photograph, far_to_near
-
-Array = NDArray[np.float64]
 
 TILTED = np.array([[0.45, 0.06], [0.06, 0.33]])
 
 
-def elements(pair: PairPsf) -> Array:
+def elements(pair: PairPsf) -> FloatArray:
     return np.asarray(pair.covariance_px2[[0, 0, 1], [0, 1, 1]])
 
 
 @pytest.fixture(scope="module")
-def near() -> Array:
+def near() -> FloatArray:
     return blob_photograph(1.0, TILTED)
 
 
 @pytest.fixture(scope="module")
-def far() -> Array:
+def far() -> FloatArray:
     return blob_photograph(2.0, TILTED)
 
 
-def test_a_tilted_psf_is_found_without_noise(near: Array, far: Array) -> None:
+def test_a_tilted_psf_is_found_without_noise(near: FloatArray, far: FloatArray) -> None:
     pair = pair_psf(near, far, far_to_near(2.0))
     assert pair.zoom == pytest.approx(2.0, abs=1e-3)
     np.testing.assert_allclose(elements(pair), [0.45, 0.06, 0.33], rtol=0.01)
@@ -51,7 +49,7 @@ def test_any_psf_is_found_at_any_zoom(zoom: float, width: float, ratio: float, r
 
 @pytest.mark.slow
 def test_noise_widens_nothing_where_it_is_known_and_its_errors_are_right(
-    near: Array, far: Array
+    near: FloatArray, far: FloatArray
 ) -> None:
     rng = np.random.default_rng(3)
     scaled, plain = [], []
@@ -66,27 +64,27 @@ def test_noise_widens_nothing_where_it_is_known_and_its_errors_are_right(
     assert np.mean(plain) > 1.05 * 0.45
 
 
-def test_vignetting_and_distortion_are_taken_up(near: Array) -> None:
+def test_vignetting_and_distortion_are_taken_up(near: FloatArray) -> None:
     bent = blob_photograph(2.0, TILTED, bend=0.01)
     y, x = np.mgrid[-1:1:240j, -1:1:320j]
     pair = pair_psf(near, bent * (1 - 0.1 * (x**2 + y**2)), far_to_near(2.0))
     np.testing.assert_allclose(elements(pair), [0.45, 0.06, 0.33], rtol=0.03)
 
 
-def test_photographs_from_one_distance_are_refused(near: Array) -> None:
+def test_photographs_from_one_distance_are_refused(near: FloatArray) -> None:
     with pytest.raises(PairError) as refused:
         pair_psf(near, near, far_to_near(1.02))
     assert refused.value.reason == "one_distance"
 
 
-def test_a_far_photograph_that_is_too_sharp_is_refused(near: Array) -> None:
+def test_a_far_photograph_that_is_too_sharp_is_refused(near: FloatArray) -> None:
     sharp = blob_photograph(2.0, 0.02 * np.eye(2))
     with pytest.raises(PairError) as refused:
         pair_psf(near, sharp, far_to_near(2.0))
     assert refused.value.reason == "sharp"
 
 
-def test_photographs_that_hardly_overlap_are_refused(near: Array, far: Array) -> None:
+def test_photographs_that_hardly_overlap_are_refused(near: FloatArray, far: FloatArray) -> None:
     aside = far_to_near(2.0) + np.array([[0, 0, 600.0], [0, 0, 0], [0, 0, 0]])
     with pytest.raises(PairError) as refused:
         pair_psf(near, far, aside)
@@ -94,7 +92,7 @@ def test_photographs_that_hardly_overlap_are_refused(near: Array, far: Array) ->
 
 
 def test_pairs_are_weighted_by_their_errors_and_disagreement_counts(
-    near: Array, far: Array
+    near: FloatArray, far: FloatArray
 ) -> None:
     pair = pair_psf(near, far, far_to_near(2.0))
     mean, errors = combined([pair])

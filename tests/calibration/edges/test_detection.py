@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 
 from calibration.edges.detection import find_edges
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 
-Array = NDArray[np.float64]
 
-
-def square_image(turn_deg: float, side_px: float, shape: tuple[int, int] = (120, 140)) -> Array:
+def square_image(
+    turn_deg: float, side_px: float, shape: tuple[int, int] = (120, 140)
+) -> FloatArray:
     """A dark square of ``side_px`` on white, turned about the middle of the image."""
     rows, cols = shape
     y, x = np.mgrid[:rows, :cols].astype(np.float64)
@@ -104,7 +104,7 @@ def test_shot_noise_on_the_bright_side_is_no_second_edge(normal_deg: float) -> N
         assert segments[0].clearance_px == np.inf
 
 
-def faded(gap_px: float, turn_deg: float = 0.0, aside_px: float = 0.0) -> Array:
+def faded(gap_px: float, turn_deg: float = 0.0, aside_px: float = 0.0) -> FloatArray:
     """A faint vertical edge through (80.3, y) that fades at row 180, beside one 17 times as strong.
 
     Below the gap it is turned about (80.3, 211) and moved aside.

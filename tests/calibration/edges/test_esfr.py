@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 
 from calibration.edges.esfr import (
     SFR_FREQ_CY_PER_PX,
@@ -14,10 +13,9 @@ from calibration.edges.esfr import (
 )
 from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 from tests.calibration.diffraction import diffracted_edge, system_mtf, system_mtf50
-
-FloatArray = NDArray[np.float64]
 
 
 def measured(image: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> EdgeMeasurement:

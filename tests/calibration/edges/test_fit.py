@@ -1,20 +1,19 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from calibration.edges.detection import find_edges
 from calibration.edges.fit import EdgeFit, fit_edge
 from calibration.noise.noise_by_level import LevelNoise
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 
-Array = NDArray[np.float64]
 ANGLES_DEG = [0.0, 2.0, 7.0, 22.0, 45.0, 68.0, 88.0, 90.0]
 
 
 def only_fit(
-    image: Array, *, noise: LevelNoise | None = None, saturation_dn: float | None = None
+    image: FloatArray, *, noise: LevelNoise | None = None, saturation_dn: float | None = None
 ) -> EdgeFit:
     segments = find_edges(image, cell_px=1000.0)
     assert len(segments) == 1

@@ -4,7 +4,6 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
@@ -15,6 +14,7 @@ from calibration.edges.measurement import EdgeImage, Region
 from calibration.edges.mosaic import in_sensor_pixels, optical_of_total, plane_places
 from calibration.errors import NoEdgeError
 from calibration.psf.calibration import calibrate_mosaic
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge
 
 SIGMAS = {"red": 0.75, "green": 0.6, "blue": 0.9}
@@ -24,7 +24,7 @@ SHAPE = (180, 220)
 
 
 @cache
-def full_frame(colour: str, normal_deg: float) -> NDArray[np.float64]:
+def full_frame(colour: str, normal_deg: float) -> FloatArray:
     """The edge on a sensor of this colour alone; do not write to it."""
     return edge_image(SIGMAS[colour], normal_deg, shape=SHAPE, has_pixel=True)
 

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calibration.edges.residuals import (
@@ -10,9 +9,8 @@ from calibration.edges.residuals import (
     profile_figures,
     profile_flags,
 )
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import point_edge
-
-Array = NDArray[np.float64]
 
 PIXELS = 3000
 CONTRAST_DN = 1000.0
@@ -20,15 +18,15 @@ SIGMA_PX = 0.8
 EVEN = np.ones(PIXELS)
 
 
-def distances(seed: int = 1, reach_px: float = 8.0) -> Array:
+def distances(seed: int = 1, reach_px: float = 8.0) -> FloatArray:
     return np.random.default_rng(seed).uniform(-reach_px, reach_px, PIXELS)
 
 
-def gaussian_noise(scale_dn: float, seed: int = 2) -> Array:
+def gaussian_noise(scale_dn: float, seed: int = 2) -> FloatArray:
     return np.random.default_rng(seed).normal(0.0, scale_dn, PIXELS)
 
 
-def flags_of(unit_edge: Array, distance: Array, noise_dn: float = 3.0) -> tuple[str, ...]:
+def flags_of(unit_edge: FloatArray, distance: FloatArray, noise_dn: float = 3.0) -> tuple[str, ...]:
     """Flags of this edge against the Gaussian one of SIGMA_PX."""
     values = CONTRAST_DN * unit_edge + gaussian_noise(noise_dn)
     residuals = values - CONTRAST_DN * point_edge(distance, SIGMA_PX)

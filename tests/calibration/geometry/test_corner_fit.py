@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calibration.geometry.board import FittedCorners, fit_corners
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 SHAPE = (60, 80)
 SIDE_PX = 24.0

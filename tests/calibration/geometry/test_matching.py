@@ -4,14 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from calibration.geometry.camera import PlaneLens
 from calibration.geometry.matching import MatchedSeries, match_textures
 from calibration.geometry.series import GeometryCapture
+from simulation.arrays import FloatArray
 from tests.simulation.closed_form import photograph, random_scene
-
-FloatArray = NDArray[np.float64]
 
 SHAPE = (200, 260)
 FOCAL_PX = 400.0

@@ -3,7 +3,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 
 from calibration.geometry.pupil import (
     HEIGHT_FLOOR_MM,
@@ -11,8 +10,7 @@ from calibration.geometry.pupil import (
     fit_pupil,
     height_outlier,
 )
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 HEIGHTS = np.array([180.0, 220.0, 275.0, 340.0, 430.0, 500.0])
 

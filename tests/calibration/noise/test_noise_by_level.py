@@ -1,17 +1,15 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 
 from calibration.noise.noise_by_level import LevelNoise, fit_level_noise
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 OFFSET_DN2, SLOPE_DN = 6.0, 0.11
 FRAMES = 10
 
 
-def noisy_ramp(rng: np.random.Generator, pixels: int = 20_000) -> tuple[Array, Array]:
+def noisy_ramp(rng: np.random.Generator, pixels: int = 20_000) -> tuple[FloatArray, FloatArray]:
     """Levels from 64 to 3500 DN and the unbiased variance of 10 Gaussian samples of each."""
     mean = rng.uniform(64.0, 3500.0, pixels)
     line = OFFSET_DN2 + SLOPE_DN * mean

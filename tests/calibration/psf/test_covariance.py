@@ -1,15 +1,13 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 
 from calibration.edges.orientation import orientation_of
 from calibration.psf.covariance import Estimate, fit_covariance
+from simulation.arrays import FloatArray
 
-Array = NDArray[np.float64]
 
-
-def widths(angles_deg: Array, sigma_x: float, sigma_y: float, rho: float) -> Array:
+def widths(angles_deg: FloatArray, sigma_x: float, sigma_y: float, rho: float) -> FloatArray:
     """sqrt(n' Sigma n) for edges of these directions."""
     xy = rho * sigma_x * sigma_y
     covariance = np.array([[sigma_x**2, xy], [xy, sigma_y**2]])

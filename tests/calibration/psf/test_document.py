@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 
 from calibration.documents import json_object
 from calibration.errors import PsfFileError
@@ -25,6 +24,7 @@ from calibration.psf.document import (
     PsfWidths,
 )
 from calibration.psf.field import FieldFit
+from simulation.arrays import FloatArray
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, photographs
 
 DOCUMENTED_KEYS = {
@@ -105,7 +105,7 @@ def test_what_was_written_is_read_back(tmp_path: Path, calibration: PsfCalibrati
     assert (psf.region, psf.channel, psf.captured_utc) == ("centre", None, None)
 
 
-def known(psf: PsfEstimates) -> NDArray[np.float64]:
+def known(psf: PsfEstimates) -> FloatArray:
     assert psf.covariance_px2 is not None
     return psf.covariance_px2
 

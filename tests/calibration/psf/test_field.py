@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
+from simulation.arrays import FloatArray
 from simulation.psf.field import PsfField
 from tests.calibration.edge_field import COLS, FIELD, ROWS, frame_of_edges
-
-Array = NDArray[np.float64]
 
 CONSTANT = PsfField(
     width_px=COLS,
@@ -17,7 +15,9 @@ CONSTANT = PsfField(
 NORMALS_DEG = (0.0, 45.0, 90.0, 135.0)
 
 
-def width_of(field: PsfField, x: Array, y: Array, normal_deg: Array | float) -> Array:
+def width_of(
+    field: PsfField, x: FloatArray, y: FloatArray, normal_deg: FloatArray | float
+) -> FloatArray:
     turn = np.deg2rad(np.asarray(normal_deg, dtype=np.float64))
     normal = np.stack(np.broadcast_arrays(np.cos(turn), np.sin(turn)), axis=-1)
     return np.asarray(

@@ -4,17 +4,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
 from calibration.registration.pair import DistortedRegistration, register_distorted
 from hil_mocks import BenchTruth
 from hil_mocks.scene.pinhole import CameraPose
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from standoff.workflows.paper import place_errors_px
 from tests.hil_mocks.benches import bench_config
-
-FloatArray = NDArray[np.float64]
 
 NEAR_MM = 160.0
 EXPOSURE_US = 9000.0

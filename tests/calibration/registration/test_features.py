@@ -3,13 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
 from calibration.registration.features import FeatureMatches, homography_pose, match_features
-
-FloatArray = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 SHAPE = (100, 120)
 POINTS = np.random.default_rng(1).uniform(0.0, 300.0, (60, 2))

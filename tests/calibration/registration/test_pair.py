@@ -3,7 +3,6 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
 from calibration.registration.pair import (
@@ -13,9 +12,9 @@ from calibration.registration.pair import (
     register_distorted,
 )
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from tests.simulation.closed_form import Item, photograph, random_scene
 
-FloatArray = NDArray[np.float64]
 Align = Callable[[FloatArray, FloatArray, GaussianPsf | None], Registration | DistortedRegistration]
 
 OPTICAL_SIGMA_PX = 0.6

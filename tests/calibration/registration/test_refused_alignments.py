@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
@@ -15,9 +14,9 @@ from calibration.registration.features import FeatureMatches
 from calibration.registration.pair import register_distorted
 from calibration.registration.refinement import refined_pose
 from simulation import GaussianPsf
+from simulation.arrays import FloatArray
 from tests.simulation.closed_form import photograph, random_scene
 
-FloatArray = NDArray[np.float64]
 Refine = Callable[[FloatArray, FloatArray, FloatArray], object]
 
 SHAPE = (120, 160)

@@ -4,27 +4,27 @@ import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
 from calibration.registration.tracking import TrackingReference
-
-Array = NDArray[np.float64]
+from simulation.arrays import FloatArray
 
 ROWS, COLS = 240, 320
 CORNERS = np.array([[0, 0, 1], [COLS - 1, 0, 1], [0, ROWS - 1, 1], [COLS - 1, ROWS - 1, 1.0]]).T
 
 
 @lru_cache
-def scene(seed: int = 0) -> Array:
+def scene(seed: int = 0) -> FloatArray:
     rng = np.random.default_rng(seed)
     fine = gaussian_filter(rng.standard_normal((ROWS, COLS)), 2.5)
     coarse = gaussian_filter(rng.standard_normal((ROWS, COLS)), 8.0)
     return np.asarray(2000 + 900 * fine / fine.std() / 3 + 900 * coarse / coarse.std() / 3)
 
 
-def seen_from(image: Array, matrix: Array, gain: float = 1.0, offset: float = 0.0) -> Array:
+def seen_from(
+    image: FloatArray, matrix: FloatArray, gain: float = 1.0, offset: float = 0.0
+) -> FloatArray:
     """The image from that pose, and its mirror images around it."""
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     seen = cv2.warpPerspective(
@@ -33,7 +33,7 @@ def seen_from(image: Array, matrix: Array, gain: float = 1.0, offset: float = 0.
     return np.asarray(gain * seen + offset, dtype=np.float64)
 
 
-def pose(zoom: float, turn: float = 0.0, aside_px: float = 0.0, lean: float = 0.0) -> Array:
+def pose(zoom: float, turn: float = 0.0, aside_px: float = 0.0, lean: float = 0.0) -> FloatArray:
     """Frame pixel to reference pixel, about the middle of both."""
     middle = np.array([[1, 0, (COLS - 1) / 2], [0, 1, (ROWS - 1) / 2], [0, 0, 1.0]])
     c, s = np.cos(turn), np.sin(turn)
@@ -42,7 +42,7 @@ def pose(zoom: float, turn: float = 0.0, aside_px: float = 0.0, lean: float = 0.
     return np.asarray(matrix / matrix[2, 2])
 
 
-def error_px(found: Array, true: Array) -> float:
+def error_px(found: FloatArray, true: FloatArray) -> float:
     a, b = found @ CORNERS, true @ CORNERS
     return float(np.max(np.hypot(*(a[:2] / a[2] - b[:2] / b[2]))))
 
@@ -106,7 +106,7 @@ def test_a_reference_out_of_the_frame_is_told() -> None:
 
 
 @pytest.mark.parametrize("image", [np.ones((200, 200)), np.tile(np.linspace(0, 1, 300), (200, 1))])
-def test_a_reference_without_corners_is_refused(image: Array) -> None:
+def test_a_reference_without_corners_is_refused(image: FloatArray) -> None:
     with pytest.raises(RegistrationError) as refused:
         TrackingReference(image)
     assert (refused.value.reason, refused.value.count) == ("no_detail", 0)
@@ -115,7 +115,7 @@ def test_a_reference_without_corners_is_refused(image: Array) -> None:
 @pytest.mark.parametrize(
     "image", [scene()[:20], np.stack([scene()] * 3, axis=-1), np.where(scene() < 2000, np.nan, 1.0)]
 )
-def test_what_is_no_grey_image_of_some_size_is_no_reference(image: Array) -> None:
+def test_what_is_no_grey_image_of_some_size_is_no_reference(image: FloatArray) -> None:
     # Not for want of corners: the scene has them.
     with pytest.raises(ValueError):
         TrackingReference(image)

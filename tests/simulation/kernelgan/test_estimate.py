@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from simulation.arrays import FloatArray
 from simulation.kernelgan.crops import OUTPUT_SIDE_PX, CropPicker, nearest_positions
 from simulation.kernelgan.errors import KernelGanError, TorchMissingError
 from simulation.kernelgan.estimate import (
@@ -20,7 +20,7 @@ from tests.simulation.dead_leaves import dead_leaves
 NOISE = np.random.default_rng(0).uniform(0, 4000, (90, 100))
 
 
-def _variance_px2(image: NDArray[np.float64], **settings: Any) -> float:
+def _variance_px2(image: FloatArray, **settings: Any) -> float:
     kernel = estimate_kernel(image, KernelGanSettings(zoom=2.0, **settings))
     return float(np.trace(kernel.covariance_px2)) / 2
 
@@ -36,7 +36,7 @@ def test_moments_of_a_kernel_by_hand() -> None:
 
 
 @pytest.mark.parametrize("weights", [np.full((13, 13), 1.0), np.full((13, 13), np.nan)])
-def test_a_kernel_that_does_not_add_up_to_1_is_refused(weights: NDArray[np.float64]) -> None:
+def test_a_kernel_that_does_not_add_up_to_1_is_refused(weights: FloatArray) -> None:
     with pytest.raises(ValueError):
         EstimatedKernel(weights=weights)
 
@@ -83,7 +83,7 @@ def test_zoom_1_needs_no_training() -> None:
     ],
 )
 def test_an_image_that_teaches_nothing_is_refused_with_the_reason(
-    image: NDArray[np.float64], is_centre_crop: bool, reason: str
+    image: FloatArray, is_centre_crop: bool, reason: str
 ) -> None:
     settings = KernelGanSettings(zoom=2.0, steps=1, is_centre_crop=is_centre_crop)
     with pytest.raises(KernelGanError) as refused:
@@ -92,7 +92,7 @@ def test_an_image_that_teaches_nothing_is_refused_with_the_reason(
 
 
 @pytest.mark.parametrize("image", [np.dstack([NOISE] * 3), np.where(NOISE > 3000, np.nan, NOISE)])
-def test_colours_and_values_that_are_not_finite_are_refused(image: NDArray[np.float64]) -> None:
+def test_colours_and_values_that_are_not_finite_are_refused(image: FloatArray) -> None:
     with pytest.raises(ValueError):
         estimate_kernel(image, KernelGanSettings(zoom=2.0, steps=1))
 
@@ -118,7 +118,7 @@ def test_without_torch_the_error_is_one_of_a_missing_module(
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["kernelgan", "gaussian-kernelgan"])
 def test_a_seed_gives_one_kernel_which_adds_up_to_1(model: Any) -> None:
-    def trained(seed: int) -> NDArray[np.float64]:
+    def trained(seed: int) -> FloatArray:
         settings = KernelGanSettings(zoom=1.5, model=model, steps=4, seed=seed)
         return estimate_kernel(NOISE, settings).weights
 

@@ -2,10 +2,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from simulation import GaussianPsf, SamplingGrid, zoom_out
+from simulation.arrays import FloatArray
 from simulation.kernelgan.crops import nearest_positions
 from simulation.kernelgan.estimate import EstimatedKernel
 from simulation.kernelgan.sampling import kernel_operator
@@ -20,7 +20,7 @@ def _gaussian(variance_px2: float, centre: tuple[float, float] = (0.0, 0.0)) -> 
     return EstimatedKernel(weights=weights / weights.sum())
 
 
-def _blobs() -> NDArray[np.float64]:
+def _blobs() -> FloatArray:
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
     made = np.zeros(SHAPE)
     for cy, cx in ((20.3, 31.8), (41.0, 60.4), (28.7, 52.2)):

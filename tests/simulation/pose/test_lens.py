@@ -5,17 +5,15 @@ from math import hypot
 import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from calibration.registration.distorted_pose import DistortedPose
 from simulation import GaussianPsf, simulate_pose
+from simulation.arrays import FloatArray
 from simulation.pose.lens import ideal_factors, seen_factors
 from simulation.pose.noise import pose_noise_gain
 from simulation.pose.view import PoseView
 from tests.simulation.poses import PHOTOGRAPH, PSF, TILTED_PSF, tilted
-
-FloatArray = NDArray[np.float64]
 
 ROWS, COLS = 90, 120
 MIDDLE_X, MIDDLE_Y = (COLS - 1) / 2, (ROWS - 1) / 2

@@ -5,16 +5,14 @@ from math import cos, radians, sin
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from hil_mocks.scene.pinhole import CameraPose
 from hil_mocks.scene.truth import BenchTruth
 from simulation import GaussianPsf, PsfField, simulate_pose
+from simulation.arrays import BoolArray, FloatArray
 
 pytestmark = pytest.mark.slow
-
-FloatArray = NDArray[np.float64]
 
 SIZE = (320, 240)
 NEAR_MM = 200.0
@@ -68,8 +66,8 @@ class Judged:
     """Squared error against the bench, and the masks."""
 
     squared: FloatArray
-    seen: NDArray[np.bool_]
-    nearer: NDArray[np.bool_]
+    seen: BoolArray
+    nearer: BoolArray
 
     @property
     def mse(self) -> float:

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from simulation import GaussianPsf, SamplingGrid, simulate_pose, zoom_out_on_grid
+from simulation.arrays import FloatArray
 from tests.simulation.poses import (
     PHOTOGRAPH,
     PSF,
     TILTED_PSF,
-    FloatArray,
     about_centre,
     blob,
     constant_field,

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from simulation import GaussianPsf, PsfField
+from simulation.arrays import FloatArray
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.3)
 
@@ -75,7 +75,7 @@ def test_the_coefficients_are_a_copy_that_nobody_changes() -> None:
         ),
     ],
 )
-def test_what_is_no_field_is_refused(coefficients: NDArray[np.float64]) -> None:
+def test_what_is_no_field_is_refused(coefficients: FloatArray) -> None:
     with pytest.raises(ValueError):
         PsfField(width_px=30, height_px=20, coefficients_px2=coefficients)
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from simulation.arrays import IntArray
 from simulation.resampling.banded import BandedMatrix, apply_separable
 
 
@@ -40,8 +40,8 @@ def test_a_view_with_gaps_is_read_like_its_copy() -> None:
 
 
 def test_entries_at_one_place_add_up() -> None:
-    places: NDArray[np.int64] = np.array([0, 0, 1], dtype=np.int64)
-    columns: NDArray[np.int64] = np.array([2, 2, 0], dtype=np.int64)
+    places: IntArray = np.array([0, 0, 1], dtype=np.int64)
+    columns: IntArray = np.array([2, 2, 0], dtype=np.int64)
     matrix = BandedMatrix.from_entries(2, 3, places, columns, np.array([1.0, 2.0, 4.0]))
     np.testing.assert_array_equal(matrix.dense(), [[0, 0, 3], [4, 0, 0]])
 

@@ -6,10 +6,9 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
+from simulation.arrays import FloatArray
 from simulation.resampling.scattered import simulate_at
 from tests.simulation.closed_form import photograph, random_scene
-
-FloatArray = NDArray[np.float64]
 
 PSF = GaussianPsf(sigma_x_px=0.72, sigma_y_px=0.64, rho=0.2)
 SHAPE = (90, 120)

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 from PIL import Image
 
 from calibration.documents import write_document
 from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.noise.document import NoiseCalibration, write_map_files
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_field import frame_of_edges
 from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN, Command
@@ -21,7 +21,7 @@ from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN, Command
 DARK_DN = 100.0
 
 
-def maps_beside(path: Path, response: NDArray[np.float64]) -> Path:
+def maps_beside(path: Path, response: FloatArray) -> Path:
     """A noise.json with maps of this response, and 100 DN without light."""
     maps = CorrectionMaps(
         dark_dn=np.full(response.shape, DARK_DN, np.float32),

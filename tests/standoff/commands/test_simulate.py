@@ -4,7 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 from PIL import Image
 
 from calibration.documents import write_document
@@ -12,6 +11,7 @@ from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.noise.document import NoiseCalibration, write_map_files
 from simulation import GaussianPsf, zoom_out
+from simulation.arrays import FloatArray
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, TEXTURE, Command
 
 
@@ -173,9 +173,7 @@ def test_options_that_are_no_numbers_are_wrong_usage(
     assert done.status == 2
 
 
-def written_maps(
-    tmp_path: Path, shape: tuple[int, int], seed: int = 1
-) -> tuple[Path, NDArray[np.float64]]:
+def written_maps(tmp_path: Path, shape: tuple[int, int], seed: int = 1) -> tuple[Path, FloatArray]:
     """A noise.json with maps of its own, and the pattern they take off an even grey of 1000 DN."""
     rng = np.random.default_rng(1)
     dark = (64 + rng.normal(0, 5, shape)).astype(np.float32)

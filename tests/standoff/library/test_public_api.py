@@ -9,13 +9,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 
 import standoff
+from simulation.arrays import FloatArray
 from standoff.errors import ImageFileError
 from tests.calibration.blob_scene import blob_photograph
-
-FloatArray = NDArray[np.float64]
 
 SIGMA_PX = 0.7
 ZOOM = 1.3

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from analysis.pose.tracker import PoseVerdict
+from simulation.arrays import AnyArray
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
 from standoff.console.devices.picture_monitor import PictureMonitor
 from standoff.console.devices.pose_monitor import PoseMonitor
@@ -53,7 +53,7 @@ def test_without_new_pictures_there_is_no_verdict_on_the_pose(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Accepting:
-        def update(self, _: NDArray[np.generic]) -> PoseVerdict:
+        def update(self, _: AnyArray) -> PoseVerdict:
             return ACCEPTED
 
     monkeypatch.setattr("standoff.console.devices.pose_monitor.PERIOD_S", 0.001)
@@ -77,7 +77,7 @@ def test_a_verdict_on_the_last_reference_is_not_shown_for_the_next(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class ChoosesAnother:
-        def update(self, _: NDArray[np.generic]) -> PoseVerdict:
+        def update(self, _: AnyArray) -> PoseVerdict:
             if monitor.view.reference == "first":
                 monitor.choose("second", np.zeros((4, 6), np.uint16))
                 judged.append("first")

@@ -9,7 +9,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from acquisition.capture.runner import CaptureProgress
 from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeoutError
@@ -18,6 +17,7 @@ from analysis.pose.tracker import PoseVerdict
 from hil_mocks import SimulatedBench
 from hil_mocks.clock import RealTimeClock
 from hil_mocks.stage import StageFaults
+from simulation.arrays import AnyArray
 from standoff.console.bench_hub import BenchHub
 from standoff.console.drivers import BenchDrivers, bench_drivers
 from standoff.console.jobs.job_runner import BusyError, Job
@@ -73,10 +73,10 @@ def faulty_hub(
 class SizeTracker:
     """Accepts every frame of its reference's size; stands for a tracker that needs texture."""
 
-    def __init__(self, reference: NDArray[np.generic]) -> None:
+    def __init__(self, reference: AnyArray) -> None:
         self._reference = reference
 
-    def update(self, image: NDArray[np.generic]) -> PoseVerdict:
+    def update(self, image: AnyArray) -> PoseVerdict:
         if image.shape != self._reference.shape:
             raise ValueError(f"the frames changed from {self._reference.shape} to {image.shape}")
         return PoseVerdict(
