@@ -14,8 +14,8 @@ import time
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from analysis.choices import OBSERVERS
 from analysis.detectability import (
-    OBSERVERS,
     GaussianSignal,
     LocalChange,
     Scenario,

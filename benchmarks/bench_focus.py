@@ -13,13 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.bench import load_bench
-from acquisition.focus import (
-    FOCUS_MEASURES,
-    FocusMeasure,
-    NoFocusPeakError,
-    fit_focus_peak,
-    focus_value,
-)
+from acquisition.choices import FocusMeasure
+from acquisition.focus import FOCUS_MEASURES, NoFocusPeakError, fit_focus_peak, focus_value
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import medians_s
 from hil_mocks.scene import BenchTruth, CameraPose

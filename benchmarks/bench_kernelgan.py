@@ -24,14 +24,13 @@ from calibration.blind import calibrate_from_scene, pair_psf
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
 from simulation.arrays import FloatArray
+from simulation.choices import KERNEL_MODELS, KernelModel
 from simulation.kernelgan import (
-    KERNEL_MODELS,
     CropPicker,
     DeepLinearGenerator,
     KernelGanError,
     KernelGanSettings,
     KernelGanTraining,
-    KernelModel,
     composed_kernel,
     estimate_kernel,
     sampled,

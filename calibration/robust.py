@@ -3,13 +3,13 @@
 import numpy as np
 from numba.extending import register_jitable
 
-from simulation.arrays import FloatArray
+from simulation.arrays import FloatImage
 
 _MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
 
 
 @register_jitable
-def robust_sigma(deviations: FloatArray) -> float:
+def robust_sigma(deviations: FloatImage) -> float:
     """Standard deviation of Gaussian deviations about 0, from the median of their moduli.
 
     Python and compiled code both call it. Up to half of the values may be outliers; the variance of

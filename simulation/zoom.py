@@ -23,13 +23,12 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
-from simulation.choices import MODELS, Model
+from simulation.choices import MODELS, GaussianForm, Model
 from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
 from simulation.psf import CameraTransfer, GaussianPsf, Transfer
 from simulation.resampling import (
     BandedMatrix,
     BlurCovariance,
-    GaussianForm,
     SamplingGrid,
     antialiased_cubic,
     blur,

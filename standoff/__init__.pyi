@@ -1,11 +1,13 @@
-from acquisition.session.reader import Session as Session
-from analysis.detectability.task import DetectionTask as DetectionTask
-from simulation.psf.gaussian import GaussianPsf as GaussianPsf
-
 from .library.comparison import find_changes as find_changes, register as register
-from .library.detection import d_prime_curves as d_prime_curves, pose_limits as pose_limits
+from .library.detection import (
+    DetectionTask as DetectionTask,
+    d_prime_curves as d_prime_curves,
+    pose_limits as pose_limits,
+)
 from .library.followups import simulate_pose as simulate_pose, zoom_out as zoom_out
 from .library.psfs import (
+    GaussianPsf as GaussianPsf,
+    Session as Session,
     calibrate_psf as calibrate_psf,
     measure_edges as measure_edges,
     read_psf as read_psf,

@@ -1,5 +1,3 @@
-from acquisition.choices import FEWEST_POSITIONS as FEWEST_POSITIONS, FocusMeasure as FocusMeasure
-
 from .live import (
     FocusMeter as FocusMeter,
     FocusOptions as FocusOptions,
@@ -17,9 +15,7 @@ from .sweep import (
 from .trace import FocusReading as FocusReading, FocusTrace as FocusTrace
 
 __all__ = [
-    "FEWEST_POSITIONS",
     "FOCUS_MEASURES",
-    "FocusMeasure",
     "FocusMeter",
     "FocusOptions",
     "FocusPeak",

@@ -1,5 +1,3 @@
-from analysis.choices import FALSE_ALARMS as FALSE_ALARMS
-
 from .document import ChangeSummary as ChangeSummary, read_changes as read_changes
 from .filter import (
     ChangeOptions as ChangeOptions,
@@ -10,7 +8,6 @@ from .filter import (
 from .plot import changes_figure as changes_figure
 
 __all__ = [
-    "FALSE_ALARMS",
     "ChangeOptions",
     "ChangeResult",
     "ChangeSummary",

@@ -19,6 +19,7 @@ from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
+from calibration.robust import robust_sigma
 from simulation import GaussianPsf, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
@@ -248,7 +249,7 @@ def _light(
         normal[np.diag_indices_from(normal)] *= 1 + 1e-10
         solution = np.linalg.solve(normal, used.T @ (weight * target))
         residual = target - used @ solution
-        scale = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
+        scale = robust_sigma(residual) + 1e-9
         weight = np.maximum(1 - (residual / (4.685 * scale)) ** 2, 0.0) ** 2  # Tukey's biweight
     count = len(basis)
     gain = np.tensordot(solution[:count], basis, axes=1)
@@ -269,7 +270,7 @@ def _significance(normalised: FloatArray, valid: BoolArray) -> FloatArray:
 
 def _spread(values: FloatArray) -> float:
     """Standard deviation of normal values, some of which are changes: that of the inner ones."""
-    spread = 1.4826 * float(np.median(np.abs(values)))
+    spread = robust_sigma(values)
     # Share of the variance that is left when a normal distribution is cut off there.
     density = exp(-_CLIP * _CLIP / 2) / sqrt(2 * pi)
     kept = 1 - 2 * _CLIP * density / (2 * float(ndtr(_CLIP)) - 1)

@@ -12,13 +12,13 @@ import numpy as np
 from scipy.ndimage import binary_erosion, convolve, laplace
 from scipy.optimize import nnls
 
+from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray
 
 _BLOCK_PX = 16
 """Pixels of other blocks are taken as independent."""
 
 _OUTLIER = 6.0
-_NORMAL = 1.4826
 """Standard deviation of normal values over the median of their sizes."""
 
 _AROUND = np.zeros((5, 5))
@@ -57,7 +57,7 @@ def extra_blur(expected_dn: FloatArray, followup_dn: FloatArray, valid: BoolArra
     if not inner.any():
         return ExtraBlur(value_px2=0.0, err_px2=np.inf)
     difference = followup_dn - expected_dn
-    scale = _NORMAL * float(np.median(np.abs(difference[inner]))) + 1e-9
+    scale = robust_sigma(difference[inner]) + 1e-9
     kept = inner & (np.abs(difference) < _OUTLIER * scale)
     around = kept * convolve(followup_dn, _AROUND)
     moved = _block_sums(around * difference)

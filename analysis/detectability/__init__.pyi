@@ -1,5 +1,3 @@
-from analysis.choices import OBSERVERS as OBSERVERS, Observer as Observer
-
 from .artefact import ArtefactTiles as ArtefactTiles
 from .covariance import WindowCovariance as WindowCovariance
 from .curves import (
@@ -40,7 +38,6 @@ from .task import (
 
 __all__ = [
     "MODEL_COLOURS",
-    "OBSERVERS",
     "AmbiguousCurveError",
     "ArtefactTiles",
     "ChangeSignal",
@@ -50,7 +47,6 @@ __all__ = [
     "DetectionTask",
     "GaussianSignal",
     "LocalChange",
-    "Observer",
     "PatchSignal",
     "Scenario",
     "SceneStatistics",

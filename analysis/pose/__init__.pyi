@@ -1,5 +1,3 @@
-from analysis.choices import Criterion as Criterion
-
 from .limits import (
     PoseLimits as PoseLimits,
     contrast_found_at as contrast_found_at,
@@ -15,7 +13,6 @@ from .tracker import PoseTracker as PoseTracker, PoseVerdict as PoseVerdict
 from .viewing_camera import FollowupPose as FollowupPose, ViewingCamera as ViewingCamera
 
 __all__ = [
-    "Criterion",
     "FollowupPose",
     "PoseLimits",
     "PoseQuality",

@@ -6,6 +6,7 @@ from math import atan2, degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import brentq
 
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import BeyondCurveError, NotDetectableError
@@ -120,7 +121,7 @@ def _is_within(places: FloatArray, corners: FloatArray) -> BoolArray:
 
 
 _TILT_LIMIT_DEG = 75.0
-_BISECTIONS = 40
+_BEYOND = 10.0  # times what is allowed, for the infinite zoom at the horizon
 
 _TILTS_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0)
 _SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
@@ -279,10 +280,8 @@ def _largest(
         return None
     if local_zoom(high) <= allowed + slack:
         return high
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        if local_zoom(middle) <= allowed + slack:
-            low = middle
-        else:
-            high = middle
-    return low
+
+    def surplus(argument: float) -> float:
+        return min(local_zoom(argument), _BEYOND * allowed) - allowed - slack
+
+    return float(brentq(surplus, low, high, xtol=1e-9))

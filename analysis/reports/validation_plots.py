@@ -6,16 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from analysis.choices import ValidationModel
 from analysis.detectability import MODEL_COLOURS
 from analysis.reports.page import in_report_style, new_figure
-from analysis.validation import (
-    METRICS,
-    ShownPair,
-    ValidatedPair,
-    Validation,
-    ValidationModel,
-    drawn_procedure,
-)
+from analysis.validation import METRICS, ShownPair, ValidatedPair, Validation, drawn_procedure
 
 _LABELS = {
     "correlation": "correlation",

@@ -1,10 +1,3 @@
-from analysis.choices import (
-    CACHE_VARIABLE as CACHE_VARIABLE,
-    PAPER_TRAINING_STEPS as PAPER_TRAINING_STEPS,
-    VALIDATION_MODELS as VALIDATION_MODELS,
-    ValidationModel as ValidationModel,
-)
-
 from .alignment import Procedure as Procedure, scaled_up as scaled_up
 from .document import (
     METRICS as METRICS,
@@ -44,12 +37,9 @@ from .tables import (
 )
 
 __all__ = [
-    "CACHE_VARIABLE",
     "FULL_SCALE_DN",
     "METRICS",
-    "PAPER_TRAINING_STEPS",
     "TABLE_NOTES",
-    "VALIDATION_MODELS",
     "ImageMetrics",
     "KernelBook",
     "KernelCache",
@@ -59,7 +49,6 @@ __all__ = [
     "ShownPair",
     "ValidatedPair",
     "Validation",
-    "ValidationModel",
     "ValidationSettings",
     "both_tables",
     "compare_images",

@@ -14,13 +14,8 @@ from analysis.validation.models import ModelInputs
 from analysis.validation.screening import RegisteredPair
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray
-from simulation.kernelgan import (
-    KERNEL_MODELS,
-    EstimatedKernel,
-    KernelGanError,
-    KernelGanSettings,
-    estimate_kernel,
-)
+from simulation.choices import KERNEL_MODELS
+from simulation.kernelgan import EstimatedKernel, KernelGanError, KernelGanSettings, estimate_kernel
 
 _ZOOM_DECIMALS = 3
 """So that the last digits of a registration do not ask for another training."""

@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 from analysis.choices import ValidationModel
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import AnyArray, FloatArray
-from simulation.kernelgan import (
-    KERNEL_MODELS,
-    EstimatedKernel,
-    Sampler,
-    kernel_operator,
-)
+from simulation.choices import KERNEL_MODELS, Sampler
+from simulation.kernelgan import EstimatedKernel, kernel_operator
 
 Simulate = Callable[[SamplingGrid], NDArray[np.floating[Any]]]
 """Gives the follow-up of one reference on a grid."""

@@ -7,14 +7,10 @@ import numpy as np
 
 from calibration.blind.single_image import fit_sharpest_widths
 from calibration.blind.two_distance import PairPsf, combined, pair_psf
+from calibration.choices import CalibrationMethod
 from calibration.edges import EdgeImage, EdgeMeasurement, Region, measure_edges
 from calibration.errors import NoEdgeError, PairError, RegistrationError
-from calibration.psf import (
-    CalibrationMethod,
-    PairWidths,
-    PsfCalibration,
-    estimates_of_covariance,
-)
+from calibration.psf import PairWidths, PsfCalibration, estimates_of_covariance
 from calibration.registration import register
 from simulation.arrays import FloatArray
 

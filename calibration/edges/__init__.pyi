@@ -1,5 +1,3 @@
-from calibration.choices import Pattern as Pattern
-
 from .detection import find_edges as find_edges
 from .esfr import (
     SFR_FREQ_CY_PER_PX as SFR_FREQ_CY_PER_PX,
@@ -44,7 +42,6 @@ __all__ = [
     "MeasuredTransfer",
     "Method",
     "Orientation",
-    "Pattern",
     "PlanePlace",
     "Region",
     "band_half_width",

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray, FloatImage
 
 DARK_DEFECT, RESPONSE_DEFECT, NOISE_DEFECT = 1, 2, 4
 """Bits of the defect map: wrong dark level, wrong response, too noisy."""
 
 _SIGMAS = 6.0  # of 450 000 good pixels, 0.001 are beyond it
-_SIGMA_PER_MAD = 1.4826  # of a Gaussian
 _LEAST_RESPONSE = 0.05
 _NOISE_RATIO = 3.0
 _MEDIAN_PX = 5
@@ -121,7 +121,7 @@ def correction_maps(
     defects = np.zeros(dark_dn.shape, dtype=np.uint8)
     defects[_stands_out(dark_dn, dark_noise_dn)] |= DARK_DEFECT
     defects[_stands_out(response, _LEAST_RESPONSE) | (response <= 0)] |= RESPONSE_DEFECT
-    spread = _SIGMA_PER_MAD * float(np.median(np.abs(variance_ratio - np.median(variance_ratio))))
+    spread = robust_sigma(variance_ratio - np.median(variance_ratio))
     noisy = variance_ratio > max(_NOISE_RATIO, 1.0 + _SIGMAS * spread)
     defects[noisy] |= NOISE_DEFECT
     return CorrectionMaps(
@@ -165,10 +165,10 @@ def nonuniformity(
 
 def _stands_out(image: FloatImage, least: float) -> BoolArray:
     plane = np.ascontiguousarray(image, dtype=np.float32)
-    left = np.abs(plane - cv2.medianBlur(plane, _MEDIAN_PX))
+    left = plane - cv2.medianBlur(plane, _MEDIAN_PX)
     # The median absolute difference from a median of few values is a little too small.
-    limit = max(_SIGMAS * _SIGMA_PER_MAD * float(np.median(left)), least)
-    return np.asarray(left > limit)
+    limit = max(_SIGMAS * robust_sigma(left), least)
+    return np.asarray(np.abs(left) > limit)
 
 
 def _filled(image: FloatArray, hole: BoolArray) -> FloatArray:

@@ -1,5 +1,3 @@
-from calibration.choices import CalibrationMethod as CalibrationMethod, Channel as Channel
-
 from .calibration import calibrate_mosaic as calibrate_mosaic, calibrate_psf as calibrate_psf
 from .captures import (
     capture_images as capture_images,
@@ -35,9 +33,7 @@ from .plot import (
 __all__ = [
     "ORIENTATION_COLOURS",
     "PSF_SCHEMA",
-    "CalibrationMethod",
     "CameraIdentity",
-    "Channel",
     "ColourPsf",
     "Estimate",
     "FieldFit",

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.choices import Pattern
 from calibration.edges import (
     PITCH_PX,
     REJECTING_FLAGS,
@@ -13,7 +14,6 @@ from calibration.edges import (
     MeasuredTransfer,
     Method,
     Orientation,
-    Pattern,
     PlanePlace,
     Region,
     mean_transfer,

@@ -12,11 +12,11 @@ import numpy as np
 
 from calibration.edges import orientation_of
 from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
+from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray
 
 _NORMAL_95 = 1.959963984540054
 _MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
-_MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
 _RHO_ERR_MOST = 0.25  # a correlation with a larger error counts as undetermined
 _WIDTH_ERR_MOST = 0.25  # relative
 
@@ -54,7 +54,7 @@ def median_width(sigma_px: FloatArray, sigma_err_px: FloatArray) -> Estimate:
     value = float(np.median(widths))
     err = float(sigma_err_px[0])
     if widths.size > 1:
-        scatter = float(np.median(np.abs(widths - value))) / _MAD_PER_SIGMA
+        scatter = robust_sigma(widths - value)
         err = _MEDIAN_ERR * scatter / sqrt(widths.size)
     return Estimate.normal(value, err)
 

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import stdtrit
 
+from calibration.robust import robust_sigma
 from simulation.arrays import FloatArray
 
 RESAMPLES = 2000
@@ -69,8 +71,7 @@ def fit_variances(
         if freedom >= 1:
             scatter2 = excess_variance(deviation, err, trust, freedom)
             if count >= 6 and round_ > 0:
-                robust = np.median(np.abs(deviation / np.sqrt(err**2 + scatter2)))
-                scale = max(robust / 0.6745, 1.0)
+                scale = max(robust_sigma(deviation / np.sqrt(err**2 + scatter2)), 1.0)
                 ratio = deviation / (_TUKEY_SIGMAS * scale * np.sqrt(err**2 + scatter2))
                 trust = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
                 trust = np.where(np.abs(ratio) < 0.5, 1.0, trust)
@@ -93,20 +94,14 @@ def excess_variance(
 
     Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
     """
-    low, high = 0.0, float(np.max(deviation**2)) * 2 + 1e-30
 
     def surplus(variance: float) -> float:
         return float(np.sum(trust * deviation**2 / (err**2 + variance))) - freedom
 
     if surplus(0.0) <= 0:
         return 0.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if surplus(middle) > 0:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+    most = float(np.sum(trust * deviation**2)) / freedom
+    return float(brentq(surplus, 0.0, most, xtol=1e-12 * most))
 
 
 def _bootstrap(design: FloatArray, squares: FloatArray, weight: FloatArray) -> FloatArray | None:

@@ -1,10 +1,3 @@
-from simulation.choices import (
-    KERNEL_MODELS as KERNEL_MODELS,
-    TRAINING_STEPS as TRAINING_STEPS,
-    KernelModel as KernelModel,
-    Sampler as Sampler,
-)
-
 from .crops import CropPicker as CropPicker
 from .errors import KernelGanError as KernelGanError
 from .estimate import (
@@ -21,16 +14,12 @@ from .sampling import kernel_operator as kernel_operator
 from .training import KernelGanTraining as KernelGanTraining
 
 __all__ = [
-    "KERNEL_MODELS",
-    "TRAINING_STEPS",
     "CropPicker",
     "DeepLinearGenerator",
     "EstimatedKernel",
     "KernelGanError",
     "KernelGanSettings",
     "KernelGanTraining",
-    "KernelModel",
-    "Sampler",
     "composed_kernel",
     "estimate_kernel",
     "kernel_operator",

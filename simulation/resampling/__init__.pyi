@@ -1,5 +1,3 @@
-from simulation.choices import GaussianForm as GaussianForm
-
 from .banded import (
     BandedMatrix as BandedMatrix,
     apply_separable as apply_separable,
@@ -36,7 +34,6 @@ __all__ = [
     "ZOOM_MIN",
     "BandedMatrix",
     "BlurCovariance",
-    "GaussianForm",
     "SamplingGrid",
     "SplineGaussianTable",
     "antialiased_cubic",

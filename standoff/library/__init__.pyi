@@ -1,7 +1,9 @@
-from analysis.detectability.task import DetectionTask as DetectionTask
-
 from .comparison import find_changes as find_changes, register as register
-from .detection import d_prime_curves as d_prime_curves, pose_limits as pose_limits
+from .detection import (
+    DetectionTask as DetectionTask,
+    d_prime_curves as d_prime_curves,
+    pose_limits as pose_limits,
+)
 from .followups import simulate_pose as simulate_pose, zoom_out as zoom_out
 from .psfs import (
     calibrate_psf as calibrate_psf,

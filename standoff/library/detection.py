@@ -8,7 +8,7 @@ from analysis.detectability import (
     CurveChoice,
     DetectabilityCurve,
     DetectabilityCurves,
-    DetectionTask,
+    DetectionTask as DetectionTask,
     d_prime_curves as curves_of_images,
     read_curves,
 )

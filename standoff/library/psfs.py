@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 
-from acquisition import Session
+from acquisition import Session as Session
 from calibration.edges import (
     EdgeImage,
     EdgeMeasurement,
@@ -12,6 +12,7 @@ from calibration.edges import (
 )
 from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
 from calibration.psf import PsfCalibration, calibrate_psf as psf_of_images, edge_images
+from simulation import GaussianPsf as GaussianPsf
 from standoff.library.inputs import FilePath, ImageLike, image_file, listed_images, path_of
 from standoff.workflows import Reading, edge_image
 

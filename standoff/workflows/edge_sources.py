@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import CaptureRecord, Session
-from calibration.edges import EdgeImage, Pattern, plane_places
+from calibration.choices import Channel, Pattern
+from calibration.edges import EdgeImage, plane_places
 from calibration.errors import CalibrationError
 from calibration.noise import CorrectionMaps, LevelNoise
 from calibration.psf import (
     CameraIdentity,
-    Channel,
     PsfOrigin,
     edge_images,
     edge_records,

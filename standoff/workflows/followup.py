@@ -21,8 +21,9 @@ from simulation import (
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
+from simulation.choices import GaussianForm
 from simulation.pose import pose_noise_gain
-from simulation.resampling import GaussianForm, reference_shape
+from simulation.resampling import reference_shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

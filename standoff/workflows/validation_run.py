@@ -4,13 +4,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from acquisition.session import JOURNAL_NAME, Session
+from analysis.choices import VALIDATION_MODELS, ValidationModel
 from analysis.errors import ResultsFileError
 from analysis.reports import plot_curves, plot_images, png_bytes, render_validation, svg_bytes
 from analysis.results_file import write_results
 from analysis.validation import (
-    VALIDATION_MODELS,
     Validation,
-    ValidationModel,
     ValidationSettings,
     both_tables,
     curves_csv,

@@ -7,15 +7,9 @@ from threading import Event, Lock, Thread
 import cv2
 import numpy as np
 
+from acquisition.choices import FocusMeasure
 from acquisition.devices import FrameImage
-from acquisition.focus import (
-    FocusMeasure,
-    FocusMeter,
-    FocusOptions,
-    FocusReading,
-    FocusTrace,
-    Region,
-)
+from acquisition.focus import FocusMeter, FocusOptions, FocusReading, FocusTrace, Region
 from simulation.arrays import IntArray
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
 

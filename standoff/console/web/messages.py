@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from acquisition.bench import validation_lines
-from acquisition.focus import FocusMeasure
+from acquisition.choices import FocusMeasure
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096
