@@ -1,4 +1,7 @@
-"""JSON, TOML and TIFF files that others wrote: whatever is wrong with one is a ``ValueError``."""
+"""JSON, TOML and TIFF files that others wrote: whatever is wrong with one is a ``ValueError``.
+
+The names of files are not to be trusted either: a terminal obeys what they may hold.
+"""
 
 import json
 import struct
@@ -15,8 +18,7 @@ LARGEST_RATIO = 2000
 """No compression of TIFF gains more; a page that would be larger has a damaged size."""
 
 _TOO_DEEP = "its brackets are nested too deeply"
-# What tifffile and its codecs raise over files with flipped bytes, found by fuzzing.
-_DAMAGE = (
+TIFF_DAMAGE = (
     tifffile.TiffFileError,
     ArithmeticError,
     AttributeError,
@@ -29,6 +31,7 @@ _DAMAGE = (
     struct.error,
     zlib.error,
 )
+"""What tifffile and its codecs raise over files with flipped bytes, found by fuzzing."""
 
 
 class TiffDamageError(ValueError):
@@ -41,6 +44,11 @@ class TiffPages:
 
     images: tuple[NDArray[Any], ...]
     info: str | None
+
+
+def on_one_line(text: object) -> str:
+    """Return a text or the name of a file as one line, with what is not printable escaped."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in str(text))
 
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks what it needs
@@ -87,7 +95,7 @@ def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
             images = tuple(_pixels(page, len(data)) for page in pages)
     except TiffDamageError:
         raise
-    except _DAMAGE as error:
+    except TIFF_DAMAGE as error:
         text = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise TiffDamageError(text) from error
     return TiffPages(images=images, info=info if isinstance(info, str) else None)

@@ -1,4 +1,8 @@
-from .capture_file import CaptureImages as CaptureImages, read_capture as read_capture
+from .capture_file import (
+    CaptureImages as CaptureImages,
+    parse_capture as parse_capture,
+    read_capture as read_capture,
+)
 from .durable_write import atomic_write as atomic_write
 from .journal import (
     SYSTEM_STAMPS as SYSTEM_STAMPS,
@@ -41,6 +45,7 @@ __all__ = [
     "atomic_write",
     "camera_snapshot",
     "file_sha256",
+    "parse_capture",
     "read_capture",
     "stage_snapshot",
     "verify",

@@ -1,0 +1,146 @@
+"""What the camera wrote beside the pixels: lens, exposure, orientation, colour space.
+
+Exif 3.0 (CIPA DC-008-2023), sections 4.6.4 to 4.6.6. A tag that is damaged or absent is None.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+_MM_PER_RESOLUTION_UNIT: dict[float, float] = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+_TURNS = {
+    2: "mirrored",
+    3: "turned by 180 degrees",
+    4: "mirrored and turned by 180 degrees",
+    5: "mirrored and turned by 90 degrees",
+    6: "turned by 90 degrees clockwise",
+    7: "mirrored and turned by 270 degrees",
+    8: "turned by 90 degrees anticlockwise",
+}
+
+ORIENTATION, MAKE, MODEL, DATE = 0x0112, 0x010F, 0x0110, 0x0132
+EXPOSURE_TIME, F_NUMBER, ISO = 0x829A, 0x829D, 0x8827
+DATE_TAKEN, FOCAL_LENGTH, COLOUR_SPACE = 0x9003, 0x920A, 0xA001
+PIXELS_X, PIXELS_Y = 0xA002, 0xA003
+FOCAL_PLANE_X, FOCAL_PLANE_Y, FOCAL_PLANE_UNIT = 0xA20E, 0xA20F, 0xA210
+FOCAL_LENGTH_35MM, LENS_MAKE, LENS_MODEL = 0xA405, 0xA433, 0xA434
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotographFacts:
+    """What a photograph's file says of its taking; None is what it does not say.
+
+    ``orientation`` is Exif's number from 1 to 8: how a viewer would turn the picture. Pixels are
+    never turned here. ``pixel_pitch_um`` follows from the resolution in the focal plane and is
+    that of the file's pixels, which the camera may have resampled.
+    """
+
+    camera: str | None = None
+    lens: str | None = None
+    focal_length_mm: float | None = None
+    f_number: float | None = None
+    exposure_s: float | None = None
+    iso: float | None = None
+    pixel_pitch_um: float | None = None
+    taken: str | None = None
+    orientation: int | None = None
+
+    @classmethod
+    def of_tags(cls, tags: Mapping[int, object], width_px: int) -> Self:
+        """Read the facts from Exif's tags by their numbers.
+
+        Parameters
+        ----------
+        tags
+            Of the main directory and of Exif's own, together.
+        width_px
+            Of the pixels as stored: an image that was scaled after it was taken has no pitch.
+        """
+        make, model = _text(tags.get(MAKE)), _text(tags.get(MODEL))
+        if make and model and not model.lower().startswith(make.split()[0].lower()):
+            model = f"{make} {model}"
+        orientation = _number(tags.get(ORIENTATION))
+        return cls(
+            camera=model or make,
+            lens=_text(tags.get(LENS_MODEL)) or _text(tags.get(LENS_MAKE)),
+            focal_length_mm=_positive(tags.get(FOCAL_LENGTH)),
+            f_number=_positive(tags.get(F_NUMBER)),
+            exposure_s=_positive(tags.get(EXPOSURE_TIME)),
+            iso=_positive(tags.get(ISO)),
+            pixel_pitch_um=_pitch_um(tags, width_px),
+            taken=_text(tags.get(DATE_TAKEN)) or _text(tags.get(DATE)),
+            orientation=int(orientation or 0) if orientation in range(1, 9) else None,
+        )
+
+    @property
+    def turn(self) -> str | None:
+        """How viewers show the picture against its stored pixels; None where they do not turn."""
+        return _TURNS.get(self.orientation or 1)
+
+    def to_json(self) -> dict[str, object]:
+        """Return what is known, by name."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def __str__(self) -> str:
+        shown: tuple[tuple[object, Callable[[Any], str]], ...] = (
+            (self.camera, str),
+            (self.lens, str),
+            (self.focal_length_mm, lambda value: f"{value:g} mm"),
+            (self.f_number, lambda value: f"f/{value:g}"),
+            (self.exposure_s, exposure_text),
+            (self.iso, lambda value: f"ISO {value:g}"),
+            (self.pixel_pitch_um, lambda value: f"pixels of {value:.3g} µm"),
+        )
+        return ", ".join(text(value) for value, text in shown if value is not None)
+
+
+def exposure_text(exposure_s: float) -> str:
+    """Return an exposure time as a photographer writes it."""
+    if exposure_s < 0.3:
+        return f"1/{1 / exposure_s:.0f} s"
+    return f"{exposure_s:g} s"
+
+
+def is_srgb(tags: Mapping[int, object]) -> bool | None:
+    """Whether Exif's ColorSpace says sRGB; None where it says nothing that decides it."""
+    return True if _number(tags.get(COLOUR_SPACE)) == 1 else None
+
+
+def _pitch_um(tags: Mapping[int, object], width_px: int) -> float | None:
+    resolution = _positive(tags.get(FOCAL_PLANE_X))
+    unit_mm = _MM_PER_RESOLUTION_UNIT.get(_number(tags.get(FOCAL_PLANE_UNIT)) or 2)
+    taken_px = _number(tags.get(PIXELS_X))
+    if resolution is None or unit_mm is None or (taken_px is not None and taken_px != width_px):
+        return None
+    pitch_um = 1000.0 * unit_mm / resolution
+    return pitch_um if 0.3 < pitch_um < 100 else None
+
+
+def _positive(value: object) -> float | None:
+    number = _number(value)
+    return number if number is not None and number > 0 else None
+
+
+def _number(value: object) -> float | None:
+    """A finite number of a tag: plain, a ratio, or the first of several."""
+    if isinstance(value, tuple | list):
+        if len(value) == 2 and all(isinstance(part, int) for part in value):
+            value = value[0] / value[1] if value[1] else None
+        else:
+            value = value[0] if value else None
+    try:
+        number = float(value)  # type: ignore[arg-type]  # whatever the file holds
+    except (TypeError, ValueError, ArithmeticError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _text(value: object) -> str | None:
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    if not isinstance(value, str):
+        return None
+    kept = "".join(letter for letter in value.split("\0")[0] if letter.isprintable()).strip()
+    return kept[:120] or None

@@ -1,0 +1,136 @@
+"""What is checked before a byte of a file is believed: that it is a file, and of what size.
+
+An image is read whole, and much of the work on it takes several copies in float64; larger files
+are refused before they are read, larger images before they are decoded.
+"""
+
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.untrusted import on_one_line
+from standoff.errors import ImageFileError
+from standoff.photographs.stored import DecodingError
+
+LARGEST_FILE_BYTES = 640 << 20
+LARGEST_IMAGE_PX = 150_000_000
+LARGEST_LEVEL = 1e9
+_SMALL_BYTES = 32 << 20  # what decodes to so little is no danger
+_LARGEST_RATIO = 200.0
+_MOST_CHANNELS = 4
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def read_file(path: Path) -> bytes:
+    """Read a regular file of at most ``LARGEST_FILE_BYTES``.
+
+    Raises
+    ------
+    ImageFileError
+        If it is none, larger, or cannot be read.
+    """
+    shown = on_one_line(path)
+    try:
+        # A pipe that nobody writes to would block the opening.
+        number = os.open(
+            path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        )
+        with os.fdopen(number, "rb") as file:
+            status = os.fstat(number)
+            if not stat.S_ISREG(status.st_mode):
+                raise ImageFileError(
+                    f"{shown}: {_kind(status.st_mode)}, not a file; save the image to a file first"
+                )
+            if status.st_size > LARGEST_FILE_BYTES:
+                raise ImageFileError(
+                    f"{shown}: a file of {_size(status.st_size)}; at most "
+                    f"{_size(LARGEST_FILE_BYTES)} are read: cut out the page or part that matters"
+                )
+            return file.read(LARGEST_FILE_BYTES)
+    except OSError as error:
+        raise ImageFileError(f"cannot read {shown}: {error.strerror}") from error
+    except ValueError as error:  # a name with a zero byte
+        raise ImageFileError(f"cannot read {shown}: no name of a file") from error
+
+
+def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int) -> None:
+    """Check the size that an image says it has, before it is decoded.
+
+    Parameters
+    ----------
+    shape
+        Rows, columns and perhaps channels.
+    bytes_per_sample, file_bytes
+        Of one level once decoded; of the file, or the part of it that holds the image.
+
+    Raises
+    ------
+    GiantImageError
+        If it is too large to work with, or larger than any compression of a photograph explains.
+    """
+    rows, cols = shape[:2]
+    decoded = int(np.prod([int(length) for length in shape], dtype=object)) * bytes_per_sample
+    if rows * cols > LARGEST_IMAGE_PX:
+        raise GiantImageError(
+            f"an image of {cols} x {rows} pixels; at most {LARGEST_IMAGE_PX // 1_000_000} million "
+            "are read: cut out the part that matters"
+        )
+    if decoded > _SMALL_BYTES and decoded > _LARGEST_RATIO * file_bytes:
+        raise GiantImageError(
+            f"an image of {cols} x {rows} pixels in {_size(file_bytes)}, which is no "
+            "photograph; save it without compression if it is meant"
+        )
+
+
+class GiantImageError(DecodingError):
+    """An image is too large to work with; the message says how large, without the file's name."""
+
+
+def refuse_unusable(pixels: NDArray[Any], shown: str) -> None:
+    """Check that pixels are levels one can calculate with.
+
+    Raises
+    ------
+    ImageFileError
+        If they are no image, not finite, or far beyond the levels of any camera.
+    """
+    if pixels.ndim not in (2, 3) or 0 in pixels.shape:
+        raise ImageFileError(f"{shown}: expected one image, got an array of {pixels.shape}")
+    if pixels.ndim == 3 and pixels.shape[2] > _MOST_CHANNELS:
+        raise ImageFileError(
+            f"{shown}: {pixels.shape[2]} channels are neither grey nor RGB; pick out the ones meant"
+        )
+    if pixels.dtype.kind not in "uifb":
+        raise ImageFileError(f"{shown}: its pixels are of type {pixels.dtype}, not numbers")
+    if pixels.dtype.kind != "f":
+        return
+    low, high = float(pixels.min()), float(pixels.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise ImageFileError(
+            f"{shown}: some pixels are NaN or infinite; fill them, or cut them off"
+        )
+    if max(-low, high) > LARGEST_LEVEL:
+        raise ImageFileError(
+            f"{shown}: levels from {low:.3g} to {high:.3g} are none of a photograph; "
+            f"scale them to {LARGEST_LEVEL:g} at most"
+        )
+
+
+def _kind(mode: int) -> str:
+    return next((name for is_kind, name in _KINDS if is_kind(mode)), "no regular file")
+
+
+def _size(count: int) -> str:
+    if count >= 1 << 30:
+        return f"{count / (1 << 30):.3g} GiB"
+    return f"{count / (1 << 20):.3g} MiB"

@@ -1,0 +1,150 @@
+"""A photograph with levels that are linear in light, and all that is known of it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.untrusted import on_one_line
+from calibration.choices import Pattern
+from calibration.psf import luma_plane
+from simulation.arrays import AnyArray, BoolArray, FloatArray
+from standoff.photographs.encoding import LINEAR, Encoding
+from standoff.photographs.exif import PhotographFacts
+from standoff.photographs.guard import refuse_unusable
+
+_PLATEAU_FRACTION = 0.002
+_ADC_BITS = (10, 12, 14)
+_CLIPPED_FROM = 0.995  # of the saturation level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Photograph:
+    """One photograph as it was stored, and its levels linear in light.
+
+    Parameters
+    ----------
+    path
+        The file; the argument's name where an array was given.
+    stored
+        Levels as the file holds them, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
+    encoding
+        From light to the stored levels.
+    encoding_from
+        What decided the encoding, as a noun: ``its ICC profile sRGB``, ``--encoding``.
+    full_scale_dn
+        Level of white: the largest that the stored numbers can hold; None for floats.
+    saturation_dn
+        Linear level at which the sensor clips, as far as the file tells.
+    variance_dn2, frames
+        Temporal variance of one frame and the number of them, for the mean of a stack.
+    sha256
+        Of the file; None for an array.
+    """
+
+    path: Path
+    stored: AnyArray = field(repr=False)
+    encoding: Encoding = LINEAR
+    encoding_from: str = ""
+    full_scale_dn: float | None = None
+    saturation_dn: float | None = None
+    is_jpeg: bool = False
+    pattern: Pattern | None = None
+    facts: PhotographFacts = field(default_factory=PhotographFacts)
+    variance_dn2: FloatArray | None = field(default=None, repr=False)
+    frames: int = 1
+    sha256: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The path on one line, with what a terminal would obey escaped."""
+        return on_one_line(self.path)
+
+    @classmethod
+    def of_array(cls, name: str, pixels: NDArray[Any]) -> Self:
+        """Take an array of levels linear in light for a photograph.
+
+        Raises
+        ------
+        ImageFileError
+            If it is no image, or holds values that are not finite.
+        """
+        refuse_unusable(pixels, name)
+        stored = as_numbers(pixels)
+        full_scale = full_scale_dn(stored)
+        return cls(
+            path=Path(name),
+            stored=stored,
+            full_scale_dn=full_scale,
+            saturation_dn=saturation_dn(stored, full_scale),
+        )
+
+    @property
+    def is_colour(self) -> bool:
+        """Whether there are red, green and blue planes."""
+        return self.stored.ndim == 3 and self.stored.shape[2] >= 3
+
+    @property
+    def colour_planes(self) -> AnyArray:
+        """Linear levels without an opacity plane, as a type that the capture model takes.
+
+        Of a linear file they are the stored numbers, in their type.
+        """
+        pixels = self.stored
+        if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
+            pixels = pixels[:, :, :-1]
+        if pixels.ndim == 3 and pixels.shape[2] == 1:
+            pixels = pixels[:, :, 0]
+        if not self.encoding.is_linear:
+            return self.encoding.decode(pixels, self.white_dn)
+        if pixels.dtype.type in (np.uint8, np.uint16, np.float32, np.float64):
+            return pixels
+        return pixels.astype(np.float64)
+
+    @property
+    def grey_dn(self) -> FloatArray:
+        """Linear grey levels, shape ``(rows, cols)``; of colours their Rec. 601 luma."""
+        return luma_plane(self.colour_planes)
+
+    @property
+    def white_dn(self) -> float:
+        """Level that decoding leaves as it is; 1 for floating-point levels."""
+        return 1.0 if self.full_scale_dn is None else self.full_scale_dn
+
+    @property
+    def clipped(self) -> BoolArray | None:
+        """Pixels at which the file clips in any colour; None where it does not tell."""
+        if self.saturation_dn is None:
+            return None
+        planes = np.asarray(self.colour_planes, dtype=np.float64)
+        at_the_top = planes >= _CLIPPED_FROM * self.saturation_dn
+        return np.asarray(at_the_top.any(axis=2) if planes.ndim == 3 else at_the_top)
+
+
+def full_scale_dn(pixels: AnyArray) -> float | None:
+    """Largest level that numbers of this type can hold; None for floats."""
+    if pixels.dtype.kind not in "ui":
+        return None
+    return float(2 ** (8 * pixels.dtype.itemsize - (pixels.dtype.kind == "i")) - 1)
+
+
+def saturation_dn(pixels: AnyArray, full_scale: float | None) -> float | None:
+    """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows."""
+    if full_scale is None:
+        return None
+    top = float(pixels.max())
+    adc_tops = {float(2**bits - 1) for bits in _ADC_BITS}
+    if top in adc_tops and np.mean(pixels == pixels.dtype.type(top)) > _PLATEAU_FRACTION:
+        return top
+    return full_scale
+
+
+def as_numbers(pixels: NDArray[Any]) -> NDArray[Any]:
+    """The pixels as numbers: a bit is black or white of 8 bits, half floats become floats."""
+    if pixels.dtype.kind == "b":
+        return pixels.astype(np.uint8) * np.uint8(255)
+    if pixels.dtype == np.float16:
+        return pixels.astype(np.float32)
+    return pixels

@@ -1,0 +1,181 @@
+"""PNG, JPEG and the other formats that Pillow reads, with the encoding that each one states.
+
+Only formats without programs or scripts inside are tried: an EPS by another name stays unread.
+"""
+
+import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from standoff.photographs.encoding import LINEAR, SRGB, Encoding
+from standoff.photographs.exif import PhotographFacts, is_srgb
+from standoff.photographs.guard import refuse_giant
+from standoff.photographs.icc import ProfileError, read_profile
+from standoff.photographs.stored import DecodingError, StoredImage, decoding
+
+_FORMATS = ("PNG", "JPEG", "BMP", "DIB", "GIF", "PPM", "WEBP", "JPEG2000", "AVIF")
+_EXIF_IFD = 0x8769
+_WITHOUT_LUMA = {"CMYK": "CMYK", "LAB": "CIE L*a*b*", "HSV": "HSV"}
+_WITH_A_PALETTE = ("P", "PA", "YCbCr")
+_PNG_TRANSFER = {8: LINEAR, 13: SRGB}  # ITU-T H.273 in the cICP chunk
+_PNG_GAMMA_OF_SRGB = 45455
+
+
+def read_raster_image(data: bytes) -> StoredImage:
+    """Read what a file says of itself; its pages are decoded when they are asked for.
+
+    Raises
+    ------
+    DecodingError
+        If it is none of the formats, damaged, or holds colours without a luma.
+    """
+    with _opened(data) as image:
+        if image.mode in _WITHOUT_LUMA:
+            raise DecodingError(
+                f"its colours are {_WITHOUT_LUMA[image.mode]}; convert it to RGB or grey"
+            )
+        refuse_giant((image.height, image.width, len(image.getbands())), 1, len(data))
+        is_jpeg = image.format in ("JPEG", "MPO")
+        is_deep = image.mode.startswith(("I", "F")) or _png_depth(data) == 16
+        tags = _tags(image)
+        # The further images of a phone's JPEG are depth maps and previews.
+        count = 1 if image.format == "MPO" else int(getattr(image, "n_frames", 1))
+        name = "JPEG" if is_jpeg else str(image.format)
+        depth = "" if is_jpeg else "16-bit " if is_deep else "8-bit "
+        return StoredImage(
+            format=name,
+            count=count,
+            page=lambda index: _pixels(data, index),
+            marked=_marked(image, tags, data),
+            unmarked=(LINEAR if is_deep else SRGB, f"{depth}{name}"),
+            facts=PhotographFacts.of_tags(tags, image.width),
+            is_jpeg=is_jpeg,
+        )
+
+
+@contextmanager
+def _opened(data: bytes) -> Iterator[Image.Image]:
+    Image.init()  # else the formats are unknown by name
+    with (
+        decoding("image", Image.DecompressionBombError, cv2.error),
+        warnings.catch_warnings(),
+    ):
+        # The size is checked here, by more than one limit.
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        try:
+            image = Image.open(BytesIO(data), formats=_FORMATS)
+        except UnidentifiedImageError as error:
+            raise DecodingError(_unknown(data)) from error
+        with image:
+            yield image
+
+
+def _pixels(data: bytes, index: int) -> NDArray[Any]:
+    with _opened(data) as image:
+        image.seek(index)
+        image.load()
+        if image.format == "PNG" and image.mode in ("RGB", "RGBA") and _png_depth(data) == 16:
+            # Pillow cuts 16-bit colours down to 8; OpenCV keeps them.
+            wide = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            if wide is None:
+                raise DecodingError("not a whole image")
+            return np.asarray(wide[:, :, [2, 1, 0, 3][: wide.shape[2]]])
+        if image.mode in _WITH_A_PALETTE:
+            return np.asarray(image.convert("RGB"))
+        return np.asarray(image)
+
+
+def _tags(image: Image.Image) -> dict[int, object]:
+    """The Exif tags of the main directory and of Exif's own."""
+    try:
+        exif = image.getexif()
+        return {**exif, **exif.get_ifd(_EXIF_IFD)}
+    except (
+        ArithmeticError,
+        LookupError,
+        OSError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+        struct.error,
+    ):
+        return {}  # Exif is a remark; without it the pixels are as good
+
+
+def _marked(
+    image: Image.Image, tags: dict[int, object], data: bytes
+) -> tuple[Encoding, str] | None:
+    """The encoding a file states: by cICP, a profile, PNG's sRGB and gAMA, or Exif, in this order.
+
+    PNG specification, third edition, 4.3: the order in which its chunks count.
+    """
+    transfer = _chunk(data, b"cICP")
+    if transfer is not None and len(transfer) == 4 and transfer[1] in _PNG_TRANSFER:
+        return _PNG_TRANSFER[transfer[1]], "its cICP chunk"
+    profile = image.info.get("icc_profile")
+    if profile:
+        try:
+            found = read_profile(bytes(profile))
+        except ProfileError as error:
+            raise DecodingError(str(error)) from error
+        return found.encoding, f"its ICC profile {found.name}".rstrip()
+    if _chunk(data, b"sRGB") is not None:
+        return SRGB, "its sRGB chunk"
+    power = _chunk(data, b"gAMA")
+    if power is not None and len(power) == 4:
+        encoding = _gamma_encoding(int.from_bytes(power, "big"))
+        if encoding is not None:
+            return encoding, "its gAMA chunk"
+    if is_srgb(tags):
+        return SRGB, "its Exif"
+    return None
+
+
+def _gamma_encoding(hundred_thousandths: int) -> Encoding | None:
+    if hundred_thousandths == _PNG_GAMMA_OF_SRGB:
+        return SRGB  # written as 1/2.2 by all who mean sRGB
+    if abs(hundred_thousandths - 100_000) < 500:
+        return LINEAR
+    if not 10_000 <= hundred_thousandths <= 500_000:
+        return None
+    return Encoding(name=f"gamma:{100_000 / hundred_thousandths:.4g}")
+
+
+def _chunk(data: bytes, name: bytes) -> bytes | None:
+    """The content of the first chunk of a name before the pixels of a PNG."""
+    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return None
+    at = 8
+    while at + 8 <= len(data):
+        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        if kind == name:
+            return data[at + 8 : at + 8 + length]
+        if kind in (b"IDAT", b"IEND"):
+            return None
+        at += 12 + length
+    return None
+
+
+def _png_depth(data: bytes) -> int | None:
+    """Bits of a channel, where it is a PNG."""
+    header = _chunk(data, b"IHDR")
+    return None if header is None or len(header) < 9 else header[8]
+
+
+def _unknown(data: bytes) -> str:
+    """What a file is that none of the readers reads."""
+    if not data:
+        return "an empty file"
+    if data[4:8] == b"ftyp" and data[8:12] in (b"heic", b"heix", b"mif1", b"msf1", b"hevc"):
+        return "a HEIC photograph, which is not read; save it as JPEG or TIFF"
+    if data[:4] in (b"%!PS", b"%PDF", b"\xc5\xd0\xd3\xc6"):
+        return "a PostScript or PDF document, not a photograph"
+    return "not an image (TIFF, PNG, JPEG, camera raw, EXR or FITS expected)"

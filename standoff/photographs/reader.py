@@ -1,0 +1,160 @@
+"""The one reader of image files: of every format, with the encoding of its levels found."""
+
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from acquisition.untrusted import on_one_line
+from simulation.arrays import FloatArray
+from standoff.errors import ImageFileError
+from standoff.photographs.camera_raw import is_camera_raw, read_camera_raw
+from standoff.photographs.encoding import Encoding
+from standoff.photographs.exif import PhotographFacts
+from standoff.photographs.guard import read_file, refuse_unusable
+from standoff.photographs.photograph import (
+    Photograph,
+    as_numbers,
+    full_scale_dn,
+    saturation_dn,
+)
+from standoff.photographs.raster import read_raster_image
+from standoff.photographs.scientific import is_exr, is_fits, read_exr_image, read_fits_image
+from standoff.photographs.stored import DecodingError, StoredImage
+from standoff.photographs.tiff import is_tiff, read_tiff_image, tiff_facts
+
+_WHITE_OF_FLOATS = 1.5  # encoded floats run from 0 to 1, and little beyond
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadOptions:
+    """How files are read.
+
+    Parameters
+    ----------
+    encoding
+        Taken for every file; None for what each states, or what is usual for its format.
+    page
+        Which image of a stack, from 1.
+    is_mean
+        Whether a stack is one capture: its mean, with the temporal variance.
+    """
+
+    encoding: Encoding | None = None
+    page: int | None = None
+    is_mean: bool = False
+
+    def __post_init__(self) -> None:
+        if self.page is not None and self.is_mean:
+            raise ValueError("a page or the mean of all pages, not both")
+
+
+def read_image(path: Path, options: ReadOptions = ReadOptions()) -> Photograph:
+    """Read a photograph: TIFF, PNG, JPEG, camera raw, OpenEXR, FITS and what else Pillow opens.
+
+    Raises
+    ------
+    ImageFileError
+        If the file is missing, no image, damaged, too large, a stack of which no page is chosen,
+        or holds levels that cannot be calculated with.
+    """
+    data = read_file(path)
+    shown = on_one_line(path)
+    try:
+        stored = _stored(data, path)
+        number = _page_number(stored, options)
+        pixels = as_numbers(stored.page(number))
+        refuse_unusable(pixels, shown)
+        encoding, encoding_from = _encoding(stored, options)
+        white = stored.white_dn or full_scale_dn(pixels)
+        if not encoding.is_linear and white is None and float(pixels.max()) > _WHITE_OF_FLOATS:
+            raise DecodingError(
+                f"{encoding.name} levels in floating point run from 0 to 1, these to "
+                f"{float(pixels.max()):.3g}: give --encoding linear, or scale them"
+            )
+        saturation = stored.saturation_dn or saturation_dn(pixels, white)
+        variance, frames = stored.variance_dn2, stored.frames
+        if options.is_mean and stored.count > 1:
+            mean, variance, frames = _mean(stored, encoding, white or 1.0)
+            refuse_unusable(mean, shown)
+            pixels = encoding.encode(mean, white or 1.0)
+    except DecodingError as error:
+        raise ImageFileError(f"{shown}: {error}") from error
+    if saturation is not None and white is not None:
+        top = np.full((1, 1, max(len(encoding.curves), 1)), saturation)
+        saturation = float(encoding.decode(top, white).max())
+    return Photograph(
+        path=path,
+        stored=pixels,
+        encoding=encoding,
+        encoding_from=encoding_from,
+        full_scale_dn=white,
+        saturation_dn=saturation,
+        is_jpeg=stored.is_jpeg,
+        pattern=stored.pattern,
+        facts=stored.facts,
+        variance_dn2=variance,
+        frames=frames,
+        sha256=sha256(data).hexdigest(),
+    )
+
+
+def _stored(data: bytes, path: Path) -> StoredImage:
+    if is_tiff(data):
+        facts, tags = tiff_facts(data)
+        if is_camera_raw(data, path, tags):
+            return read_camera_raw(data, facts)
+        return read_tiff_image(data)
+    if is_exr(data):
+        return read_exr_image(data)
+    if is_fits(data):
+        return read_fits_image(data)
+    if is_camera_raw(data, path, frozenset()):
+        return read_camera_raw(data, PhotographFacts())
+    return read_raster_image(data)
+
+
+def _page_number(stored: StoredImage, options: ReadOptions) -> int:
+    """The page that is asked for, from 0; the first one of several where their mean is."""
+    if options.page is not None and options.page > stored.count:
+        pages = "page" if stored.count == 1 else "pages"
+        raise DecodingError(f"--page {options.page} of a file of {stored.count} {pages}")
+    if stored.count > 1 and options.page is None and not options.is_mean:
+        raise DecodingError(
+            f"a stack of {stored.count} pages; choose one with --page N, or --mean if they are "
+            "frames of one scene"
+        )
+    return (options.page or 1) - 1
+
+
+def _mean(
+    stored: StoredImage, encoding: Encoding, white_dn: float
+) -> tuple[FloatArray, FloatArray, int]:
+    """Mean and unbiased variance of the linear levels of all pages, one page in memory at a time.
+
+    Welford, "Note on a method for calculating corrected sums of squares and products",
+    Technometrics 4 (1962) 419.
+    """
+    mean = encoding.decode(as_numbers(stored.page(0)), white_dn)
+    squares = np.zeros_like(mean)
+    for count in range(2, stored.count + 1):
+        page = encoding.decode(as_numbers(stored.page(count - 1)), white_dn)
+        if page.shape != mean.shape:
+            raise DecodingError(
+                f"pages of {mean.shape} and {page.shape} pixels have no mean; choose one with "
+                "--page N"
+            )
+        deviation = page - mean
+        mean = mean + deviation / count
+        squares += deviation * (page - mean)
+    return mean, squares / (stored.count - 1), stored.count
+
+
+def _encoding(stored: StoredImage, options: ReadOptions) -> tuple[Encoding, str]:
+    if options.encoding is not None:
+        return options.encoding, "--encoding"
+    if stored.marked is not None:
+        return stored.marked
+    encoding, kind = stored.unmarked
+    return encoding, f"usual for {kind} without a mark"

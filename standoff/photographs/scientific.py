@@ -1,0 +1,95 @@
+"""OpenEXR and FITS: linear levels in floating point, read where their library is installed."""
+
+import warnings
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from standoff.photographs.encoding import LINEAR
+from standoff.photographs.guard import refuse_giant
+from standoff.photographs.stored import DecodingError, StoredImage, decoding
+
+_EXR = b"\x76\x2f\x31\x01"
+_FITS = b"SIMPLE  ="
+_EXTRA = 'install the reader: pip install "standoff[formats]"'
+_COLOURS = ("R", "G", "B")
+_GREY = "Y"
+
+
+def is_exr(data: bytes) -> bool:
+    """Whether bytes begin as an OpenEXR file."""
+    return data.startswith(_EXR)
+
+
+def is_fits(data: bytes) -> bool:
+    """Whether bytes begin as a FITS file."""
+    return data.startswith(_FITS)
+
+
+def read_exr_image(data: bytes) -> StoredImage:
+    """Read the RGB, or the luminance, of an OpenEXR file.
+
+    Raises
+    ------
+    DecodingError
+        If OpenEXR is not installed, the file is damaged, or holds neither.
+    """
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise DecodingError(f"an OpenEXR file; {_EXTRA}") from error
+    with decoding("OpenEXR image"):
+        with OpenEXR.File(BytesIO(data), header_only=True) as head:
+            (left, top), (right, bottom) = head.header()["dataWindow"]
+        refuse_giant((int(bottom - top) + 1, int(right - left) + 1, 4), 4, len(data))
+        with OpenEXR.File(BytesIO(data), separate_channels=True) as file:
+            planes = {name: np.array(each.pixels) for name, each in file.channels().items()}
+    if all(name in planes for name in _COLOURS):
+        pixels = np.stack([planes[name] for name in _COLOURS], axis=2)
+    elif _GREY in planes:
+        pixels = planes[_GREY]
+    elif len(planes) == 1:
+        (pixels,) = planes.values()
+    else:
+        raise DecodingError(f"its channels {', '.join(planes)} are neither RGB nor grey")
+    return _linear(pixels[np.newaxis], "OpenEXR")
+
+
+def read_fits_image(data: bytes) -> StoredImage:
+    """Read the first image of a FITS file; a cube is a stack.
+
+    Raises
+    ------
+    DecodingError
+        If astropy is not installed, the file is damaged, or holds no image.
+    """
+    try:
+        from astropy.io import fits
+    except ImportError as error:
+        raise DecodingError(f"a FITS file; {_EXTRA}") from error
+    with decoding("FITS image", fits.VerifyError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about keywords that nobody needs here
+        with fits.open(BytesIO(data), memmap=False) as units:
+            cube = _first_cube(units, len(data))
+    return _linear(cube, "FITS")
+
+
+def _first_cube(units: Any, file_bytes: int) -> NDArray[np.float64]:  # noqa: ANN401 - no types
+    """The first image or stack, shape ``(pages, rows, cols)``, its rows in the file's order."""
+    found = next((each for each in units if each.is_image and each.shape), None)
+    if found is None or len(found.shape) not in (2, 3):
+        raise DecodingError("a FITS file without an image of two axes")
+    rows, cols = found.shape[-2:]
+    refuse_giant((rows * (found.shape[0] if len(found.shape) == 3 else 1), cols), 8, file_bytes)
+    return np.asarray(found.data, dtype=np.float64).reshape(-1, rows, cols)
+
+
+def _linear(pages: NDArray[Any], name: str) -> StoredImage:
+    return StoredImage(
+        format=name,
+        count=len(pages),
+        page=lambda index: np.asarray(pages[index]),
+        unmarked=(LINEAR, name),
+    )

@@ -1,0 +1,97 @@
+"""What a format's reader gives: pixels as stored, and what the file says of them."""
+
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
+
+from calibration.choices import Pattern
+from simulation.arrays import FloatArray
+from standoff.photographs.encoding import LINEAR, Encoding
+from standoff.photographs.exif import PhotographFacts
+
+
+class DecodingError(ValueError):
+    """A file is damaged or of a kind that is not read; the message lacks the file's name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredImage:
+    """The pixels of one image or of each page of a stack, before any decoding of levels.
+
+    Parameters
+    ----------
+    count
+        Images in the file.
+    page
+        Reads one of them, from 0, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
+    marked
+        Encoding that the file states, with where it does; None where it states none.
+    unmarked
+        Encoding of such files where nothing is stated, with the kind of file as text.
+    white_dn
+        Level of white; None for floating-point levels.
+    saturation_dn
+        Level at which the sensor clips, where the file states it.
+    pattern
+        Colours of a raw mosaic.
+    variance_dn2, frames
+        Of a capture of a session: temporal variance of a frame, and the frames in the mean.
+    """
+
+    format: str
+    count: int
+    page: Callable[[int], NDArray[Any]] = field(repr=False)
+    marked: tuple[Encoding, str] | None = None
+    unmarked: tuple[Encoding, str] = (LINEAR, "")
+    facts: PhotographFacts = field(default_factory=PhotographFacts)
+    is_jpeg: bool = False
+    white_dn: float | None = None
+    saturation_dn: float | None = None
+    pattern: Pattern | None = None
+    variance_dn2: FloatArray | None = field(default=None, repr=False)
+    frames: int = 1
+
+
+_DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
+
+
+@contextmanager
+def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
+    """Name the file's damage, whatever a library raises over it; found by fuzzing.
+
+    Parameters
+    ----------
+    kind
+        What the file should be, as a noun.
+    damage
+        The library's own errors.
+
+    Raises
+    ------
+    DecodingError
+        In place of any of them.
+    """
+    try:
+        yield
+    except DecodingError:
+        raise
+    except _DAMAGE + damage as error:
+        said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise DecodingError(f"not a whole {kind}: {said}") from error
