@@ -101,7 +101,7 @@ def test_a_folder_that_is_not_there_is_said_before_any_work(
     outputs = ("--out", nowhere) if option == "--out" else ("--out", psf, option, nowhere)
     done = command("calibrate", edge_file, *outputs)
     assert done.status == 1
-    assert f"cannot write {nowhere}: {nowhere.parent} is no folder" in done.err
+    assert f"cannot write {nowhere}: {nowhere.parent} is not a folder" in done.err
     assert not psf.exists()
 
 

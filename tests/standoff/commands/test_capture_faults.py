@@ -206,7 +206,7 @@ def test_at_a_terminal_the_operator_answers_pauses_and_goes_on(
                 answered += 1
                 time.sleep(0.05)
                 os.write(controller, b"\n" if answered != 2 else b"\nstop\n")
-            if seen.count(b"Enter to go on") > paused:
+            if seen.count(b"Enter to continue") > paused:
                 paused += 1
                 time.sleep(0.05)
                 os.write(controller, b"\n")

@@ -38,7 +38,7 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
     Image.fromarray(np.full((20, 30, 3), 188, np.uint8)).save(path)
     done = command("import", path, "--kind", "texture", "--srgb", "--out", tmp_path / "s")
     assert done.status == 0
-    assert "recorded as 0 mm" in done.err
+    assert "0 mm is recorded" in done.err
     session = Session(tmp_path / "s")
     mean_dn = session.load(session.records[0]).mean_dn
     # IEC 61966-2-1: ((188 / 255 + 0.055) / 1.055)^2.4 = 0.50289 of 255.

@@ -74,11 +74,11 @@ def test_a_dry_run_lists_the_captures_and_writes_nothing(
     shown = command(*arguments).out
     assert "orientation" in shown
     assert "6 captures, 3 placements: about" in shown
-    assert "MB on the disk" in shown
+    assert "MB on disk" in shown
     assert not out.exists()
     out.mkdir()
     (out / "session.json").write_text("{}")
-    assert "is a session already" in command(*arguments).err
+    assert "already holds a session" in command(*arguments).err
 
 
 def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(
@@ -275,7 +275,7 @@ def test_a_real_bench_is_warned_of_the_flicker_of_its_lamps(
     words = capture_words(bench_file, plan_file, tmp_path / "s", "--dry-run", *REAL_BENCH)
     words += ["--set", "stage.driver=manual"]
     warned = command(*words).err
-    assert "12000 us is no multiple of the 10 ms" in warned
+    assert "12000 us is not a multiple of the 10 ms" in warned
     assert "use 10000 us" in warned
     assert command(*words, "--set", "capture.mains_hz=0").err == ""
     assert command(*words, "--set", "camera.exposure_us=20000").err == ""
@@ -340,9 +340,9 @@ def test_the_report_says_which_files_of_a_session_are_gone_or_changed(
     command: Command, session_dir: Path
 ) -> None:
     files = sorted((session_dir / "captures").glob("*.tif"))
-    assert "missing or were changed" not in command("report", session_dir).err
+    assert "missing or changed" not in command("report", session_dir).err
     files[0].write_bytes(files[0].read_bytes() + b"x")
     done = command("report", session_dir)
     assert done.status == 1  # a capture that the page needs
-    assert f"missing or were changed since, captures/{files[0].name} first" in done.err
+    assert f"missing or changed since, captures/{files[0].name} first" in done.err
     assert "standoff verify" in done.err

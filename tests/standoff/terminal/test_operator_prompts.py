@@ -53,7 +53,7 @@ def test_a_line_typed_during_the_captures_makes_the_next_one_wait(
     assert "Paused" not in capsys.readouterr().err
     os.write(typed, b"wait\n")
     operator.wait_if_asked()
-    assert "Paused. Enter to go on" in capsys.readouterr().err
+    assert "Paused. Enter to continue" in capsys.readouterr().err
 
 
 def test_the_end_of_the_terminals_input_is_ctrl_c(typed: int) -> None:
