@@ -61,9 +61,7 @@ def detectability(
     ] = ",".join(_MODELS),
     reference_zoom: Annotated[
         float,
-        typer.Option(
-            help="Distance ratio of the reference to the photograph.", callback=checked_zoom
-        ),
+        typer.Option(help="Zoom from photograph to reference.", callback=checked_zoom),
     ] = REFERENCE_ZOOM,
     window: Annotated[
         int, typer.Option(min=5, help="Side of the observer's window in px; odd.")

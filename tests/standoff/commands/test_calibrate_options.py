@@ -68,7 +68,7 @@ def test_a_colour_photograph_is_no_mosaic(command: Command, tmp_path: Path) -> N
     Image.fromarray(np.dstack([image] * 3)).save(tmp_path / "c.png")
     done = command("calibrate", tmp_path / "c.png", "--bayer", "RGGB", "--out", tmp_path / "p.json")
     assert done.status == 1
-    assert "c.png: a colour photograph is no raw mosaic; leave --bayer out" in done.err
+    assert "c.png: a colour photograph is not a raw mosaic; leave out --bayer" in done.err
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_maps_of_another_camera_are_refused_by_the_photographs_name(
     Image.fromarray(np.zeros((60, 91, 3), np.uint8)).save(tmp_path / "colour.png")
     colour = command("calibrate", tmp_path / "colour.png", *words)
     assert colour.status == 1
-    assert "colour.png: the maps are of a grey camera, this is in colour" in colour.err
+    assert "colour.png: a colour image, but the maps are of a grey camera" in colour.err
     assert not (tmp_path / "psf.json").exists()
 
 

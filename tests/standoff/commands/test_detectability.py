@@ -89,11 +89,11 @@ def test_noise_of_a_camera_and_a_patch_as_signal(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--zooms", "0.5"), "numbers from 1, got 0.5"),
+        (("--zooms", "0.5"), "numbers of at least 1, got 0.5"),
         (("--noise", "0"), "numbers above 0, got 0"),
         (("--noise", "x"), "expected numbers, got x"),
-        (("--observer", "ideal"), "'ideal' is none of npw, hotelling, cho"),
-        (("--model", "best"), "'best' is none of"),
+        (("--observer", "ideal"), "'ideal' is not one of npw, hotelling, cho"),
+        (("--model", "best"), "'best' is not one of"),
         (("--window", "16"), "odd"),
         (("--signal-sigma", "9"), "wider than the window"),
     ],

@@ -49,7 +49,7 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
     ("words", "status", "fault"),
     [
         (["absent.tif", "--kind", "edge"], 1, "absent.tif"),
-        (["edge.tif", "edge.tif", "--kind", "edge"], 1, "two photographs are called edge.tif"),
+        (["edge.tif", "edge.tif", "--kind", "edge"], 1, "two photographs are named edge.tif"),
         (["edge.tif", "--kind", "lens"], 2, "kind"),
         (["edge.tif", "--kind", "edge", "--scale", "0"], 2, "px/mm"),
         (["edge.tif", "--kind", "edge", "--height-mm", "nan"], 2, "finite"),

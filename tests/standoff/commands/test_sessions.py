@@ -93,7 +93,7 @@ def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(
     summary = json.loads(done.out)
     assert (summary["captured"], summary["skipped"]) == (4, 2)
     assert "Place edge 'edge' at 50 degrees." in done.err
-    assert "'what?' is no answer" in done.err
+    assert "'what?' is not a valid answer" in done.err
 
 
 def test_ctrl_c_leaves_a_session_that_resumes(
@@ -204,7 +204,7 @@ def test_answers_that_end_too_early_are_named_and_the_session_resumes(
     words = capture_words(bench_file, plan_file, tmp_path / "s", "--answers", answers, "--json")
     done = command(*words)
     assert (done.status, done.out) == (1, "")
-    assert "answers.txt has no answer left to: Enter to capture" in done.err
+    assert "answers.txt has no answer left for: Enter to capture" in done.err
     resumed = json.loads(command(*words).out)
     assert (resumed["captured"], resumed["already_captured"]) == (2, 4)
 
@@ -344,5 +344,5 @@ def test_the_report_says_which_files_of_a_session_are_gone_or_changed(
     files[0].write_bytes(files[0].read_bytes() + b"x")
     done = command("report", session_dir)
     assert done.status == 1  # a capture that the page needs
-    assert f"missing or changed since, captures/{files[0].name} first" in done.err
+    assert f"missing or changed, the first captures/{files[0].name}" in done.err
     assert "standoff verify" in done.err

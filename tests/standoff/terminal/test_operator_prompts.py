@@ -42,7 +42,7 @@ def test_a_bad_capture_is_shown_and_kept_or_taken_again(
     assert TerminalOperator().review(ENTRY, (BLURRED,)) == verdict
     shown = capsys.readouterr().err
     assert "Capture 3: motion: it trembled by 0.4 px." in shown
-    assert ("'well' is no answer to that." in shown) is (verdict == "retake")
+    assert ("'well' is not a valid answer." in shown) is (verdict == "retake")
 
 
 def test_a_line_typed_during_the_captures_makes_the_next_one_wait(
@@ -86,8 +86,8 @@ def test_a_script_keeps_what_was_captured_and_waits_for_nobody(
     ("kind", "sentence"),
     [
         ("edge", "Place edge 'card [A]' at 50 degrees."),
-        ("dark", "Put the lens cap on, and keep stray light off ('card [A]')."),
-        ("flat", "Lens cap off. Place an even white surface, defocused: 'card [A]'."),
+        ("dark", "Put the lens cap on, and keep out stray light ('card [A]')."),
+        ("flat", "Lens cap off. Place a uniform white surface, out of focus: 'card [A]'."),
     ],
 )
 def test_the_operator_is_told_what_to_place(kind: str, sentence: str) -> None:

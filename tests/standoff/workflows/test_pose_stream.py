@@ -175,7 +175,7 @@ def test_an_image_that_stays_broken_in_a_watched_folder_ends_the_watch(
     (folder / "frame-9.tif").write_bytes(b"II*\0half")  # and grows no more
     done = command(*asked, "--stream", folder, "--watch", "--json")
     assert done.status == 1
-    assert "frame-9.tif: not a whole TIFF image" in done.err
+    assert "frame-9.tif: not a complete TIFF image" in done.err
     assert json.loads(done.out)["frames"] == 3  # those that were whole were judged
 
 
