@@ -1,1 +1,57 @@
-__all__ = []
+from .blind import (
+    calibrate_from_distances as calibrate_from_distances,
+    calibrate_from_scene as calibrate_from_scene,
+)
+from .edges import (
+    EdgeImage as EdgeImage,
+    EdgeMeasurement as EdgeMeasurement,
+    MeasuredTransfer as MeasuredTransfer,
+    Region as Region,
+    measure_edges as measure_edges,
+)
+from .errors import CalibrationError as CalibrationError
+from .files import read_psf as read_psf, write_psf as write_psf
+from .geometry import (
+    CharucoBoard as CharucoBoard,
+    GeometryCalibration as GeometryCalibration,
+    calibrate_geometry as calibrate_geometry,
+)
+from .noise import NoiseCalibration as NoiseCalibration, measure_noise as measure_noise
+from .psf import (
+    Estimate as Estimate,
+    PsfCalibration as PsfCalibration,
+    calibrate_psf as calibrate_psf,
+    compare_psfs as compare_psfs,
+)
+from .registration import (
+    DistortedRegistration as DistortedRegistration,
+    Registration as Registration,
+    register as register,
+    register_distorted as register_distorted,
+)
+
+__all__ = [
+    "CalibrationError",
+    "CharucoBoard",
+    "DistortedRegistration",
+    "EdgeImage",
+    "EdgeMeasurement",
+    "Estimate",
+    "GeometryCalibration",
+    "MeasuredTransfer",
+    "NoiseCalibration",
+    "PsfCalibration",
+    "Region",
+    "Registration",
+    "calibrate_from_distances",
+    "calibrate_from_scene",
+    "calibrate_geometry",
+    "calibrate_psf",
+    "compare_psfs",
+    "measure_edges",
+    "measure_noise",
+    "read_psf",
+    "register",
+    "register_distorted",
+    "write_psf",
+]

@@ -17,6 +17,8 @@ MODEL_COLOURS: dict[str, str] = {
     "paper": "#D55E00",
     "matched": "#0072B2",
     "lmmse": "#009E73",
+    "kernelgan": "#E69F00",
+    "gaussian-kernelgan": "#56B4E9",
 }
 """Of Okabe and Ito's palette, which colour-blind readers can tell apart."""
 

@@ -48,6 +48,15 @@ def test_a_file_in_the_working_folder_that_hides_a_package_is_named_in_one_line(
     assert str(hiding) in err
 
 
+def test_the_library_names_the_file_that_hides_a_package(tmp_path: Path) -> None:
+    hiding = hide(tmp_path, "analysis.py")
+    words = ("-c", "import standoff; standoff.read_psf")
+    status, out, err = run_there(tmp_path, sys.executable, *words)
+    assert (status, out) == (1, "")
+    assert err.splitlines()[-1].startswith("standoff.shadowing.HiddenPackageError: ")
+    assert str(hiding) in err.splitlines()[-1]
+
+
 def test_a_hidden_package_is_named_where_the_search_path_leads_to_the_other_one(
     tmp_path: Path,
 ) -> None:

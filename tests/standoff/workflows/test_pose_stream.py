@@ -155,7 +155,7 @@ def test_a_folder_without_images_and_one_that_is_too_small_are_one_line(
     tifffile.imwrite(empty / "tiny.tif", np.eye(20, dtype=np.float32))
     done = command(*asked, "--stream", empty)
     assert done.status == 1
-    assert "tiny.tif: grey images of at least 84 px" in done.err
+    assert "tiny.tif: tracking needs grey images of at least 84 px" in done.err
 
 
 def test_a_reference_that_cannot_be_followed_is_named_before_any_frame(
@@ -228,5 +228,5 @@ def test_a_real_cameras_frames_are_judged_by_their_numbers(
         done = command(*words)
         assert "camera.frame_rate_hz" in done.err
         assert done.status == 1
-        assert re.search(r"frame \d+: grey images of at least 84 px", done.err)
+        assert re.search(r"frame \d+: tracking needs grey images of at least 84 px", done.err)
         assert practice.camera.controller is None
