@@ -60,8 +60,7 @@ def detectability(
         str, typer.Option(help=f"Capture models: any of {', '.join(MODELS)}.")
     ] = ",".join(_MODELS),
     reference_zoom: Annotated[
-        float,
-        typer.Option(help="Zoom from photograph to reference.", callback=checked_zoom),
+        float, typer.Option(help="Zoom from photograph to reference.", callback=checked_zoom)
     ] = REFERENCE_ZOOM,
     window: Annotated[
         int, typer.Option(min=5, help="Side of the observer's window in px; odd.")
@@ -81,16 +80,13 @@ def detectability(
     models = tuple(_chosen(model, "--model", MODELS))
     noises = None if noise.endswith(".json") else _numbers(noise, "--noise")
     if window % 2 == 0:
-        raise typer.BadParameter(
-            f"the window's side must be odd, got {window}", param_hint="--window"
-        )
+        raise typer.BadParameter(f"the window must be odd, got {window}", param_hint="--window")
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     change = _change(signal, signal_sigma)
     if 2 * change.reach_px / reference_zoom > window:
         raise typer.BadParameter(
-            f"the change is wider than the window of {window} px; widen the window",
-            param_hint="--window",
+            f"the change exceeds the window of {window} px; widen it", param_hint="--window"
         )
     from analysis.detectability import DetectionTask, SweepWorkers
     from analysis.results_file import write_results

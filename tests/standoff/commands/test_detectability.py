@@ -95,7 +95,7 @@ def test_noise_of_a_camera_and_a_patch_as_signal(
         (("--observer", "ideal"), "'ideal' is not one of npw, hotelling, cho"),
         (("--model", "best"), "'best' is not one of"),
         (("--window", "16"), "odd"),
-        (("--signal-sigma", "9"), "wider than the window"),
+        (("--signal-sigma", "9"), "exceeds the window"),
     ],
 )
 def test_wrong_usage_is_one_line(
