@@ -129,7 +129,7 @@ def run_plan(
         stamps=stamps,
     ) as session:
         for index in retake:
-            session.retake(index, "asked for by the operator", operator.name)
+            session.retake(index, "requested by the operator", operator.name)
         run = _Run(session, plan, devices, operator, stamps)
         try:
             return run.capture_all()

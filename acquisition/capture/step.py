@@ -153,7 +153,7 @@ class CaptureStep:
         state = self._stage.state
         if state != "idle":
             raise DeviceError(
-                f"the stage was {state} during a capture, which was discarded; "
+                f"the stage was not at rest ({state}) during a capture, which was discarded; "
                 "stop whatever moves the stage and run again"
             )
 

@@ -27,7 +27,7 @@ _PARAMETERS = 5
 _P_NO_PEAK = 0.01
 _WORST_ERR = 0.15  # of the travel
 _SLOPE_SIGMAS = 3.0
-_LEAST_HEIGHT = 0.25  # of the travel; below it a height is no distance
+_LEAST_HEIGHT = 0.25  # of the travel; below it a height is not a distance
 
 
 class NoFocusPeakError(ValueError):

@@ -198,7 +198,7 @@ class SerialPort:
         self._port = port
 
     def read(self) -> bytes:
-        """Return what is there, waiting a moment for the first byte; nothing is no error.
+        """Return what is there, waiting a moment for the first byte; no data is not an error.
 
         Raises
         ------

@@ -192,11 +192,11 @@ class ControlChannel:
     def _set_controller(self, peer: Peer | None, privilege: int) -> None:
         self._controller = peer
         self._last_heard_s = monotonic()
-        place = BootstrapAddress
+        addresses = BootstrapAddress
         address, port = (0, 0) if peer is None else (int(ipaddress.IPv4Address(peer[0])), peer[1])
-        self._registers.set_plain(place.CONTROL_PRIVILEGE, privilege)
-        self._registers.set_plain(place.PRIMARY_ADDRESS, address)
-        self._registers.set_plain(place.PRIMARY_PORT, port)
+        self._registers.set_plain(addresses.CONTROL_PRIVILEGE, privilege)
+        self._registers.set_plain(addresses.PRIMARY_ADDRESS, address)
+        self._registers.set_plain(addresses.PRIMARY_PORT, port)
 
     def _check_may_read(self, peer: Peer) -> None:
         privilege = self._registers.plain(BootstrapAddress.CONTROL_PRIVILEGE)

@@ -264,41 +264,48 @@ class RegisterMap:
         )
 
     def _add_bootstrap_registers(self) -> None:
-        place = BootstrapAddress
-        self._add_word(place.CAPABILITY, "GVCPCapability", lambda: int(self.capabilities), None)
+        addresses = BootstrapAddress
+        self._add_word(addresses.CAPABILITY, "GVCPCapability", lambda: int(self.capabilities), None)
         self._add_word(
-            place.HEARTBEAT_TIMEOUT,
+            addresses.HEARTBEAT_TIMEOUT,
             "GevHeartbeatTimeout",
-            partial(self.plain, place.HEARTBEAT_TIMEOUT),
+            partial(self.plain, addresses.HEARTBEAT_TIMEOUT),
             lambda value: self.set_plain(
-                place.HEARTBEAT_TIMEOUT, max(value, SHORTEST_HEARTBEAT_MS)
+                addresses.HEARTBEAT_TIMEOUT, max(value, SHORTEST_HEARTBEAT_MS)
             ),
         )
         for address, name in (
-            (place.PRIMARY_PORT, "PrimaryApplicationPort"),
-            (place.PRIMARY_ADDRESS, "PrimaryApplicationAddress"),
-            (place.CONTROL_PRIVILEGE, "ControlPrivilege"),
-            (place.STREAM_SOURCE_PORT, "GevSCSP"),
+            (addresses.PRIMARY_PORT, "PrimaryApplicationPort"),
+            (addresses.PRIMARY_ADDRESS, "PrimaryApplicationAddress"),
+            (addresses.CONTROL_PRIVILEGE, "ControlPrivilege"),
+            (addresses.STREAM_SOURCE_PORT, "GevSCSP"),
         ):
             self._add_word(address, name, partial(self.plain, address), None)
         for address, name, mask in (
-            (place.GVCP_CONFIGURATION, "GVCPConfiguration", PENDING_ENABLE),
-            (place.STREAM_PORT, "GevSCPHostPort", 0xFFFF),
-            (place.STREAM_PACKET_DELAY, "GevSCPD", 0xFFFFFFFF),
-            (place.STREAM_DESTINATION, "GevSCDA", 0xFFFFFFFF),
+            (addresses.GVCP_CONFIGURATION, "GVCPConfiguration", PENDING_ENABLE),
+            (addresses.STREAM_PORT, "GevSCPHostPort", 0xFFFF),
+            (addresses.STREAM_PACKET_DELAY, "GevSCPD", 0xFFFFFFFF),
+            (addresses.STREAM_DESTINATION, "GevSCDA", 0xFFFFFFFF),
         ):
             self._add_word(
                 address, name, partial(self.plain, address), partial(self._store, address, mask)
             )
         self._add_word(
-            place.STREAM_PACKET_SIZE, "GevSCPSPacketSize", self._packet_word, self._set_packet_word
+            addresses.STREAM_PACKET_SIZE,
+            "GevSCPSPacketSize",
+            self._packet_word,
+            self._set_packet_word,
         )
-        self._add_word(place.TIMESTAMP_CONTROL, "TimestampControl", lambda: 0, self._control_clock)
-        self._add_word(place.TIMESTAMP_HIGH, "TimestampHigh", lambda: self._latched_ns >> 32, None)
         self._add_word(
-            place.TIMESTAMP_LOW, "TimestampLow", lambda: self._latched_ns & 0xFFFFFFFF, None
+            addresses.TIMESTAMP_CONTROL, "TimestampControl", lambda: 0, self._control_clock
         )
-        self._registers[place.USER_NAME] = _Register(
+        self._add_word(
+            addresses.TIMESTAMP_HIGH, "TimestampHigh", lambda: self._latched_ns >> 32, None
+        )
+        self._add_word(
+            addresses.TIMESTAMP_LOW, "TimestampLow", lambda: self._latched_ns & 0xFFFFFFFF, None
+        )
+        self._registers[addresses.USER_NAME] = _Register(
             name="DeviceUserID",
             length=USER_NAME_BYTES,
             read=lambda: self._user_name,

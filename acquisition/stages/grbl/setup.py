@@ -41,7 +41,7 @@ class HeightAxis:
 class GrblSetup:
     """The settings that homing depends on.
 
-    ``towards_switch`` is the sign of the machine direction in which the home switch lies.
+    ``towards_switch`` is the sign of the machine direction towards the home switch.
     """
 
     is_homing_enabled: bool
