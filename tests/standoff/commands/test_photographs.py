@@ -80,7 +80,7 @@ def test_another_import_does_not_go_into_the_same_session(
     assert command(*words, 100).status == 0
     done = command(*words, 200)
     assert done.status == 1
-    assert "made otherwise" in done.err
+    assert "made with other settings" in done.err
 
 
 def test_a_float_photograph_tells_no_level_at_which_it_clips(

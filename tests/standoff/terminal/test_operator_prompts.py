@@ -59,7 +59,7 @@ def test_a_line_typed_during_the_captures_makes_the_next_one_wait(
 def test_the_end_of_the_terminals_input_is_ctrl_c(typed: int) -> None:
     os.close(typed)
     with pytest.raises(KeyboardInterrupt):
-        TerminalOperator().ask("Height that the scale shows, in mm")
+        TerminalOperator().ask("Height shown on the scale, in mm")
 
 
 def test_where_nothing_can_be_dropped_a_question_is_answered_all_the_same(
@@ -67,7 +67,7 @@ def test_where_nothing_can_be_dropped_a_question_is_answered_all_the_same(
 ) -> None:
     monkeypatch.setitem(sys.modules, "termios", None)  # as on Windows
     os.write(typed, b"251.5\n")
-    assert TerminalOperator().ask("Height that the scale shows, in mm") == "251.5"
+    assert TerminalOperator().ask("Height shown on the scale, in mm") == "251.5"
 
 
 def test_a_script_keeps_what_was_captured_and_waits_for_nobody(

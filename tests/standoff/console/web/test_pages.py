@@ -153,7 +153,7 @@ def test_only_plans_are_offered_and_the_first_of_a_name_counts(tmp_path: Path) -
 def test_a_question_with_a_line_is_answered_by_it() -> None:
     queue = PromptQueue(lambda: None)
     answers: list[str] = []
-    asking = Thread(target=lambda: answers.append(queue.ask("Height that the scale shows, in mm")))
+    asking = Thread(target=lambda: answers.append(queue.ask("Height shown on the scale, in mm")))
     asking.start()
     wait_for(lambda: queue.current is not None, "the question")
     prompt = queue.current
