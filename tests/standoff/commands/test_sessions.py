@@ -234,7 +234,7 @@ def test_a_capture_is_retaken_shown_and_verified_with_its_reason(
     assert [c["superseded"] for c in shown["captures"] if c["index"] == 2] == [True, False]
     absent = command(*capture_words(bench_file, plan_file, session_dir, "--yes", "--retake", 77))
     assert absent.status == 1
-    assert "no capture of index 77" in absent.err
+    assert "no capture with index 77" in absent.err
 
 
 def test_captures_are_excluded_and_included_with_a_reason_and_notes_are_kept(

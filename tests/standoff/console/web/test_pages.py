@@ -106,7 +106,7 @@ def test_the_doctor_says_what_to_do_about_a_lost_camera(tmp_path: Path) -> None:
     ("address", "status", "found"),
     [
         ("127.0.0.1", "ok", "127.0.0.1 through"),
-        ("camera-7", "fail", "the host name 'camera-7' is not known"),
+        ("camera-7", "fail", "the host name 'camera-7' cannot be resolved"),
     ],
 )
 def test_the_doctor_tells_the_way_to_a_network_camera(
