@@ -146,18 +146,18 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
     count = int(2 * reach / _KNOT_PX) - 1
     half = 0.5 * (count + 1) * _KNOT_PX
     # Pixels beyond belong to the flat ends.
-    places = np.clip((distance + half) / _KNOT_PX, 0.0, count + 1.0)
+    positions = np.clip((distance + half) / _KNOT_PX, 0.0, count + 1.0)
     levels = samples.unit_levels
     weights = np.ones(distance.size)
     stiffness = _stiffness(count, half, sigma_px)
-    coefficients, factor, variance = fit_penalised_spline(places, levels, weights, stiffness)
+    coefficients, factor, variance = fit_penalised_spline(positions, levels, weights, stiffness)
     if factor[0, 0] == 0.0:
         return None
-    residuals = levels - curve_values(places, coefficients)
+    residuals = levels - curve_values(positions, coefficients)
     outside = np.abs(residuals) > max(_OUTLIER_SIGMAS * robust_sigma(residuals), _OUTLIER_LEAST)
     if outside.any():
         weights[outside] = 0.0
-        coefficients, factor, variance = fit_penalised_spline(places, levels, weights, stiffness)
+        coefficients, factor, variance = fit_penalised_spline(positions, levels, weights, stiffness)
         if factor[0, 0] == 0.0:
             return None
     tail = _tail_px(distance[~outside], levels[~outside], half, sigma_px)
@@ -185,12 +185,12 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
 
 
 def _stiffness(count: int, half_width_px: float, sigma_px: float) -> FloatArray:
-    """Penalty by place: a PSF has no detail far out that is much finer than it is far.
+    """Penalty by position: a PSF has no detail far out that is much finer than it is far.
 
     The smoothing length of a spline grows with the sixth root of its penalty's weight.
     """
-    place = (np.arange(count + 3) - 0.5) * _KNOT_PX - half_width_px
-    return np.asarray((1.0 + (place / (_DETAIL_SIGMAS * sigma_px + _DETAIL_EXTRA_PX)) ** 2) ** 3)
+    position = (np.arange(count + 3) - 0.5) * _KNOT_PX - half_width_px
+    return np.asarray((1.0 + (position / (_DETAIL_SIGMAS * sigma_px + _DETAIL_EXTRA_PX)) ** 2) ** 3)
 
 
 def _tail_px(distance: FloatArray, levels: FloatArray, reach_px: float, sigma_px: float) -> float:

@@ -73,10 +73,10 @@ def _noise_by_level(
 ) -> tuple[FloatArray, FloatArray]:
     """Noise of the gradient in ranges of equally many levels, and what separates them."""
     separators = np.quantile(levels_dn, np.arange(1, _NOISE_RANGES) / _NOISE_RANGES)
-    place = np.searchsorted(separators, levels_dn, side="right")
+    level_range = np.searchsorted(separators, levels_dn, side="right")
     noise = np.full(_NOISE_RANGES, overall)
     for k in range(_NOISE_RANGES):
-        chosen = magnitude[place == k]
+        chosen = magnitude[level_range == k]
         if chosen.size >= _NOISE_PIXELS:
             noise[k] = float(np.median(chosen)) / _RAYLEIGH_MEDIAN
     # A range that holds edges and little else knows nothing of the noise.

@@ -57,13 +57,13 @@ _NORMAL_FIRST = -(len(_NORMAL) // 2) / _STEPS
 @njit(cache=True, error_model="numpy")
 def _normal(x: float) -> tuple[float, float]:
     """Phi and its density by cubic Hermite interpolation: off by 3e-10 at most."""
-    place = (x - _NORMAL_FIRST) * _STEPS
-    k = int(place)
+    position = (x - _NORMAL_FIRST) * _STEPS
+    k = int(position)
     if k < 0:
         return 0.0, 0.0
     if k >= _NORMAL.shape[0] - 1:
         return 1.0, 0.0
-    t = place - k
+    t = position - k
     step = 1.0 / _STEPS
     here, following = _NORMAL[k, 1], _NORMAL[k + 1, 1]
     left = _NORMAL_FIRST + k * step

@@ -39,11 +39,11 @@ def line_spread(samples: EdgeSamples) -> LineSpread:
     bins = np.round(samples.distance_px / BIN_PX).astype(np.int64)
     first = int(bins.min())
     count = np.bincount(bins - first)
-    place = np.asarray((first + np.arange(count.size)) * BIN_PX, dtype=np.float64)
+    position = np.asarray((first + np.arange(count.size)) * BIN_PX, dtype=np.float64)
     used = count > 0
     level = np.bincount(bins - first, samples.unit_levels)[used] / count[used]
-    filled = np.interp(place, place[used], level)
-    return LineSpread(place_px=place, value_per_px=np.gradient(filled, BIN_PX))
+    filled = np.interp(position, position[used], level)
+    return LineSpread(place_px=position, value_per_px=np.gradient(filled, BIN_PX))
 
 
 def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:

@@ -74,7 +74,7 @@ def _without_running_median(values: FloatArray) -> FloatArray:
         leaving = values[max(i - half, 0)]
         entering = values[min(i + half + 1, last)]
         k = np.searchsorted(window, leaving)
-        # The window stays sorted: what is between the two moves up by one place.
+        # The window stays sorted: what is between the two moves up by one element.
         while k < _NEIGHBOURS - 1 and window[k + 1] < entering:
             window[k] = window[k + 1]
             k += 1
@@ -152,13 +152,13 @@ def profile_figures(
     """
     first = np.floor(distances.min() / _BIN_PX)
     size = int(np.floor(distances.max() / _BIN_PX) - first) + 1
-    count, total, place = np.zeros(size), np.zeros(size), np.zeros(size)
+    count, total, distance_sum = np.zeros(size), np.zeros(size), np.zeros(size)
     squares = 0.0
     for i in range(len(values)):
         k = int(np.floor(distances[i] / _BIN_PX) - first)
         count[k] += 1
         total[k] += residuals[i]
-        place[k] += distances[i]
+        distance_sum[k] += distances[i]
         squares += residuals[i] ** 2
     filled = bins = 0
     chi2 = mean_squares = 0.0
@@ -168,7 +168,7 @@ def profile_figures(
         filled += 1
         mean = total[k] / count[k]
         squares -= count[k] * mean * mean
-        if count[k] >= _BIN_PIXELS and abs(place[k] / count[k]) < 5 * sigma_px + 1:
+        if count[k] >= _BIN_PIXELS and abs(distance_sum[k] / count[k]) < 5 * sigma_px + 1:
             bins += 1
             chi2 += count[k] * mean * mean
             mean_squares += mean * mean

@@ -195,7 +195,7 @@ def _line(
 def _projected(
     x: FloatArray, y: FloatArray, cx: float, cy: float, normal: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Places of points along a line and across it, from (cx, cy)."""
+    """Coordinates of points along a line and across it, from (cx, cy)."""
     c, s = cos(normal), sin(normal)
     along, across = np.empty(len(x)), np.empty(len(x))
     for i in range(len(x)):

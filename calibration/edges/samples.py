@@ -19,7 +19,7 @@ _NARROWEST_BAND_PX = 3.0
 class EdgeSamples:
     """Raw pixels around one edge, shape ``(n,)`` each, from the dark to the bright side.
 
-    ``distance_px`` is signed, across the edge; its bend is taken out. ``along_px`` is the place
+    ``distance_px`` is signed, across the edge; its bend is taken out. ``along_px`` is the position
     along the edge. ``levels_dn`` are the pixels as they are.
     """
 
@@ -86,8 +86,8 @@ def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
     distance = samples.distance_px[near]
     slope = np.exp(-0.5 * (distance / sigma_px) ** 2) / (sigma_px * sqrt(2 * pi))
     residual = samples.unit_levels[near] - edge_profile(distance, sigma_px)
-    place = np.floor((samples.along_px[near] + samples.half_length_px) / _ROUGHNESS_PIECE_PX)
-    pieces = place.astype(np.int64)
+    position = np.floor((samples.along_px[near] + samples.half_length_px) / _ROUGHNESS_PIECE_PX)
+    pieces = position.astype(np.int64)
     information = np.bincount(pieces, slope**2)
     right = np.bincount(pieces, residual * slope)
     whole = information > 0.5 * float(np.max(information, initial=0.0))

@@ -64,7 +64,7 @@ class EdgeSegment:
         count = max(1, round(self.length_px / longest_px))
         length = self.length_px / count
         along_x, along_y = -np.sin(self.normal_rad), np.cos(self.normal_rad)
-        places = (np.arange(count) - (count - 1) / 2) * length
+        offsets_px = (np.arange(count) - (count - 1) / 2) * length
         return [
             replace(
                 self,
@@ -73,7 +73,7 @@ class EdgeSegment:
                 length_px=length,
                 found_length_px=self.found_length_px if count == 1 else length,
             )
-            for t in places
+            for t in offsets_px
         ]
 
 
