@@ -40,7 +40,7 @@ def observer_templates(
     covariance
         Of the window's pixels, positive definite.
     observers
-        Which ones.
+        Observers to evaluate.
 
     Returns
     -------

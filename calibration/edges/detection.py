@@ -2,7 +2,7 @@
 
 Ridges of the gradient (Canny's non-maximum suppression and hysteresis) are grown into regions
 of one direction; each region gets a line by total least squares weighted with the squared
-gradient; collinear pieces are joined; what stands too near is kept out of the fit's band.
+gradient; collinear pieces are joined; what is too near is kept out of the fit's band.
 """
 
 from dataclasses import replace
@@ -106,7 +106,7 @@ def _widest_gap_px(line: EdgeSegment) -> float:
 
 
 def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
-    """The two as one edge, where ``other`` lies on the prolongation of ``line``."""
+    """Join the two into one edge, if ``other`` continues ``line``."""
     apart = (other.normal_rad - line.normal_rad + pi) % (2 * pi) - pi
     shorter = min(line.length_px, other.length_px)
     if abs(apart) > max(np.deg2rad(2.0), 1.5 / shorter):
@@ -150,7 +150,7 @@ def _sized(gradient: Gradient, line: EdgeSegment) -> EdgeSegment:
 
 
 def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
-    """Take the ends off where they are corners; an end at the border of the frame stays."""
+    """Trim ends that are corners; an end at the border of the frame stays."""
     corner = _CORNER_SIGMAS * line.sigma_px + 0.5
     first, last = _ends(line)
     cuts = []

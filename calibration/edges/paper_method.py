@@ -1,4 +1,4 @@
-"""The paper's way from edges to a PSF, kept to compare with it.
+"""The paper's method of measuring a PSF from edges, kept for comparison.
 
 Pixels are projected on the edge normal into bins of a quarter pixel, the binned edge is
 differentiated, and a Gaussian is fitted to that line spread function; sigma_x and sigma_y are
@@ -67,7 +67,7 @@ def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
     start = (1.0, 0.0, max(fit.sigma_px, BIN_PX))
     try:
         with warnings.catch_warnings():
-            # Where the pixels tell no width, scipy warns and gives an infinite variance.
+            # Where the pixels do not determine a width, scipy warns and gives an infinite variance.
             warnings.simplefilter("ignore", OptimizeWarning)
             values, covariance = curve_fit(
                 _gaussian, spread.place_px, spread.value_per_px, p0=start, maxfev=400

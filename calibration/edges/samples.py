@@ -1,4 +1,4 @@
-"""The raw pixels around a fitted edge by their distance from it, and how rough the edge is."""
+"""The raw pixels around a fitted edge by their distance from it, and the edge's roughness."""
 
 from dataclasses import dataclass, field
 from math import cos, pi, sin, sqrt
@@ -11,7 +11,7 @@ from calibration.edges.segments import EdgeLine, EdgeSegment, band_pixels
 from simulation.arrays import FloatArray
 
 _ROUGHNESS_PIECE_PX = 4.0
-_ROUGHNESS_PIECES = 4  # fewer tell no scatter
+_ROUGHNESS_PIECES = 4  # fewer give no scatter
 _NARROWEST_BAND_PX = 3.0
 
 
@@ -40,7 +40,7 @@ class EdgeSamples:
 def edge_samples(
     image_dn: FloatArray, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
 ) -> EdgeSamples:
-    """Collect the pixels within ``half_width_px`` of a fitted edge, as far as nothing is near.
+    """Collect the pixels within ``half_width_px`` of a fitted edge, up to its clearance.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def edge_samples(
 
 
 def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
-    """RMS deviation of the edge from its line or arc over pieces of 4 px, noise taken out.
+    """RMS deviation of the edge from its line or arc over pieces of 4 px, noise removed.
 
     Each piece is shifted to where its pixels fit the Gaussian edge best, by one Gauss-Newton
     step; what the pixels' noise alone would scatter is subtracted in squares.
