@@ -133,7 +133,7 @@ def test_a_region_outside_is_named_as_it_was_typed(
 ) -> None:
     done = command("calibrate", edge_file, "--region", "0,0,400,90", "--out", tmp_path / "psf.json")
     assert done.status == 1
-    assert "region 0,0,400,90 does not lie inside" in done.err
+    assert "region 0,0,400,90 is not within" in done.err
 
 
 def test_one_clipped_colour_rejects_the_edge_though_its_luma_is_below_the_top(

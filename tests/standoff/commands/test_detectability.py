@@ -159,8 +159,8 @@ def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_pa
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ((), "2 curves fit; choose by --observer (hotelling, npw)"),
-        (("--observer", "cho"), "no curve fits"),
+        ((), "2 curves match; choose by --observer (hotelling, npw)"),
+        (("--observer", "cho"), "no curve matches"),
         (("--observer", "npw", "--at-tilt", "5"), "--at-tilt needs --at-zoom"),
     ],
 )
