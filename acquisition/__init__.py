@@ -1,10 +1,10 @@
-"""Devices and capture sessions; what reads a session is exported here.
+"""Devices and capture sessions; the session reader is exported here.
 
 >>> from acquisition import Session
 >>> session = Session("sessions/today")
 
-Devices, plans and errors are imported from their own modules and rooms: ``acquisition.devices``,
-``acquisition.errors``, ``acquisition.capture`` and so on.
+Devices, plans and errors are imported from their own modules and subpackages:
+``acquisition.devices``, ``acquisition.errors``, ``acquisition.capture`` and so on.
 """
 
 import lazy_loader as lazy

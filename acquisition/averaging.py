@@ -1,4 +1,4 @@
-"""Average frames into one capture: exact mean, temporal variance and what went wrong meanwhile."""
+"""Average frames into one capture: exact mean, temporal variance and stream faults."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -46,7 +46,7 @@ def average_frames(
     keep_frame: Callable[[FrameImage], None] | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> AveragedFrames:
-    """Stream until ``frames_asked`` good frames are averaged; never a shorter average.
+    """Stream until ``frames_asked`` good frames are averaged, never fewer.
 
     The first frame after the start is skipped (its exposure may have begun before). Incomplete
     frames, repeated frame ids and frames of the wrong shape are replaced, up to three times
@@ -60,20 +60,20 @@ def average_frames(
     frames_asked
         Number of frames N in the average, 2 to 10 000.
     keep_frame
-        Is handed every frame that goes into the average, in order. What it was handed is void
-        when the average fails.
+        Called with every frame that goes into the average, in order. Those frames must be
+        discarded if the average fails.
     clock
         Monotonic time in seconds.
 
     Raises
     ------
     CaptureError
-        If the frames or the time ran out; it says how many frames were good and why not more.
+        If the frames or the time ran out; the error says how many frames were good and why.
     DeviceDisconnectedError
         If the camera is gone.
     """
     if not 2 <= frames_asked <= MAX_FRAMES:
-        raise ValueError(f"frames_asked must lie in 2 to {MAX_FRAMES}, got {frames_asked}")
+        raise ValueError(f"frames_asked must be from 2 to {MAX_FRAMES}, got {frames_asked}")
     settings = camera.settings
     limit_s = 1.0 + 4.0 * (frames_asked + 1) / settings.frame_rate_hz
     resent_before = camera.statistics().resent_packets
@@ -114,7 +114,7 @@ class _Tally:
     misshapen: int = 0
 
     def failure(self, reason: str) -> CaptureError:
-        """Give the error that tells the count and the reason."""
+        """Return the error that gives the count and the reason."""
         counts = {
             "incomplete": self.incomplete,
             "with a repeated id": self.repeated,
@@ -131,10 +131,10 @@ class _Tally:
 
 
 class _FrameSums:
-    """Sums over frames, exact in integers, so that the order of the frames cannot matter.
+    """Exact integer sums over frames, so that the order of the frames cannot matter.
 
-    The form is owed to speed: ``benchmarks/bench_aravis.py``. Squares are summed in 32 bits as
-    long as they cannot overflow, then carried over into 64. No frame is held back to be added
+    It is written for speed (``benchmarks/bench_aravis.py``). Squares are summed in 32 bits as
+    long as they cannot overflow, then carried over into 64. No frame is kept to be added
     together with others: fresh memory for each frame costs more than the sums do.
     """
 
@@ -154,7 +154,7 @@ class _FrameSums:
         _accumulate(_read_only(pixel), np.zeros(1, np.uint32), np.zeros(1, np.uint32))
 
     def add(self, frame: Frame) -> None:
-        """Take one frame of the right shape into the sums."""
+        """Add one frame of the right shape to the sums."""
         image_dn = frame.image_dn
         flat_dn = _read_only(image_dn)
         if (self._frames_since_carry + 1) * self._max_level_dn**2 >= 2**32:
@@ -181,7 +181,7 @@ class _FrameSums:
         self._frames_since_carry = 0
 
     def average(self, tally: _Tally, *, resent_packets: int) -> AveragedFrames:
-        """Mean and variance of the frames taken in."""
+        """Mean and variance of the frames added so far."""
         mean_dn = np.empty(self.shape, np.float32)
         variance_dn2 = np.empty(self.shape, np.float32)
         _mean_and_variance(
@@ -209,7 +209,7 @@ class _FrameSums:
 
 
 def _read_only(image_dn: FrameImage) -> FrameImage:
-    """Give the flat picture as read-only, whatever it is: one kind of array, compiled once."""
+    """Return the flat image as read-only: the sums are then compiled for one kind of array."""
     flat = image_dn.reshape(-1)
     flat.flags.writeable = False
     return flat
@@ -219,7 +219,7 @@ def _read_only(image_dn: FrameImage) -> FrameImage:
 def _accumulate(
     image_dn: FrameImage, sum_dn: NDArray[np.uint32], sum_dn2: NDArray[np.uint32]
 ) -> tuple[np.uint16, np.uint16]:
-    """Add levels and squares to the sums; gives the smallest and largest level."""
+    """Add levels and squares to the sums; return the smallest and largest level."""
     low_dn = high_dn = image_dn[0]
     for i in range(image_dn.size):
         level_dn = np.uint32(image_dn[i])
@@ -267,7 +267,7 @@ def _next_frame(
 
 @contextmanager
 def _streaming(camera: Camera) -> Iterator[None]:
-    """Stream inside the block; a failure inside is reported before a failure to stop."""
+    """Stream inside the block; a failure inside takes precedence over a failure to stop."""
     try:
         camera.start()
         yield

@@ -1,4 +1,4 @@
-"""The bench: its file, checked key by key, the address of its camera, and its opened devices."""
+"""The bench: its file, validated key by key, the camera's address, and the opened devices."""
 
 import ipaddress
 import re
@@ -18,7 +18,7 @@ from acquisition.untrusted import parse_toml
 _HOST_NAME = re.compile(
     r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?(\.[A-Za-z0-9-]{1,63})*"
 )
-"""Of labels of 63 characters at most (RFC 1035, section 2.3.4): Python resolves no longer one."""
+"""Labels have at most 63 characters (RFC 1035, section 2.3.4): Python resolves no longer ones."""
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -30,33 +30,33 @@ class _Section(BaseModel):
 
 
 class CameraConfig(_Section):
-    """``[camera]``: which camera, and how it is set."""
+    """``[camera]``: which camera, and its settings."""
 
     driver: Literal["aravis", "simulated", "files"]
     address: str | None = Field(
-        None, description="IP address or host name of a GigE Vision camera; aravis needs it"
+        None, description="IP address or host name of a GigE Vision camera; aravis requires it"
     )
     pixel_format: str = Field(description="GenICam PFNC name, such as Mono12")
     exposure_us: Positive
     gain_db: NonNegative
     frame_rate_hz: Positive
     region_px: tuple[int, int, int, int] | None = Field(
-        None, description="left, top, width, height on the sensor; absent: all of it"
+        None, description="left, top, width, height on the sensor; default: the whole sensor"
     )
     packet_size_bytes: int | None = Field(
-        None, ge=220, le=16000, description="absent: the largest that gets through"
+        None, ge=220, le=16000, description="default: the largest that gets through"
     )
     bandwidth_limit_bytes_per_s: int | None = Field(
-        None, gt=0, description="where cameras share a cable; absent: as the camera has it"
+        None, gt=0, description="for cameras that share a cable; default: the camera's own"
     )
     reconnect_timeout_s: NonNegative = Field(
-        30.0, description="how long a lost camera is waited for; 0: not at all"
+        30.0, description="how long to wait for a lost camera; 0: not at all"
     )
 
     @model_validator(mode="after")
     def _aravis_has_an_address(self) -> "CameraConfig":
         if self.address is None and self.driver == "aravis":
-            raise ValueError("camera.address is missing; driver 'aravis' needs it")
+            raise ValueError("camera.address is missing; driver 'aravis' requires it")
         fault = None if self.address is None else address_fault(self.address)
         if fault is not None:
             raise ValueError(f"camera.address: {fault}")
@@ -67,15 +67,17 @@ class CameraConfig(_Section):
         if self.region_px is not None:
             left, top, width, height = self.region_px
             if min(left, top) < 0 or min(width, height) < 1:
-                raise ValueError(f"region_px is left, top, width, height, got {self.region_px}")
+                raise ValueError(
+                    f"region_px must be left, top, width, height, got {self.region_px}"
+                )
         return self
 
 
 class StageConfig(_Section):
-    """``[stage]``: which stage, its travel and how it settles."""
+    """``[stage]``: which stage, its travel and settling."""
 
     driver: Literal["grbl", "zaber", "manual", "simulated"]
-    port: str | None = Field(None, description="serial port, best under /dev/serial/by-id")
+    port: str | None = Field(None, description="serial port, preferably under /dev/serial/by-id")
     baud_rate: int = Field(115200, gt=0)
     limits_mm: tuple[float, float]
     feed_mm_per_min: Positive = 300.0
@@ -83,25 +85,28 @@ class StageConfig(_Section):
     tolerance_mm: Positive = 0.01
     approach: Literal["from_below", "from_above"] = "from_below"
     backlash_mm: NonNegative = Field(
-        0.5, description="how far past its target a move from the wrong side goes first"
+        0.5, description="how far a move from the wrong side first overshoots its target"
     )
     home_offset_mm: float = Field(0.0, description="height where the controller reads 0")
     direction: Literal["up", "down"] = Field(
-        "up", description="where the camera goes when the controller counts up"
+        "up", description="direction of the camera when the controller counts up"
     )
     park_mm: float | None = None
     axis: Literal["X", "Y", "Z"] = Field("Z", description="Grbl axis that moves the camera")
     homing: Literal["all_axes", "single_axis"] = Field(
-        "all_axes", description="whether Grbl homes with $H or with that of the axis, such as $HZ"
+        "all_axes",
+        description="whether Grbl homes with $H or with the axis's own command, such as $HZ",
     )
-    device_address: int = Field(1, ge=1, le=99, description="Zaber device in the chain")
-    axis_number: int = Field(1, ge=1, le=9, description="Zaber axis of the device")
+    device_address: int = Field(
+        1, ge=1, le=99, description="address of the Zaber device in the chain"
+    )
+    axis_number: int = Field(1, ge=1, le=9, description="axis of the Zaber device")
     microstep_um: Positive | None = Field(None, description="travel of one Zaber microstep")
     expected_settings: dict[str, float] = Field(
         default_factory=dict,
         description='settings the controller must have, such as "$102" or "resolution"',
     )
-    wire_log: str | None = Field(None, description="file that logs every line on the wire")
+    wire_log: str | None = Field(None, description="file for a log of every line on the wire")
 
     @model_validator(mode="after")
     def _keys_fit(self) -> "StageConfig":
@@ -111,9 +116,9 @@ class StageConfig(_Section):
         if self.park_mm is not None and not low_mm <= self.park_mm <= high_mm:
             raise ValueError(f"park_mm must be within limits_mm, got {self.park_mm:g}")
         if self.driver in ("grbl", "zaber") and not self.port:
-            raise ValueError(f"port: the {self.driver} driver needs it")
+            raise ValueError(f"port is missing; driver {self.driver!r} requires it")
         if self.driver == "zaber" and self.microstep_um is None:
-            raise ValueError("microstep_um: the zaber driver needs it")
+            raise ValueError("microstep_um is missing; driver 'zaber' requires it")
         return self
 
 
@@ -147,10 +152,10 @@ class SimulatedConfig(_Section):
         0.0, description="relative growth of sigma from the centre to the corner"
     )
     pupil_offset_mm: float = Field(
-        0.0, description="distance of the entrance pupil above the height zero"
+        0.0, description="distance of the entrance pupil above height zero"
     )
     focus_distance_mm: Positive | None = Field(
-        None, description="distance in focus; absent: refocused at every height"
+        None, description="distance in focus; default: refocused at every height"
     )
     f_number: Positive = 4.0
     k1: float = Field(0.0, description="radial distortion at the image corner, relative")
@@ -163,14 +168,14 @@ class SimulatedConfig(_Section):
     white_e_per_us: Positive = Field(
         1.5, description="electrons per pixel and microsecond from white paper"
     )
-    gain_e_per_dn: Positive = Field(5.0, description="conversion at 0 dB, e-/DN of 12 bit")
+    gain_e_per_dn: Positive = Field(5.0, description="conversion at 0 dB, e-/DN at 12 bits")
     read_noise_e: NonNegative = 12.0
     full_well_e: Positive = 22000.0
-    black_level_dn: NonNegative = Field(64.0, description="offset, in DN of 12 bit")
+    black_level_dn: NonNegative = Field(64.0, description="offset, in DN at 12 bits")
 
 
 class BenchConfig(_Section):
-    """One bench: camera, stage, optics, and the simulated truth where it has one."""
+    """A bench: camera, stage, optics, and the truth if it is simulated."""
 
     camera: CameraConfig
     stage: StageConfig
@@ -181,9 +186,9 @@ class BenchConfig(_Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchDevices:
-    """Camera and stage of a bench, opened and configured after ``config``.
+    """Camera and stage of a bench, opened and configured according to ``config``.
 
-    ``clock`` gives the monotonic seconds in which both live, and ``sleep`` lets some pass.
+    ``clock`` returns the monotonic time in seconds for both, and ``sleep`` waits.
     """
 
     config: BenchConfig
@@ -194,7 +199,7 @@ class BenchDevices:
 
 
 def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:
-    """Read a bench file, with single keys replaced by ``overrides`` (``"camera.gain_db": 3``).
+    """Read a bench file, with individual keys replaced by ``overrides`` (``"camera.gain_db": 3``).
 
     Raises
     ------
@@ -213,7 +218,7 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
         keys = table.setdefault(section, {})
         if not isinstance(keys, dict):
             raise BenchConfigError(
-                f"bench file {path}: {section} is not a table of keys", path=path, keys=(section,)
+                f"bench file {path}: {section} is not a table", path=path, keys=(section,)
             )
         keys[name] = value
     try:
@@ -225,7 +230,7 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
 
 
 def parse_overrides(settings: list[str]) -> dict[str, Any]:
-    """Split ``section.key=value`` arguments; a value is read as TOML, else taken as text.
+    """Split ``section.key=value`` arguments; a value that is not TOML is taken as text.
 
     Raises
     ------
@@ -266,15 +271,15 @@ def validation_lines(error: ValidationError) -> str:
 
 
 def validation_keys(error: ValidationError) -> tuple[str, ...]:
-    """The key of each fault, dotted; empty where the whole is at fault."""
+    """The dotted key of each fault; empty where the whole is at fault."""
     return tuple(".".join(str(part) for part in fault["loc"]) for fault in error.errors())
 
 
 def address_fault(text: str) -> str | None:
     """Say why ``text`` cannot name one camera; None where it can.
 
-    An IPv4 address that is not one host's (broadcast, multicast, 0.0.0.0) is a fault: a GigE
-    Vision command sent there would reach every camera in the network.
+    An IPv4 address of more than one host (broadcast, multicast, 0.0.0.0) is a fault: a GigE
+    Vision command sent there would reach every camera on the network.
     """
     try:
         address = ipaddress.ip_address(text)
@@ -283,19 +288,19 @@ def address_fault(text: str) -> str | None:
             return None
         return f"{text!r} is neither an IPv4 address nor a host name"
     if address.version != 4:
-        return f"{text} is an IPv6 address; GigE Vision has IPv4 only"
+        return f"{text} is an IPv6 address; GigE Vision supports only IPv4"
     if address.is_multicast or address.is_unspecified or address.is_reserved:
         return f"{text} is not the address of one camera"
     return None
 
 
 def resolve_address(address: str) -> str:
-    """Return the IPv4 address of a camera that is given by address or host name.
+    """Return the IPv4 address of a camera given by address or host name.
 
     Raises
     ------
     DeviceError
-        If it names no single host, or the name is not known.
+        If it does not name a single host, or the name cannot be resolved.
     """
     fault = address_fault(address)
     if fault is not None:
@@ -304,13 +309,13 @@ def resolve_address(address: str) -> str:
         found = socket.getaddrinfo(address, None, socket.AF_INET, socket.SOCK_DGRAM)
     except OSError as error:
         raise DeviceError(
-            f"camera.address: the host name {address!r} is not known ({error.strerror}); "
+            f"camera.address: the host name {address!r} cannot be resolved ({error.strerror}); "
             "give the camera's IP address"
         ) from error
     resolved = str(found[0][4][0])
     fault = address_fault(resolved)
     if fault is not None:
-        raise DeviceError(f"camera.address: {address!r} stands for {fault}")
+        raise DeviceError(f"camera.address: the host name {address!r} cannot be used: {fault}")
     return resolved
 
 

@@ -1,4 +1,4 @@
-"""What a caller of this package may choose from: names and bounds, without any library."""
+"""Names and bounds that callers of this package choose from; imports no library."""
 
 from typing import Literal
 
@@ -7,4 +7,4 @@ CaptureKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
 FocusMeasure = Literal["squared-gradient", "tenengrad", "brenner", "laplacian"]
 
 FEWEST_POSITIONS = 7
-"""Of a focus sweep: its curve has five parameters, and two positions more judge it."""
+"""Fewest positions of a focus sweep: its curve has five parameters, two more test the fit."""

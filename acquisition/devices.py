@@ -1,4 +1,4 @@
-"""What every camera and every height stage does, real or simulated.
+"""The interfaces of every camera and every height stage, real or simulated.
 
 Calls block, each with its own time limit; threads stay inside a driver.
 """
@@ -15,7 +15,7 @@ StageState = Literal["idle", "moving", "homing", "hold", "door", "alarm", "unkno
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceInfo:
-    """Who a device says it is, for the snapshot in a session."""
+    """Identity that a device reports, for the snapshot in a session."""
 
     vendor: str
     model: str
@@ -79,7 +79,7 @@ class Camera(Protocol):
 
     @property
     def info(self) -> DeviceInfo:
-        """Who the camera says it is."""
+        """Identity that the camera reports."""
         ...
 
     @property
@@ -96,7 +96,7 @@ class Camera(Protocol):
         ...
 
     def start(self) -> None:
-        """Begin to stream; frames that waited from before are dropped."""
+        """Start the stream; frames left from before are dropped."""
         ...
 
     def next_frame(self, timeout_s: float) -> Frame:
@@ -120,7 +120,7 @@ class Camera(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the camera back; closing twice is harmless."""
+        """Release the camera; closing twice is harmless."""
         ...
 
 
@@ -130,7 +130,7 @@ class Stage(Protocol):
 
     @property
     def info(self) -> DeviceInfo:
-        """Who the stage says it is."""
+        """Identity that the stage reports."""
         ...
 
     @property
@@ -179,7 +179,7 @@ class Stage(Protocol):
         ...
 
     def emergency_stop(self) -> None:
-        """Stop at once; the position is void until homed again."""
+        """Stop at once; the position is unknown until the stage is homed again."""
         ...
 
     def clear_alarm(self) -> None:
@@ -187,18 +187,18 @@ class Stage(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the port back; closing twice is harmless."""
+        """Release the port; closing twice is harmless."""
         ...
 
 
 @runtime_checkable
 class TravellingStage(Protocol):
-    """A stage that tells where it is while another thread moves it; for a display only."""
+    """A stage that reports its height while another thread moves it; for display only."""
 
     def travel_height_mm(self) -> float | None:
-        """Height on the way, in mm, or None where it is not known.
+        """Height during a move, in mm; None if it is not known.
 
-        It takes no part in the dialogue of the move: it can neither disturb it nor keep an
+        It takes no part in the dialogue of the move: it can neither disturb the move nor hide an
         alarm from it.
         """
         ...

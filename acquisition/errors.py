@@ -1,4 +1,4 @@
-"""What can go wrong at the bench and on disk, each error with its facts."""
+"""Errors at the bench and on disk, each with its details."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Literal
 
 
 class DeviceError(Exception):
-    """A camera or stage did not do what it was asked."""
+    """A camera or stage did not do what it was asked to."""
 
 
 class DeviceTimeoutError(DeviceError, TimeoutError):
@@ -22,7 +22,7 @@ class DeviceDisconnectedError(DeviceError, ConnectionError):
 
 
 class StreamInterruptedError(DeviceDisconnectedError):
-    """A camera's stream broke off; the next start opens the camera anew, so try once more."""
+    """A camera's stream was interrupted; the next start reopens the camera, so try once more."""
 
 
 class DeviceInUseError(DeviceError):
@@ -34,11 +34,11 @@ class DriverMissingError(DeviceError, ImportError):
 
 
 class OperatorStopError(DeviceError):
-    """Somebody pressed stop; the devices are sound, and what was begun was broken off."""
+    """The operator pressed stop; the devices are sound, and work in progress was abandoned."""
 
 
 class CameraFeatureError(DeviceError):
-    """A camera does not take a setting, or does not keep it."""
+    """A camera does not accept a setting, or does not keep it."""
 
     def __init__(self, message: str, *, feature: str) -> None:
         super().__init__(message)
@@ -46,11 +46,11 @@ class CameraFeatureError(DeviceError):
 
 
 class DeviceProtocolError(DeviceError):
-    """A device answered what its protocol does not allow."""
+    """A device sent an answer that its protocol does not allow."""
 
 
 class DeviceRefusalError(DeviceError):
-    """A device understood a command and refused it; ``code`` is what it gave as the reason."""
+    """A device understood a command and refused it; ``code`` is the reason it gave."""
 
     def __init__(self, message: str, *, code: int | str) -> None:
         super().__init__(message)
@@ -58,7 +58,7 @@ class DeviceRefusalError(DeviceError):
 
 
 class DeviceSettingsError(DeviceError):
-    """A device is not set as it has to be; ``settings`` names what differs."""
+    """A device does not have the expected settings; ``settings`` names those that differ."""
 
     def __init__(self, message: str, *, settings: tuple[str, ...]) -> None:
         super().__init__(message)
@@ -66,13 +66,13 @@ class DeviceSettingsError(DeviceError):
 
 
 class DeviceResetError(DeviceError):
-    """A device started anew meanwhile; what it knew, its position too, is lost."""
+    """A device restarted in the meantime; its state, including its position, is lost."""
 
 
 class CaptureError(DeviceError):
     """A capture could not be completed; nothing of it is kept.
 
-    ``frames_refused`` counts the frames that were no good, by what was wrong with them.
+    ``frames_refused`` counts the rejected frames by what was wrong with them.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class CaptureError(DeviceError):
 
 
 class StageAlarmError(DeviceError):
-    """The stage is in alarm and takes no move until the alarm is cleared."""
+    """The stage is in alarm and accepts no move until the alarm is cleared."""
 
     def __init__(self, message: str, *, code: int | str | None = None) -> None:
         super().__init__(message)
@@ -98,7 +98,7 @@ class StageAlarmError(DeviceError):
 
 
 class StageLimitError(DeviceError, ValueError):
-    """A move was asked for outside the travel; nothing moved.
+    """A move outside the travel was requested; nothing moved.
 
     ``limits_mm`` is None where the controller refused what the bench file allows.
     """
@@ -112,13 +112,13 @@ class StageLimitError(DeviceError, ValueError):
 
 
 class StageNotHomedError(DeviceError):
-    """A move was asked for before the stage was homed; nothing moved."""
+    """A move was requested before the stage was homed; nothing moved."""
 
 
 class StageStoppedError(DeviceError):
-    """The stage stands, but not where it was sent.
+    """The stage has stopped, but not where it was sent.
 
-    ``is_asked`` says whether somebody stopped it; ``height_mm`` is None where it did not set out.
+    ``is_asked`` says whether the stop was requested; ``height_mm`` is None if it never moved.
     """
 
     def __init__(self, message: str, *, is_asked: bool, height_mm: float | None) -> None:
@@ -138,14 +138,14 @@ class SessionError(Exception):
     Parameters
     ----------
     fault
-        What is wrong, where a program may want to know. What the system refused is the cause,
-        an `OSError`.
+        What is wrong, where a program may want to know. If the system refused something, the
+        cause is an `OSError`.
     path
         The file or directory at fault.
     line
-        Of the journal, from 1.
+        Line of the journal, from 1.
     keys
-        Those that are not accepted, or differ from those of the session.
+        Keys that are not accepted, or differ from those of the session.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The capture plan: targets, orientations and heights in the order of work, and what it takes."""
+"""The capture plan: targets, orientations and heights in working order, and its cost."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,11 +22,11 @@ from acquisition.errors import PlanError
 from acquisition.untrusted import parse_toml
 
 HEIGHT_DECIMALS = 3
-"""Heights are told apart to 0.001 mm, as file names write them."""
+"""Heights are distinguished to 0.001 mm, as in file names."""
 
 MAX_HEIGHTS = 10_000
 RAMP_S = 0.3
-"""Speeding up and slowing down of one move."""
+"""Acceleration and deceleration of one move."""
 
 OVERHEAD_S = 0.25
 """Starting and stopping the stream, reading the stage twice, storing the capture."""
@@ -37,13 +37,13 @@ def _expand_heights(value: object) -> object:
     if not isinstance(value, Mapping):
         return value
     if set(value) != {"start", "stop", "step"}:
-        raise ValueError(f"a table has start, stop and step, got {', '.join(value)}")
+        raise ValueError(f"a table must have start, stop and step, got {', '.join(value)}")
     numbers = [value[key] for key in ("start", "stop", "step")]
     if not all(type(number) in (int, float) and math.isfinite(number) for number in numbers):
         raise ValueError(f"start, stop and step must be finite numbers, got {numbers}")
     start, stop, step = map(float, numbers)
     if not (step > 0 and stop >= start):
-        raise ValueError(f"start to stop must ascend by a positive step, got {numbers}")
+        raise ValueError(f"step must be positive and stop not below start, got {numbers}")
     steps = (stop - start) / step
     if steps >= MAX_HEIGHTS:
         raise ValueError(f"more than {MAX_HEIGHTS} heights")
@@ -57,7 +57,7 @@ def _check_heights(heights_mm: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _as_ladder(value: object) -> object:
-    """One exposure is a ladder of one."""
+    """Turn a single exposure into a list of one."""
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -80,7 +80,7 @@ def _distinct(values: tuple[float, ...], key: Callable[[float], float]) -> tuple
 
 def _check_text(text: str) -> str:
     if not text.strip() or not text.isprintable():
-        raise ValueError("must be printable text, and not empty")
+        raise ValueError("must be printable text and not empty")
     return text
 
 
@@ -118,7 +118,7 @@ class PlanTarget(_Table):
     target: Text
     orientations_deg: Orientations = (0.0,)
     heights_mm: Heights | None = None
-    exposure_us: Exposures | None = Field(None, description="one or a ladder; else the bench's")
+    exposure_us: Exposures | None = Field(None, description="one or a list; default: the bench's")
 
 
 class CapturePlan(_Table):
@@ -127,14 +127,14 @@ class CapturePlan(_Table):
     schema_: Literal["standoff.plan/1"] = Field(alias="schema")
     name: Text
     heights_mm: Heights | None = Field(None, description="for targets without their own")
-    frames_per_capture: int | None = Field(None, ge=2, le=1000, description="else the bench's")
+    frames_per_capture: int | None = Field(None, ge=2, le=1000, description="default: the bench's")
     keep_frames: bool = Field(False, description="also store the raw frames")
     repeats: int = Field(1, ge=1, le=1000, description="captures at each height")
     order: Literal["ascending", "descending"] = Field(
-        "ascending", description="of the heights; descending for stages approached from above"
+        "ascending", description="order of the heights; descending for stages approached from above"
     )
     settle_s: float = Field(
-        0.0, ge=0, le=3600, description="wait after each move, beyond the bench's"
+        0.0, ge=0, le=3600, description="extra wait after each move, beyond the bench's"
     )
     auto_exposure: bool = Field(
         False, description="set the exposure at the first capture of a target, then keep it"
@@ -149,7 +149,7 @@ class CapturePlan(_Table):
         seen: set[tuple[str, str, float]] = set()
         for number, target in enumerate(self.targets):
             if target.heights_mm is None and self.heights_mm is None:
-                raise ValueError(f"targets.{number}.heights_mm: neither here nor in the plan")
+                raise ValueError(f"targets.{number}.heights_mm: set neither here nor for the plan")
             for orientation_deg in target.orientations_deg:
                 pose = (target.kind, target.target, orientation_deg)
                 if pose in seen:
@@ -196,7 +196,7 @@ class PlanEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanEstimate:
-    """Captures, placements by the operator, seconds without them, and bytes.
+    """Captures, placements by the operator, seconds without the placements, and bytes.
 
     ``bytes_`` is None where the size of a frame is not known.
     """
@@ -226,7 +226,7 @@ def load_plan(path: Path) -> CapturePlan:
 
 
 def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
-    """Check a plan given as a table; ``source`` begins the message of a ``PlanError``."""
+    """Validate a plan given as a table; a ``PlanError`` message starts with ``source``."""
     try:
         return CapturePlan.model_validate(table)
     except ValidationError as error:
@@ -236,13 +236,13 @@ def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
 
 
 def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
-    """Captures of the plan, numbered from 0 in the order in which the operator works.
+    """Captures of the plan, numbered from 0 in working order.
 
-    For each target and orientation the heights ascend, or descend where the plan says so,
-    whatever the order they are written in, so that a stage with backlash is always approached
-    from one side. At one height the exposures follow each other as they are written, and the
-    whole ladder is repeated. With a drift check, the first height is captured once more at the
-    end, as one more repeat of it.
+    For each target and orientation the heights ascend, or descend if the plan says so, in
+    whatever order they are written, so that a stage with backlash always approaches from one
+    side. At one height the exposures follow each other as they are written, and the whole list
+    is repeated. With a drift check, the first height is captured once more at the end, as one
+    more repeat.
     """
     poses = (
         (target, orientation_deg, height_mm, repeat, exposure_us)
@@ -275,7 +275,7 @@ def estimate_plan(
     bench: BenchConfig,
     frame_shape: tuple[int, int] | None,
 ) -> PlanEstimate:
-    """Estimate what it takes to capture the entries, from the middle of the travel on.
+    """Estimate the cost of capturing the entries, starting from the middle of the travel.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""JSON, TOML and TIFF files that others wrote: whatever is wrong with one is a ``ValueError``.
+"""JSON, TOML and TIFF files from elsewhere: any fault in one is a ``ValueError``.
 
-The names of files are not to be trusted either: a terminal obeys what they may hold.
+The names of files are untrusted too: a terminal obeys the control characters they may hold.
 """
 
 import json
@@ -15,7 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 
 LARGEST_RATIO = 2000
-"""No compression of TIFF gains more; a page that would be larger has a damaged size."""
+"""No TIFF compression achieves more; a page that would be larger has a damaged size."""
 
 _TOO_DEEP = "its brackets are nested too deeply"
 TIFF_DAMAGE = (
@@ -31,11 +31,11 @@ TIFF_DAMAGE = (
     struct.error,
     zlib.error,
 )
-"""What tifffile and its codecs raise over files with flipped bytes, found by fuzzing."""
+"""What tifffile and its codecs raise on files with flipped bytes, found by fuzzing."""
 
 
 class TiffDamageError(ValueError):
-    """Bytes are no TIFF file, or a damaged one; the message is one short line."""
+    """Bytes are not a TIFF file, or a damaged one; the message is one short line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks wh
     Raises
     ------
     ValueError
-        If it is none, not UTF-8, or nested deeper than the parser goes.
+        If it is not JSON, not UTF-8, or nested deeper than the parser goes.
     """
     try:
         return json.loads(text if isinstance(text, str) else text.decode("utf-8"))
@@ -71,7 +71,7 @@ def parse_toml(text: str | bytes) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If it is none, not UTF-8, nested deeper than the parser goes, or holds a number of
+        If it is not TOML, not UTF-8, nested deeper than the parser goes, or holds a number of
         thousands of digits.
     """
     try:
@@ -103,7 +103,9 @@ def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
 
 def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, file_bytes: int) -> NDArray[Any]:
     if page.nbytes > LARGEST_RATIO * file_bytes:
-        raise TiffDamageError(f"a page of {page.shape} pixels in a file of {file_bytes} bytes")
+        raise TiffDamageError(
+            f"a page of {page.shape} pixels cannot be in a file of {file_bytes} bytes"
+        )
     pixels: NDArray[Any] = page.asarray()
     if pixels.shape != page.shape:
         raise TiffDamageError(f"cut short: {pixels.shape} of {page.shape} pixels")

@@ -1,4 +1,4 @@
-"""What simulations are worth and what they allow: validation, detectability, pose, changes.
+"""Evaluate and use simulations: validation, detectability, pose, changes.
 
 Reports of all of it are in ``analysis.reports``.
 """

@@ -1,4 +1,4 @@
-"""What a caller of this package may choose from: names and usual values, without any library."""
+"""Choices for callers of this package: names and default values, without any library."""
 
 from typing import Literal, get_args
 
@@ -15,7 +15,7 @@ WINDOW_PX = 33
 """Side of the window on c'. A larger one finds more: docs/theory-detectability.md says how much."""
 
 Criterion = Literal["min", "quantile"]
-"""Of a pose: d' reaches the threshold everywhere, or in 95 % of the overlap."""
+"""How a pose is judged: d' reaches the threshold everywhere, or in 95 % of the overlap."""
 
 FALSE_ALARMS = 0.05
 """Expected number of pixels flagged in a frame without any change."""
@@ -29,10 +29,10 @@ VALIDATION_MODELS: tuple[ValidationModel, ...] = (
     "matched",
     "lmmse",
 )
-"""All models, in the order of the paper's tables; those that came after it at the end."""
+"""All models, in the order of the paper's tables; later models at the end."""
 
 PAPER_TRAINING_STEPS = 4000
-"""Of every training, from the paper on camera poses."""
+"""Steps of every training, from the paper on camera poses."""
 
 CACHE_VARIABLE = "STANDOFF_KERNEL_CACHE"
 """Environment variable that names the folder of trained kernels."""

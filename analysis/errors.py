@@ -1,4 +1,4 @@
-"""What can go wrong when results are compared and reported."""
+"""Errors raised when results are compared and reported."""
 
 from calibration.errors import DocumentError
 
@@ -17,7 +17,7 @@ class BeyondCurveError(AnalysisError):
 
 
 class NotDetectableError(AnalysisError):
-    """A change is not detectable as asked: at a zoom a curve's ``d_prime`` is too low."""
+    """A change is not detectable as requested: at ``zoom`` the curve's ``d_prime`` is too low."""
 
     def __init__(self, message: str, *, zoom: float, d_prime: float) -> None:
         super().__init__(message)
@@ -26,7 +26,7 @@ class NotDetectableError(AnalysisError):
 
 
 class OverlapError(AnalysisError):
-    """Two images share too little; ``shared_px`` is what they do share."""
+    """Two images overlap too little; ``shared_px`` is the number of pixels they share."""
 
     def __init__(self, message: str, *, shared_px: int) -> None:
         super().__init__(message)
@@ -42,4 +42,4 @@ class SoftFollowupError(AnalysisError):
 
 
 class ResultsFileError(AnalysisError, DocumentError):
-    """A results file cannot be read or written, or does not hold what is needed of it."""
+    """A results file cannot be read or written, or lacks what is needed."""

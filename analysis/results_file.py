@@ -15,11 +15,11 @@ InfiniteAsNull = Annotated[
     BeforeValidator(lambda value: inf if value is None else value),
     PlainSerializer(lambda value: value if isfinite(value) else None, when_used="json"),
 ]
-"""A number that may be infinite, which JSON cannot hold: there it is null."""
+"""A number that may be infinite; JSON has no infinity and stores null."""
 
 
 class StoredValues(BaseModel):
-    """Values of a document; what a later version adds is passed over."""
+    """Part of a document; fields added by later versions are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 

@@ -19,12 +19,12 @@ PLOT_NAME = "cost-growth.png"
 
 
 def names() -> list[str]:
-    """All benchmarks in the order of the alphabet."""
+    """All benchmarks in alphabetical order."""
     return sorted(path.stem.removeprefix("bench_") for path in FOLDER.glob("bench_*.py"))
 
 
 def run_one(name: str, out: Path, lines: Path, *, is_quick: bool, plot: Path) -> bool:
-    """Run one benchmark; whether it came to its end."""
+    """Run one benchmark; return whether it succeeded."""
     command = [sys.executable, "-m", f"benchmarks.bench_{name}", "--json", str(lines)]
     command += ["--quick"] if is_quick else []
     command += ["--plot", str(plot)] if name == "growth" else []
@@ -49,11 +49,13 @@ def main() -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help="all where none is given")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="benchmarks to run, all by default"
+    )
     parser.add_argument("--quick", action="store_true", help="a few minutes in all")
     parser.add_argument("--out", type=Path, default=Path("bench-output"))
     parser.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page as well")
-    parser.add_argument("--note", default="", help="what else the page should say of the run")
+    parser.add_argument("--note", default="", help="a remark about the run, for the page")
     given = parser.parse_args()
     if unknown := set(given.names) - set(names()):
         parser.error(f"no such benchmark: {', '.join(sorted(unknown))}; {', '.join(names())}")

@@ -51,7 +51,7 @@ class RecordedFrames:
 
 
 def serve() -> None:
-    """Be the camera until standard input ends."""
+    """Serve the cameras until standard input ends."""
     frames = RecordedFrames()
     with (
         GigeDevice(frames, address=BARE_ADDRESS),
@@ -204,7 +204,7 @@ def compare(record: Recorder, seconds: float) -> None:
 
 def main() -> None:
     parser = bench_parser(__doc__)
-    parser.add_argument("--seconds", type=float, help="seconds of frames, 60")
+    parser.add_argument("--seconds", type=float, help="seconds of frames, 60 by default")
     given = parser.parse_args()
     library = load_aravis()
     with Recorder.of(

@@ -155,7 +155,7 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
             early = statistics.mean(row[place] for row in memory[:half])
             late = statistics.mean(row[place] for row in memory[half:] or memory)
             record.say(
-                f"memory {name:10} {memory[0][place]:6.1f} MB at first, second half less first "
+                f"memory {name:10} {memory[0][place]:6.1f} MB at first, second half minus first "
                 f"half {late - early:+.1f} MB"
             )
 

@@ -208,8 +208,8 @@ def tilted_psf(record: Recorder, draws: int) -> None:
 
 def main() -> None:
     parser = bench_parser("Accuracy of the edge measurement.")
-    parser.add_argument("--edges", type=int, help="edges in each cell of noise, 2000")
-    parser.add_argument("--draws", type=int, help="draws of the tilted PSF, 200")
+    parser.add_argument("--edges", type=int, help="edges in each noise cell, 2000 by default")
+    parser.add_argument("--draws", type=int, help="draws of the tilted PSF, 200 by default")
     given = parser.parse_args()
     with Recorder.of(given, "edge_accuracy", packages=("numpy", "scipy", "numba")) as record:
         noise_free(record)

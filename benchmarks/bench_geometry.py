@@ -215,7 +215,7 @@ def compare(record: Recorder, cases: int, width_px: int) -> None:
 
 def main() -> None:
     parser = bench_parser(__doc__)
-    parser.add_argument("--cases", type=int, help="cameras, 24")
+    parser.add_argument("--cases", type=int, help="number of cameras, 24 by default")
     parser.add_argument("--width-px", type=int, default=WIDTH_PX)
     given = parser.parse_args()
     with Recorder.of(

@@ -196,10 +196,10 @@ def print_table(
 def main() -> None:
     parser = bench_parser(__doc__)
     parser.add_argument("--table", action="store_true", help="true against estimated variance")
-    parser.add_argument("--method", choices=METHODS, action="append", help="else all four")
+    parser.add_argument("--method", choices=METHODS, action="append", help="all four by default")
     parser.add_argument("--sigmas", default="0.8,1.1,1.4,1.7,2.0")
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=None, help="1000 for the table, else 30")
+    parser.add_argument("--steps", type=int, default=None, help="1000 for the table, otherwise 30")
     given = parser.parse_args()
     torch.set_num_threads(1)
     with Recorder.of(

@@ -155,7 +155,9 @@ def compare(record: Recorder, python: str | None) -> None:
 
 def main() -> None:
     parser = bench_parser(__doc__)
-    parser.add_argument("--peer", metavar="PYTHON", help="interpreter that has emva1288")
+    parser.add_argument(
+        "--peer", metavar="PYTHON", help="Python interpreter with emva1288 installed"
+    )
     given = parser.parse_args()
     with Recorder.of(given, "noise", packages=("numpy", "scipy")) as record:
         compare(record, given.peer)

@@ -120,7 +120,7 @@ def verdicts(record: Recorder, truth: BenchTruth, count: int) -> None:
 def main() -> None:
     cv2.setNumThreads(1)
     parser = bench_parser(__doc__)
-    parser.add_argument("--poses", type=int, help="random poses, 200")
+    parser.add_argument("--poses", type=int, help="number of random poses, 200 by default")
     given = parser.parse_args()
     with Recorder.of(
         given,

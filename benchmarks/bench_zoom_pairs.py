@@ -74,7 +74,7 @@ def judge_cameras(record: Recorder) -> None:
     for pair in read_pairs(Path(folder) / "zoom_pairs"):
         cameras[pair.camera].append(pair)
     if not cameras:
-        sys.exit(f"{folder}/zoom_pairs holds no photographs")
+        sys.exit(f"{folder}/zoom_pairs contains no photographs")
     failures = [
         camera for camera, pairs in cameras.items() if not print_camera(record, camera, pairs)
     ]

@@ -1,4 +1,4 @@
-"""How many pixels without a change are flagged when so many with one are found."""
+"""ROC of a change detector: unchanged pixels flagged against changed ones found."""
 
 from dataclasses import dataclass
 
@@ -36,12 +36,12 @@ class Roc:
 
 
 def roc_of(with_change: FloatArray, without: FloatArray) -> Roc:
-    """Work out the curve from scores of pixels with and without a change.
+    """Compute the curve from scores of pixels with and without a change.
 
     Raises
     ------
     ValueError
-        If there are none of one kind.
+        If either kind is missing.
     """
     if not with_change.size or not without.size:
         raise ValueError("scores with and without a change are needed")

@@ -1,4 +1,4 @@
-"""On what a figure was measured: processor, system and versions; no date, no name of a machine."""
+"""The environment of a measurement: processor, system, versions; no date, no machine name."""
 
 import os
 import platform

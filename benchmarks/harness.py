@@ -1,4 +1,4 @@
-"""What a benchmark is: options, an environment line, text for people, figures as JSON lines.
+"""What benchmarks share: options, an environment line, text for people, figures as JSON lines.
 
     parser = bench_parser(__doc__)
     with Recorder.of(parser.parse_args(), "edge_fit", packages=("numpy", "scipy")) as record:
@@ -46,7 +46,9 @@ def bench_parser(description: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="the least work for every figure")
+    parser.add_argument(
+        "--quick", action="store_true", help="do the least work that gives every figure"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="append figures as JSON lines")
     return parser
 

@@ -242,7 +242,7 @@ def soak_page(tally: Tally, minutes: float) -> str:
     lines = [
         "# Soak",
         "",
-        "Made by `python -m benchmarks.soak --page docs/soak.md`; what it does stands in "
+        "Made by `python -m benchmarks.soak --page docs/soak.md`; what it does is described in "
         "`benchmarks/soak.py`.",
         "",
         f"{environment_line(environment(('numpy', 'PyGObject', 'pyserial')))}.",
@@ -250,8 +250,8 @@ def soak_page(tally: Tally, minutes: float) -> str:
         f"In **{minutes:.0f} minutes**: {tally.sessions} sessions, {tally.captures} captures, "
         f"**{tally.lost} lost**; {sum(tally.faults.values())} faults, which ended "
         f"{sum(tally.ended_runs.values())} runs, each resumed by the same command, "
-        f"{tally.unlocked} after `stage unlock`. What the drivers put right by themselves ended "
-        "none.",
+        f"{tally.unlocked} after `stage unlock`. Faults that the drivers corrected themselves "
+        "ended none.",
         "",
         "| fault | times |",
         "| --- | ---: |",

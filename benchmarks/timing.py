@@ -23,10 +23,10 @@ def shortest_s(
         work()
     shortest, end_s = [inf] * len(works), time.perf_counter() + seconds
     while True:
-        for place, work in enumerate(works):
+        for index, work in enumerate(works):
             start_s = clock()
             work()
-            shortest[place] = min(shortest[place], clock() - start_s)
+            shortest[index] = min(shortest[index], clock() - start_s)
         if time.perf_counter() >= end_s:
             return shortest
 

@@ -1,4 +1,4 @@
-"""The simulated bench in process: camera, stage and what lies under them."""
+"""The in-process simulated bench: camera, stage and the target under them."""
 
 from dataclasses import replace
 
@@ -11,22 +11,22 @@ from hil_mocks.target_bench import TargetBench
 
 
 class SimulatedBench(TargetBench):
-    """A camera that looks down from a stage on a target that an operator exchanges.
+    """A camera on a stage that looks down on a target, which an operator can exchange.
 
-    The camera sees the stage's *true* height. To begin with, black and white paper lie there,
-    their edge horizontal.
+    The camera sees from the stage's *true* height. At first the target is black and white paper
+    with a horizontal edge.
 
     Parameters
     ----------
     config
         A bench with a ``[simulated]`` section, which holds the truth.
     clock
-        What both devices live by; time that passes only when one uses it, if None.
+        Clock of both devices; by default, one whose time passes only when a device uses it.
 
     Raises
     ------
     BenchConfigError
-        If it has none, or one that no bench can have.
+        If it has no such section, or an impossible one.
     """
 
     def __init__(self, config: BenchConfig, *, clock: SimulatedClock | None = None) -> None:
@@ -46,7 +46,7 @@ class SimulatedBench(TargetBench):
 
     @property
     def pose(self) -> CameraPose:
-        """Where the camera truly is."""
+        """True pose of the camera."""
         return replace(self._mounting, height_mm=self.stage.true_height_mm)
 
     def mount(
@@ -58,7 +58,7 @@ class SimulatedBench(TargetBench):
         tilt_x_deg: float = 0.0,
         tilt_y_deg: float = 0.0,
     ) -> None:
-        """Screw the camera to the stage in another way; see `CameraPose`."""
+        """Mount the camera on the stage differently; see `CameraPose`."""
         self._mounting = CameraPose(
             height_mm=0.0,
             offset_x_mm=offset_x_mm,

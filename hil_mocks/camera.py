@@ -1,4 +1,4 @@
-"""The simulated camera: the `Camera` contract in process, with faults on demand."""
+"""The simulated camera: an in-process `Camera` with faults on demand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -37,18 +37,18 @@ def following_frame_id(frame_id: int) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraFaults:
-    """What goes wrong, by frames counted from 0 since the camera was opened.
+    """Faults by frame, counted from 0 since the camera was opened.
 
     Parameters
     ----------
     seed
-        Of the two rates: the same frames fail in every run.
+        Seed of the two rates: the same frames fail in every run.
     incomplete_rate, lost_rate
-        Share of the frames that come without all packets, or not at all.
+        Fraction of the frames that arrive without all packets, or not at all.
     incomplete_frames, lost_frames
-        Frames that fail for certain.
+        Frames that always fail.
     frozen_id_from
-        From this frame on the frame id stands still.
+        From this frame on the frame id does not change.
     disconnect_at
         At this frame the cable is pulled.
     """
@@ -74,17 +74,17 @@ class CameraFaults:
 
 
 class SimulatedCamera:
-    """A camera that photographs whatever ``look`` shows it, one frame a period of its clock.
+    """A camera that photographs what ``look`` returns, one frame per period of its clock.
 
-    Frame ``k`` after the ``j``-th start has noise of its own that depends on ``seed``, ``j`` and
-    ``k`` alone.
+    Frame ``k`` after the ``j``-th start has its own noise, which depends only on ``seed``, ``j``
+    and ``k``.
 
     Parameters
     ----------
     config
-        Pixel format, exposure, gain and frame rate to begin with.
+        Initial pixel format, exposure, gain and frame rate.
     sensor
-        Turns light into numbers.
+        Converts light to levels.
     look
         Light on each pixel at this moment, relative to white paper, shape ``(rows, cols)``.
     shape
@@ -92,7 +92,7 @@ class SimulatedCamera:
     clock
         Shared with the stage.
     seed
-        Of the noise.
+        Seed of the noise.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class SimulatedCamera:
         """See `Camera.start`; frame ids begin at 1 again."""
         self._check_open()
         if self._is_streaming:
-            raise DeviceError("the simulated camera streams already")
+            raise DeviceError("the simulated camera is already streaming")
         self._starts += 1
         self._frames_since_start = 0
         self._frame_id = 0
@@ -180,7 +180,7 @@ class SimulatedCamera:
         """See `Camera.next_frame`."""
         self._check_open()
         if not self._is_streaming:
-            raise DeviceError("the simulated camera is not started")
+            raise DeviceError("the simulated camera has not been started")
         fate = self.faults.fate(self._frames_since_open)
         if fate == "disconnected":
             self._is_streaming = False
@@ -247,7 +247,7 @@ class SimulatedCamera:
         return self._settings.pixel_format == "Mono8"
 
     def _period_s(self) -> float:
-        """Time between frames: a long exposure slows the camera down."""
+        """Time between frames, which a long exposure increases."""
         return max(1 / self._settings.frame_rate_hz, self._settings.exposure_us * 1e-6)
 
     def _check_open(self) -> None:
@@ -265,6 +265,6 @@ def _stepped(value: float, limits: tuple[float, float], step: float, unit: str) 
     """
     if not limits[0] <= value <= limits[1]:
         raise DeviceError(
-            f"the simulated camera takes {limits[0]:g} to {limits[1]:g} {unit}, got {value:g}"
+            f"the simulated camera accepts {limits[0]:g} to {limits[1]:g} {unit}, got {value:g}"
         )
     return round(value / step) * step

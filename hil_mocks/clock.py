@@ -1,4 +1,4 @@
-"""Time on the simulated bench: it passes when a device uses it, or it is real time."""
+"""Time on the simulated bench: it passes when a device uses it, or in real time."""
 
 import time
 from collections.abc import Callable
@@ -7,12 +7,12 @@ NS_PER_S = 1_000_000_000
 
 
 class SimulatedClock:
-    """A clock that camera and stage share and move on.
+    """A clock that camera and stage share and advance.
 
     Attributes
     ----------
     slice_s
-        Longest time that a move lets pass in one piece.
+        Longest time by which a move advances the clock at once.
     """
 
     slice_s = float("inf")
@@ -39,17 +39,17 @@ class SimulatedClock:
             If the duration is negative.
         """
         if not duration_s >= 0:
-            raise ValueError(f"time does not run backwards, got {duration_s} s")
+            raise ValueError(f"a duration must not be negative, got {duration_s} s")
         self._now_ns += round(duration_s * NS_PER_S)
 
 
 class RealTimeClock(SimulatedClock):
-    """A clock that people live by: letting time pass takes as long, and moves can be stopped.
+    """A clock in real time: advancing it takes that long, and moves can be stopped.
 
     Parameters
     ----------
     clock, sleep
-        Monotonic time in seconds, and what waits for some.
+        Monotonic time in seconds, and a function that waits.
     """
 
     slice_s = 0.05
@@ -84,5 +84,5 @@ class RealTimeClock(SimulatedClock):
             If the duration is negative.
         """
         if not duration_s >= 0:
-            raise ValueError(f"time does not run backwards, got {duration_s} s")
+            raise ValueError(f"a duration must not be negative, got {duration_s} s")
         self._sleep(duration_s)

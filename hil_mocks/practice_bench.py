@@ -1,4 +1,4 @@
-"""The practice bench: the simulated GigE camera over a stage that lives in real time."""
+"""The practice bench: the simulated GigE camera on a stage in real time."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +12,7 @@ from hil_mocks.target_bench import TargetBench
 
 
 class StageEmulator(Protocol):
-    """What a stage on a serial port shows the practice bench."""
+    """What the practice bench needs of an emulated stage."""
 
     @property
     def port(self) -> str | None:
@@ -21,12 +21,12 @@ class StageEmulator(Protocol):
 
     @property
     def true_height_mm(self) -> float:
-        """Where the camera really is at this moment."""
+        """Present true height of the camera."""
         ...
 
 
 class HandStage:
-    """A stand without motor or port, which a person moves; it begins in the middle.
+    """A stand without motor or port, moved by hand; it starts in the middle.
 
     Parameters
     ----------
@@ -58,31 +58,31 @@ class HandStage:
         """
         low, high = self._limits_mm
         if not low <= height_mm <= high:
-            raise ValueError(f"the stand goes from {low:g} to {high:g} mm, not to {height_mm:g}")
+            raise ValueError(f"the stand travels from {low:g} to {high:g} mm, not to {height_mm:g}")
         self._height_mm = height_mm
 
 
 NEAREST_MM = 1.0
-"""Least distance of the entrance pupil: a stage that goes further down stands on the plane."""
+"""Smallest distance of the entrance pupil: a stage further down would touch the plane."""
 
 HEIGHT_STEP_MM = 0.001
-"""Heights are rounded to it: a stage that trembles by less does not cost a rendering a frame."""
+"""Heights are rounded to this: a smaller vibration does not cost one rendering per frame."""
 
 
 class PracticeBench(TargetBench):
-    """A GigE camera that looks down from a stage on a target that an operator exchanges.
+    """A GigE camera on a stage that looks down on a target, which an operator can exchange.
 
-    To begin with, black and white paper lie there, their edge horizontal. The first frame after
-    the stage or the target has moved is late by the time of its rendering.
+    At first the target is black and white paper with a horizontal edge. The first frame after
+    the stage or the target has moved is late by its rendering time.
 
     Parameters
     ----------
     config
         A bench with a ``[simulated]`` section, which holds the truth.
     height_mm
-        The stage's true height at this moment.
+        Returns the present true height of the stage.
     address
-        Of the camera, in 127.0.0.0/8.
+        Address of the camera, in 127.0.0.0/8.
     bayer_order
         Colour filter of the camera, such as ``RG``; None for a monochrome one.
     link_mtu_bytes
@@ -91,7 +91,7 @@ class PracticeBench(TargetBench):
     Raises
     ------
     BenchConfigError
-        If the bench has no ``[simulated]`` section, or one that no bench can have.
+        If the bench has no ``[simulated]`` section, or an impossible one.
     ValueError
         If the address is not one of the loopback network.
     """
@@ -124,7 +124,7 @@ class PracticeBench(TargetBench):
 
     @property
     def pose(self) -> CameraPose:
-        """Where the camera truly is, its height to a micrometre and above the plane."""
+        """True pose of the camera, its height rounded to a micrometre and above the plane."""
         height_mm = round(self._height_mm() / HEIGHT_STEP_MM) * HEIGHT_STEP_MM
         lowest_mm = NEAREST_MM - self.truth.camera.pupil_offset_mm
         return replace(self._mounting, height_mm=max(height_mm, lowest_mm))

@@ -1,4 +1,4 @@
-"""The simulated stage: the `Stage` contract in process, with faults on demand."""
+"""The simulated stage: an in-process `Stage` with faults on demand."""
 
 from dataclasses import dataclass
 from math import ceil, floor, isfinite
@@ -19,30 +19,30 @@ STEPS_PER_MM = 250.0
 """Steps of 4 um: 20.25 mm is between two of them and reads back as 20.248 mm."""
 
 OVERSHOOT_MM = 0.5
-"""How far a move from the wrong side goes past its target before it approaches."""
+"""How far a move from the wrong side overshoots its target before it approaches."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageFaults:
-    """What goes wrong from now on.
+    """Faults from now on.
 
     Parameters
     ----------
     never_settles
-        The stage arrives but goes on trembling: no move ends within its time limit.
+        The stage arrives but keeps vibrating: no move ends within its time limit.
     stops_short_mm
-        The stage stands still that far before its target, and its read-back says so.
+        The stage stops this far before its target, and its read-back says so.
     alarm
         Text of an alarm that the next move raises before anything moves.
     home_switch_missing
         Homing never finds its switch.
     lost_steps_mm
-        The true height is that far below the read-back, which knows nothing of it.
+        The true height is this far below the read-back, which does not show it.
     backlash_mm
-        Play of the spindle: the true height lags by it when the last travel was not from the
-        configured side. The read-back knows nothing of it either.
+        Play of the spindle: the true height lags by this when the last move was not from the
+        configured side. The read-back does not show it either.
     unplugged
-        Nothing answers any more.
+        Nothing answers.
     """
 
     never_settles: bool = False
@@ -55,9 +55,9 @@ class StageFaults:
 
 
 class SimulatedStage:
-    """A spindle stage with a stepping motor and a reference switch.
+    """A spindle stage with a stepper motor and a reference switch.
 
-    The switch is at the lower limit when heights are approached from below, else at the upper.
+    The switch is at the lower limit if heights are approached from below, else at the upper one.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class SimulatedStage:
 
     @property
     def state(self) -> StageState:
-        """See `Stage.state`; only another thread than the one that moves it sees it moving."""
+        """See `Stage.state`; only a thread other than the one that moves it sees it moving."""
         self._check_answers()
         if self._alarm is not None:
             return "alarm"
@@ -111,7 +111,7 @@ class SimulatedStage:
 
     @property
     def true_height_mm(self) -> float:
-        """Where the camera really is: what no read-back can know."""
+        """True height of the camera, which no read-back can show."""
         lag_mm = 0.0
         if self._came_up != self._approaches_upwards:
             lag_mm = self.faults.backlash_mm if self._came_up else -self.faults.backlash_mm
@@ -185,7 +185,7 @@ class SimulatedStage:
         return self._steps / STEPS_PER_MM if self._is_homed else None
 
     def stop(self) -> None:
-        """See `Stage.stop`; a move lasts only on a clock of real time."""
+        """See `Stage.stop`; only on a real-time clock is there a move to stop."""
         self._check_answers()
         self._is_stop_wanted = True
 
@@ -208,13 +208,13 @@ class SimulatedStage:
         return self._config.approach == "from_below"
 
     def _steps_at(self, height_mm: float) -> int:
-        """Nearest step inside the travel."""
+        """Nearest step within the travel."""
         low, high = self.limits_mm
         nearest = round(height_mm * STEPS_PER_MM)
         return min(max(nearest, ceil(low * STEPS_PER_MM)), floor(high * STEPS_PER_MM))
 
     def _stops(self, target: int) -> list[int]:
-        """Step counts to go to in turn, so that the last one is reached from the right side."""
+        """Step counts to visit in turn, so that the last one is approached from the right side."""
         side = 1 if self._approaches_upwards else -1
         is_there = target == self._steps and self._came_up == self._approaches_upwards
         if is_there or side * (target - self._steps) > 0:
@@ -224,7 +224,7 @@ class SimulatedStage:
         return [self._steps_at(min(max(beyond_mm, low), high)), target]
 
     def _travel(self, target: int, time_s: float) -> bool:
-        """Go there, or as far as the time allows; whether it was reached."""
+        """Go to the target, or as far as the time allows; return whether it was reached."""
         if target == self._steps:
             return True
         steps_per_s = self._config.feed_mm_per_min / 60 * STEPS_PER_MM
@@ -263,7 +263,7 @@ class SimulatedStage:
             self._clock.advance(max(left_s, 0.0))
             raise DeviceTimeoutError(
                 f"the simulated stage did not settle at {height_mm} mm within {timeout_s} s; "
-                f"it stands at {self.position_mm():.3f} mm",
+                f"it is at {self.position_mm():.3f} mm",
                 timeout_s=timeout_s,
             )
         self._clock.advance(self._config.settle_s)

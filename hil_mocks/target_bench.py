@@ -17,7 +17,7 @@ class TargetBench(ABC):
     Raises
     ------
     BenchConfigError
-        If the bench has no ``[simulated]`` section, or one that no bench can have.
+        If the bench has no ``[simulated]`` section, or an impossible one.
     """
 
     def __init__(self, config: BenchConfig) -> None:
@@ -27,47 +27,47 @@ class TargetBench(ABC):
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """Names that `place` takes."""
+        """Names that `place` accepts."""
         return tuple(TARGETS)
 
     @property
     def target(self) -> str:
-        """What lies under the camera."""
+        """The target under the camera."""
         return self._target
 
     @property
     def orientation_deg(self) -> float:
-        """How the target is turned, from +x towards +y."""
+        """Rotation of the target, from +x towards +y."""
         return self._orientation_deg
 
     @property
     @abstractmethod
     def pose(self) -> CameraPose:
-        """Where the camera truly is."""
+        """True pose of the camera."""
 
     def place(self, target: str, orientation_deg: float = 0.0) -> None:
-        """Lay a target under the camera, as an operator would.
+        """Place a target under the camera, as an operator would.
 
         Parameters
         ----------
         target
             One of `targets`.
         orientation_deg
-            Turn from +x towards +y (y is down) about the optical axis; for ``edge`` the
+            Rotation from +x towards +y (y is down) about the optical axis; for ``edge``, the
             direction of the edge line.
 
         Raises
         ------
         ValueError
-            If there is no such target (the message lists them), or no such angle.
+            If there is no such target (the message lists them), or the angle is not finite.
         """
         scene_of(target)
         if not isfinite(orientation_deg):
-            raise ValueError(f"a target is turned by a finite angle, got {orientation_deg}")
+            raise ValueError(f"the angle of a target must be finite, got {orientation_deg}")
         with self._lock:
             self._target, self._orientation_deg = target, orientation_deg
 
     def _look(self) -> NDArray[np.float32]:
-        """What the sensor sees now."""
+        """Present light on the sensor."""
         with self._lock:
             return self.truth.irradiance(self._target, self._orientation_deg, self.pose)

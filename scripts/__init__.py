@@ -1,1 +1,1 @@
-"""What is run by hand on a checkout."""
+"""Scripts run by hand in a checkout."""

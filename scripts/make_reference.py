@@ -1,6 +1,6 @@
 """Writes docs/reference: commands from the command line, configs and files from their models.
 
-Run with ``python -m scripts.make_reference`` from the checkout; a test says when it is due.
+Run with ``python -m scripts.make_reference`` from the checkout; a test says when it is stale.
 """
 
 import inspect
@@ -114,8 +114,8 @@ def configs_page() -> str:
 FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
     (
         "psf.json",
-        'Schema `standoff.psf/1`. Written by `calibrate`; sigma without a prefix is total. "-" as '
-        "default: the key must be there, though it may be null where its type says so.",
+        "Schema `standoff.psf/1`. Written by `calibrate`; sigma without a prefix is total. A "
+        'default of "-" means that the key is required, though it may be null if its type allows.',
         (
             PsfCalibration,
             EdgeMeasurement,
@@ -166,16 +166,16 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
 
 
 def files_page() -> str:
-    """Every key of the files that a person may open."""
+    """Every key of the files that people may read."""
     parts = [f"# File formats\n\n{MADE}"]
     parts += ["All JSON is UTF-8, finite numbers only; units are in the names. `H.json` holds"]
     parts += [
         '`{"schema": "standoff.homography/1", "matrix": 3 x 3, "size": [width, height]}`: the'
     ]
     parts += ["matrix takes follow-up pixel centres (x, y, 1) to those of the reference. With"]
-    parts += ['`"distortion_k1": number` both are ideal places of a lens that shows the radius r,']
+    parts += ['`"distortion_k1": number` both are ideal positions for a lens that images radius r,']
     parts += [
-        "1 at the reference's corner, at `r (1 + k1 r^2)`; the follow-up's middle is on the axis.\n"
+        "1 at the reference's corner, at `r (1 + k1 r^2)`; the follow-up's centre is on the axis.\n"
     ]
     for name, about, models in FILES:
         parts += [f"## {name}\n", about, ""]

@@ -11,7 +11,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 FloatImage = NDArray[np.floating[Any]]
-"""Levels in float32 or float64, as the image came in."""
+"""Levels in float32 or float64, as in the input image."""
 
 AnyArray = NDArray[np.generic]
-"""Pixels of any type, before they are checked."""
+"""Pixels of any type, not yet checked."""

@@ -1,4 +1,4 @@
-"""What a camera does to an image beyond the paper's model: light, vignetting, sharpening."""
+"""Effects of a camera on an image beyond the paper's model: light, vignetting, sharpening."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ def exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) ->
         If ``factor`` is negative or not finite.
     """
     if not (factor >= 0 and np.isfinite(factor)):
-        raise ValueError(f"an exposure factor is a number from 0, got {factor}")
+        raise ValueError(f"an exposure factor must be finite and not negative, got {factor}")
     return _like(image_dn, (image_dn - black_level_dn) * factor + black_level_dn)
 
 
@@ -30,8 +30,8 @@ def vignetted(
     image_dn
         Shape ``(rows, cols)`` or ``(rows, cols, channels)``.
     corner_fall_off
-        Relative loss of light at the corner pixel, from 0 to below 1; in between it follows
-        the fourth power of the cosine of the field angle.
+        Relative loss of light at the corner pixel, from 0 to below 1; towards the centre it
+        follows the fourth power of the cosine of the field angle.
     black_level_dn
         Level without light.
 
@@ -41,7 +41,7 @@ def vignetted(
         If ``corner_fall_off`` is outside [0, 1).
     """
     if not 0 <= corner_fall_off < 1:
-        raise ValueError(f"a corner fall-off lies in [0, 1), got {corner_fall_off}")
+        raise ValueError(f"a corner fall-off must be in [0, 1), got {corner_fall_off}")
     rows, cols = image_dn.shape[:2]
     y = (np.arange(rows) - (rows - 1) / 2)[:, None]
     x = np.arange(cols) - (cols - 1) / 2
@@ -55,14 +55,14 @@ def vignetted(
 
 
 def unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> FloatImage:
-    """Image as a camera's sharpening leaves it: plus ``amount`` times (image minus its blur).
+    """Image after a camera's sharpening: plus ``amount`` times (image minus its blur).
 
     Parameters
     ----------
     image_dn
         Shape ``(rows, cols)`` or ``(rows, cols, channels)``.
     amount
-        From 0; phones use 0.3 to 1.5.
+        At least 0; phones use 0.3 to 1.5.
     sigma_px
         Width of the blur, positive.
 
@@ -72,7 +72,7 @@ def unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> Floa
         If ``amount`` is negative, ``sigma_px`` not positive, or either is not finite.
     """
     if not (amount >= 0 and np.isfinite(amount)):
-        raise ValueError(f"an amount of sharpening is a number from 0, got {amount}")
+        raise ValueError(f"the sharpening amount must be finite and not negative, got {amount}")
     if not (sigma_px > 0 and np.isfinite(sigma_px)):
         raise ValueError(f"sigma_px must be positive, got {sigma_px}")
     widths = (sigma_px, sigma_px, 0.0)[: image_dn.ndim]

@@ -1,8 +1,8 @@
-"""Noise of simulated follow-ups: what the reference's noise becomes, and what has to be added.
+"""Noise of simulated follow-ups: what remains of the reference's noise, and what to add.
 
 A zoom-out averages reference pixels, so a simulated follow-up is less noisy than a captured one.
-Its own variance is the sum of squared weights times the reference's variances; what is missing
-to the variance that the camera has at that level is added as fresh noise.
+Its own variance is the sum of squared weights times the reference's variances; the difference
+from the camera's variance at that level is added as fresh noise.
 """
 
 from dataclasses import dataclass
@@ -32,8 +32,8 @@ class CaptureNoise:
     Raises
     ------
     ValueError
-        If a value is not finite, the gain not positive, the read noise negative or there is
-        no frame.
+        If a value is not finite, the gain not positive, the read noise negative or the number of
+        frames below 1.
 
     References
     ----------
@@ -86,7 +86,7 @@ def propagated_variance(operator: ZoomOperator, variance_dn2: NDArray[np.floatin
     if not (np.all(np.isfinite(variance)) and np.all(variance >= 0)):
         raise ValueError("variances must be finite and not negative")
     squared = _squared_weights(operator)
-    # Rounding in terms of either sign may leave a speck below zero.
+    # Rounding in terms of either sign may leave values slightly below zero.
     return np.maximum(np.asarray(squared.apply(variance), dtype=np.float64), 0.0)
 
 
@@ -105,9 +105,9 @@ def with_capture_noise(
     own_variance_dn2
         What the reference's noise left in it, from ``propagated_variance``; same shape.
     noise
-        Of the capture that it stands for.
+        Noise of the capture that it represents.
     rng
-        Where the noise comes from.
+        Random number generator of the noise.
 
     Returns
     -------
@@ -116,7 +116,8 @@ def with_capture_noise(
     """
     if own_variance_dn2.shape != followup_dn.shape:
         raise ValueError(
-            f"variances of {own_variance_dn2.shape} do not fit an image of {followup_dn.shape}"
+            f"variances of shape {own_variance_dn2.shape} do not match an image of shape "
+            f"{followup_dn.shape}"
         )
     missing = np.maximum(noise.variance_dn2(followup_dn) - own_variance_dn2, 0.0)
     noisy = followup_dn + np.sqrt(missing) * rng.standard_normal(followup_dn.shape)
@@ -138,7 +139,7 @@ def _squared_weights(operator: ZoomOperator) -> SeparableSum:
     for i, (y, x) in enumerate(composed):
         for j in range(i + 1):
             other_y, other_x = composed[j]
-            # A pair of different terms stands twice in the square.
+            # A pair of different terms occurs twice in the square.
             product_y = y.elementwise(other_y, factor=1.0 if i == j else 2.0)
             pairs.append((product_y, x.elementwise(other_x)))
     return SeparableSum(tuple(pairs))

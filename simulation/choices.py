@@ -1,4 +1,4 @@
-"""What a caller of this package may choose from: names of models, without any library."""
+"""Names of models that callers of this package choose from; imports no library."""
 
 from typing import Literal, get_args
 
@@ -7,11 +7,11 @@ MODELS: tuple[Model, ...] = get_args(Model)
 """Capture models, which ``simulation.zoom`` explains."""
 
 GaussianForm = Literal["transfer", "sampled"]
-"""How a Gaussian becomes a kernel: true transfer function, or sampled as libraries do."""
+"""How a Gaussian becomes a kernel: by its transfer function, or sampled as in libraries."""
 
 KernelModel = Literal["kernelgan", "gaussian-kernelgan"]
 KERNEL_MODELS: tuple[KernelModel, ...] = get_args(KernelModel)
-"""Models that learn their kernel from the photograph: a free one, or a Gaussian."""
+"""Models that learn their kernel from the photograph: a free kernel, or a Gaussian."""
 
 Sampler = Literal["exact", "nearest"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)

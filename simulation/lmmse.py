@@ -2,7 +2,7 @@
 
 Kriging: each follow-up pixel is the combination of the reference pixels around it that has the
 least mean squared error over scenes with a first-order covariance, among those that keep a
-constant and a ramp. Both cameras' transfer functions may be any. The theory and the comparison
+constant and a ramp. The cameras may have any transfer functions. The theory and the comparison
 with the other models are in ``docs/theory-lmmse.md``.
 """
 
@@ -22,23 +22,23 @@ SCENE_CORRELATION_PX = 30.0
 """Correlation length of the scene prior; from 3 to 100 px the errors differ by less than 1 %."""
 
 _RIDGE = 1e-9
-"""Least noise on the diagonal, of the scene's variance, for systems near the singular.
+"""Least noise on the diagonal, relative to the scene's variance, for nearly singular systems.
 Between 1e-9 and 1e-6 the error against closed-form scenes is the same."""
 
 _AXIS_NOISE = 0.2
-"""Noise of one axis's system per noise of the image: measured, see the theory."""
+"""Noise in the system of one axis per noise of the image: measured, see the theory."""
 
 _STEPS_PER_PX = 64
 """Resolution of the covariance tables; the spectra reach to half of it in cycles per pixel."""
 
 _PERIOD_MIN_PX = 512
-"""The tables are those of a periodic scene, much longer than any window."""
+"""Period of the tables: that of a periodic scene, much longer than any window."""
 
 _MARGIN_PX = 6.0
 """Reference pixels taken beyond the reach of the far line spread function."""
 
 _REACH_ENERGY = 1e-4
-"""Part of the far line spread function's energy that lies beyond its reach."""
+"""Part of the far line spread function's energy beyond its reach."""
 
 _REACH_MAX_PX = 16.0
 """Longest reach in follow-up pixels, for measured curves that end abruptly."""
@@ -52,11 +52,11 @@ _TAPS_MULTIPLE = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Target:
-    """What a pixel of the follow-up sees along one axis.
+    """What a follow-up pixel sees along one axis.
 
-    ``transfer`` is on the frequency grid. An odd one stands for its product with the imaginary
-    unit, whose kernel is real. ``gain`` and ``shift_px`` are what it makes of a constant 1 and,
-    beyond ``gain`` times the place, of a ramp of slope 1.
+    ``transfer`` is on the frequency grid. An odd one represents its product with the imaginary
+    unit, whose kernel is real. It turns a constant 1 into ``gain``, and a ramp of slope 1 into
+    ``gain`` times the position plus ``shift_px``.
     """
 
     transfer: FloatArray
@@ -67,7 +67,7 @@ class _Target:
 
 @dataclass(frozen=True, slots=True)
 class _Term:
-    """One product of Hermite functions: its factor, and the scale of their argument."""
+    """One product of Hermite functions: its factor, and the scale of the argument."""
 
     factor: float = 1.0
     scale: float = 1.0
@@ -75,7 +75,7 @@ class _Term:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Axis:
-    """One axis of the problem: where the outputs are, and the near camera's transfer."""
+    """One axis of the problem: positions of the outputs, and the near camera's transfer."""
 
     positions_px: FloatArray
     zoom: float
@@ -91,7 +91,7 @@ def lmmse_terms(
     noise_ratio: float = 0.0,
     scene_correlation_px: float = SCENE_CORRELATION_PX,
 ) -> tuple[tuple[BandedMatrix, BandedMatrix], ...]:
-    """Pairs ``(Wy, Wx)`` whose ``Wy image Wx^T`` add up to the follow-up.
+    """Pairs ``(Wy, Wx)`` whose ``Wy image Wx^T`` sum to the follow-up.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def lmmse_terms(
     grid
         Pixels of the follow-up. A zoom below 1 counts as 1.
     transfer
-        Of the camera, in its own pixels; the same near and far.
+        Transfer functions of the camera, in its own pixels; the same near and far.
     noise_ratio
         Variance of the reference's noise over that of the scene.
     scene_correlation_px
@@ -110,7 +110,7 @@ def lmmse_terms(
     -------
     tuple of pairs of BandedMatrix
         One pair for an uncorrelated transfer. The windows stay inside the reference, so that
-        nothing is assumed of what lies beyond its border.
+        nothing is assumed about the scene beyond its border.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def lmmse_terms(
 
 
 def _blur_correlation(transfer: CameraTransfer, zoom_product: float) -> float:
-    """Correlation that the far PSF has once that of the near one counts as the scene's."""
+    """Correlation of the far PSF once that of the near one is attributed to the scene."""
     y, x = transfer.along_y, transfer.along_x
     if not (isinstance(y, GaussianTransfer) and isinstance(x, GaussianTransfer)):
         return 0.0
@@ -166,9 +166,9 @@ def _resamplers(
     taps = min(taps, axis.size)
     first = np.floor(axis.positions_px).astype(np.int64) + 1 - taps // 2
     starts = np.clip(first, 0, axis.size - taps)
-    place_px = axis.positions_px - starts - (taps - 1) / 2
+    position_px = axis.positions_px - starts - (taps - 1) / 2
     tap_px = np.arange(taps) - (taps - 1) / 2
-    distance_px = place_px[:, None] - tap_px
+    distance_px = position_px[:, None] - tap_px
 
     covariance = _covariance(seen * near, np.arange(taps), period_px)
     variance = covariance[0]
@@ -187,7 +187,7 @@ def _resamplers(
         wanted = np.empty((taps + orders, len(starts)))
         cross = _covariance(seen * target.transfer, distance_px, period_px, target.is_odd)
         wanted[:taps] = cross.T / variance
-        ramp = (target.gain * place_px + target.shift_px) / half_px
+        ramp = (target.gain * position_px + target.shift_px) / half_px
         wanted[taps:] = np.stack([np.full(len(starts), target.gain), ramp])[:orders]
         weights = lu_solve(factors, wanted)[:taps].T
         matrices.append(BandedMatrix(starts, _summing_to(target.gain, weights), axis.size))
@@ -195,7 +195,7 @@ def _resamplers(
 
 
 def _summing_to(gain: float, weights: FloatArray) -> FloatArray:
-    """Take the rounding of the solution out of the sums, on the largest weight of each row."""
+    """Correct the row sums for rounding of the solution, on the largest weight of each row."""
     exact = np.ascontiguousarray(weights)
     largest = np.argmax(np.abs(exact), axis=1)
     exact[np.arange(len(exact)), largest] += gain - exact.sum(axis=1)
@@ -208,7 +208,7 @@ def _covariance(
     period_px: int,
     is_odd: bool = False,
 ) -> FloatArray:
-    """Integral of ``spectrum`` times ``cos(2 pi f d)``, or ``-sin(2 pi f d)`` for an odd one."""
+    """Integral of ``spectrum`` times ``cos(2 pi f d)``, or ``-sin(2 pi f d)`` if it is odd."""
     size = 2 * (len(spectrum) - 1)
     values = np.fft.irfft(1j * spectrum if is_odd else spectrum, size) * (size / period_px)
     farthest = int((np.max(np.abs(distance_px)) + 1) * _STEPS_PER_PX)
@@ -259,13 +259,13 @@ def _expansion(correlation: float) -> list[_Term]:
     """
     if correlation == 0:
         return [_Term()]
-    # The form without a difference of near numbers, which a faint correlation would cancel.
+    # This form avoids a difference of nearly equal numbers at a weak correlation.
     t = -correlation / (1 + sqrt(1 - correlation**2))
     count = max(ceil(log(_TERM_TOLERANCE) / log(abs(t))) + 1, 2)
     at_zero = _hermite_functions(np.zeros(1), count)[:, 0]
     powers = t ** np.arange(count)
     norm = float(np.sum(powers * at_zero**2))
-    # Two odd factors bring the square of the imaginary unit with them.
+    # Two odd factors include the square of the imaginary unit.
     powers[1::2] *= -1
     scale = sqrt(2 * (1 - t**2) / (1 + t**2))
     return [_Term(factor=float(power) / norm, scale=scale) for power in powers]

@@ -1,8 +1,8 @@
 """Aligned pairs for super-resolution: a crop, and the same crop seen from further away.
 
-The low-resolution image is simulated with the pixels around the crop, so that its borders are
-as right as its middle, and on a grid centred on the crop: both images show the same square of
-the scene.
+The low-resolution image is simulated with the pixels around the crop, so that it is as accurate
+at its borders as in its middle, and on a grid centred on the crop: both images show the same
+square of the scene.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ _MARGIN_SIGMAS = 6.0
 class SrPair:
     """A high-resolution crop and its simulated low-resolution partner.
 
-    Low-resolution pixel ``i`` lies at ``(i - (n - 1) / 2) * zoom + (N - 1) / 2`` of the crop, on
+    Low-resolution pixel ``i`` is at ``(i - (n - 1) / 2) * zoom + (N - 1) / 2`` of the crop, on
     both axes, with ``N`` and ``n`` the sizes of the two.
     """
 
@@ -53,7 +53,7 @@ def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
     if crop_px < 1 or stride_px < 1:
         raise ValueError(f"crop and stride must be positive, got {crop_px} and {stride_px}")
     if crop_px > size_px:
-        raise ValueError(f"a crop of {crop_px} px does not fit into {size_px} px")
+        raise ValueError(f"a crop of {crop_px} px does not fit in {size_px} px")
     origins = list(range(0, size_px - crop_px + 1, stride_px))
     if origins[-1] != size_px - crop_px:
         origins.append(size_px - crop_px)
@@ -76,7 +76,7 @@ def sr_pairs(
     image
         Shape ``(rows, cols)`` or ``(rows, cols, channels)``; linear in light.
     zoom
-        How many times further away the low-resolution camera stands, at least 1.
+        How many times further away the low-resolution camera is, at least 1.
     psf
         Total PSF of the camera.
     crop_px, stride_px

@@ -1,6 +1,6 @@
 """Zoom-out: the image a camera would take of the same scene from ``zoom`` times further away.
 
-Four models. All are linear, noise-free and separable up to the correlation of the PSF.
+Four models. All are linear, noise-free and, for an uncorrelated PSF, separable.
 
 ``bicubic``
     Pillow's antialiased bicubic alone; the baseline.
@@ -44,7 +44,7 @@ _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
 
 _FAINT_ENDS = 3e-6
-"""Share of a row's weights cut off on either side: at most 0.003 of 255 in the result."""
+"""Fraction of a row's weights cut off on either side: at most 0.003 of 255 in the result."""
 
 _BORDER_SLACK_PX = 1e-6
 
@@ -56,10 +56,10 @@ class SeparableSum:
     terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]
 
     def apply(self, image: FloatImage) -> FloatImage:
-        """Return the image behind the operator, in the dtype of ``image``, shape (rows, cols)."""
+        """Return the transformed image, in the dtype of ``image``, shape (rows, cols)."""
         out = np.empty((self.terms[0][0].rows, self.terms[0][1].rows), dtype=image.dtype)
-        for place, (y, x) in enumerate(self.terms):
-            put_separable(y, (x,), image, out, is_added=place > 0)
+        for index, (y, x) in enumerate(self.terms):
+            put_separable(y, (x,), image, out, is_added=index > 0)
         return out
 
 
@@ -79,7 +79,7 @@ class ZoomOperator:
     def apply(self, image: FloatImage) -> FloatImage:
         """Return the follow-up of ``image``, shape (rows, cols), float32 or float64."""
         if len(self.stages) == 2 and all(len(stage.terms) == 1 for stage in self.stages):
-            # Both stages along x in one go: the image is turned once there and once back.
+            # Both stages along x at once: the image is transposed once and back once.
             (((first_y, first_x),), ((then_y, then_x),)) = (s.terms for s in self.stages)
             made = np.empty((first_y.rows, then_x.rows), dtype=image.dtype)
             put_separable(first_y, (first_x, then_x), image, made, is_added=False)
@@ -114,14 +114,14 @@ def zoom_out(
     model
         One of ``MODELS``.
     gaussian
-        ``"sampled"`` makes the blur of ``paper`` as ``scipy.ndimage.gaussian_filter`` would, for
+        ``"sampled"`` blurs model ``paper`` as ``scipy.ndimage.gaussian_filter`` would, for
         comparison.
 
     Returns
     -------
     ndarray of float32, or float64 for float64 input
-        In the input's units; ``floor(N / zoom)`` pixels on each axis, at the places
-        that ``SamplingGrid.centred`` states. At ``zoom`` 1 it equals the input.
+        In the input's units; ``floor(N / zoom)`` pixels on each axis, at the positions given by
+        ``SamplingGrid.centred``. At ``zoom`` 1 it equals the input.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def zoom_out_on_grid(
     Raises
     ------
     ValueError
-        As ``zoom_out``; or if the grid leaves the reference by more than half a pixel.
+        As for ``zoom_out``, or if the grid is outside the reference by more than half a pixel.
     """
     shape = reference_shape(image)
     operator = zoom_operator(shape, grid, psf, model, gaussian=gaussian)
@@ -185,7 +185,7 @@ def zoom_operator(
         raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
     _check_grid(shape, grid)
     if model in ("matched", "lmmse") and gaussian != "transfer":
-        raise ValueError(f"a {gaussian} Gaussian is for model 'paper' only")
+        raise ValueError(f"a {gaussian} Gaussian is only for model 'paper'")
     if model == "matched":
         return ZoomOperator((_matched(shape, grid, _needed(psf, model)),))
     if model == "lmmse":
@@ -235,7 +235,7 @@ def lmmse_operator(
     Raises
     ------
     ValueError
-        If a number is out of range, or the grid leaves the reference by more than half a pixel.
+        If a number is out of range, or the grid is outside the reference by more than half a pixel.
     """
     _check_grid(shape, grid)
     terms = lmmse_terms(
@@ -255,7 +255,7 @@ def _check_grid(shape: tuple[int, int], grid: SamplingGrid) -> None:
     ):
         outermost = max(-positions[0], positions[-1] - (size - 1))
         if outermost > 0.5 + _BORDER_SLACK_PX:
-            raise ValueError(f"the grid's {name} leave the reference by {outermost:.3g} px")
+            raise ValueError(f"the grid's {name} are outside the reference by {outermost:.3g} px")
 
 
 def _without_faint_ends(terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]) -> SeparableSum:
@@ -268,7 +268,7 @@ def _identity(shape: tuple[int, int]) -> SeparableSum:
 
 def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: GaussianPsf) -> SeparableSum:
     if grid == SamplingGrid.centred(shape, 1.0):
-        # The spline through the pixels takes the pixels' own values, but for rounding.
+        # The spline through the pixels reproduces the pixel values except for rounding.
         return _identity(shape)
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
     kernels = matched_terms(_scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1))
@@ -298,7 +298,7 @@ def _paper_blur(grid: SamplingGrid, psf: GaussianPsf, gaussian: GaussianForm) ->
 
 
 def _scaled(psf: GaussianPsf, yy: float, xx: float, xy: float) -> BlurCovariance:
-    """Covariance of the PSF, element by element times what the zooms make of it."""
+    """Covariance of the PSF, multiplied element by element."""
     (cov_xx, cov_xy), (_, cov_yy) = psf.covariance_px2.tolist()
     return BlurCovariance(yy_px2=cov_yy * yy, xx_px2=cov_xx * xx, xy_px2=cov_xy * xy)
 
@@ -317,7 +317,7 @@ class BlurredSpline:
 
     @classmethod
     def of(cls, image: AnyArray, psf: GaussianPsf, zoom: float) -> Self:
-        """Blur an image by what its PSF grows to from ``zoom`` times further away.
+        """Blur an image to its PSF from ``zoom`` times further away.
 
         Parameters
         ----------
@@ -326,7 +326,7 @@ class BlurredSpline:
         psf
             Total PSF; the blur is its covariance times ``zoom^2 - 1``.
         zoom
-            Ratio of the distances; below 1 it blurs as 1 does: not at all.
+            Ratio of the distances; 1 or less does not blur.
         """
         excess = max(zoom, 1.0) ** 2 - 1
         rows, cols = image.shape
@@ -337,7 +337,7 @@ class BlurredSpline:
         return cls(np.asarray(prefilter.apply(np.asarray(image, dtype=np.float64))))
 
     def at(self, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
-        """Levels at places of the image, of the places' shape; mirrored beyond the border."""
+        """Levels at positions in the image, in their shape; mirrored beyond the border."""
         return np.asarray(
             map_coordinates(
                 self.coefficients, [y_px, x_px], order=5, mode="reflect", prefilter=False

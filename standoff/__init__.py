@@ -1,7 +1,7 @@
 """A bench camera's PSF, scenes from further away, and how detectable a change still is.
 
-The functions here take an array or the path of a file; ``docs/library.md`` shows them at work.
-Nothing is loaded before it is used.
+The functions here take an array or the path of a file; ``docs/library.md`` shows how to use them.
+Nothing is imported before it is used.
 """
 
 import lazy_loader as lazy

@@ -1,4 +1,4 @@
-"""The command line's entry: light, so that Ctrl-C is answered from the first moment on.
+"""Entry point of the command line, kept light so that Ctrl-C works from the start.
 
 The application and the libraries of its command are imported when it runs; that takes seconds.
 """
@@ -40,7 +40,7 @@ def _imported_and_run(arguments: list[str]) -> int:
 
 
 def _interrupted_by_termination(work: Callable[[], int]) -> int:
-    """Do the work, and let SIGTERM end it as Ctrl-C does: the stage stops, files are whole.
+    """Do the work; SIGTERM ends it like Ctrl-C: the stage stops and files stay whole.
 
     A second SIGTERM ends the process at once.
     """
@@ -69,9 +69,9 @@ def run(arguments: list[str]) -> int:
 
 @contextmanager
 def _no_interrupt_lost() -> Iterator[None]:
-    """Raise a Ctrl-C at the end that something inside has swallowed, as imports may.
+    """Raise at the end a Ctrl-C that the block swallowed, as imports may.
 
-    Where Ctrl-C is ignored, as in a shell's background, it stays so.
+    If Ctrl-C is ignored, as in a background job of a shell, it stays ignored.
     """
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         yield

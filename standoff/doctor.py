@@ -1,4 +1,4 @@
-"""Is this computer ready for its bench: one check a question, each with what to do about it."""
+"""Checks whether this computer is ready for its bench, each with a remedy if it fails."""
 
 import os
 import shutil
@@ -33,7 +33,7 @@ TOO_FEW_BYTES = 100 * 10**6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """What one check found; ``remedy`` is empty where nothing need be done."""
+    """What one check found; ``remedy`` is empty if nothing needs to be done."""
 
     name: str
     status: CheckStatus
@@ -42,14 +42,14 @@ class Check:
 
 
 def examine(bench: BenchConfig | None, directory: Path) -> tuple[Check, ...]:
-    """All checks of a bench, or those of the computer alone where there is none.
+    """Run all checks of a bench, or only those of the computer if there is none.
 
     Parameters
     ----------
     bench
-        Its camera is opened and given back, but not set; its stage is not touched.
+        Its camera is opened and closed, but not configured; its stage is not touched.
     directory
-        Where sessions are going to be written.
+        Folder where sessions will be written.
     """
     needs_aravis = bench is not None and bench.camera.driver == "aravis"
     checks = [check_libraries(needed=needs_aravis), check_receive_buffer()]
@@ -66,14 +66,14 @@ def examine(bench: BenchConfig | None, directory: Path) -> tuple[Check, ...]:
 
 
 def check_libraries(*, needed: bool, load: Callable[[], AravisLibrary] = load_aravis) -> Check:
-    """Whether Aravis and PyGObject are there; a failure only where the bench needs them."""
+    """Whether Aravis and PyGObject are installed; a failure only if the bench needs them."""
     try:
         library = load()
     except DriverMissingError as error:
         return Check(
             name="libraries",
             status="fail" if needed else "warn",
-            found="Aravis is not usable",
+            found="Aravis cannot be used",
             remedy=str(error),
         )
     return Check(
@@ -86,14 +86,14 @@ def check_libraries(*, needed: bool, load: Callable[[], AravisLibrary] = load_ar
 def check_receive_buffer(
     read: Callable[[], int | None] = receive_buffer_limit_bytes,
 ) -> Check:
-    """Whether the kernel may buffer as much as the driver asks for."""
+    """Whether the kernel allows the receive buffer that the driver asks for."""
     limit_bytes = read()
     if limit_bytes is None:
         return Check(
             name="receive buffer",
             status="warn",
-            found="the limit cannot be read here",
-            remedy=f"see that net.core.rmem_max is at least {SOCKET_BUFFER_BYTES} on the host",
+            found="the limit cannot be read on this system",
+            remedy=f"make sure net.core.rmem_max is at least {SOCKET_BUFFER_BYTES} on the host",
         )
     if limit_bytes >= SOCKET_BUFFER_BYTES:
         return Check(name="receive buffer", status="ok", found=f"{limit_bytes} bytes")
@@ -127,14 +127,14 @@ def check_mtu(route: NetworkRoute) -> Check:
         status="warn",
         found=f"{route.mtu_bytes} bytes: small packets cost more processor time",
         remedy=(
-            f"sudo ip link set {name} mtu {JUMBO_MTU_BYTES}, where network card and switch can; "
-            "the driver then takes larger packets by itself"
+            f"sudo ip link set {name} mtu {JUMBO_MTU_BYTES}, if network card and switch allow it; "
+            "the driver then uses larger packets automatically"
         ),
     )
 
 
 def check_camera(probe: CameraProbe) -> Check:
-    """Whether we may control the camera."""
+    """Whether this program may control the camera."""
     who = f"{probe.vendor} {probe.model} at {probe.ip_address}"
     if probe.is_controllable:
         return Check(name="camera", status="ok", found=who)
@@ -142,12 +142,12 @@ def check_camera(probe: CameraProbe) -> Check:
         name="camera",
         status="fail",
         found=f"{who} is in use by another program",
-        remedy="close the other program; one that was killed holds the camera for some seconds",
+        remedy="close the other program; if killed, it holds the camera for a few more seconds",
     )
 
 
 def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check, ...]:
-    """What the camera can do, and whether that covers what the bench file asks for."""
+    """The camera's limits, and whether the bench file keeps within them."""
     rate = probe.frame_rate_hz
     formats = ", ".join(probe.pixel_formats)
     return (
@@ -156,7 +156,7 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
         Check(
             name="frame rate",
             status="ok",
-            found=f"up to {rate.high:.1f} Hz at the camera's present settings",
+            found=f"up to {rate.high:.1f} Hz with the camera's current settings",
         ),
         Check(name="pixel formats", status="ok", found=formats)
         if config.pixel_format in probe.pixel_formats
@@ -170,7 +170,7 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
             name="temperature",
             status="ok",
             found=(
-                "the camera has no DeviceTemperature"
+                "not reported by the camera (no DeviceTemperature)"
                 if probe.temperature_c is None
                 else f"{probe.temperature_c:.1f} C"
             ),
@@ -179,15 +179,17 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
 
 
 def check_stage_port(config: StageConfig) -> Check:
-    """Whether the stage's serial port is there and this user may open it.
+    """Whether the stage's serial port exists and this user may open it.
 
-    It is not opened: that resets controllers of the Grbl kind, and with them the position.
+    It is not opened: that would reset a Grbl controller, which then loses its position.
     """
     if config.port is None:
         found = f"driver {config.driver!r}: no port"
         return Check(name="stage", status="ok", found=found)
     if "://" in config.port:
-        return Check(name="stage", status="ok", found=f"{config.port}: tried when it is used")
+        return Check(
+            name="stage", status="ok", found=f"{config.port}: not checked until it is used"
+        )
     path = Path(config.port)
     try:
         is_port = stat.S_ISCHR(path.stat().st_mode)
@@ -196,29 +198,29 @@ def check_stage_port(config: StageConfig) -> Check:
             name="stage",
             status="fail",
             found=f"{config.port}: {error.strerror}",
-            remedy="plug the stage in, switch it on, and see ls -l /dev/serial/by-id",
+            remedy="plug the stage in, switch it on, and look at ls -l /dev/serial/by-id",
         )
     if not is_port:
         return Check(
             name="stage",
             status="fail",
-            found=f"{config.port} is no serial port",
-            remedy="set stage.port in the bench file to one under /dev/serial/by-id",
+            found=f"{config.port} is not a serial port",
+            remedy="set stage.port in the bench file to a port under /dev/serial/by-id",
         )
     if not os.access(path, os.R_OK | os.W_OK):
         return Check(
             name="stage",
             status="fail",
-            found=f"{config.port} is there, but this user may not open it",
+            found=f"{config.port} exists, but this user may not open it",
             remedy="sudo usermod -aG dialout $USER, then log in again",
         )
-    return Check(name="stage", status="ok", found=f"{config.port} may be opened")
+    return Check(name="stage", status="ok", found=f"{config.port} can be opened")
 
 
 def check_disk(
     directory: Path, free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 ) -> Check:
-    """Whether sessions have room in ``directory``."""
+    """Whether ``directory`` has room for sessions."""
     free = free_bytes(directory)
     status: CheckStatus = "ok"
     if free < SCARCE_BYTES:
@@ -227,7 +229,7 @@ def check_disk(
         name="disk",
         status=status,
         found=f"{free / 1e9:.1f} GB free in {directory}",
-        remedy="" if status == "ok" else "make room, or write the session to another disk",
+        remedy="" if status == "ok" else "free some space, or write sessions to another disk",
     )
 
 
@@ -240,11 +242,11 @@ def _network_and_camera(config: CameraConfig) -> list[Check]:
         name = "camera"
         probe = probe_camera(config.address or "")
     except DriverMissingError:
-        return checks  # said already, among the libraries
+        return checks  # reported already by the check of the libraries
     except DeviceError as error:
         remedy = (
-            "check power, cable and firewall (UDP), and that camera.address is right: "
-            "standoff cameras searches for it"
+            "check power, cable and firewall (UDP), and that camera.address is correct: "
+            "standoff cameras searches for cameras"
         )
         return [*checks, Check(name=name, status="fail", found=str(error), remedy=remedy)]
     return [*checks, check_camera(probe), *check_camera_limits(probe, config)]
@@ -258,5 +260,5 @@ def _within(name: str, key: str, wanted: float, bounds: Bounds, unit: str) -> Ch
         name=name,
         status="fail",
         found=f"{found}; {key} is {wanted:g}",
-        remedy=f"set {key} in the bench file to a value within",
+        remedy=f"set {key} in the bench file to a value within these limits",
     )

@@ -1,4 +1,4 @@
-"""What can go wrong in the application itself, and what every command turns into exit 1."""
+"""Errors of the application itself, and those that every command turns into exit status 1."""
 
 from acquisition.errors import DeviceError, SessionError
 from analysis.errors import AnalysisError
@@ -6,7 +6,7 @@ from calibration.errors import CalibrationError
 
 
 class ApplicationError(Exception):
-    """A command cannot do what it was asked with the files it was given."""
+    """A command cannot do its work with the files it was given."""
 
 
 class ImageFileError(ApplicationError):

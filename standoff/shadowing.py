@@ -1,7 +1,7 @@
-"""Whether a file of the user's hides one of our packages, whose names are everyday words.
+"""Detects a user's file that hides one of our packages, whose names are everyday words.
 
-Python looks for ``analysis`` in the working folder first where it was started with ``python -m``
-or ``python -c``, in a notebook, or with ``PYTHONPATH``. Nothing is imported to find that out.
+Python looks for ``analysis`` in the working folder first if it was started with ``python -m`` or
+``python -c``, in a notebook, or with ``PYTHONPATH``. The check imports nothing.
 """
 
 from importlib.util import find_spec
@@ -12,14 +12,14 @@ _PACKAGES = ("acquisition", "analysis", "calibration", "hil_mocks", "simulation"
 
 
 class HiddenPackageError(ImportError):
-    """A file or folder that is not ours would be imported in the place of one of our packages.
+    """A file or folder that is not ours would be imported instead of one of our packages.
 
-    ``name`` is the package's, ``path`` that of what hides it.
+    ``name`` is the package's name, ``path`` the path of the file or folder that hides it.
     """
 
 
 def refuse_hidden_packages() -> None:
-    """Check that our packages are the ones that an import would find.
+    """Check that an import would find our packages.
 
     Raises
     ------

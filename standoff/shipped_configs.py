@@ -1,4 +1,4 @@
-"""Where the bench files and capture plans that come with standoff lie."""
+"""Finds the bench files and capture plans that come with standoff."""
 
 from pathlib import Path
 

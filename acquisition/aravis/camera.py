@@ -40,12 +40,12 @@ def require_same_camera(
     settings: CameraSettings,
     settings_now: CameraSettings,
 ) -> None:
-    """Compare identity and settings of a camera before and after it was opened again.
+    """Compare identity and settings of a camera before and after it was reopened.
 
     Raises
     ------
     CameraFeatureError
-        If anything differs; it names the first feature and both values.
+        If anything differs; the error names the first feature and both values.
     """
     before = {**_named(info), **_named(settings)}
     now = {**_named(info_now), **_named(settings_now)}
@@ -53,8 +53,8 @@ def require_same_camera(
         was, found = before.get(feature), now.get(feature)
         if not _is_same(was, found):
             raise CameraFeatureError(
-                f"the camera came back with another {feature}: {was} before, {found} now; the "
-                "captures would not compare, so nothing more was captured",
+                f"the camera came back with a different {feature}: {was} before, {found} now; the "
+                "captures would not be comparable, so nothing more was captured",
                 feature=feature,
             )
 
@@ -79,7 +79,7 @@ def _is_same(was: object, found: object) -> bool:
 
 STALL_S = 1.0
 STALL_PERIODS = 5
-"""Without any frame for the longer of the two, the stream has stalled."""
+"""A stream has stalled if no frame comes for the longer of these two times."""
 
 WAIT_SLICE_S = 0.1
 """Longest wait inside Aravis, where neither Ctrl-C nor a lost control channel is noticed."""
@@ -88,25 +88,25 @@ RECONNECT_PAUSE_S = 0.1
 
 
 class AravisCamera:
-    """A camera that is open until it is closed; `open` makes one.
+    """A GigE Vision camera that has been opened; `open` makes one.
 
     A stream that stalls, or whose control channel ends, raises `StreamInterruptedError`. The
-    next `start` then drops every Aravis object, opens the camera again within
-    ``reconnect_timeout_s``, sets it again and compares all it reads back with what ran before.
-    Nothing is reopened in mid-stream, so no series mixes frames from before and after.
+    next `start` then drops every Aravis object, reopens the camera within
+    ``reconnect_timeout_s``, configures it again and compares all settings with those from before.
+    Nothing is reopened mid-stream, so no series mixes frames from before and after.
 
     Parameters
     ----------
     connection
         The camera, opened and configured.
     config
-        What it was opened and configured by.
+        The configuration that it was opened with.
     connect
-        Makes another connection of a config.
+        Makes a new connection from a configuration.
     clock
         Monotonic time in seconds.
     sleep
-        Waits for some seconds.
+        Waits for a number of seconds.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class AravisCamera:
 
     @classmethod
     def open(cls, config: CameraConfig) -> "AravisCamera":
-        """Open the camera at the address of the config, and set it.
+        """Open the camera at the configured address and apply its settings.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class AravisCamera:
         DeviceInUseError
             If another program controls it.
         CameraFeatureError
-            If it does not take or keep a setting.
+            If it does not accept or keep a setting.
         """
         return cls(connect_camera(config), config)
 
@@ -163,11 +163,11 @@ class AravisCamera:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the operator should know of network and settings, one line each."""
+        """What the operator should know about network and settings, one line each."""
         return self._warnings
 
     def set_exposure_us(self, exposure_us: float) -> float:
-        """See `Camera.set_exposure_us`; the frame rate may follow it."""
+        """See `Camera.set_exposure_us`; the frame rate may change with it."""
         self._settings = self._open_connection().set_exposure_us(exposure_us)
         self._config = self._config.model_copy(update={"exposure_us": self._settings.exposure_us})
         return self._settings.exposure_us
@@ -179,20 +179,20 @@ class AravisCamera:
         return self._settings.gain_db
 
     def start(self) -> None:
-        """See `Camera.start`; a camera that was lost is opened again first.
+        """See `Camera.start`; a lost camera is reopened first.
 
         Raises
         ------
         DeviceDisconnectedError
-            If it did not come back within ``reconnect_timeout_s`` and one more attempt of 2.5 s;
-            after up to 15 s in any case, as Aravis waits so long for one that does not answer.
+            If it did not come back within ``reconnect_timeout_s`` and one more attempt of 2.5 s.
+            It may take 15 s in any case: Aravis waits that long for a camera to answer.
         CameraFeatureError
             If it came back with other settings.
         """
         if self._is_closed:
             raise DeviceDisconnectedError("the camera is closed")
         if self._is_streaming:
-            raise DeviceError("the camera streams already")
+            raise DeviceError("the camera is already streaming")
         deadline_s = self._clock() + self._config.reconnect_timeout_s
         if self._is_interrupted or not self._has_started():
             self._reconnect(deadline_s)
@@ -210,7 +210,7 @@ class AravisCamera:
         """
         connection = self._open_connection()
         if not self._is_streaming:
-            raise DeviceError("the camera is not started")
+            raise DeviceError("the camera has not been started")
         stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
         begin_s = self._clock()
         deadline_s = begin_s + timeout_s
@@ -221,15 +221,15 @@ class AravisCamera:
             now_s = self._clock()
             if connection.is_lost:
                 raise self._interrupted(
-                    "the control channel to the camera ended: cable, power or another program"
+                    "the control channel to the camera was lost (cable, power or another program)"
                 )
             if frame is not None:
                 self._last_frame_s = now_s
                 return frame
             if now_s >= stalled_s:
                 raise self._interrupted(
-                    f"the camera sent no frame for {stall_s:.1f} s: cable, power, firewall, or "
-                    "packets larger than the network takes"
+                    f"the camera sent no frame for {stall_s:.1f} s (cable, power, firewall, or "
+                    "packets too large for the network)"
                 )
             if now_s >= deadline_s:
                 raise DeviceTimeoutError(
@@ -237,12 +237,12 @@ class AravisCamera:
                 )
 
     def stop(self) -> None:
-        """See `Camera.stop`; a camera whose stream was interrupted is stopped already.
+        """See `Camera.stop`; a camera whose stream was interrupted is already stopped.
 
         Raises
         ------
         StreamInterruptedError
-            If the camera does not answer any more.
+            If the camera no longer answers.
         """
         if not self._is_streaming:
             return
@@ -253,14 +253,14 @@ class AravisCamera:
             raise self._interrupted(str(error)) from error
 
     def statistics(self) -> StreamStatistics:
-        """See `Camera.statistics`; they go on through reconnections."""
+        """See `Camera.statistics`; they continue across reconnections."""
         if self._connection is None:
             return self._counted_before
         return _sum(self._counted_before, self._connection.stream.statistics())
 
     def close(self) -> None:
         """See `Camera.close`."""
-        # A camera that does not take the stop any more ends its stream with our control of it.
+        # A camera that no longer accepts the stop ends its stream when our control of it ends.
         with suppress(DeviceError):
             self.stop()
         self._is_closed = True
@@ -289,7 +289,7 @@ class AravisCamera:
         return StreamInterruptedError(reason)
 
     def _has_started(self) -> bool:
-        """Try to start; False if the camera is gone or another program's meanwhile."""
+        """Try to start; False if the camera is gone or another program has taken it."""
         if self._connection is None or self._connection.is_lost:
             return False
         try:
@@ -304,7 +304,7 @@ class AravisCamera:
             try:
                 self._connection = self._connect(self._config)
             except (DeviceDisconnectedError, DeviceInUseError) as error:
-                # Until its heartbeat expires, a camera refuses us as the program it lost.
+                # Until the lost connection's heartbeat expires, the camera refuses a new one.
                 if self._clock() >= deadline_s:
                     raise DeviceDisconnectedError(
                         "the camera was lost and did not come back within "

@@ -1,4 +1,4 @@
-"""Set a GigE Vision camera after the bench file and read back what it runs with."""
+"""Configure a GigE Vision camera from the bench file and read its settings back."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ EXPOSURE_NAMES = ("ExposureTime", "ExposureTimeAbs")
 GAIN_NAMES = ("Gain", "GainRaw", "GainAbs")
 FRAME_RATE_NAMES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 BANDWIDTH_NAMES = ("StreamBytesPerSecond", "DeviceLinkThroughputLimit")
-"""SFNC's name first, then that of vendors from before it, as Allied Vision's Manta."""
+"""The SFNC name first, then the older vendor name, as in Allied Vision's Manta."""
 
 FRAME_RATE_LIMIT = "AcquisitionFrameRateLimit"
 
@@ -35,7 +35,7 @@ UNPROCESSED: tuple[tuple[str, FeatureValue], ...] = (
     ("DecimationHorizontal", 1),
     ("DecimationVertical", 1),
 )
-"""What a camera must not do to the levels and pixels of a measurement, where it can at all."""
+"""Processing that must be off in a measurement, for the features that a camera has."""
 
 PACKET_SIZE = "GevSCPSPacketSize"
 
@@ -45,7 +45,7 @@ BLACK_LEVEL_SCALE = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Smallest and largest value that a camera takes now."""
+    """Smallest and largest value that a camera accepts at present."""
 
     low: float
     high: float
@@ -53,7 +53,7 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppliedConfiguration:
-    """What the camera runs with, as read back, and what the operator should know of it."""
+    """The settings as read back from the camera, and warnings for the operator."""
 
     settings: CameraSettings
     warnings: tuple[str, ...]
@@ -65,13 +65,13 @@ class CameraControls:
     Parameters
     ----------
     opened
-        The camera; all but the bounds need control of it.
+        The camera; everything but the bounds needs control of it.
     """
 
     def __init__(self, opened: OpenedDevice) -> None:
         self._opened = opened
         self.features = CameraFeatures(opened)
-        # Without it, out of range values reach the camera, which clips some and takes others.
+        # Without it, values out of range reach the camera, which clips some and accepts others.
         opened.camera.set_range_check_policy(opened.library.api.RangeCheckPolicy.ENABLE)
 
     def configure(self, config: CameraConfig) -> AppliedConfiguration:
@@ -80,9 +80,9 @@ class CameraControls:
         Raises
         ------
         CameraFeatureError
-            If a setting is refused or not kept; it names the feature.
+            If a setting is refused or not kept; the error names the feature.
         DeviceDisconnectedError, DeviceInUseError
-            If the camera went away meanwhile.
+            If the camera was lost meanwhile.
         """
         with translated_errors(self._opened.library, "AcquisitionStop"):
             # A program that was killed may have left it streaming, with its settings locked.
@@ -111,7 +111,7 @@ class CameraControls:
         return found
 
     def raise_frame_rate(self, frame_rate_hz: float) -> float:
-        """Go back to the frame rate of the bench file as far as the exposure allows it now.
+        """Return to the frame rate of the bench file, as far as the present exposure allows.
 
         Returns
         -------
@@ -133,7 +133,7 @@ class CameraControls:
         return found
 
     def frame_rate_hz(self) -> float:
-        """Frame rate now, which long exposures lower."""
+        """Present frame rate, which long exposures lower."""
         name = self._name(FRAME_RATE_NAMES)
         with translated_errors(self._opened.library, name):
             return min(
@@ -141,12 +141,12 @@ class CameraControls:
             )
 
     def exposure_bounds_us(self) -> Bounds:
-        """Exposures that the camera takes, in us."""
+        """Exposures that the camera accepts, in us."""
         with translated_errors(self._opened.library, self._name(EXPOSURE_NAMES)):
             return _bounds(self._opened.camera.get_exposure_time_bounds())
 
     def gain_bounds_db(self) -> Bounds:
-        """Gains that the camera takes, in dB."""
+        """Gains that the camera accepts, in dB."""
         with translated_errors(self._opened.library, self._name(GAIN_NAMES)):
             return _bounds(self._opened.camera.get_gain_bounds())
 
@@ -205,7 +205,7 @@ class CameraControls:
         usable = [name for name in offered if can_decode(name)]
         if pixel_format not in usable:
             raise CameraFeatureError(
-                f"PixelFormat (camera.pixel_format) {pixel_format!r} is not to be had; this "
+                f"PixelFormat (camera.pixel_format) {pixel_format!r} is not available; this "
                 f"camera has {', '.join(usable)}",
                 feature="PixelFormat",
             )
@@ -232,8 +232,8 @@ class CameraControls:
     def _set_packet_size(self, packet_size_bytes: int | None) -> tuple[str, ...]:
         warnings: tuple[str, ...] = ()
         with translated_errors(self._opened.library, PACKET_SIZE):
-            # Making a stream would negotiate, unasked; with the size of a Manta at power-up that
-            # is beyond its own maximum Aravis 0.8.26 then ends the process by an assertion.
+            # Making a stream would negotiate, unasked. A Manta's packet size at power-up is above
+            # its own maximum; Aravis 0.8.26 then ends the process with an assertion.
             self._opened.camera.gv_set_packet_size_adjustment(
                 self._opened.library.api.GvPacketSizeAdjustment.NEVER
             )
@@ -251,8 +251,8 @@ class CameraControls:
             if packet_size_bytes is None:
                 packet_size_bytes = SAFE_PACKET_BYTES
                 warnings = (
-                    "no test packet came from the camera: a firewall keeps its stream out, or it "
-                    f"sends none; packets are set to {SAFE_PACKET_BYTES} bytes",
+                    "no test packet arrived from the camera: a firewall blocks its stream, or it "
+                    f"sends none; the packet size is set to {SAFE_PACKET_BYTES} bytes",
                 )
             self._opened.camera.gv_set_packet_size(packet_size_bytes)
             found = int(self._opened.camera.gv_get_packet_size())
@@ -305,7 +305,7 @@ class CameraControls:
     def _name(self, names: tuple[str, ...]) -> str:
         found = self.features.first_of(names)
         if found is None:
-            raise DeviceError(f"the camera has none of {', '.join(names)}; it cannot be used")
+            raise DeviceError(f"the camera has no feature {' or '.join(names)}; it cannot be used")
         return found
 
 

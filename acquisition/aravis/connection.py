@@ -1,4 +1,4 @@
-"""One opened and configured GigE Vision camera with its stream, made and dropped as a whole."""
+"""An opened and configured GigE Vision camera with its stream, made and dropped as a whole."""
 
 from dataclasses import replace
 
@@ -16,12 +16,12 @@ SERIAL_NUMBER_NAMES = ("DeviceSerialNumber", "DeviceID")
 
 
 def connect_camera(config: CameraConfig) -> "AravisConnection":
-    """Open the camera of a bench file and set it.
+    """Open the camera of a bench file and configure it.
 
     Raises
     ------
     DeviceError
-        As `open_device` and `AravisConnection` say.
+        As for `open_device` and `AravisConnection`.
     """
     if config.address is None:
         raise DeviceError("camera.address is missing; driver 'aravis' needs it")
@@ -31,21 +31,21 @@ def connect_camera(config: CameraConfig) -> "AravisConnection":
 class AravisConnection:
     """A camera under our control, configured, with a stream that can be started.
 
-    A connection that was lost is of no more use: close it and make another.
+    A lost connection is of no further use: close it and make a new one.
 
     Parameters
     ----------
     opened
         The camera.
     config
-        How to set it.
+        Its settings.
 
     Raises
     ------
     DeviceInUseError
         If another program controls the camera.
     DeviceError
-        If it cannot be set as asked.
+        If it cannot be configured as asked.
     """
 
     def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
@@ -66,23 +66,23 @@ class AravisConnection:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the control channel has ended: camera gone, or another program's.
+        """Whether the control channel has ended: the camera is gone or another program has it.
 
-        Aravis' heartbeat thread finds out. It is asked, and not listened to: the signal
-        ``control-lost`` holds the device while a handler runs in that thread, and if all others
-        let go of it meanwhile, the thread drops the device, joins itself and ends the process.
+        Aravis' heartbeat thread notices. It is polled, because the signal ``control-lost`` holds
+        the device while a handler runs in that thread: if all other references are dropped
+        meanwhile, the thread drops the device, joins itself and ends the process.
         """
         return not self._opened.is_controller
 
     @property
     def stream(self) -> FrameStream:
-        """Its frames."""
+        """The stream of its frames."""
         if self._stream is None:
             raise DeviceError("the connection to the camera is closed")
         return self._stream
 
     def set_exposure_us(self, exposure_us: float) -> CameraSettings:
-        """Set the exposure and return all settings: the frame rate may follow it."""
+        """Set the exposure and return all settings: the frame rate may change with it."""
         self.settings = replace(
             self.settings,
             exposure_us=self._controls.set_exposure_us(exposure_us),
@@ -98,7 +98,7 @@ class AravisConnection:
     def close(self) -> None:
         """Drop stream, camera and device, and with them threads, sockets and control.
 
-        A camera that does not answer holds this up for about 10 s.
+        A camera that does not answer delays this by about 10 s.
         """
         if self._stream is not None:
             self._stream.close()
@@ -108,7 +108,7 @@ class AravisConnection:
         if not self._opened.is_controller:
             raise DeviceInUseError(
                 f"the camera at {self._opened.ip_address} is in use by another program; close "
-                "that one (a program that was killed holds it for some seconds more)"
+                "that program (one that was killed holds the camera for a few more seconds)"
             )
 
     def _read_info(self) -> DeviceInfo:

@@ -1,4 +1,4 @@
-"""Opening a GigE Vision device at one address, and letting go of it."""
+"""Opening and releasing a GigE Vision device at one address."""
 
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.library import AravisLibrary, AravisObject, load_aravis
@@ -8,17 +8,17 @@ from acquisition.errors import DeviceDisconnectedError
 
 
 class OpenedDevice:
-    """The one holder of the Aravis objects of a camera: closing it gives the camera back.
+    """The sole owner of the Aravis objects of a camera: closing it releases the camera.
 
-    Everything else refers to this, and to the objects through it, never in a variable of its own:
-    the traceback of an error would keep thread, sockets and control alive.
+    Everything else reaches the objects through this and keeps none in a variable of its own: the
+    traceback of an error would keep thread, sockets and control alive.
 
     Parameters
     ----------
     library
         The Aravis modules.
     ip_address
-        Where it was opened.
+        Address at which it was opened.
     device
         An ``Aravis.GvDevice``.
     camera
@@ -54,17 +54,17 @@ class OpenedDevice:
 
     @property
     def is_controller(self) -> bool:
-        """Whether we may change anything; else another program controls the camera."""
+        """Whether we control the camera; otherwise another program does."""
         return bool(self.device.is_controller())
 
     def close(self) -> None:
-        """Give the camera back; closing twice is harmless."""
+        """Release the camera; closing twice is harmless."""
         self._camera = None
         self._device = None
 
 
 def open_device(address: str) -> OpenedDevice:
-    """Open the camera at one address; nothing is sent to any other.
+    """Open the camera at one address; nothing is sent to any other address.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def open_device(address: str) -> OpenedDevice:
     DeviceDisconnectedError
         If no camera answers there, or no network interface leads there.
     DeviceError
-        If the address is none.
+        If the address is not valid.
     """
     library = load_aravis()
     ip_address = resolve_address(address)

@@ -1,6 +1,6 @@
-"""Which GigE Vision cameras there are, and what one of them can do.
+"""Find the GigE Vision cameras on the network, and report what one of them can do.
 
-Nothing else of the driver broadcasts.
+Nothing else in the driver broadcasts.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ GIGE_VISION = "GigEVision"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundCamera:
-    """A camera that answered, and where."""
+    """A camera that answered, and its address."""
 
     address: str
     vendor: str
@@ -28,7 +28,7 @@ class FoundCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraProbe:
-    """One camera as it stands; the limits are those of its present settings.
+    """The present state of one camera; the limits are those at its present settings.
 
     ``temperature_c`` is None where the camera has no such feature.
     """
@@ -46,7 +46,7 @@ class CameraProbe:
 
 
 def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[FoundCamera, ...]:
-    """Ask every network interface, by broadcast, who is there; takes about a second.
+    """List the cameras that answer a broadcast on any network interface; takes about a second.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[Found
 
 
 def probe_camera(address: str) -> CameraProbe:
-    """Open the camera at one address, ask, and give it back.
+    """Open the camera at one address, query it and release it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Aravis' errors as ours."""
+"""Translation of Aravis' errors into ours."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from acquisition.errors import (
 
 @contextmanager
 def translated_errors(library: AravisLibrary, feature: str) -> Iterator[None]:
-    """Turn what Aravis raises inside the block into one of our errors that names the feature."""
+    """Turn an Aravis error inside the block into one of ours that names the feature."""
     try:
         yield
     except library.glib.Error as error:
@@ -25,8 +25,8 @@ def _device_error(library: AravisLibrary, feature: str, error: AravisObject) -> 
     codes = library.api.DeviceError
     if _is_code(error, codes.NOT_CONTROLLER, codes.PROTOCOL_ERROR_ACCESS_DENIED):
         return DeviceInUseError(
-            f"the camera denies access to {feature}; another program controls it, or it does "
-            "not allow this now"
+            f"the camera denies access to {feature}; another program controls the camera, or it "
+            "does not allow this at present"
         )
     if _is_code(
         error,

@@ -9,7 +9,7 @@ from acquisition.errors import CameraFeatureError
 FeatureValue = str | int | float | bool
 
 RELATIVE_ROUNDING = 1e-6
-"""A value that passed through a 32-bit float register comes back this close."""
+"""Relative error of a value read back from a 32-bit float register."""
 
 
 class CameraFeatures:
@@ -30,11 +30,11 @@ class CameraFeatures:
             return bool(self._opened.camera.is_feature_available(feature))
 
     def first_of(self, names: Sequence[str]) -> str | None:
-        """First of several names of the same thing that the camera knows."""
+        """First of several names for the same feature that the camera knows."""
         return next((name for name in names if self.has(name)), None)
 
     def read(self, feature: str, kind: type[FeatureValue]) -> FeatureValue:
-        """Value now, of the kind ``bool``, ``int``, ``float`` or ``str``."""
+        """Present value, as a ``bool``, ``int``, ``float`` or ``str``."""
         with translated_errors(self._opened.library, feature):
             if kind is bool:
                 return bool(self._opened.camera.get_boolean(feature))
@@ -45,14 +45,14 @@ class CameraFeatures:
             return str(self._opened.camera.get_string(feature))
 
     def write(self, feature: str, value: FeatureValue) -> None:
-        """Set a feature to exactly ``value``, where it is not so already.
+        """Set a feature to exactly ``value``, unless it already has that value.
 
-        A feature that only reads, but reads as wanted, is thereby no error.
+        A read-only feature that already has the wanted value is therefore no error.
 
         Raises
         ------
         CameraFeatureError
-            If the camera refuses it, or reads back something else.
+            If the camera refuses it, or another value is read back.
         """
         if self._is(feature, value):
             return
@@ -73,7 +73,7 @@ class CameraFeatures:
             )
 
     def step(self, feature: str) -> float:
-        """Distance of neighbouring values of a number; 1 where the camera does not say."""
+        """Increment of a numeric feature; 1 where the camera does not state it."""
         with translated_errors(self._opened.library, feature):
             try:
                 step = float(self._opened.camera.get_float_increment(feature))

@@ -1,4 +1,4 @@
-"""The Aravis library, imported when a bench asks for it and not before."""
+"""The Aravis library, imported only when a bench asks for it."""
 
 import re
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from typing import Any
 from acquisition.errors import DriverMissingError
 
 AravisObject = Any
-"""An object of the GObject bindings, which carry no types."""
+"""An object of the GObject bindings, which have no type annotations."""
 
 
 _LIBRARY_FILE = re.compile(r"/libaravis-0\.8\.so\.(\d+(?:\.\d+)+)$", re.MULTILINE)
@@ -33,7 +33,7 @@ def load_aravis() -> AravisLibrary:
     Raises
     ------
     DriverMissingError
-        If one of the two is not installed; it names the packages.
+        If one of the two is not installed; the error names the packages.
     """
     try:
         import gi
@@ -62,7 +62,7 @@ def load_aravis() -> AravisLibrary:
 
 
 def _loaded_version(maps: Path) -> str:
-    """Version in the file name of the loaded library: the 0.8 bindings do not tell it."""
+    """Version in the file name of the loaded library: the 0.8 bindings do not report it."""
     for line in maps.read_text(encoding="utf-8", errors="replace").splitlines():
         found = _LIBRARY_FILE.search(line)
         if found is not None:

@@ -1,4 +1,4 @@
-"""The largest stream packet that gets from a GigE Vision camera to this computer, by trial.
+"""The largest stream packet that reaches this computer from a GigE Vision camera, by trial.
 
 Done over the bootstrap registers, which every camera has: Aravis' own negotiation gives up where
 the camera's description does not show ``GevSCPSFireTestPacket`` as a command (Aravis 0.8.26).
@@ -15,7 +15,7 @@ from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 
 SAFE_PACKET_BYTES = 1500
-"""What Ethernet carries without any set-up."""
+"""Packet size that Ethernet carries without any configuration."""
 
 PORT_REGISTER = 0x0D00
 SIZE_REGISTER = 0x0D04
@@ -27,7 +27,7 @@ SIZE_MASK = 0xFFFF
 
 IP_AND_UDP_HEADER_BYTES = 28
 USUAL_SIZES = (16000, 9000, 8228, 8000, 6000, 4000, 3000, 2000, SAFE_PACKET_BYTES, 1400, 576)
-"""Of jumbo frames, of tunnels, and the least that every network carries."""
+"""Sizes for jumbo frames and tunnels, and the smallest that every network carries."""
 
 TRIES = 3
 WAIT_S = 0.02
@@ -38,16 +38,16 @@ def largest_packet(
 ) -> int | None:
     """Return the largest packet size that arrives whole, or None if no test packet does.
 
-    The camera's packet size is as before afterwards.
+    The camera's own packet size is restored afterwards.
 
     Parameters
     ----------
     own_address
-        Of the interface that leads to the camera.
+        Address of the interface that leads to the camera.
     mtu_bytes
-        Largest packet that this interface takes.
+        Largest packet that this interface carries.
     low, high, step
-        Packet sizes that the camera takes, in bytes.
+        Packet sizes that the camera accepts, in bytes.
     """
     most = min(mtu_bytes, high)
     sizes = {low + (size - low) // step * step for size in (most, *USUAL_SIZES) if low <= size}
@@ -63,8 +63,8 @@ def largest_packet(
         )
         opened.device.write_register(PORT_REGISTER, receiver.getsockname()[1])
         try:
-            # A camera that sends no test packets at all is found out by the sizes that always
-            # get through, and is not asked for all the others.
+            # The sizes that always get through reveal a camera that sends no test packets at all;
+            # it is not asked for the others.
             certain = sorted(size for size in sizes if size <= SAFE_PACKET_BYTES)[::-1]
             jumbo = sorted(sizes - set(certain))[::-1]
             arrived = next((s for s in certain if _arrives(opened, receiver, s)), None)
@@ -86,7 +86,7 @@ def _arrives(opened: OpenedDevice, receiver: socket.socket, size: int) -> bool:
                 datagram, sender = receiver.recvfrom(SIZE_MASK)
             except TimeoutError:
                 break
-            # A late packet of another trial, or of another sender, is not it.
+            # A late packet of another trial, or from another sender, does not count.
             if sender[0] == opened.ip_address and len(datagram) == size - IP_AND_UDP_HEADER_BYTES:
                 return True
     return False

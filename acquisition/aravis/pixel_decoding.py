@@ -1,4 +1,4 @@
-"""Pictures from the bytes of a GigE Vision image block.
+"""Decode the bytes of a GigE Vision image block into an image.
 
 Mono12Packed and BayerXX12Packed put two pixels in three bytes: the high eight bits of the first,
 a byte with the low four bits of both (the first pixel's in the low nibble), the high eight bits
@@ -23,17 +23,17 @@ _FORMAT = re.compile(r"(?:Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16|12Packed)")
 
 
 def can_decode(pixel_format: str) -> bool:
-    """Whether `decode_pixels` knows the PFNC name."""
+    """Whether `decode_pixels` supports the PFNC name."""
     return _FORMAT.fullmatch(pixel_format) is not None
 
 
 def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
-    """Number of bytes that a picture of ``(rows, cols)`` takes on the wire.
+    """Number of bytes that an image of ``(rows, cols)`` takes on the wire.
 
     Raises
     ------
     ValueError
-        If the pixel format is not known.
+        If the pixel format is not supported.
     """
     pixels = shape[0] * shape[1]
     depth = _depth(pixel_format)
@@ -43,12 +43,12 @@ def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
 
 
 def decode_pixels(data: bytes, pixel_format: str, shape: tuple[int, int]) -> FrameImage:
-    """Picture of the levels in ``data``, in DN of the pixel format; colour mosaics stay mosaics.
+    """Decode ``data`` to levels in DN of the pixel format; colour mosaics stay mosaics.
 
     Parameters
     ----------
     data
-        At least as long as the picture takes; what follows it is not read.
+        At least as long as the image; what follows it is ignored.
     pixel_format
         PFNC name: Mono or BayerXX with 8, 10, 12, 14, 16 or 12Packed.
     shape
@@ -62,12 +62,12 @@ def decode_pixels(data: bytes, pixel_format: str, shape: tuple[int, int]) -> Fra
     Raises
     ------
     ValueError
-        If the pixel format is not known or ``data`` is too short.
+        If the pixel format is not supported or ``data`` is too short.
     """
     size = encoded_bytes(pixel_format, shape)
     if len(data) < size:
         raise ValueError(
-            f"{pixel_format} of {shape[1]}x{shape[0]} takes {size} bytes, got {len(data)}"
+            f"a {pixel_format} image of {shape[1]}x{shape[0]} takes {size} bytes, got {len(data)}"
         )
     depth = _depth(pixel_format)
     if depth == "8":

@@ -24,7 +24,7 @@ IP_MTU = 14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkRoute:
-    """The way to one address; ``interface`` is None where its name cannot be told."""
+    """The route to one address; ``interface`` is None where its name is not known."""
 
     address: str
     own_address: str
@@ -33,7 +33,7 @@ class NetworkRoute:
 
 
 def route_to(ip_address: str) -> NetworkRoute:
-    """Ask the kernel which way packets to ``ip_address`` take; nothing is sent.
+    """Ask the kernel for the route to ``ip_address``; nothing is sent.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def route_to(ip_address: str) -> NetworkRoute:
 def receive_buffer_limit_bytes(
     path: Path = Path("/proc/sys/net/core/rmem_max"),
 ) -> int | None:
-    """Largest receive buffer that a program may ask for; None where the system does not say."""
+    """Largest receive buffer that a program may request; None where the system does not say."""
     try:
         return int(path.read_text(encoding="ascii"))
     except (OSError, ValueError):

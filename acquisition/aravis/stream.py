@@ -12,22 +12,22 @@ from acquisition.devices import CameraSettings, Frame, StreamStatistics
 from acquisition.errors import DeviceDisconnectedError
 
 SOCKET_BUFFER_BYTES = 4 * 2**20
-"""More than four frames of 780x580x2: what the kernel holds while this program is not scheduled."""
+"""Room for over four frames of 780x580x2 in the kernel while this program is not scheduled."""
 
 BUFFERED_S = 0.3
 MIN_BUFFERS, MAX_BUFFERS = 8, 64
-"""Frames that may wait for us, as time; the bounds keep slow and fast cameras reasonable."""
+"""Length of the frame queue as a time; the bounds suit slow and fast cameras."""
 
 
 class FrameStream:
-    """One stream channel with its receive thread; it is dropped with its connection.
+    """A stream channel with its receive thread; it is dropped with its connection.
 
     Parameters
     ----------
     opened
         The camera, configured.
     settings
-        What it was configured to.
+        Its settings.
     """
 
     def __init__(self, opened: OpenedDevice, settings: CameraSettings) -> None:
@@ -60,10 +60,10 @@ class FrameStream:
         return self._made
 
     def start(self) -> None:
-        """Drop what waits, then begin."""
+        """Drop waiting frames, then start."""
         # The receive thread takes a block id up to ten behind the last one for a late packet of
         # an old block and drops it (Aravis 0.8.26). Cameras count from 1 after each start, so
-        # that a short series would cost the next one its first frames: a new thread forgets.
+        # a short series would cost the next one its first frames: a new thread starts afresh.
         self._stream.stop_thread(False)
         self._drain()
         self._stream.start_thread()
@@ -71,7 +71,7 @@ class FrameStream:
             self._opened.camera.start_acquisition()
 
     def stop(self) -> None:
-        """End; what still arrives is dropped at the next start."""
+        """Stop; frames that still arrive are dropped at the next start."""
         with translated_errors(self._opened.library, "AcquisitionStop"):
             self._opened.camera.stop_acquisition()
 
@@ -87,8 +87,8 @@ class FrameStream:
 
     def statistics(self) -> StreamStatistics:
         """Frames and packets since the stream was made."""
-        # The instance's get_statistics() is GObject's, of another meaning; Aravis' takes it as
-        # an argument. Its third figure, "underruns", counts packets, not frames.
+        # The instance's get_statistics() is GObject's, with another meaning; Aravis' takes the
+        # stream as an argument. Its third figure, "underruns", counts packets, not frames.
         complete, incomplete, _ = self._opened.library.api.Stream.get_statistics(self._stream)
         return StreamStatistics(
             complete_frames=int(complete),
@@ -98,10 +98,10 @@ class FrameStream:
         )
 
     def close(self) -> None:
-        """End the receive thread and give the socket back; closing twice is harmless.
+        """End the receive thread and release the socket; closing twice is harmless.
 
-        It writes to the camera, so the device is closed after it, and no other stream of the
-        camera is made before it: that one's port would be cleared (Aravis 0.8.26).
+        This writes to the camera, so close the device only afterwards, and make no other stream
+        of the camera before: its port would be cleared (Aravis 0.8.26).
         """
         self._made = None
 

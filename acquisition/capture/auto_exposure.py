@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 AIM = 0.7
-"""Of the range above the black level, where the brightest parts should come to lie."""
+"""Fraction of the range above the black level that the brightest parts should reach."""
 
 TOLERANCE = 0.1
 SATURATED_STEP = 4.0
@@ -13,7 +13,7 @@ LARGEST_STEP = 16.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExposureStep:
-    """The exposure to set next; ``is_settled`` says that the present one may stay."""
+    """The exposure to set next; ``is_settled`` means that the present one may stay."""
 
     exposure_us: float
     is_settled: bool
@@ -28,22 +28,22 @@ def next_exposure(
     limits_us: tuple[float, float],
     mains_hz: float = 0.0,
 ) -> ExposureStep:
-    """Return the exposure that brings the bright parts of a picture to 70 % of the range.
+    """Return the exposure that brings the bright parts of an image to 70 % of the range.
 
-    The camera is linear, so that one step from an unsaturated picture suffices; a saturated one
-    tells no more than "shorter".
+    The camera is linear, so that one step from an unsaturated image suffices; a saturated one
+    says no more than "shorter".
 
     Parameters
     ----------
     exposure_us
-        Of the picture that was taken.
+        Exposure of the image that was taken.
     bright_dn
-        Level that its brightest parts reach, such as the 99.5th percentile.
+        Level reached by its brightest parts, such as the 99.5th percentile.
     limits_us
         Shortest and longest exposure that may be set.
     mains_hz
-        Where the light flickers with the mains, exposures of more than one period of the flicker
-        are whole multiples of it; 0: they need not be.
+        Mains frequency, if the light flickers with it: exposures longer than one period of the
+        flicker are whole multiples of it. 0 for light that does not flicker.
 
     Raises
     ------
@@ -52,7 +52,10 @@ def next_exposure(
     """
     shortest_us, longest_us = limits_us
     if not (0 < shortest_us <= longest_us and exposure_us > 0):
-        raise ValueError(f"exposure {exposure_us} us, limits {limits_us} us")
+        raise ValueError(
+            "exposure and limits must be positive and in order, "
+            f"got {exposure_us} us, {limits_us} us"
+        )
     span_dn = max_level_dn - black_level_dn
     light = (bright_dn - black_level_dn) / span_dn
     if bright_dn >= max_level_dn:
@@ -67,7 +70,7 @@ def next_exposure(
 
 
 def without_flicker(exposure_us: float, mains_hz: float) -> float:
-    """Cut an exposure down to whole periods of the light, if it lasts for one at least."""
+    """Shorten an exposure to whole periods of the flicker, if it lasts at least one."""
     if mains_hz <= 0:
         return exposure_us
     period_us = 0.5e6 / mains_hz
@@ -76,10 +79,10 @@ def without_flicker(exposure_us: float, mains_hz: float) -> float:
 
 
 def flicker_fraction(exposure_us: float, mains_hz: float) -> float:
-    """Amplitude of the flicker that is left in a capture, of that of the light itself.
+    """Amplitude of the flicker left in a capture, as a fraction of that of the light itself.
 
     Lamps on the mains flicker at twice its frequency f; an exposure T averages that down to
-    ``|sin(2 pi f T) / (2 pi f T)|``, which is 0 for whole periods. 0 too for ``mains_hz`` 0.
+    ``|sin(2 pi f T) / (2 pi f T)|``, which is 0 for whole periods. Also 0 for ``mains_hz`` 0.
     """
     if mains_hz <= 0:
         return 0.0

@@ -12,16 +12,16 @@ from acquisition.session import CaptureImages, CaptureRecord
 Problem = Literal["saturated", "under-exposed", "motion", "focus"]
 SATURATED_FRACTION_WARN, SATURATED_FRACTION_RETAKE = 1e-4, 1e-2
 BRIGHT_FRACTION_WARN, BRIGHT_FRACTION_RETAKE = 0.10, 0.03
-"""Of the range above the black level, which the brightest 0.5 % of the pixels should reach."""
+"""Fraction of the range above black that the brightest 0.5 % of the pixels should reach."""
 
 MOTION_WARN_PX, MOTION_RETAKE_PX = 0.1, 0.3
-"""0.1 px of trembling adds 1 % to a PSF width of 0.7 px."""
+"""0.1 px of vibration adds 1 % to a PSF width of 0.7 px."""
 
 FOCUS_WARN, FOCUS_RETAKE = 0.7, 0.4
-"""Of the focus value of the capture that is nearest in height."""
+"""Fraction of the focus value of the capture nearest in height."""
 
 LEAST_FOCUS_VALUE = 1e-5
-"""Below it there is nothing in the picture to be sharp."""
+"""Below this there is nothing in the image that could be sharp."""
 
 LEAST_PIXELS = 500
 SIGNIFICANT = 4.0
@@ -33,7 +33,7 @@ RANK_LIMIT = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QualityFinding:
-    """One thing that is not as it should be, in a sentence for the operator."""
+    """One problem with a capture, in a sentence for the operator."""
 
     problem: Problem
     text: str
@@ -42,14 +42,14 @@ class QualityFinding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionEstimate:
-    """Variance of the picture's position between frames, along its gradients, in px^2."""
+    """Variance of the image's position between frames, along its gradients, in px^2."""
 
     variance_px2: float
     variance_err_px2: float
 
     @property
     def rms_px(self) -> float:
-        """Root mean square displacement; 0 where none is significant."""
+        """Root mean square displacement; 0 if not significant."""
         if self.variance_px2 <= SIGNIFICANT * self.variance_err_px2:
             return 0.0
         return float(np.sqrt(self.variance_px2))
@@ -57,7 +57,7 @@ class MotionEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Change of light, relative, and shift of the picture, in px (x to the right, y down)."""
+    """Relative change of light, and shift of the image in px (x to the right, y down)."""
 
     level: float
     shift_x_px: float
@@ -65,7 +65,7 @@ class Drift:
 
     @property
     def is_notable(self) -> bool:
-        """Whether it is more than 1 % of light or a tenth of a pixel."""
+        """Whether it exceeds 1 % of light or a tenth of a pixel."""
         return abs(self.level) > LEVEL_LIMIT or self.shift_px > SHIFT_LIMIT_PX
 
     @property
@@ -78,8 +78,8 @@ class Drift:
         """The drift in a sentence."""
         advice = "; let lamp and camera warm up and capture again" if self.is_notable else ""
         return (
-            f"since the first capture the light changed by {100 * self.level:+.2f} %, the picture "
-            f"moved by {self.shift_px:.2f} px{advice}"
+            f"since the first capture the light changed by {100 * self.level:+.2f} % and the "
+            f"image moved by {self.shift_px:.2f} px{advice}"
         )
 
 
@@ -88,15 +88,15 @@ def check_capture(
 ) -> tuple[QualityFinding, ...]:
     """Return what is wrong with a capture; nothing if it is good.
 
-    Flat and dark captures are never found at fault: their exposures are meant to be extreme, and
-    there is nothing to be sharp in them.
+    Flat and dark captures always pass: their exposures are meant to be extreme, and nothing in
+    them could be sharp.
 
     Parameters
     ----------
     images
         The capture, with its record.
     series
-        Records of other captures; those of the same target and orientation tell what focus
+        Records of other captures; those of the same target and orientation show what focus
         value to expect.
     """
     if images.record.kind in ("flat", "dark"):
@@ -113,7 +113,7 @@ def estimate_motion(
     black_level_dn: float,
     max_level_dn: float,
 ) -> MotionEstimate:
-    """Estimate how much the picture moved from frame to frame.
+    """Estimate how much the image moved from frame to frame.
 
     A displacement d turns a gradient g into a level difference g d. So the temporal variance of a
     pixel is ``a + b I + f I^2 + c g^2`` with I the light: read noise, shot noise, flicker of the
@@ -146,7 +146,7 @@ def estimate_motion(
         weighted = terms / np.maximum(noise_dn2, floor_dn2) ** 2
         inverse = np.linalg.pinv(weighted @ terms.T, hermitian=True)
         coefficients = np.asarray(inverse @ (weighted @ observed_dn2))
-        # Weights of the noise alone: with the motion in them, the edge's flanks would rule.
+        # Weights of the noise alone: with the motion in them, the edge's flanks would dominate.
         noise_dn2 = coefficients[:3] @ terms[:3]
     error = float(np.sqrt(inverse[3, 3] * 2.0 / max(frames_used - 1, 1)))
     return MotionEstimate(
@@ -161,8 +161,8 @@ def drift_between(
     """Measure the drift from one mean image to another of the same pose.
 
     The shift is the least-squares solution of ``last = first - g . d`` after the change of light
-    is taken out: right for shifts below a pixel, too small beyond. Along a straight edge nothing
-    can be seen to move; there the shift is that across it.
+    is removed: right for shifts below a pixel, too small beyond. Motion along a straight edge
+    cannot be seen; the shift is then the one across it.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def drift_between(
         If the shapes differ.
     """
     if first_dn.shape != last_dn.shape:
-        raise ValueError(f"images of {first_dn.shape} and {last_dn.shape} are not of one pose")
+        raise ValueError(f"images must have the same shape, got {first_dn.shape}, {last_dn.shape}")
     first = np.asarray(first_dn, dtype=np.float64) - black_level_dn
     last = np.asarray(last_dn, dtype=np.float64) - black_level_dn
     energy = float(np.vdot(first, first))
@@ -193,7 +193,7 @@ def _saturation(images: CaptureImages) -> QualityFinding | None:
     return QualityFinding(
         problem="saturated",
         text=f"{images.record.saturated_pixels} pixels ({100 * fraction:.2g} %) are saturated; "
-        "expose for a shorter time, or take the gloss away",
+        "shorten the exposure, or remove the gloss",
         asks_retake=fraction >= SATURATED_FRACTION_RETAKE,
     )
 
@@ -207,7 +207,7 @@ def _under_exposure(images: CaptureImages) -> QualityFinding | None:
     return QualityFinding(
         problem="under-exposed",
         text=f"the brightest parts reach {100 * max(bright_dn, 0.0) / span_dn:.1f} % of the range; "
-        "expose for a longer time, or see to the light",
+        "lengthen the exposure, or check the light",
         asks_retake=bright_dn < BRIGHT_FRACTION_RETAKE * span_dn,
     )
 
@@ -226,8 +226,8 @@ def _motion(images: CaptureImages) -> QualityFinding | None:
         return None
     return QualityFinding(
         problem="motion",
-        text=f"the picture moved by {moved_px:.2f} px (rms) between the frames; "
-        "let the stage settle, and keep off the bench",
+        text=f"the image moved by {moved_px:.2f} px (rms) between the frames; "
+        "let the stage settle, and do not touch the bench",
         asks_retake=moved_px >= MOTION_RETAKE_PX,
     )
 
@@ -249,13 +249,13 @@ def _focus(record: CaptureRecord, series: Sequence[CaptureRecord]) -> QualityFin
         return None
     return QualityFinding(
         problem="focus",
-        text=f"the focus value is {record.focus_value:.2g}, that of capture {nearest.index} at "
-        f"{nearest.height_mm:g} mm was {nearest.focus_value:.2g}; focus again",
+        text=f"the focus value is {record.focus_value:.2g}, but that of capture {nearest.index} at "
+        f"{nearest.height_mm:g} mm was {nearest.focus_value:.2g}; refocus",
         asks_retake=record.focus_value < FOCUS_RETAKE * expected,
     )
 
 
 def _texture_change(one_mm: float, other_mm: float) -> float:
-    """Least factor by which the scale alone may change the value: that of a fine texture."""
+    """Smallest factor by which scale alone may change the value: that of a fine texture."""
     low_mm, high_mm = sorted((one_mm, other_mm))
     return (low_mm / high_mm) ** 2 if low_mm > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Run a capture plan: place, move, average, store; the same call resumes what was broken off."""
+"""Run a capture plan: place, move, average, store; the same call resumes an interrupted run."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,10 +34,10 @@ Verdict = Literal["keep", "retake"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureProgress:
-    """After a capture was stored: ``captured`` of ``planned`` entries are done.
+    """Progress after a stored capture: ``captured`` of ``planned`` entries are done.
 
-    ``findings`` are what is wrong with it, ``remarks`` what else is worth knowing;
-    ``seconds_left`` leaves the operator's own time out.
+    ``findings`` are the problems with it, ``remarks`` what else is worth knowing;
+    ``seconds_left`` excludes the operator's own time.
     """
 
     captured: int
@@ -60,23 +60,23 @@ class RunSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOperator:
-    """Who attends a run, what they are asked and what they are told.
+    """The operator of a run, and the callbacks that ask and inform them.
 
     Parameters
     ----------
     name
-        For the session and its journal.
+        Name in the session and its journal.
     place
-        Is asked when target or orientation changes, and at the first capture of a run; it
-        returns once the operator has set it up, or ``"skip"`` to leave that target and
+        Called when target or orientation changes, and at the first capture of a run; it
+        returns once the operator has set up the target, or ``"skip"`` to leave that target and
         orientation for another run.
     progress
-        Is told after each capture.
+        Called after each capture.
     review
-        Is asked about a capture that a quality check found bad enough to take again; what it
-        keeps is stored with the finding as a note in the journal, as all findings are.
+        Called for a capture that a quality check found bad enough to retake; if kept, it is
+        stored with the finding as a note in the journal, as all findings are.
     before_capture
-        Is called before each capture, and may wait: the stage is at rest then.
+        Called before each capture, with the stage at rest; it may wait.
     """
 
     name: str
@@ -95,28 +95,28 @@ def run_plan(
     retake: Sequence[int] = (),
     stamps: Stamps = SYSTEM_STAMPS,
 ) -> RunSummary:
-    """Capture every entry of the plan that the session at ``path`` does not have whole.
+    """Capture every entry of the plan that the session at ``path`` does not hold intact.
 
     Parameters
     ----------
     path
         New or empty directory, or the session to resume.
     devices
-        The stage is homed where it is not.
+        The stage is homed if necessary.
     retake
-        Indices whose captures are void from now on and taken again.
+        Indices of captures to void and take again.
 
     Raises
     ------
     StageLimitError
         Before anything moves or is written, if the plan goes beyond the travel.
     SessionError
-        If the session is in use, was made otherwise, or the disk is full.
+        If the session is in use, was made with other settings, or the disk is full.
     DeviceError
         If a device fails. What was captured until then is kept, and the error is journaled;
         so is a stop by the keyboard or by `OperatorStopError`, which any of the callbacks and
-        devices may raise. A capture whose stream broke off is begun once more, from
-        its first frame; the journal has an ``error`` of that, too.
+        devices may raise. A capture whose stream was interrupted is restarted once, from its
+        first frame; this too is journaled as an ``error``.
     """
     stage = devices.stage
     _refuse_beyond_travel(plan, stage)
@@ -129,7 +129,7 @@ def run_plan(
         stamps=stamps,
     ) as session:
         for index in retake:
-            session.retake(index, "asked for by the operator", operator.name)
+            session.retake(index, "requested by the operator", operator.name)
         run = _Run(session, plan, devices, operator, stamps)
         try:
             return run.capture_all()
@@ -148,7 +148,7 @@ def run_plan(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Taken:
-    """A capture that was stored, and what is to be said about it."""
+    """A stored capture with its findings and remarks."""
 
     record: CaptureRecord
     findings: tuple[QualityFinding, ...]
@@ -156,7 +156,7 @@ class _Taken:
 
 
 class _Run:
-    """One run of a plan; ``index`` is the entry at work."""
+    """One run of a plan; ``index`` is that of the current entry."""
 
     def __init__(
         self,
@@ -180,7 +180,7 @@ class _Run:
         self._locked_us = self._exposures_found()
 
     def capture_all(self) -> RunSummary:
-        """Capture what is pending, then park the stage where the bench says so."""
+        """Capture what is pending, then park the stage if the bench file says where."""
         pending = self._session.pending_entries()
         planned = len(self._session.entries)
         captured = skipped = 0
@@ -230,13 +230,13 @@ class _Run:
         )
 
     def _journal_interruption(self, entry: PlanEntry, error: StreamInterruptedError) -> None:
-        """Journal that a stream broke off and its capture is begun once more."""
+        """Journal that a stream was interrupted and its capture is restarted."""
         self._session.journal(
             "error",
             {
                 "index": entry.index,
                 "error": type(error).__name__,
-                "message": f"{error}; the capture is begun once more",
+                "message": f"{error}; the capture is restarted",
             },
         )
 
@@ -247,7 +247,7 @@ class _Run:
         self._session.require_space(captures * per_pixel * pixels)
 
     def _take(self, entry: PlanEntry) -> _Taken:
-        """Capture an entry, store it, and journal what is to be said about it."""
+        """Capture an entry, store it, and journal its findings and remarks."""
         take = self._step.capture(entry, self._exposure_us(entry))
         record = self._session.add_capture(entry, take)
         if entry.exposure_us is None:
@@ -266,7 +266,7 @@ class _Run:
         return _Taken(record=record, findings=findings, remarks=remarks)
 
     def _exposure_us(self, entry: PlanEntry) -> float | None:
-        """Exposure of an entry; None where it is to be found."""
+        """Exposure of an entry; None if it has yet to be found."""
         if entry.exposure_us is not None:
             return entry.exposure_us
         if self._plan.auto_exposure and entry.kind != "dark":
@@ -311,7 +311,7 @@ def _refuse_beyond_travel(plan: CapturePlan, stage: Stage) -> None:
         if not low_mm <= entry.height_mm <= high_mm:
             raise StageLimitError(
                 f"the plan asks for a height of {entry.height_mm:g} mm (capture {entry.index}), "
-                f"the stage goes from {low_mm:g} to {high_mm:g} mm; nothing moved",
+                f"but the stage travels from {low_mm:g} to {high_mm:g} mm; nothing moved",
                 height_mm=entry.height_mm,
                 limits_mm=stage.limits_mm,
             )
@@ -323,8 +323,8 @@ def _journal_or_note(
     facts: Mapping[str, object],
     error: BaseException,
 ) -> None:
-    """Journal why the run ends; where even that fails, say so on the error that ends it."""
+    """Journal why the run ends; if that fails too, add a note to the error that ends it."""
     try:
         session.journal(kind, facts)
     except SessionError as second:
-        error.add_note(f"journaling this failed too: {second}")
+        error.add_note(f"this could not be journaled: {second}")

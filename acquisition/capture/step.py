@@ -26,7 +26,7 @@ class CaptureStep:
     Parameters
     ----------
     interrupted
-        Is told of a stream that broke off; the capture is then begun once more.
+        Called with the error of an interrupted stream; the capture is then restarted once.
     """
 
     def __init__(
@@ -51,11 +51,11 @@ class CaptureStep:
         self._exposure_us = bench.camera.exposure_us
 
     def forget_approach(self) -> None:
-        """Approach the next height anew, even if it is the last one."""
+        """Approach the next height anew, even if it is the same as the last one."""
         self._approached_mm = None
 
     def capture(self, entry: PlanEntry, exposure_us: float | None) -> Take:
-        """Capture an entry, at its exposure or, if None, at the one found to suit.
+        """Capture an entry at its exposure or, if None, at one found automatically.
 
         Raises
         ------
@@ -73,10 +73,10 @@ class CaptureStep:
         try:
             started, averaged, raw_frames, finished = self._expose()
         except StreamInterruptedError as error:
-            # Starting again opens the camera anew; what was averaged until then is gone.
+            # Starting again reopens the camera; what was averaged until then is lost.
             self._interrupted(entry, error)
             started, averaged, raw_frames, finished = self._expose()
-        # Asked after the exposure: a stage that moved or crept away spoils the capture.
+        # Checked after the exposure: a stage that moved or crept away spoils the capture.
         self._require_still()
         return Take(
             averaged=averaged,
@@ -89,7 +89,7 @@ class CaptureStep:
         )
 
     def park(self, height_mm: float) -> None:
-        """Leave the stage at a height."""
+        """Park the stage at a height."""
         self.forget_approach()
         self._stage.move_to(height_mm, move_timeout_s(self._bench.stage))
 
@@ -112,7 +112,7 @@ class CaptureStep:
         )
 
     def _find_exposure(self) -> None:
-        """Expose for the brightest parts of what lies there, within a frame period."""
+        """Find the exposure for the brightest parts of the target, within a frame period."""
         config = self._bench.camera
         longest_us = max(1e6 / config.frame_rate_hz, config.exposure_us)
         for _ in range(EXPOSURE_TRIALS):
@@ -132,7 +132,7 @@ class CaptureStep:
             self._camera.set_exposure_us(step.exposure_us)
         raise CaptureError(
             f"no exposure was found in {EXPOSURE_TRIALS} trials; is the light steady? "
-            "Give the target an exposure_us",
+            "Set the target's exposure_us",
             frames_complete=0,
             frames_asked=self.frames_asked,
         )
@@ -149,21 +149,21 @@ class CaptureStep:
         self._approached_mm = height_mm
 
     def _require_still(self) -> None:
-        """Refuse a capture that overlaps a move, whoever moves the stage."""
+        """Reject a capture that overlaps a move, whoever moves the stage."""
         state = self._stage.state
         if state != "idle":
             raise DeviceError(
-                f"the stage is not at rest but {state} during a capture; nothing of it is kept. "
-                "Stop whatever moves it and run again"
+                f"the stage was not at rest ({state}) during a capture, which was discarded; "
+                "stop whatever moves the stage and run again"
             )
 
     def _checked(self, asked_mm: float, read_back_mm: float) -> float:
-        """Give the height read back, if it is where the stage was sent."""
+        """Return the height read back, if it is where the stage was sent."""
         tolerance_mm = self._bench.stage.tolerance_mm
-        # The negation also refuses NaN. A nanometre forgives decimal fractions, not stages.
+        # The negation also refuses NaN. The nanometre allows for decimal fractions, not stages.
         if not abs(read_back_mm - asked_mm) <= tolerance_mm + 1e-6:
             raise StageStoppedError(
-                f"the stage stands at {read_back_mm:.3f} mm, not at {asked_mm:.3f} mm "
+                f"the stage is at {read_back_mm:.3f} mm, not at {asked_mm:.3f} mm "
                 f"(tolerance {tolerance_mm:g} mm); home it and run again",
                 is_asked=False,
                 height_mm=read_back_mm,

@@ -1,4 +1,4 @@
-"""Focus values of a running camera, and of a camera that a stage carries through the focus."""
+"""Focus values of a running camera, and of a sweep of the stage through focus."""
 
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
@@ -20,7 +20,7 @@ from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_lim
 _FRAME_PERIODS = 5.0
 _WAITING_S = 1e-3
 _WAITING_FRAMES = 64
-"""As many as a driver may hold ready; a camera that is faster than this loop does not block it."""
+"""As many frames as a driver may queue; a camera faster than this loop cannot block it."""
 
 _PAIRS = 8
 Levels = NDArray[np.integer[Any] | np.floating[Any]]
@@ -30,14 +30,14 @@ NoiseModel = Callable[[float], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusOptions:
-    """Where and how focus is measured; ``noise`` is None where it is measured meanwhile."""
+    """Where and how focus is measured; with ``noise`` None, the noise is measured too."""
 
     measure: FocusMeasure = "squared-gradient"
     region: Region | None = None
     noise: NoiseModel | None = None
 
     def view(self, image_dn: FrameImage) -> FrameImage:
-        """The part of a frame that is looked at."""
+        """The part of a frame that is measured."""
         return image_dn if self.region is None else self.region.cut(image_dn)  # type: ignore[return-value]  # a view keeps its type
 
 
@@ -53,15 +53,15 @@ class FocusPoint:
 
 
 class FocusMeter:
-    """Focus value of one frame after the other; knows no camera.
+    """Focus value of one frame after another; independent of any camera.
 
-    Without a noise model the noise is taken from pairs of following frames: the smallest of the
+    Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
     last eight, as motion can only add to it.
 
     Parameters
     ----------
     options
-        Where and how.
+        Where and how focus is measured.
     """
 
     def __init__(self, options: FocusOptions) -> None:
@@ -75,7 +75,7 @@ class FocusMeter:
         Raises
         ------
         ValueError
-            If the region reaches beyond the frame, or the frames change their size.
+            If the region reaches beyond the frame, or the frame size changes.
         """
         options = self._options
         view = options.view(image_dn)
@@ -97,14 +97,14 @@ class FocusMeter:
 
 
 def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
-    """Stream, and give the newest complete frame each time one is asked for, until closed.
+    """Stream, and yield the newest complete frame each time one is requested, until closed.
 
-    Frames that came meanwhile are left out. The stream is stopped when the iterator is closed.
+    Older frames are skipped. The stream is stopped when the iterator is closed.
 
     Raises
     ------
     DeviceError
-        If the camera fails; a stream that broke off is begun once more.
+        If the camera fails; an interrupted stream is restarted once.
     """
     timeout_s = _frame_timeout_s(camera)
     camera.start()
@@ -118,9 +118,9 @@ def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
 
 
 def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None, None]:
-    """Stream, and give the focus value of every complete frame until closed.
+    """Stream, and yield the focus value of every complete frame until closed.
 
-    Without a noise model the noise is taken from pairs of following frames: the smallest of the
+    Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
     last eight, as motion can only add to it; the first frame then gives no value. The stream is
     stopped when the iterator is closed.
 
@@ -129,7 +129,7 @@ def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None
     ValueError
         If the region reaches beyond the frame.
     DeviceError
-        If the camera fails; a stream that broke off is begun once more.
+        If the camera fails; an interrupted stream is restarted once.
     """
     timeout_s = _frame_timeout_s(camera)
     black_level_dn = camera.settings.black_level_dn
@@ -163,7 +163,7 @@ def sweep_focus(
     Parameters
     ----------
     heights_mm
-        In the order in which they are gone to: from the side of approach.
+        In the order in which they are visited: from the side of approach.
     frames
         Frames at each height, at least 2.
 
@@ -214,7 +214,7 @@ def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float)
         If the shapes differ.
     """
     if first_dn.shape != second_dn.shape:
-        raise ValueError(f"frames of {first_dn.shape} and {second_dn.shape}")
+        raise ValueError(f"frames must have one shape, got {first_dn.shape}, {second_dn.shape}")
     pixels = first_dn.size
     means = cv2.mean(first_dn)[0], cv2.mean(second_dn)[0]
     # Sums of squares above black, without copies of the frames.

@@ -1,6 +1,6 @@
-"""The focus value of a picture, from sums that grow with its sharpness.
+"""The focus value of an image, from sums that grow with its sharpness.
 
-Each sum is one compiled pass, a form that is owed to speed: ``benchmarks/bench_focus.py``.
+Each sum is one compiled pass, for speed: ``benchmarks/bench_focus.py``.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ class MeasureKernel:
     """One focus measure.
 
     ``noise_gain`` is the mean squared response to white noise of variance 1: the sum of the
-    squared weights. ``reach_px`` is how much longer than 1 a side of the picture must be.
+    squared weights. ``reach_px`` is how many pixels beyond 1 a side of the image must have.
     """
 
     kernel: Callable[[Levels, Any], tuple[float, float, float]]
@@ -44,7 +44,7 @@ class MeasureKernel:
     kernel_of_integers: Callable[[Levels, Any], tuple[float, float, float]] | None = None
 
     def sums(self, image_dn: Levels) -> PictureSums:
-        """Go over a picture of shape ``(rows, cols)`` once."""
+        """Take the sums of an image of shape ``(rows, cols)`` in one pass."""
         # The type of the zero is the type of the sums: exact for integers.
         is_whole = image_dn.dtype.kind in "ui"
         zero = np.int64(0) if is_whole else np.float64(0)
@@ -67,7 +67,7 @@ class Region:
 
     def __post_init__(self) -> None:
         if self.x_px < 0 or self.y_px < 0 or self.width_px < 2 or self.height_px < 2:
-            raise ValueError(f"region must lie at 0 or more and span 2 x 2 pixels, got {self}")
+            raise ValueError(f"region must start at 0 or more and span 2 x 2 pixels, got {self}")
 
     def cut(self, image: Levels) -> Levels:
         """View of the region in an image of shape ``(rows, cols)``.
@@ -99,7 +99,7 @@ def focus_value(
         F = (mean R^2 - g v) / (mean (I - b)^2 - v)
 
     Scaling the light scales numerator and denominator alike, so that exposure, gain and lamp
-    drift do not read as focus. Values compare only over the same scene, region and measure.
+    drift do not affect it. Values are comparable only for the same scene, region and measure.
 
     Noise adds g v to the mean squared response; for the squared gradient g is 4. Left in
     (``noise_variance_dn2`` 0), it raises every value by about g v / mean (I - b)^2 and flattens
@@ -114,7 +114,7 @@ def focus_value(
     black_level_dn
         Level without light.
     region
-        Where to look; everywhere if None.
+        Part of the image to measure, all of it by default.
     noise_variance_dn2
         For the mean of N frames, the temporal variance of one frame divided by N.
     measure
@@ -241,7 +241,7 @@ def _brenner(image: Levels, zero: Zero) -> tuple[float, float, float]:
 
 @njit(cache=True, fastmath=_FREE_ORDER)
 def _tenengrad(image: Levels, zero: Zero) -> tuple[float, float, float]:
-    """Mean of both Sobel slopes squared."""
+    """Mean of the squares of both Sobel gradients."""
     rows, cols = image.shape
     sum2 = zero
     for y in range(1, rows - 1):
@@ -283,4 +283,4 @@ FOCUS_MEASURES: dict[FocusMeasure, MeasureKernel] = {
     "brenner": MeasureKernel(kernel=_brenner, noise_gain=4.0, reach_px=2),
     "laplacian": MeasureKernel(kernel=_laplacian, noise_gain=20.0, reach_px=2),
 }
-"""Every focus measure by the name that the command line takes."""
+"""Every focus measure by its name on the command line."""

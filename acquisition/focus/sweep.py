@@ -27,11 +27,11 @@ _PARAMETERS = 5
 _P_NO_PEAK = 0.01
 _WORST_ERR = 0.15  # of the travel
 _SLOPE_SIGMAS = 3.0
-_LEAST_HEIGHT = 0.25  # of the travel; below it a height is no distance
+_LEAST_HEIGHT = 0.25  # of the travel; below it a height is not a distance
 
 
 class NoFocusPeakError(ValueError):
-    """A sweep does not hold a peak; ``side`` says where to look for it, if that is known."""
+    """A sweep contains no peak; ``side`` says where to look for it, if that is known."""
 
     def __init__(self, message: str, *, side: Side | None = None) -> None:
         super().__init__(message)
@@ -42,8 +42,8 @@ class NoFocusPeakError(ValueError):
 class FocusPeak:
     """Where a sweep was sharpest; ``err_mm`` is a standard error.
 
-    The error holds the scatter about the curve and how far the shapes of curve that fit about
-    as well disagree. ``shape`` is the one that fits best, of ``width_mm`` and drawn by ``curve``.
+    The error includes the scatter about the curve and the disagreement between curve shapes that
+    fit about equally well. ``shape`` is the best one; ``width_mm`` and ``curve`` are its own.
     """
 
     height_mm: float
@@ -57,7 +57,7 @@ class FocusPeak:
     is_inverse: bool
 
     def curve(self, heights_mm: Floats) -> Floats:
-        """The fitted focus value at heights."""
+        """The fitted focus value at given heights."""
         offset = _defocus(heights_mm, self.shape_height_mm, self.is_inverse)
         shape = _SHAPES[self.shape](offset / self.width_mm)
         return self.base + self.slope_per_mm * offset + self.amplitude * shape
@@ -103,7 +103,7 @@ def fit_focus_peak(
     Raises
     ------
     NoFocusPeakError
-        If the values hold no peak inside the range; it says on which side to look.
+        If the values have no peak inside the range; the error says on which side to look.
     ValueError
         If there are too few positions, or values that are not finite.
 
@@ -115,10 +115,10 @@ def fit_focus_peak(
     order = np.argsort(heights_mm)
     x, y = np.asarray(heights_mm, float)[order], np.asarray(values, float)[order]
     if x.size < FEWEST_POSITIONS:
-        raise ValueError(f"a focus sweep needs {FEWEST_POSITIONS} positions, got {x.size}")
+        raise ValueError(f"a focus sweep needs at least {FEWEST_POSITIONS} positions, got {x.size}")
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))) or x[0] == x[-1]:
-        raise ValueError("heights and focus values must be finite, and heights differ")
-    unit = float(np.ptp(y)) or 1.0  # solvers stop by absolute tolerances
+        raise ValueError("heights and focus values must be finite, and the heights must differ")
+    unit = float(np.ptp(y)) or 1.0  # solvers use absolute tolerances
     y = y / unit
     root_weight = np.ones_like(y)
     if value_errs is not None:
@@ -166,7 +166,7 @@ def _line(x: Floats, y: Floats, root_weight: Floats) -> tuple[float, float, floa
 
 
 def _defocus(x: Floats, centre: float, is_inverse: bool) -> Floats:
-    """Distance from the centre; the inverse one is of the same slope there."""
+    """Distance from the centre; the inverse one has the same slope there."""
     return (x - centre) * (centre / x if is_inverse else 1.0)
 
 
@@ -240,7 +240,7 @@ def _best_of_grid(
 def _require_peak(
     x: Floats, best: _Fit | None, line_rss: float, slope: float, slope_err: float
 ) -> None:
-    """Refuse where a peak explains the values no better than a line does."""
+    """Raise if a peak explains the values no better than a line does."""
     freedom = x.size - _PARAMETERS
     if best is not None:
         gained = (line_rss - best.rss) / _LINEAR / max(best.rss / freedom, 1e-300)
@@ -250,7 +250,7 @@ def _require_peak(
         _refuse_end(x, "higher" if slope > 0 else "lower")
     raise NoFocusPeakError(
         f"the focus value has no peak from {x[0]:g} to {x[-1]:g} mm: it changes no more than its "
-        "noise; look at a target with detail, sweep further, or average more frames"
+        "noise; use a target with detail, sweep further, or average more frames"
     )
 
 
@@ -262,7 +262,7 @@ def _require_inside(x: Floats, centre: float, err_mm: float) -> None:
     travel = float(np.ptp(x))
     if not err_mm <= _WORST_ERR * travel:
         raise NoFocusPeakError(
-            f"the peak at about {centre:.2f} mm is known to {err_mm:.2f} mm only; average more "
+            f"the peak at about {centre:.2f} mm is known only to {err_mm:.2f} mm; average more "
             "frames, or sweep more positions"
         )
 

@@ -1,4 +1,4 @@
-"""The live focus aid's state: now, peak hold, trend, and whether the peak was passed."""
+"""State of the live focus aid: value, peak hold, trend, and whether the peak was passed."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ _LEAST_NOISE = 1e-9  # relative; keeps constant values steady
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusReading:
-    """What the operator sees after a focus value came in.
+    """What the operator sees after each focus value.
 
     ``value`` is the smoothed one, ``peak`` the largest of those since the last reset.
     ``is_past_peak`` stays on until the value is back at the peak, so that it does not flicker.
-    ``noise`` is the standard deviation of one value, 0 until enough came in.
+    ``noise`` is the standard deviation of one value, 0 until there are enough values.
     """
 
     value: float
@@ -33,29 +33,29 @@ class FocusReading:
 
     @property
     def percent_of_peak(self) -> float:
-        """Value in percent of the peak; 0 where there is none."""
+        """Value in percent of the peak; 0 if there is no peak."""
         return 100.0 * self.value / self.peak if self.peak > 0 else 0.0
 
 
 class FocusTrace:
-    """Follows focus values one by one; knows no device and no clock.
+    """Follows focus values one by one; independent of devices and clocks.
 
     Parameters
     ----------
     smoothed
         Number of values in the running median that is shown; odd.
     window
-        Number of values that trend and noise are judged by.
+        Number of values from which trend and noise are estimated.
     drop
-        Relative drop below the peak at which the peak counts as passed, unless the noise asks
-        for more.
+        Relative drop below the peak at which the peak counts as passed, unless the noise
+        requires more.
     """
 
     def __init__(self, *, smoothed: int = 3, window: int = 12, drop: float = 0.03) -> None:
         if smoothed < 1 or smoothed % 2 == 0 or window < 5 or not 0 < drop < 1:
             raise ValueError(
-                f"smoothed is odd, window 5 or more, drop in (0, 1); got {smoothed}, {window}, "
-                f"{drop}"
+                "smoothed must be odd, window at least 5 and drop in (0, 1); "
+                f"got {smoothed}, {window}, {drop}"
             )
         self._smoothed, self._drop = smoothed, drop
         self._raw: deque[float] = deque(maxlen=max(window, smoothed))
@@ -72,7 +72,7 @@ class FocusTrace:
         self._is_past = False
 
     def add(self, value: float) -> FocusReading:
-        """Take the next focus value in and say where it stands.
+        """Add the next focus value and return the reading.
 
         Raises
         ------
@@ -86,7 +86,7 @@ class FocusTrace:
         shown = float(np.median(recent[-self._smoothed :]))
         if len(recent) >= _FEWEST:
             self._noises.append(self._noise(recent))
-        # Ten differences alone tell the noise badly; it changes slowly, so many windows do.
+        # Ten differences alone are a poor estimate; the noise changes slowly, so use many windows.
         noise = float(np.median(self._noises)) if self._noises else 0.0
         margin = max(self._drop * max(self._peak, 0.0), _SIGMAS * noise)
         self._lowest = min(self._lowest, shown)
@@ -108,13 +108,13 @@ class FocusTrace:
 
     @staticmethod
     def _noise(recent: list[float]) -> float:
-        """Scatter of single values, blind to a steady change: from second differences."""
+        """Scatter of single values from second differences, which ignore a steady change."""
         bends = np.diff(recent, 2)
         return float(_SIGMA_PER_MAD * np.median(np.abs(bends)) / _SECOND_DIFFERENCE)
 
     @staticmethod
     def _trend(recent: list[float], noise: float) -> Trend:
-        """Slope over the window, where it stands out of the noise."""
+        """Slope over the window, if it exceeds the noise."""
         if len(recent) < _FEWEST:
             return "steady"
         steps = np.arange(len(recent)) - 0.5 * (len(recent) - 1)

@@ -32,12 +32,12 @@ class CaptureImages:
             raise ValueError(f"mean_dn must have two axes, got shape {self.mean_dn.shape}")
         if (self.variance_dn2 is None) != (self.record.frames_used == 1):
             raise ValueError(
-                f"a capture of {self.record.frames_used} frame(s) "
-                f"with{'out' if self.variance_dn2 is None else ''} a variance"
+                f"a capture of {self.record.frames_used} frame(s) must "
+                f"{'' if self.variance_dn2 is None else 'not '}have a variance"
             )
         if self.variance_dn2 is not None and self.variance_dn2.shape != self.mean_dn.shape:
             raise ValueError(
-                f"variance of shape {self.variance_dn2.shape}, mean of {self.mean_dn.shape}"
+                f"the variance has shape {self.variance_dn2.shape}, the mean {self.mean_dn.shape}"
             )
 
 
@@ -53,7 +53,7 @@ def write_capture(file: BinaryIO, images: CaptureImages) -> None:
         pages.append(images.variance_dn2)
         labels.append("variance")
     record = replace(images.record, sha256=None)
-    # ASCII alone: ImageJ 1.52 garbles most characters past it ("本" becomes a comma).
+    # ASCII only: ImageJ 1.52 garbles most characters beyond it ("本" becomes a comma).
     info = json.dumps(record.to_json(), ensure_ascii=True, allow_nan=False, indent=1)
     _write_imagej(
         file,
@@ -66,18 +66,18 @@ def write_capture(file: BinaryIO, images: CaptureImages) -> None:
 def write_frames(
     file: BinaryIO, frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]
 ) -> None:
-    """Write raw frames as one multi-page uint16 TIFF file, a page a frame, in order."""
+    """Write raw frames as one multi-page uint16 TIFF file, one page per frame, in order."""
     stack = np.stack(frames_dn).astype(np.uint16, copy=False)
     _write_imagej(file, stack, {"axes": "TYX"}, None)
 
 
 def parse_capture(data: bytes, *, source: str) -> CaptureImages:
-    """Read the bytes that ``write_capture`` wrote; ``source`` begins the message of an error.
+    """Read the bytes that ``write_capture`` wrote; an error message starts with ``source``.
 
     Raises
     ------
     SessionError
-        If the bytes are no such file. Pixels are not checked here: the journal's hash does.
+        If the bytes are not such a file. The pixels are checked elsewhere, by the journal's hash.
     """
     try:
         tiff = read_tiff(data)
@@ -106,7 +106,7 @@ def read_capture(path: Path) -> CaptureImages:
     Raises
     ------
     SessionError
-        If the file cannot be read or is no capture.
+        If the file cannot be read or is not a capture.
     """
     try:
         data = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Write a file so that after a power cut it is there whole, or as it was before."""
+"""Write a file so that after a power cut it is complete, or as it was before."""
 
 import hashlib
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 PART_SUFFIX = ".part"
-"""Ending of a file that is still being written; one left behind is worth nothing."""
+"""Suffix of a file that is still being written; a leftover one is worthless."""
 
 
 def atomic_write(path: Path, data: bytes) -> None:
@@ -26,7 +26,7 @@ def atomic_write(path: Path, data: bytes) -> None:
 
 
 def atomic_write_hashed(path: Path, write: Callable[[BinaryIO], None]) -> str:
-    """Write what ``write`` puts into the file, as ``atomic_write`` does; return its SHA-256.
+    """Let ``write`` write the file, as ``atomic_write`` does; return its SHA-256.
 
     The hash is taken of the file as it reads back, while the disk works.
 
@@ -62,7 +62,7 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
             yield file
         part.replace(path)
     except BaseException:
-        # On a full disk the half-written part takes the room that the error report needs.
+        # On a full disk the half-written part takes the space that the error report needs.
         part.unlink(missing_ok=True)
         raise
     fsync_directory(path.parent)

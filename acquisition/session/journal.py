@@ -1,4 +1,4 @@
-"""The journal of a session: one event a line, appended and made durable before work goes on."""
+"""The journal of a session: one event per line, made durable before work continues."""
 
 import io
 import json
@@ -41,7 +41,7 @@ _OWN_KEYS = ("event", "utc", "uid")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JournalEvent:
-    """One event: what, when (UTC, ISO 8601), its own uid, and facts that depend on the kind."""
+    """One event: kind, time (UTC, ISO 8601), its own uid, and facts that depend on the kind."""
 
     kind: EventKind
     utc: str
@@ -108,7 +108,7 @@ def _new_uid() -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stamps:
-    """Where time stamps and identities come from: the computer's clock, and chance."""
+    """Source of time stamps and identities: the computer's clock and random numbers."""
 
     utc_now: Callable[[], datetime] = _utc_now
     new_uid: Callable[[], str] = _new_uid
@@ -120,7 +120,7 @@ SYSTEM_STAMPS = Stamps()
 class JournalWriter:
     """The one process that may append to a journal, for as long as it holds the lock.
 
-    ``flock`` ends with the process, so that a killed one leaves no stale lock. Opening mends a
+    ``flock`` ends with the process, so that a killed one leaves no stale lock. Opening repairs a
     torn tail: it is cut off and quoted in a ``note`` event.
 
     Raises
@@ -215,14 +215,14 @@ class JournalWriter:
                 written += os.write(self._descriptor, line[written:])
             os.fsync(self._descriptor)
         except BaseException as error:
-            # Half a line with another after it would be damage: take it back.
+            # Half a line followed by another would be damage: remove it.
             try:
                 os.ftruncate(self._descriptor, start)
             except OSError as second:
-                error.add_note(f"taking back the half-written line failed too: {second}")
+                error.add_note(f"removing the half-written line failed too: {second}")
             if isinstance(error, OSError):
                 raise SessionError(
-                    f"journal {self._path}: {error.strerror}; free the disk and run again",
+                    f"journal {self._path}: {error.strerror}; check the disk and run again",
                     fault="unwritable",
                     path=self._path,
                 ) from error
@@ -232,10 +232,10 @@ class JournalWriter:
 def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReading:
     r"""Read a journal as far as it is sound.
 
-    Every line was made durable before the next was begun, so that a power cut can hurt the
-    last line only: there, whatever does not parse is cut short and ignored. No event's text is
-    the beginning of another's, so a last line that parses is whole even without its ``\n``.
-    A bad line anywhere before is damage.
+    Every line was made durable before the next was begun, so that a power cut can affect only
+    the last line: if that does not parse, it was cut short and is ignored. No event's text is
+    the beginning of another's, so a last line that parses is complete even without its ``\n``.
+    A bad line anywhere before it is damage.
 
     Raises
     ------
@@ -263,7 +263,7 @@ def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReadin
 
 
 def lock_exclusively(descriptor: int) -> None:
-    """Take the lock of an open file; closing the descriptor, or death, gives it back.
+    """Lock an open file; closing the descriptor or ending the process releases it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""session.json: what a session was made with, fixed when it was made, and who the devices were."""
+"""session.json: the settings and devices of a session, fixed when it was made."""
 
 import json
 import platform
@@ -38,7 +38,7 @@ class Manifest:
     software: Mapping[str, str]
 
     def to_bytes(self) -> bytes:
-        """The file's text, indented for people."""
+        """The file's text, indented for readability."""
         document = {
             "schema": _SCHEMA,
             "uid": self.uid,
@@ -54,7 +54,7 @@ class Manifest:
 
     @classmethod
     def from_bytes(cls, data: bytes, *, source: str) -> Self:
-        """Read the file's text; ``source`` begins the message of an error.
+        """Read the file's text; an error message starts with ``source``.
 
         Raises
         ------
@@ -68,7 +68,7 @@ class Manifest:
                 f"{source}: damaged ({error}); restore it from a copy", fault="damaged"
             ) from error
         if not isinstance(document, dict) or document.get("schema") != _SCHEMA:
-            raise SessionError(f"{source}: not of schema {_SCHEMA}", keys=("schema",))
+            raise SessionError(f"{source}: its schema is not {_SCHEMA}", keys=("schema",))
         if set(document) != set(_KEYS):
             odd = tuple(sorted(set(document) ^ set(_KEYS)))
             raise SessionError(f"{source}: missing or unknown key: {', '.join(odd)}", keys=odd)
@@ -91,9 +91,9 @@ class Manifest:
         bench: Mapping[str, Any],
         devices: Mapping[str, Mapping[str, Any]],
     ) -> dict[str, str]:
-        """What another run would change, by key: of the plan, the bench, the devices' identities.
+        """What another run would change, by key: in plan, bench and device identities.
 
-        A bench key that the session is older than counts as its default.
+        A bench key that is newer than the session counts as its default.
         """
         return {
             **_differences("plan", self.plan.to_json(), plan.to_json()),
@@ -128,7 +128,7 @@ def stage_snapshot(stage: Stage) -> dict[str, Any]:
 
 
 def software_versions() -> dict[str, str]:
-    """Versions of Python and of the packages whose code shapes a capture."""
+    """Versions of Python and of the packages whose code affects a capture."""
     versions = {"python": platform.python_version()}
     for package in ("standoff", "numpy", "tifffile", "opencv-contrib-python-headless", "PyGObject"):
         try:
@@ -164,7 +164,7 @@ def _identities(devices: Mapping[str, object]) -> dict[str, Any]:
 
 
 def _differences(path: str, old: object, new: object) -> dict[str, str]:
-    """Key by key, what was and what is now."""
+    """Old and new value of every key that differs."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         pairs = {key: (old.get(key), new.get(key)) for key in (*old, *new)}
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):

@@ -1,4 +1,4 @@
-"""An operator's decisions about a session: exclude a capture, take it back in, retake it, note."""
+"""An operator's decisions about a session: exclude, include or retake a capture, or note."""
 
 from pathlib import Path
 
@@ -16,12 +16,12 @@ from acquisition.session.reader import JOURNAL_NAME, Session, captures_of, curre
 class SessionNotes:
     """Journals the decisions of ``operator`` about the session at ``path``.
 
-    Each call holds the session for its own moment, so that it is refused while a run writes.
+    Each call locks the session while it writes, so that it is refused while a run is writing.
 
     Raises
     ------
     SessionError
-        By every call: if ``path`` is no session, is in use, or has no such capture.
+        By every call, if ``path`` is not a session, is in use, or has no such capture.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class SessionNotes:
         return self._decide("exclude", index, reason)
 
     def include(self, index: int, reason: str) -> JournalEvent:
-        """Take an excluded capture back in."""
+        """Include an excluded capture again."""
         return self._decide("include", index, reason)
 
     def retake(self, index: int, reason: str) -> JournalEvent:
@@ -48,7 +48,7 @@ class SessionNotes:
         return self._decide("retake", index, reason)
 
     def note(self, text: str) -> JournalEvent:
-        """Write down what a later reader should know."""
+        """Record a note for later readers."""
         with self._open() as journal:
             return journal.append("note", {"text": text, "operator": self._operator})
 

@@ -1,4 +1,4 @@
-"""Read a capture session: what was planned, what was captured, and whether the files are whole."""
+"""Read a capture session: what was planned and captured, and whether the files are intact."""
 
 import hashlib
 from collections import Counter
@@ -24,10 +24,10 @@ FileState = Literal["ok", "missing", "changed", "unjournaled"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionCapture:
-    """A journaled capture and what was decided about it since.
+    """A journaled capture and the decisions about it since.
 
-    It is superseded once it was retaken or its entry captured again, and excluded for as long
-    as ``excluded_because`` gives a reason.
+    It is superseded once it is to be retaken or its entry is captured again, and excluded for as
+    long as ``excluded_because`` gives a reason.
     """
 
     record: CaptureRecord
@@ -41,7 +41,7 @@ class SessionCapture:
 
 
 class Session:
-    """A capture session as its journal tells it; nothing on the disk is changed by reading.
+    """A capture session as recorded in its journal; reading changes nothing on disk.
 
     Opening reads session.json and the journal; capture files are read by `load` only.
 
@@ -53,7 +53,7 @@ class Session:
     Raises
     ------
     SessionError
-        If it is no session, or its session.json or journal is damaged.
+        If it is not a session, or its session.json or journal is damaged.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
@@ -64,7 +64,7 @@ class Session:
         if not manifest_path.is_file():
             raise SessionError(
                 f"{self._path} is not a capture session (it has no {MANIFEST_NAME}); "
-                "name the directory that a capture run wrote",
+                "give the directory that a capture run wrote",
                 fault="not a session",
                 path=self._path,
             )
@@ -87,7 +87,7 @@ class Session:
         return f"<table>{''.join(cells)}</table>"
 
     def _kinds_text(self) -> str:
-        """Number of captures to use, by kind."""
+        """Number of usable captures, by kind."""
         kinds = Counter(record.kind for record in self.records)
         by_kind = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         noun = "capture" if kinds.total() == 1 else "captures"
@@ -100,7 +100,7 @@ class Session:
 
     @property
     def manifest(self) -> Manifest:
-        """What it was made with, as session.json has it."""
+        """What it was made with, as in session.json."""
         return self._manifest
 
     @property
@@ -115,7 +115,7 @@ class Session:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was odd about the journal."""
+        """Anything odd about the journal."""
         return () if self._journal.remark is None else (self._journal.remark,)
 
     @property
@@ -151,7 +151,7 @@ class Session:
         return done.issuperset(entry.index for entry in self.entries)
 
     def load(self, record: CaptureRecord) -> CaptureImages:
-        """Read the pixels of a capture, after its file was found to be what was journaled.
+        """Read the pixels of a capture, after checking its file against the journal.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class Session:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileCheck:
-    """One file of a session against the journal; ``uid`` is its capture's, if it has one."""
+    """Check of one file of a session against the journal; ``uid`` is its capture's, if any."""
 
     file: str
     state: FileState
@@ -185,7 +185,7 @@ class FileCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VerifyReport:
-    """Every file of a session against its journal, and remarks on the journal itself."""
+    """Check of every file of a session against its journal, with remarks on the journal."""
 
     files: tuple[FileCheck, ...]
     remarks: tuple[str, ...]
@@ -208,7 +208,7 @@ def verify(path: Path) -> VerifyReport:
     Raises
     ------
     SessionError
-        If ``path`` is no session, or its session.json or journal is damaged.
+        If ``path`` is not a session, or its session.json or journal is damaged.
     """
     session = Session(path)
     checks = [_check_manifest(session)]
@@ -231,7 +231,9 @@ def verify(path: Path) -> VerifyReport:
     )
     checks += [FileCheck(file=f, state="unjournaled") for f in found if f not in known]
     leftovers = [f for f in found if f.endswith(PART_SUFFIX)]
-    remarks = [f"{f} was being written when a run was killed; delete it" for f in leftovers]
+    remarks = [
+        f"{f} is left from a run that was killed while writing; delete it" for f in leftovers
+    ]
     return VerifyReport(files=tuple(checks), remarks=(*session.remarks, *remarks))
 
 
@@ -241,7 +243,7 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
     Raises
     ------
     SessionError
-        If an event names a capture that is not there, or holds no valid record.
+        If an event names a capture that does not exist, or has no valid record.
     """
     records: dict[str, CaptureRecord] = {}
     superseded: set[str] = set()
@@ -278,7 +280,7 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
 
 
 def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) -> SessionCapture:
-    """Return the capture of an entry that was not superseded, of the session at ``path``.
+    """Return the capture of an entry that is not superseded, in the session at ``path``.
 
     Raises
     ------
@@ -289,18 +291,18 @@ def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) 
         if capture.record.index == index and not capture.is_superseded:
             return capture
     raise SessionError(
-        f"session {path} has no capture of index {index}", fault="no capture", path=path
+        f"session {path} has no capture with index {index}", fault="no capture", path=path
     )
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits, as ``sha256sum`` prints it."""
+    """SHA-256 of a file in hexadecimal, as ``sha256sum`` prints it."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def is_intact(path: Path, record: CaptureRecord) -> bool:
-    """Whether every file of a capture in the session at ``path`` is what was journaled."""
+    """Whether every file of a capture in the session at ``path`` matches the journal."""
     return all(_file_state(path / file, sha256) == "ok" for file, sha256 in _files(record))
 
 
@@ -332,7 +334,7 @@ def _record(event: JournalEvent, here: str, number: int) -> CaptureRecord:
     document = event.facts.get("record")
     if not isinstance(document, dict):
         raise SessionError(
-            f"{here}: {event.kind} without record", fault="damaged", line=number, keys=("record",)
+            f"{here}: {event.kind} without a record", fault="damaged", line=number, keys=("record",)
         )
     try:
         return CaptureRecord.from_json(document, source=here)

@@ -1,4 +1,4 @@
-"""The record of one capture: everything about it but its pixels."""
+"""The record of one capture: everything about it except its pixels."""
 
 import json
 import math
@@ -25,7 +25,7 @@ class CaptureRecord:
     ``height_mm`` was read back from the stage, ``height_asked_mm`` is the plan's. The two
     ``_utc`` texts are the computer's clock around the capture, the ``_timestamp_ns`` the
     camera's own of the first and last frame used. ``focus_value`` is None for flat and dark
-    captures. What a foreign photograph does not tell is None too: exposure, gain, time stamps.
+    captures. What an imported photograph does not state is None too: exposure, gain, time stamps.
     ``file`` and ``frames_file`` are relative to the session, with forward slashes. ``sha256``
     is None inside the file itself.
     """
@@ -77,7 +77,7 @@ class CaptureRecord:
         for name in ("file", "frames_file"):
             path = getattr(self, name)
             if path is not None and (path.startswith("/") or ".." in path.split("/")):
-                raise ValueError(f"{name} must lie inside the session, got {path}")
+                raise ValueError(f"{name} must be inside the session, got {path}")
 
     def to_json(self) -> dict[str, Any]:
         """The record as a JSON object, which ``from_json`` reads back exactly."""
@@ -87,7 +87,7 @@ class CaptureRecord:
     def from_json(
         document: Mapping[str, object], *, source: str = "capture record"
     ) -> "CaptureRecord":
-        """Read a record; ``source`` begins the message of an error.
+        """Read a record; an error message starts with ``source``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What is handed to a session to be stored: a take at the bench, or a photograph."""
+"""What a session is given to store: a take at the bench, or a photograph."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from acquisition.devices import CameraSettings, FrameImage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Take:
-    """The average that was made for an entry of a plan, with where, when and how.
+    """The averaged frames of a plan entry, with height, times and settings.
 
     Parameters
     ----------
     settings
-        The camera's, as read back, for exposure, gain, format and black level.
+        Those of the camera, as read back: exposure, gain, format and black level.
     height_mm
-        As read back from the stage, never the one asked for.
+        As read back from the stage, never the one requested.
     focus_value
         None for flat and dark captures.
     started, finished
@@ -41,7 +41,7 @@ class Take:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Photograph:
-    """A single picture that another camera took; None for what it does not tell."""
+    """A single image from another camera; None for what it does not state."""
 
     image_dn: NDArray[np.float32]
     pixel_format: str

@@ -1,4 +1,4 @@
-"""Create or reopen a session and add captures to it, so that a kill at any byte loses nothing."""
+"""Create or reopen a session and add captures, so that a kill at any byte loses nothing."""
 
 import hashlib
 import shutil
@@ -37,14 +37,14 @@ from acquisition.session.record import CaptureRecord, utc_text
 from acquisition.session.take import Photograph, Take
 
 SPARE_BYTES = 64 * 2**20
-"""Room left on the disk beyond the captures, so that the journal can always be written."""
+"""Disk space kept free beyond the captures, so that the journal can always be written."""
 
 
 class SessionWriter:
-    """The one process that writes a session; a context manager that gives it back.
+    """The only process that writes a session; a context manager that releases it.
 
-    Opening creates the session where there is none, else resumes it. The journal's ``flock``
-    is held until ``close``.
+    Opening creates the session if there is none, and otherwise resumes it. The journal's
+    ``flock`` is held until ``close``.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class SessionWriter:
     bench
         The bench; None for photographs that come from elsewhere.
     devices
-        Snapshots under ``camera`` and ``stage``, as far as there are devices.
+        Snapshots under ``camera`` and ``stage``, for the devices that exist.
     stamps
         Where time stamps and identities come from.
 
@@ -96,7 +96,7 @@ class SessionWriter:
         return captures_of(self._journal.events, source=str(self.path / JOURNAL_NAME))
 
     def pending_entries(self) -> tuple[PlanEntry, ...]:
-        """Entries of the plan without a capture whose files are all as they were journaled."""
+        """Entries of the plan without a capture whose files all match the journal."""
         done = {
             capture.record.index
             for capture in self.captures
@@ -105,24 +105,24 @@ class SessionWriter:
         return tuple(entry for entry in self.entries if entry.index not in done)
 
     def require_space(self, needed_bytes: int) -> None:
-        """Refuse to begin where the disk has no room for ``needed_bytes`` and some to spare.
+        """Raise if the disk has no space for ``needed_bytes`` and some to spare.
 
         Raises
         ------
         SessionError
-            With the room there is and the room it takes.
+            With the space available and the space needed.
         """
         free_bytes = shutil.disk_usage(self.path).free
         if free_bytes < needed_bytes + SPARE_BYTES:
             raise SessionError(
-                f"the disk of {self.path} has {free_bytes / 1e6:.0f} MB free, the captures take "
-                f"{(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free the disk and run again",
+                f"the disk of {self.path} has {free_bytes / 1e6:.0f} MB free, but the captures "
+                f"need {(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free some space and run again",
                 fault="unwritable",
                 path=self.path,
             )
 
     def journal(self, kind: EventKind, facts: Mapping[str, Any]) -> JournalEvent:
-        """Journal an event that is no capture."""
+        """Journal an event other than a capture."""
         return self._journal.append(kind, facts)
 
     def retake(self, index: int, reason: str, operator: str) -> None:
@@ -131,7 +131,7 @@ class SessionWriter:
         Raises
         ------
         SessionError
-            If it has none.
+            If the entry has no capture.
         """
         void = current_capture(self.captures, index, self.path).record.uid
         facts = {"index": index, "supersedes": void, "reason": reason, "operator": operator}
@@ -173,7 +173,7 @@ class SessionWriter:
     def add_photograph(self, entry: PlanEntry, photograph: Photograph) -> CaptureRecord:
         """Store a photograph as a capture of one frame, without a variance.
 
-        Its height is the entry's, on the word of whoever imports it.
+        Its height is the entry's, as stated by whoever imports it.
 
         Raises
         ------
@@ -207,7 +207,7 @@ class SessionWriter:
         return self._store(record, image_dn, None, ())
 
     def close(self) -> None:
-        """Give the session back; closing twice is harmless."""
+        """Release the session; closing twice is harmless."""
         self._journal.close()
 
     def __enter__(self) -> Self:
@@ -227,7 +227,7 @@ class SessionWriter:
         devices: Mapping[str, Mapping[str, Any]],
         operator: str,
     ) -> None:
-        """Write session.json, or compare with the one that is there, and journal the run."""
+        """Write session.json, or compare with an existing one, and journal the run."""
         path = self.path / MANIFEST_NAME
         if path.exists():
             data = path.read_bytes()
@@ -235,9 +235,9 @@ class SessionWriter:
             differences = old.differences(self.plan, bench, devices)
             if differences:
                 raise SessionError(
-                    f"session {self.path} was made otherwise: "
+                    f"session {self.path} was made with other settings: "
                     f"{'; '.join(f'{key} {text}' for key, text in differences.items())}; "
-                    "go back to that, or begin a new directory",
+                    "go back to those, or use a new directory",
                     fault="made otherwise",
                     path=self.path,
                     keys=tuple(differences),
@@ -245,7 +245,7 @@ class SessionWriter:
         else:
             if self._journal.events:
                 raise SessionError(
-                    f"{path} is gone but the journal is not empty; restore it",
+                    f"{path} is missing but the journal is not empty; restore it",
                     fault="damaged",
                     path=path,
                 )
@@ -270,7 +270,7 @@ class SessionWriter:
             self._journal.append("plan", {"name": self.plan.name, "captures": len(self.entries)})
 
     def _identity(self, entry: PlanEntry) -> dict[str, Any]:
-        """What a new record has from its entry; its hashes are not known yet."""
+        """What a new record takes from its entry; its hashes are not known yet."""
         return {
             "index": entry.index,
             "uid": self._stamps.new_uid(),
@@ -284,7 +284,7 @@ class SessionWriter:
         }
 
     def _file(self, entry: PlanEntry, folder: str) -> str:
-        """Name a file that no journaled capture has: a later take of an entry is numbered."""
+        """Return a file name that no journaled capture has: later takes are numbered."""
         takes = self._takes[entry.index]
         suffix = f"_take{takes + 1}" if takes else ""
         return f"{folder}/{entry.stem}{suffix}.tif"
@@ -315,7 +315,7 @@ class SessionWriter:
 
 
 def _prepare_directory(path: Path) -> None:
-    """Make the directory; refuse one that holds anything but a session or a beginning of one."""
+    """Make the directory; refuse one that holds anything but a session or the start of one."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         present = {file.name for file in path.iterdir()}
@@ -324,7 +324,7 @@ def _prepare_directory(path: Path) -> None:
     beginning = {JOURNAL_NAME, MANIFEST_NAME + PART_SUFFIX}
     if MANIFEST_NAME not in present and not present <= beginning:
         raise SessionError(
-            f"{path} holds files but is not a capture session; name a new or empty directory",
+            f"{path} holds files but is not a capture session; give a new or empty directory",
             fault="not a session",
             path=path,
         )
@@ -333,7 +333,7 @@ def _prepare_directory(path: Path) -> None:
 def _write_failure(path: Path, error: OSError) -> SessionError:
     return SessionError(
         f"session {path} cannot be written: {error.strerror or error}; "
-        "see to the disk and run the same command again",
+        "check the disk and run the same command again",
         fault="unwritable",
         path=path,
     )

@@ -1,4 +1,4 @@
-"""What a controller of one axis has to offer, for `MotorStage` to make a `Stage` of it."""
+"""What the controller of one axis must provide for `MotorStage` to make a `Stage` of it."""
 
 from dataclasses import dataclass
 from threading import Event
@@ -13,7 +13,7 @@ POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisReading:
-    """Height, and whether the motor runs, asked for one after the other."""
+    """Height, and whether the motor is running, queried one after the other."""
 
     height_mm: float
     is_moving: bool
@@ -21,16 +21,16 @@ class AxisReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisTraits:
-    """How a controller differs from others in being read and stopped.
+    """How a controller differs from others in reading and stopping.
 
     Parameters
     ----------
     repeat_mm
-        Two readings of an axis that stands differ by no more.
+        Largest difference between two readings of an axis at rest.
     is_homing_cancellable
         Whether `MotorAxis.cancel` ends homing; otherwise only `MotorAxis.abort` does.
     may_move_after
-        Errors of a move after which the motor may still run, so that it has to be stopped.
+        Errors of a move after which the motor may still be running and has to be stopped.
     """
 
     repeat_mm: float
@@ -43,28 +43,28 @@ class MovableAxis(Protocol):
 
     @property
     def name(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         ...
 
     def start_move(self, height_mm: float) -> None:
-        """Start towards a height; returns at once.
+        """Start a move to a height; returns at once.
 
         Raises
         ------
         StageLimitError, DeviceRefusalError
             If the controller refuses; nothing moves.
         DeviceTimeoutError, DeviceProtocolError
-            If the answer was lost or spoilt: it may move or not.
+            If the answer was lost or garbled: it may or may not move.
         """
         ...
 
     def wait_until_still(self, height_mm: float, deadline: float) -> float:
-        """Wait until the motor stands, and return where; ``height_mm`` is where it should.
+        """Wait until the motor stops and return its height; ``height_mm`` is the target.
 
         Raises
         ------
         DeviceTimeoutError
-            If it still moves at the deadline.
+            If it is still moving at the deadline.
         """
         ...
 
@@ -73,27 +73,27 @@ class MovableAxis(Protocol):
         ...
 
     def is_moving(self) -> bool:
-        """Ask whether the motor runs; faults and resets are not looked for."""
+        """Ask whether the motor is running; faults and resets are not checked."""
         ...
 
     def abort(self) -> None:
-        """End what `cancel` does not end; the position is void."""
+        """End what `cancel` does not end; the position is then unknown."""
         ...
 
 
 class MotorAxis(MovableAxis, Protocol):
     """One axis of a controller, in heights; it obeys and reports, and decides nothing.
 
-    Every call may raise the errors of a line: timeout, protocol, disconnected. A call that hears
-    of an alarm or a reset sets ``is_position_known`` False and raises it.
+    Every call may raise the errors of a line: timeout, protocol, disconnected. A call that learns
+    of an alarm or a reset sets ``is_position_known`` to False and raises it.
     """
 
     is_position_known: bool
-    """Set by whoever homes."""
+    """Set by the code that homes."""
 
     @property
     def info(self) -> DeviceInfo:
-        """Who the controller says it is."""
+        """Identity that the controller reports."""
         ...
 
     @property
@@ -103,7 +103,7 @@ class MotorAxis(MovableAxis, Protocol):
 
     @property
     def traits(self) -> AxisTraits:
-        """How it differs from others."""
+        """How it is read and stopped."""
         ...
 
     def state(self) -> StageState:
@@ -119,17 +119,17 @@ class MotorAxis(MovableAxis, Protocol):
         ...
 
     def ready_height_mm(self) -> float:
-        """Height of an axis that takes a move now.
+        """Height of an axis that is ready to move.
 
         Raises
         ------
         StageNotHomedError, StageAlarmError, DeviceError
-            If it takes none.
+            If it is not ready.
         """
         ...
 
     def height_mm(self) -> float:
-        """Ask for the height alone."""
+        """Ask for the height only."""
         ...
 
     def reading(self) -> AxisReading:
@@ -137,32 +137,32 @@ class MotorAxis(MovableAxis, Protocol):
         ...
 
     def interrupt(self) -> None:
-        """Halt the motor at once, also while another thread is in the dialogue."""
+        """Halt the motor at once, even while another thread is in the dialogue."""
         ...
 
     def prepare_homing(self) -> None:
-        """Check what has to be right before homing; moves nothing."""
+        """Check the preconditions of homing; moves nothing."""
         ...
 
     def check_reference(self, deadline: float, stop: Event) -> None:
-        """Find out whether steps were lost since the homing before, where that can be done.
+        """Find out whether steps were lost since the last homing, where that is possible.
 
         Raises
         ------
         DeviceTimeoutError
-            If it takes too long; it may move.
+            If it takes too long; it may still be moving.
         """
         ...
 
     def find_reference(self, deadline: float) -> None:
-        """Home, and return once the axis stands at its reference.
+        """Home, and return once the axis is at rest at its reference.
 
         Raises
         ------
         DeviceTimeoutError, DeviceProtocolError
-            If it did not say in time that it is homed; it may move.
+            If it did not report in time that it is homed; it may still be moving.
         DeviceError
-            If it found no reference; it stands.
+            If it found no reference; it has stopped.
         """
         ...
 

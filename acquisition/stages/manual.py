@@ -17,7 +17,7 @@ TRIES = 5
 
 
 class ManualStage:
-    """Asks the operator to set each height and to say what the scale shows.
+    """Asks the operator to set each height and to state the reading of the scale.
 
     It is homed once a height has been stated. The time limits of the contract do not apply to a
     person.
@@ -27,7 +27,7 @@ class ManualStage:
     config
         Limits and tolerance.
     ask
-        Shows a question and returns the answer; an empty one confirms the height asked for.
+        Shows a question and returns the answer; an empty one confirms the requested height.
     """
 
     def __init__(self, config: StageConfig, *, ask: Callable[[str], str]) -> None:
@@ -60,21 +60,21 @@ class ManualStage:
         return "alarm" if self._is_emergency else "idle"
 
     def home(self, timeout_s: float) -> None:
-        """See `Stage.home`: ask what the scale shows."""
+        """See `Stage.home`: asks for the reading of the scale."""
         self._check_ready()
         self._height_mm = None
         low_mm, high_mm = self.limits_mm
-        question = "Height that the scale shows, in mm"
+        question = "Height shown on the scale, in mm"
         for _ in range(TRIES):
             height_mm = _number(self._ask(question))
             if height_mm is not None and low_mm <= height_mm <= high_mm:
                 self._height_mm = height_mm
                 return
-            question = f"A height from {low_mm:g} to {high_mm:g}, in mm, please"
-        raise DeviceError("the operator stated no height of the stage; nothing was captured")
+            question = f"Enter a height from {low_mm:g} to {high_mm:g} mm"
+        raise DeviceError("the operator did not state the stage's height; nothing was captured")
 
     def move_to(self, height_mm: float, timeout_s: float) -> float:
-        """See `Stage.move_to`: ask for it, and return what the operator reads.
+        """See `Stage.move_to`: asks for the move, and returns the height that the operator reads.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class ManualStage:
         side = "below" if self._config.approach == "from_below" else "above"
         wish = (
             f"Set the stage to {height_mm:.3f} mm, coming from {side}. "
-            "Enter once it stands there, or the height it shows"
+            "Press Enter once it is there, or type the height it shows"
         )
         question = wish
         for _ in range(TRIES):
@@ -105,11 +105,11 @@ class ManualStage:
             question = f"That is {off_mm:+.3f} mm off. {wish}"
         raise DeviceError(
             f"the stage was not set to {height_mm:g} mm within {self._config.tolerance_mm:g} mm; "
-            "state its height anew, or raise stage.tolerance_mm"
+            "state its height again, or raise stage.tolerance_mm"
         )
 
     def position_mm(self) -> float:
-        """See `Stage.position_mm`: what the operator stated last."""
+        """See `Stage.position_mm`: the height that the operator last stated."""
         if not self._is_open:
             raise DeviceDisconnectedError("the manual stage is closed")
         if self._height_mm is None:
@@ -117,7 +117,7 @@ class ManualStage:
         return self._height_mm
 
     def stop(self) -> None:
-        """See `Stage.stop`: a person has stopped already."""
+        """See `Stage.stop`: a person has already stopped."""
 
     def emergency_stop(self) -> None:
         """See `Stage.emergency_stop`."""

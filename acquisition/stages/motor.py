@@ -17,23 +17,23 @@ from acquisition.stages.axis import POLL_S, MotorAxis, MovableAxis
 from acquisition.stages.travel import approach_heights_mm, refuse_beyond_limits
 
 STOP_TIMEOUT_S = 5.0
-"""Longer than any ramp down."""
+"""Longer than any deceleration."""
 
 ROUNDING_MM = 1e-6
-"""Heights are rounded to it, so that it forgives the noise of binary fractions."""
+"""Heights are rounded to this, so it allows for binary rounding noise."""
 
 
 class MotorStage:
-    """Approaches heights from one side, and believes only what it reads back.
+    """Approaches heights from one side, and trusts only what it reads back.
 
     Parameters
     ----------
     config
         Limits, settling, tolerance, side of approach.
     axis
-        Connected before anything is asked of the stage; `close` closes it.
+        Must be connected before the stage is used; `close` closes it.
     clock, sleep
-        Seconds, and how to let them pass.
+        Time in seconds, and a function that waits.
     """
 
     def __init__(
@@ -108,12 +108,12 @@ class MotorStage:
         self._check_reference(deadline)
         self._axis.is_position_known = False
         self._is_flank_taken = False
-        # Stays set through a keyboard interrupt: `stop` must know what it has to end.
+        # Stays set through a keyboard interrupt: `stop` must know what to end.
         self._is_homing = True
         try:
             self._axis.find_reference(deadline)
         except (DeviceTimeoutError, DeviceProtocolError) as error:
-            text = f"{self._axis.name} is not homed within {timeout_s:g} s: {error}"
+            text = f"{self._axis.name} was not homed within {timeout_s:g} s: {error}"
             raise self._halted(error, text, timeout_s) from error
         except DeviceError:
             self._is_homing = False
@@ -127,7 +127,7 @@ class MotorStage:
         """See `Stage.move_to`."""
         refuse_beyond_limits(height_mm, self.limits_mm)
         if self._is_moving:
-            raise DeviceError(f"{self._axis.name} is moving already; nothing was sent")
+            raise DeviceError(f"{self._axis.name} is already moving; nothing was sent")
         self._stop.clear()
         self._refuse_emergency()
         deadline = self._clock() + timeout_s
@@ -219,14 +219,14 @@ class MotorStage:
                 break
             before_mm = reading.height_mm
             if self._clock() >= deadline:
-                raise DeviceTimeoutError(f"it creeps, now at {before_mm:.3f} mm")
+                raise DeviceTimeoutError(f"it is creeping, now at {before_mm:.3f} mm")
             self._sleep(POLL_S)
         if not abs(reading.height_mm - height_mm) <= self._config.tolerance_mm + ROUNDING_MM:
             raise DeviceTimeoutError(f"it crept to {reading.height_mm:.3f} mm")
         return reading.height_mm
 
     def _halted(self, error: DeviceError, text: str, timeout_s: float | None) -> DeviceError:
-        """Stop after a failure, and return the error that says what came of it."""
+        """Stop after a failure, and return the error that reports the outcome."""
         text = f"{text}; {self._halt()}"
         if isinstance(error, DeviceTimeoutError):
             return DeviceTimeoutError(text, timeout_s=timeout_s)
@@ -249,14 +249,14 @@ class MotorStage:
 def travel(
     axis: MovableAxis, height_mm: float, *, tolerance_mm: float, deadline: float, stop: Event
 ) -> None:
-    """Move to a height and wait there; a lost answer is made good once.
+    """Move to a height and wait for arrival; the move is repeated once after a lost answer.
 
     Raises
     ------
     DeviceTimeoutError
-        If it is not there by the deadline; it may be moving.
+        If it has not arrived by the deadline; it may be moving.
     StageStoppedError
-        If it stands elsewhere, whether or not ``stop`` was set.
+        If it stopped elsewhere, whether or not ``stop`` was set.
     DeviceError
         If it cannot move.
     """
@@ -269,7 +269,7 @@ def travel(
             if stop.is_set():  # another thread said so just before the move
                 axis.cancel()
         except (DeviceTimeoutError, DeviceProtocolError) as error:
-            # The axis may move or not: ask where it is before anything is sent again.
+            # The axis may or may not move: ask where it is before anything is sent again.
             lost = error
         at_mm = axis.wait_until_still(height_mm, deadline)
         if abs(at_mm - height_mm) <= tolerance_mm + ROUNDING_MM:
@@ -286,12 +286,12 @@ def travel(
 
 
 def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[float], None]) -> None:
-    """Stop under control, and wait until the motor stands.
+    """Stop under control, and wait until the motor is at rest.
 
     Raises
     ------
     DeviceTimeoutError
-        If it does not stop; the move was aborted, and the position is void.
+        If it does not stop; the move was aborted, and the position is lost.
     """
     axis.cancel()
     deadline = clock() + STOP_TIMEOUT_S
@@ -299,8 +299,8 @@ def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[floa
         if clock() >= deadline:
             axis.abort()
             raise DeviceTimeoutError(
-                f"{axis.name} did not stop within {STOP_TIMEOUT_S:g} s and was halted as in an "
-                "emergency: home it again",
+                f"{axis.name} did not stop within {STOP_TIMEOUT_S:g} s and was halted by an "
+                "emergency stop: home it again",
                 timeout_s=STOP_TIMEOUT_S,
             )
         sleep(POLL_S)

@@ -1,4 +1,4 @@
-"""The serial line of a stage: lines with time limits and a log, over a port opened exclusively."""
+"""The serial line of a stage: lines with time limits and a log, on an exclusive port."""
 
 import errno
 from collections import deque
@@ -20,11 +20,11 @@ from acquisition.errors import (
 from acquisition.stages.wire_log import WireLog
 
 READ_SLICE_S = 0.02
-"""How long one read waits for its first byte."""
+"""How long a read waits for its first byte."""
 
 WRITE_TIMEOUT_S = 1.0
 MAX_LINE_BYTES = 1024
-"""No message of the protocols we speak is longer."""
+"""No message of the supported protocols is longer."""
 
 
 class BytePort(Protocol):
@@ -43,7 +43,7 @@ class BytePort(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the port back."""
+        """Release the port."""
         ...
 
 
@@ -55,11 +55,11 @@ class SerialLink:
     port
         Open port.
     name
-        What errors call it.
+        Its name in error messages.
     clock
-        Monotonic time in seconds, the same that passes while the port reads.
+        Monotonic time in seconds, the same as that of the port's reads.
     log
-        Where every line is logged.
+        Log of every line.
     """
 
     def __init__(
@@ -113,14 +113,14 @@ class SerialLink:
         return self._lines.popleft()
 
     def waiting_lines(self) -> list[bytes]:
-        """Return the lines that came unasked until now."""
+        """Return the unsolicited lines received so far."""
         self._receive(wait=False)
         lines = list(self._lines)
         self._lines.clear()
         return lines
 
     def drain(self, quiet_s: float, timeout_s: float) -> list[bytes]:
-        """Listen until nothing has come for ``quiet_s``; return what came, cut into lines.
+        """Listen until nothing has come for ``quiet_s``; return what came, split into lines.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class SerialLink:
                 self._lines.clear()
             if self._clock() >= deadline:
                 raise DeviceProtocolError(
-                    f"{self.name} talks without being asked and does not stop; "
+                    f"{self.name} sends unrequested data without end; "
                     "is this the right port and baud rate?"
                 )
         if self._partial:
@@ -162,14 +162,14 @@ class SerialLink:
             self._log.close()
 
     def _receive(self, *, wait: bool = True) -> bool:
-        """Read once; whether anything came."""
+        """Read once; return whether anything came."""
         self._check_open()
         data = self._port.read() if wait else self._port.read_waiting()
         if not data:
             return False
         *lines, self._partial = (self._partial + data).split(b"\n")
         for line in lines:
-            # NULs are what a cable or a power-up leaves; no protocol of ours sends them.
+            # NULs come from a cable or a power-up; no supported protocol sends them.
             clean = line.strip(b"\r\0 ")
             if clean:
                 if self._log:
@@ -192,13 +192,13 @@ class SerialLink:
 
 
 class SerialPort:
-    """An open port; pyserial's errors become ours."""
+    """An open port; translates pyserial's errors into ours."""
 
     def __init__(self, port: serial.Serial) -> None:
         self._port = port
 
     def read(self) -> bytes:
-        """Return what is there, waiting a moment for the first byte; nothing is no error.
+        """Return what is there, waiting a moment for the first byte; no data is not an error.
 
         Raises
         ------
@@ -231,7 +231,7 @@ class SerialPort:
         Raises
         ------
         DeviceTimeoutError
-            If the port does not take it.
+            If the port does not accept it.
         DeviceDisconnectedError
             If the port is gone.
         """
@@ -239,24 +239,24 @@ class SerialPort:
             self._port.write(data)
         except serial.SerialTimeoutException as error:
             raise DeviceTimeoutError(
-                f"the serial port {self._port.port} takes no data; unplug it and plug it in again"
+                f"the serial port {self._port.port} accepts no data; unplug it and plug it in again"
             ) from error
         except OSError as error:
             raise self._gone() from error
 
     def close(self) -> None:
-        """Give the port back; closing twice is harmless."""
+        """Release the port; closing twice is harmless."""
         self._port.close()
 
     def _gone(self) -> DeviceDisconnectedError:
         return DeviceDisconnectedError(
             f"the serial port {self._port.port} is gone; check cable and power. "
-            "A stage in mid-move runs on to its target"
+            "A stage that was moving continues to its target"
         )
 
 
 def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
-    """Open port and wire log.
+    """Open the port and the wire log.
 
     Raises
     ------
@@ -294,9 +294,9 @@ def open_serial_port(
     Raises
     ------
     DeviceDisconnectedError
-        If the port is missing, not ours to open, or not a serial port.
+        If the port is missing, not permitted, or not a serial port.
     DeviceInUseError
-        If another program has it.
+        If another program uses it.
     """
     try:
         return SerialPort(
@@ -312,14 +312,14 @@ def open_serial_port(
         number = error.errno if isinstance(error, OSError) else None
         if number in (errno.EAGAIN, errno.EBUSY):
             raise DeviceInUseError(
-                f"serial port {path}: another program uses it; end that program"
+                f"serial port {path} is in use by another program; close that program"
             ) from error
         raise DeviceDisconnectedError(f"serial port {path}: {_why(number, error)}") from error
 
 
 def _why(number: int | None, error: Exception) -> str:
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return "there is no such port; check cable and power, and stage.port in the bench file"
+        return "no such port; check cable and power, and stage.port in the bench file"
     if number in (errno.EACCES, errno.EPERM):
-        return "no permission; add yourself to the group of the port, often dialout, and log in"
+        return "no permission; add yourself to the port's group, often dialout, and log in again"
     return f"cannot be opened: {error}"

@@ -7,17 +7,17 @@ from acquisition.errors import StageLimitError
 
 
 def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> None:
-    """Do nothing for a height that a stage may go to.
+    """Raise if a height is outside the travel of a stage.
 
     Raises
     ------
     StageLimitError
-        If it is no number or outside the limits.
+        If it is not a number or outside the limits.
     """
     low_mm, high_mm = limits_mm
     if not (isfinite(height_mm) and low_mm <= height_mm <= high_mm):
         raise StageLimitError(
-            f"the stage goes from {low_mm:g} to {high_mm:g} mm, not to {height_mm:g} mm; "
+            f"the stage travels from {low_mm:g} to {high_mm:g} mm, not to {height_mm:g} mm; "
             "nothing moved",
             height_mm=height_mm,
             limits_mm=limits_mm,
@@ -27,21 +27,21 @@ def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> No
 def approach_heights_mm(
     config: StageConfig, *, start_mm: float, target_mm: float, is_flank_taken: bool
 ) -> list[float]:
-    """Heights to go to in turn, so that the target is reached from the configured side.
+    """Heights to visit in turn, so that the target is approached from the configured side.
 
     Parameters
     ----------
     config
         Side, play and limits.
     start_mm, target_mm
-        Where the stage is and where it shall go.
+        Where the stage is and where it is to go.
     is_flank_taken
-        Whether the last travel came from the configured side already.
+        Whether the last move already came from the configured side.
 
     Returns
     -------
     list of float
-        One or two heights; a target at the very limit may have no room before it.
+        One or two heights; a target right at a limit may have no room before it.
     """
     side = 1.0 if config.approach == "from_below" else -1.0
     needed_mm = 0.0 if is_flank_taken else config.backlash_mm
@@ -59,5 +59,5 @@ def move_timeout_s(config: StageConfig) -> float:
 
 
 def home_timeout_s(config: StageConfig) -> float:
-    """Homing crosses the travel once at full speed and the switch twice, slowly."""
+    """Time for homing: the whole travel once at full speed, and the switch twice, slowly."""
     return 30.0 + move_timeout_s(config)

@@ -15,10 +15,10 @@ def _now() -> datetime:
 
 
 class WireLog:
-    """Appends one line for each line sent (``>``), received (``<``) and remark (``#``).
+    """Appends one line for every line sent (``>``) or received (``<``) and every remark (``#``).
 
     Bytes outside printable ASCII are escaped as in Python. At ``max_bytes`` the file becomes
-    ``<name>.1``, in place of an earlier one, and a new file begins.
+    ``<name>.1``, replacing an earlier one, and a new file is started.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class WireLog:
     max_bytes
         Size of one of the two files.
     utc_now
-        Time for the stamps.
+        Clock for the time stamps.
 
     Raises
     ------
@@ -79,7 +79,7 @@ class WireLog:
             return
         stamp = self._utc_now().isoformat(timespec="microseconds")
         self._file.write(f"{stamp} {direction} {text}\n")
-        # The last lines matter most where the program or the machine dies.
+        # The last lines matter most when the program or the machine dies.
         self._file.flush()
         if self._file.tell() >= self._max_bytes:
             self._file.close()

@@ -1,4 +1,4 @@
-"""What a comparison of two photographs found, but for its images: the document of changes.json."""
+"""The document changes.json: what a comparison of two photographs found, without its images."""
 
 from pathlib import Path
 from typing import Final, Literal

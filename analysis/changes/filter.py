@@ -53,14 +53,14 @@ _LEAST_PIXELS = 1000
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ChangeOptions:
-    """How two photographs are compared, where not as usual.
+    """Options for comparing two photographs.
 
     Parameters
     ----------
     pose
-        Of the follow-up in the reference; None registers them, with the lens's distortion.
+        Pose of the follow-up in the reference; None registers them, with the lens's distortion.
     noise
-        Of both captures; None fits it.
+        Noise of both captures; None fits it.
     false_alarms
         Pixels flagged by chance, expected in a frame.
     """
@@ -87,7 +87,7 @@ class ChangeResult:
     pose_difference_dn
         The part of the plain difference that the pose explains.
     variance_dn2
-        Of the difference.
+        Variance of the difference.
     significance
         Smoothed difference over its standard deviation.
     is_change
@@ -130,7 +130,7 @@ def find_changes(
     psf: GaussianPsf,
     options: ChangeOptions | None = None,
 ) -> ChangeResult:
-    """Say what changed between two photographs that the change of pose does not explain.
+    """Find changes between two photographs that the change of pose does not explain.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def find_changes(
     psf
         Total PSF of the camera.
     options
-        Pose, noise and the false alarms allowed, where not as usual.
+        Pose, noise and allowed false alarms, if not the defaults.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def find_changes(
     SoftFollowupError
         If the follow-up is softer than simulated.
     AnalysisError
-        If the pose is none of a plane in front of the camera.
+        If the pose is not that of a plane in front of the camera.
     """
     options = options or ChangeOptions()
     near, far = (np.asarray(image, dtype=np.float64) for image in (reference, followup))
@@ -166,7 +166,7 @@ def find_changes(
     if blur.value_px2 - _SURE * blur.err_px2 > SOFTNESS_LIMIT_PX2:
         raise SoftFollowupError(
             f"the follow-up is softer than simulated by {sqrt(blur.value_px2):.2f} px (defocus or "
-            "motion): changes cannot be told from blur; take it again",
+            "motion): changes cannot be distinguished from blur; retake it",
             blur_px=sqrt(blur.value_px2),
         )
     variance = None
@@ -225,7 +225,7 @@ def _simulated(
     )
     if int(valid.sum()) < _LEAST_PIXELS:
         raise OverlapError(
-            "the images share too little that the reference resolves as well as the follow-up",
+            "the images overlap too little where the reference resolves as well as the follow-up",
             shared_px=int(valid.sum()),
         )
     return np.asarray(simulated.image, dtype=np.float64), np.asarray(valid)

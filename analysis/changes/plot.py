@@ -1,4 +1,4 @@
-"""Picture of what changed: follow-up, plain difference, what is left of it, significance."""
+"""Figure of the changes: follow-up, plain difference, unexplained difference, significance."""
 
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,7 @@ def changes_figure(found: "ChangeResult") -> Figure:
     panels[0, 0].set_title(f"follow-up, {found.summary.changed_px} px changed")
     for axes, image, title, span, label in (
         (panels[0, 1], found.plain_difference_dn, "plain difference", reach, "DN"),
-        (panels[1, 0], found.difference_dn, "what the pose does not explain", reach, "DN"),
+        (panels[1, 0], found.difference_dn, "not explained by the pose", reach, "DN"),
         (
             panels[1, 1],
             found.significance,

@@ -1,4 +1,4 @@
-"""curves.json: d' against zoom, what it holds, how it is read, and which curve is meant."""
+"""curves.json: curves of d' against zoom, how to interpolate and how to select them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
@@ -24,14 +24,14 @@ CURVES_SCHEMA: Final = "standoff.detectability/1"
 _NOTE = (
     "Every d' is an upper bound: sampling, sharpness, noise and the artefact of the alignment are "
     "in the model; exposure, registration error, gloss, parallax, defocus and motion are not. "
-    "Between two zooms 1/d' is read as straight."
+    "Between two zooms, 1/d' is interpolated linearly."
 )
 
 
 class AmbiguousCurveError(AnalysisError, ValueError):
-    """More than one curve, or none, is meant by a choice.
+    """A choice matches more than one curve, or none.
 
-    ``fitting`` are the curves that fit, ``open_choices`` what tells them apart, by its name.
+    ``fitting`` are the matching curves, ``open_choices`` the values in which they differ, by name.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class AmbiguousCurveError(AnalysisError, ValueError):
 
 
 class CurveChoice(StoredValues):
-    """Which curve of a file is meant; None leaves it open."""
+    """Which curve of a file to use; None leaves a value open."""
 
     model: Model | None = None
     observer: Observer | None = None
@@ -73,11 +73,11 @@ class DetectabilityCurve(StoredValues):
     def _check(self) -> Self:
         for name in ("dprime", "dprime_low", "dprime_high", "auc"):
             if len(getattr(self, name)) != len(self.zoom):
-                raise ValueError(f"{name} has {len(getattr(self, name))} values, zoom more or less")
+                raise ValueError(f"{name} and zoom differ in their number of values")
         if self.zoom[0] < 1 or any(np.diff(self.zoom) <= 0):
-            raise ValueError("zoom must rise from 1 or more")
+            raise ValueError("zoom must increase and start at 1 or more")
         if min(*self.dprime, *self.dprime_low, *self.dprime_high) < 0:
-            raise ValueError("d' and its interval must be 0 or more")
+            raise ValueError("d' and its interval must not be negative")
         return self
 
     def __repr__(self) -> str:
@@ -86,7 +86,7 @@ class DetectabilityCurve(StoredValues):
 
     @property
     def choice(self) -> CurveChoice:
-        """What tells it from the other curves of a file."""
+        """The choice that selects this curve from a file."""
         return CurveChoice(
             model=self.model,
             observer=self.observer,
@@ -96,14 +96,14 @@ class DetectabilityCurve(StoredValues):
 
     @property
     def name(self) -> str:
-        """Which curve it is, in words."""
+        """Description of the curve, in words."""
         return (
             f"{self.model}, {self.observer}, noise {self.noise_dn:g} DN, "
             f"contrast {self.contrast_dn:g} DN"
         )
 
     def d_prime_at(self, zoom: FloatArray | float) -> FloatArray:
-        """Return d' between the curve's zooms, 1/d' straight in zoom; NaN beyond the last one.
+        """Interpolate d' between the curve's zooms, 1/d' linear in zoom; NaN beyond the last one.
 
         Below the first zoom, and below 1, the first value holds: a nearer follow-up is no worse.
         ``d_prime_between`` says why.
@@ -112,7 +112,7 @@ class DetectabilityCurve(StoredValues):
         return np.asarray(np.where(np.asarray(zoom) > self.zoom[-1] + 1e-9, np.nan, value))
 
     def between(self, values: ArrayLike, zoom: ArrayLike) -> FloatArray:
-        """Return any values of d' at the curve's zooms, read between them as d' is."""
+        """Interpolate values given at the curve's zooms in the same way as d'."""
         return d_prime_between(self.zoom, values, zoom)
 
     def plot(self) -> "Figure":
@@ -147,7 +147,9 @@ class DetectabilityCurve(StoredValues):
         d_prime = float(self.d_prime_at(zoom))
         if d_prime == 0:
             raise NotDetectableError(
-                f"d' is 0 at zoom {zoom:.3g}: no contrast is found there", zoom=zoom, d_prime=0.0
+                f"d' is 0 at zoom {zoom:.3g}: no contrast is detectable there",
+                zoom=zoom,
+                d_prime=0.0,
             )
         return self.contrast_dn * min_dprime / d_prime
 
@@ -187,12 +189,12 @@ class DetectabilityCurves(ResultsDocument):
         return curves_figure(self.curves, "contrast_dn")
 
     def chosen(self, choice: CurveChoice) -> DetectabilityCurve:
-        """Return the one curve that is meant.
+        """Return the one curve that matches a choice.
 
         Raises
         ------
         AmbiguousCurveError
-            If none or more than one fits; the message says what tells them apart.
+            If none or more than one matches; the message says how they differ.
         """
         wanted = choice.model_dump(exclude_none=True)
         fitting = [
@@ -213,15 +215,15 @@ class DetectabilityCurves(ResultsDocument):
             for name, values in open_choices.items()
         ]
         message = (
-            f"{len(fitting)} curves fit; choose by {' and '.join(told) or 'another file'}"
+            f"{len(fitting)} curves match; choose by {' and '.join(told) or 'another file'}"
             if fitting
-            else f"no curve fits; there are {'; '.join(curve.name for curve in self.curves[:8])}"
+            else f"no curve matches; there are {'; '.join(curve.name for curve in self.curves[:8])}"
         )
         raise AmbiguousCurveError(message, fitting=tuple(fitting), open_choices=open_choices)
 
 
 def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> FloatArray:
-    """Return d' at any zoom, 1/d' straight between those computed; outside, the nearest one.
+    """Interpolate d' at any zoom, 1/d' linear between those computed; outside, the nearest one.
 
     The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that
     1/d' is much like a hyperbola, which bends upwards: its chord reads d' a little too low, where

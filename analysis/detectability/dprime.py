@@ -71,15 +71,15 @@ def d_primes(
     Parameters
     ----------
     changes
-        The signal at several places, from ``local_changes``; d' is the mean over them.
+        The signal at several positions, from ``local_changes``; d' is the mean over them.
     artefact
-        Of the scene images, joined in a fixed order.
+        Artefact of the scene images, joined in a fixed order.
     noise_dn
         Standard deviation of the white noise in either image.
     observers
-        Which ones.
+        Observers to evaluate.
     seed, replicates
-        Of the bootstrap over tiles. It keeps each observer's template, so that the interval is
+        For the bootstrap over tiles. It keeps each observer's template, so that the interval is
         that of the observer trained on all of them.
 
     Raises

@@ -14,7 +14,7 @@ from simulation.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LocalChange:
-    """A signal of contrast 1 at one place against the pixel grids, in a window on c'.
+    """A signal of contrast 1 at one position on the pixel grids, in a window on c'.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class LocalChange:
 def local_changes(
     signal: ChangeSignal, scenario: Scenario, model: Model, zoom: float
 ) -> tuple[LocalChange, ...]:
-    """Work out what is left of a signal at several positions against the pixel grids.
+    """Work out what is left of a signal at several positions on the pixel grids.
 
     Parameters
     ----------
@@ -63,20 +63,20 @@ def local_changes(
     side = frame_size_px(scenario.psf, farthest, window_px, zoom, reference_zoom)
     pair = compared_pair((side, side), scenario.psf, model, zoom, reference_zoom)
     up_y, up_x = pair.up_y.dense(), pair.up_x.dense()
-    places_y, places_x = pair.reference_grid.rows_px, pair.reference_grid.cols_px
+    rows_px, cols_px = pair.reference_grid.rows_px, pair.reference_grid.cols_px
     changes = []
     for offset_y, offset_x in offsets:
         aligned = pair.aligned_of(signal.image(side, (offset_y, offset_x)))
-        rows = _window(places_y, side // 2 + offset_y, window_px)
-        cols = _window(places_x, side // 2 + offset_x, window_px)
+        rows = _window(rows_px, side // 2 + offset_y, window_px)
+        cols = _window(cols_px, side // 2 + offset_x, window_px)
         changes.append(
             LocalChange(signal=aligned[rows, cols], up_y=_used(up_y[rows]), up_x=_used(up_x[cols]))
         )
     return tuple(changes)
 
 
-def _window(places_px: FloatArray, centre_px: float, window_px: int) -> slice:
-    nearest = int(np.argmin(np.abs(places_px - centre_px)))
+def _window(positions_px: FloatArray, centre_px: float, window_px: int) -> slice:
+    nearest = int(np.argmin(np.abs(positions_px - centre_px)))
     return slice(nearest - window_px // 2, nearest + window_px // 2 + 1)
 
 

@@ -40,7 +40,7 @@ def observer_templates(
     covariance
         Of the window's pixels, positive definite.
     observers
-        Which ones.
+        Observers to evaluate.
 
     Returns
     -------
@@ -87,10 +87,10 @@ def laguerre_gauss_channels(signal: FloatArray, count: int) -> FloatArray:
         ``L_j(2 pi r^2 / a^2) exp(-pi r^2 / a^2)`` with ``a = sqrt(2 pi) sigma``, so that the
         first one matches a Gaussian signal of that sigma; made orthonormal on the pixels.
     """
-    place = np.arange(signal.shape[0], dtype=np.float64)
+    position = np.arange(signal.shape[0], dtype=np.float64)
     weight = signal**2 / np.sum(signal**2)
-    centre_y, centre_x = float(weight.sum(axis=1) @ place), float(weight.sum(axis=0) @ place)
-    r2 = (place[:, None] - centre_y) ** 2 + (place[None, :] - centre_x) ** 2
+    centre_y, centre_x = float(weight.sum(axis=1) @ position), float(weight.sum(axis=0) @ position)
+    r2 = (position[:, None] - centre_y) ** 2 + (position[None, :] - centre_x) ** 2
     # The square of a Gaussian has half its variance: the mean r^2 is that sigma^2.
     sigma2 = max(float(np.sum(weight * r2)), 0.25)
     scaled = pi * r2.ravel() / (2 * pi * sigma2)

@@ -133,7 +133,7 @@ def frame_size_px(
 
 
 def _upscaling(near_px: FloatArray, far_px: FloatArray, far_zoom: float) -> BandedMatrix:
-    """Keys' cubic through the follow-up's pixels, at the places of the reference's."""
+    """Keys' cubic through the follow-up's pixels, at the positions of the reference's."""
     # Rounded, so that coinciding pixels are taken over exactly.
     places = np.round((near_px - far_px[0]) / far_zoom, 9)
     places = np.clip(places, -0.5, len(far_px) - 0.5)

@@ -17,8 +17,10 @@ MODEL_COLOURS: dict[str, str] = {
     "paper": "#D55E00",
     "matched": "#0072B2",
     "lmmse": "#009E73",
+    "kernelgan": "#E69F00",
+    "gaussian-kernelgan": "#56B4E9",
 }
-"""Of Okabe and Ito's palette, which colour-blind readers can tell apart."""
+"""From Okabe and Ito's palette, which colour-blind readers can distinguish."""
 
 OBSERVER_NAMES = {
     "npw": "non-prewhitening",
@@ -30,7 +32,7 @@ _WIDTHS = {"paper": 3.2, "lmmse": 2.2}
 """Models whose curves nearly coincide with that of ``matched`` show beneath it."""
 
 _DRAWN = 200
-"""Places along a curve that bends between the zooms computed."""
+"""Points drawn along a curve that bends between the zooms computed."""
 
 _NAMES = {"noise_dn": "noise", "contrast_dn": "contrast"}
 
@@ -56,9 +58,9 @@ def curves_figure(
     Parameters
     ----------
     curves
-        Equal in contrast if the noise is varied, and the other way round.
+        Equal in contrast if the noise is varied, and vice versa.
     varied
-        What the line styles tell apart: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5.
+        What the line styles distinguish: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5.
     """
     observers = list(dict.fromkeys(curve.observer for curve in curves))
     models = list(dict.fromkeys(curve.model for curve in curves))
@@ -90,10 +92,10 @@ def curves_figure(
             [],
             [],
             color="0.3",
-            linestyle=_STYLES[place % len(_STYLES)],
+            linestyle=_STYLES[index % len(_STYLES)],
             label=f"{_NAMES[varied]} {value:.4g} DN",
         )
-        for place, value in enumerate(values)
+        for index, value in enumerate(values)
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
     level = float(getattr(curves[0], fixed))

@@ -1,4 +1,4 @@
-"""How the two images of a comparison come about."""
+"""How the two images of a comparison are formed."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ POSITIONS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """How the two images come about and through which window they are looked at.
+    """How the two images are formed and the window in which they are compared.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is to be found: a Gaussian spot or a patch of an image, on the grid of c, contrast 1."""
+"""The change to detect: a Gaussian spot or a patch of an image, on the grid of c, contrast 1."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -64,9 +64,9 @@ class GaussianSignal:
 
     def image(self, side_px: int, offset_px: tuple[int, int]) -> FloatArray:
         """Signal of contrast 1 in a square image, ``(y, x)`` off its middle pixel."""
-        place = np.arange(side_px) - side_px // 2
+        position = np.arange(side_px) - side_px // 2
         along_y, along_x = (
-            np.exp(-0.5 * ((place - offset) / self.sigma_px) ** 2) for offset in offset_px
+            np.exp(-0.5 * ((position - offset) / self.sigma_px) ** 2) for offset in offset_px
         )
         return np.asarray(np.outer(along_y, along_x))
 
@@ -78,7 +78,7 @@ class PatchSignal:
     Raises
     ------
     ValueError
-        If the patch is no grey image, not finite or constant.
+        If the patch is not a grey image, not finite or constant.
     """
 
     levels_dn: FloatArray
@@ -86,12 +86,12 @@ class PatchSignal:
     def __post_init__(self) -> None:
         levels = np.asarray(self.levels_dn, dtype=np.float64)
         if levels.ndim != 2 or min(levels.shape) < 3 or not np.all(np.isfinite(levels)):
-            raise ValueError("a signal patch is a grey image of at least 3 x 3 finite pixels")
+            raise ValueError("a signal patch must be a grey image of at least 3 x 3 finite pixels")
         border = np.concatenate([levels[0], levels[-1], levels[1:-1, 0], levels[1:-1, -1]])
         levels = levels - np.median(border)
         peak = float(np.abs(levels).max())
         if peak == 0:
-            raise ValueError("a constant patch is no signal")
+            raise ValueError("a constant patch contains no signal")
         object.__setattr__(self, "levels_dn", levels / peak)
 
     @property
@@ -120,17 +120,17 @@ class PatchSignal:
 
 
 def signal_offsets_px(count: int, period_px: float) -> tuple[tuple[int, int], ...]:
-    """Places of the signal against the pixel grids, ``(y, x)`` in whole px of c, evenly spread.
+    """Positions of the signal on the pixel grids, ``(y, x)`` in whole px of c, evenly spread.
 
     Parameters
     ----------
     count
         How many, at least 1.
     period_px
-        Spacing of the coarser grid; the places cover several of its periods.
+        Spacing of the coarser grid; the positions cover several of its periods.
     """
     span = 8 * ceil(period_px)
     index = np.arange(1, count + 1)
-    places = np.stack([index / _PLASTIC, index / _PLASTIC**2], axis=1) % 1.0
-    offsets = np.floor(places * span).astype(np.int64) - span // 2
+    positions = np.stack([index / _PLASTIC, index / _PLASTIC**2], axis=1) % 1.0
+    offsets = np.floor(positions * span).astype(np.int64) - span // 2
     return tuple((int(y), int(x)) for y, x in offsets)

@@ -1,4 +1,4 @@
-"""Artefact statistics of many images: one cell an image, on one machine or a Dask cluster.
+"""Artefact statistics of many images: one cell per image, on one machine or a Dask cluster.
 
 A cell draws no random number and sums in a fixed order, so that the results are the same bits
 for any number of workers. Finished cells are appended to a file and found again by what went
@@ -29,7 +29,7 @@ from simulation import Model
 from simulation.arrays import FloatArray
 
 _VERSION = 1
-"""Counts the changes of what a cell holds; older cells are made anew."""
+"""Version of a cell's contents; older cells are recomputed."""
 
 _TILES_WANTED = 16
 """Tiles in all that a bootstrap can draw from; sixteen images need no tiles."""
@@ -65,7 +65,7 @@ class SceneStatistics:
     pixels: FloatArray
 
     def artefact(self, model: int, zoom: int) -> ArtefactTiles:
-        """Artefact of the plan's model and zoom of these numbers."""
+        """Artefact for the plan's model and zoom with these indices."""
         half = self.products_dn2[model, zoom]
         # The other half follows from evenness in the lag.
         other = half[:, -2::-1, ::-1]
@@ -75,13 +75,13 @@ class SceneStatistics:
 
 
 def tiles_per_side(images: int) -> int:
-    """Return into how many tiles along each axis an image is cut when there are so many."""
+    """Return the number of tiles along each axis of an image, given the number of images."""
     return ceil(sqrt(_TILES_WANTED / images)) if images < _TILES_WANTED else 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepWorkers:
-    """Who measures the images: so many processes here, or a Dask cluster.
+    """Where images are measured: in processes on this machine, or on a Dask cluster.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def _read_cells(path: Path | None) -> dict[str, SceneStatistics]:
         raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=str(path)) from error
     except (ValueError, KeyError, TypeError) as error:
         raise ResultsFileError(
-            f"{path}: holds no finished cells: {error}; delete it", source=str(path)
+            f"{path}: contains no valid cells: {error}; delete it", source=str(path)
         ) from error
 
 

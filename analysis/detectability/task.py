@@ -1,4 +1,4 @@
-"""Curves of d' against zoom: what is asked for, and how the images answer."""
+"""Curves of d' against zoom: the task, and its evaluation on images."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ _USUAL_ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectionTask:
-    """What is to be found, in which noise, at which zooms and by whom.
+    """What to detect, in which noise, at which zooms and by which observers.
 
     Parameters
     ----------
@@ -42,13 +42,13 @@ class DetectionTask:
     models
         Capture models; all but ``bicubic`` need a PSF.
     observers
-        Who looks.
+        Observers to evaluate.
     reference_zoom
         Ratio of the reference's distance to the photograph's.
     window_px
         Side of the observer's window on the reference, odd.
     seed
-        Of the bootstrap over images.
+        Seed of the bootstrap over images.
 
     Raises
     ------
@@ -68,7 +68,7 @@ class DetectionTask:
 
     def __post_init__(self) -> None:
         if not self.zooms or self.zooms[0] < 1 or np.any(np.diff(self.zooms) <= 0):
-            raise ValueError(f"zooms must rise from 1 or more, got {self.zooms}")
+            raise ValueError(f"zooms must increase and start at 1 or more, got {self.zooms}")
 
     def plan(self, psf: GaussianPsf | None, images: int) -> SweepPlan:
         """Return what is measured on each of so many images."""
@@ -85,7 +85,7 @@ class DetectionTask:
 def d_prime_curves(
     images: Sequence[FloatArray], psf: GaussianPsf | None, task: DetectionTask | None = None
 ) -> DetectabilityCurves:
-    """Say how well a change can be found in photographs from different distances, at best.
+    """Compute how well a change can be detected at best, from different distances.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def d_prime_curves(
     psf
         Total PSF of the photographs; None for model ``bicubic`` alone.
     task
-        What is asked for, if not the usual.
+        The task, if not the default one.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def d_prime_curves(
         not positive, or a model has no PSF.
     """
     if not images:
-        raise ValueError("no images: a curve is worked out from one or more")
+        raise ValueError("no images: a curve needs at least one")
     task = task or DetectionTask()
     plan = task.plan(psf, len(images))
     return curves_of([scene_statistics(image, plan) for image in images], plan, task)
@@ -120,7 +120,7 @@ def curves_of(
     task: DetectionTask,
     progress: Callable[[int], None] = lambda _: None,
 ) -> DetectabilityCurves:
-    """Work out the curves of images that were measured.
+    """Compute the curves from the statistics of measured images.
 
     Parameters
     ----------

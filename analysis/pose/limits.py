@@ -207,8 +207,8 @@ def pose_limits(
     if allowed is None:
         raise NotDetectableError(
             f"d' is {curve.dprime[0]:.3g} at zoom {curve.zoom[0]:g} already, below "
-            f"{min_d_prime:g}: lower --min-dprime, average more frames or look for a larger "
-            "contrast",
+            f"the threshold of {min_d_prime:g}: lower --min-dprime, average more frames or look "
+            "for a larger contrast",
             zoom=curve.zoom[0],
             d_prime=curve.dprime[0],
         )
@@ -263,7 +263,7 @@ def contrast_found_at(
     )
     if local > curve.zoom[-1] + 1e-9:
         raise BeyondCurveError(
-            f"the pose's local zoom of {local:.3g} lies beyond the curve's {curve.zoom[-1]:g}; "
+            f"the pose's local zoom of {local:.3g} is beyond the curve's last, {curve.zoom[-1]:g}; "
             "run standoff detectability with larger --zooms",
             zoom=local,
             largest_zoom=curve.zoom[-1],

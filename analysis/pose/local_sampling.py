@@ -1,4 +1,4 @@
-"""How densely a follow-up samples its reference, place by place, from the homography alone."""
+"""How densely a follow-up samples its reference at each point, from the homography alone."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from simulation.pose import project, projection_depth, projection_slopes
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LocalSampling:
-    """Reference pixels per follow-up pixel at places of the follow-up, shape (rows, cols) each.
+    """Reference pixels per follow-up pixel at points of the follow-up, shape (rows, cols) each.
 
     Parameters
     ----------
     worst_zoom, best_zoom
         Along the direction that is sampled most coarsely, and most densely.
     inside
-        The place lies in the reference.
+        Whether the point is within the reference.
     """
 
     worst_zoom: FloatArray
@@ -50,7 +50,7 @@ def local_sampling(
     followup_size, reference_size
         ``(width, height)``.
     step_px
-        Distance of the places; the outermost pixels are always among them.
+        Distance between the points; the outermost pixels are always among them.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def local_sampling(
     h = np.asarray(matrix, dtype=np.float64)
     depth = projection_depth(h, x, y)
     if not (np.all(depth > 0) or np.all(depth < 0)):
-        raise ValueError("the horizon of the plane lies in the follow-up's frame")
+        raise ValueError("the horizon of the plane is within the follow-up's frame")
     ref_x, ref_y, worst, best = sampled_places(h, x, y)
     inside = (
         (ref_x >= -0.5)
@@ -80,7 +80,7 @@ def local_sampling(
 def sampled_places(
     matrix: FloatArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Reference places x and y of follow-up places, and the zoom there: worst and best direction.
+    """Reference coordinates of follow-up points, and the zoom there: worst and best direction.
 
     Parameters
     ----------

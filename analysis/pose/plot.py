@@ -1,4 +1,4 @@
-"""Pictures of a pose's quality and of the allowed movement."""
+"""Figures of a pose's quality and of the allowed movement."""
 
 from typing import TYPE_CHECKING, Any
 

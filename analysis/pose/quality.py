@@ -25,7 +25,7 @@ class PoseSummary(StoredValues):
     is_accepted, criterion, min_dprime, curve
         The verdict, and what it was judged by.
     is_upper_bound
-        Every d' is one.
+        Whether d' is an upper bound; always true.
     dprime_decisive, dprime_min, dprime_max
         What the criterion looked at; the least and the largest d' of the overlap.
     zoom_min, zoom_max, anisotropy_max
@@ -67,7 +67,7 @@ class PoseQuality:
     matrix, curve
         The pose and the curve it was judged by.
     sampling
-        Where the follow-up samples the reference how densely.
+        How densely the follow-up samples the reference, by position.
     d_prime
         Shape of the sampling's maps; an upper bound; 0 where the local zoom lies beyond the
         curve, NaN outside the reference.
@@ -148,7 +148,7 @@ def judge_pose(
     Raises
     ------
     OverlapError
-        If the follow-up sees nothing of the reference.
+        If the follow-up shows nothing of the reference.
     AnalysisError
         If it sees the plane's horizon.
     """
@@ -157,7 +157,7 @@ def judge_pose(
     except ValueError as error:
         raise AnalysisError(str(error)) from error
     if not sampling.inside.any():
-        raise OverlapError("the follow-up sees nothing of the reference", shared_px=0)
+        raise OverlapError("the follow-up shows nothing of the reference", shared_px=0)
     known = curve.d_prime_at(sampling.worst_zoom)
     is_beyond = np.isnan(known)
     # Whatever d' is there, it is below the curve's last value and not known to be enough.

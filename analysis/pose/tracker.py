@@ -194,23 +194,24 @@ def _unknown(reason: str) -> PoseVerdict:
 
 
 def _reason(quality: PoseQuality, curve: DetectabilityCurve) -> str:
-    """Why, in one line: how far too far, or which side."""
+    """The reason in one line: too far and by how much, or too oblique and where."""
     wanted = f"d′ {quality.decisive_d_prime:.2f}, threshold {quality.min_d_prime:g}"
     if quality.is_accepted:
         return f"good: {wanted}"
     allowed = curve.largest_zoom(quality.min_d_prime)
     if allowed is None:
-        return f"no pose will do with this curve: {wanted}"
+        return f"no pose is good enough with this curve: {wanted}"
     sampling = quality.sampling
     zoom = np.where(sampling.inside, sampling.worst_zoom, np.nan)
     if float(np.nanmedian(zoom)) > allowed:
         return (
-            f"too far: local zoom {np.nanmedian(zoom):.2f}, up to {allowed:.2f} will do ({wanted})"
+            f"too far: local zoom {np.nanmedian(zoom):.2f}, at most {allowed:.2f} allowed "
+            f"({wanted})"
         )
     row, col = np.unravel_index(int(np.nanargmax(zoom)), zoom.shape)
     side = _side(float(row) / (zoom.shape[0] - 1), float(col) / (zoom.shape[1] - 1))
     return (
-        f"too oblique: local zoom {np.nanmax(zoom):.2f} {side}, up to {allowed:.2f} will do "
+        f"too oblique: local zoom {np.nanmax(zoom):.2f} {side}, at most {allowed:.2f} allowed "
         f"({wanted})"
     )
 

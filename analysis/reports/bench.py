@@ -1,4 +1,4 @@
-"""What a report says about the bench: captures, noise of the frames, heights of the stage."""
+"""Report sections on the bench: captures, noise of the frames, heights of the stage."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,16 +53,16 @@ def plot_noise(sample: NoiseSample) -> Figure:
     mean = np.asarray(sample.mean_dn, dtype=np.float64).ravel()
     variance = np.asarray(sample.variance_dn2, dtype=np.float64).ravel()
     edges = np.linspace(mean.min(), mean.max() * (1 + 1e-9) + 1e-9, _BINS + 1)
-    place = np.clip(np.searchsorted(edges, mean, side="right") - 1, 0, _BINS - 1)
-    count = np.bincount(place, minlength=_BINS)
+    bin_index = np.clip(np.searchsorted(edges, mean, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(bin_index, minlength=_BINS)
     used = count >= _FEWEST_IN_BIN
-    level = np.bincount(place, mean, minlength=_BINS)[used] / count[used]
-    spread = np.bincount(place, variance, minlength=_BINS)[used] / count[used]
+    level = np.bincount(bin_index, mean, minlength=_BINS)[used] / count[used]
+    spread = np.bincount(bin_index, variance, minlength=_BINS)[used] / count[used]
     err = spread * np.sqrt(2 / (max(sample.frames - 1, 1) * count[used]))
     figure = new_figure(6.4, 3.2)
     axes = figure.subplots()
     axes.errorbar(
-        level, spread, yerr=err, fmt="o", markersize=3.5, color=_BLUE, label="pixels, in bins"
+        level, spread, yerr=err, fmt="o", markersize=3.5, color=_BLUE, label="binned pixels"
     )
     line = np.linspace(0, float(mean.max()), 100)
     axes.plot(line, sample.noise.variance_dn2(line), color=_INK, linewidth=1, label="fitted line")
@@ -78,7 +78,7 @@ def plot_noise(sample: NoiseSample) -> Figure:
 
 @in_report_style
 def plot_stage(records: Sequence[CaptureRecord]) -> Figure:
-    """Plot what the stage read back against what it was asked for."""
+    """Plot the heights read back against those requested."""
     asked = np.array([record.height_asked_mm for record in records])
     away_um = 1e3 * np.array([record.height_mm - record.height_asked_mm for record in records])
     figure = new_figure(6.4, 2.6)
@@ -86,7 +86,9 @@ def plot_stage(records: Sequence[CaptureRecord]) -> Figure:
     axes.plot(asked, away_um, "o", markersize=4, color=_BLUE)
     axes.axhline(0, color=_INK, linewidth=0.6)
     reach = max(1.0, 1.2 * float(np.abs(away_um).max()))
-    axes.set(xlabel="height asked / mm", ylabel="read back − asked / µm", ylim=(-reach, reach))
+    axes.set(
+        xlabel="requested height / mm", ylabel="read back − requested / µm", ylim=(-reach, reach)
+    )
     return figure
 
 
@@ -95,7 +97,7 @@ _FEWEST_FRAMES = 3
 
 
 def captures_section(session: Session) -> ReportSection:
-    """List every capture, those that were left out and why."""
+    """List every capture, with those excluded and why."""
     rows = tuple(
         (
             str(capture.record.index),
@@ -117,7 +119,7 @@ def captures_section(session: Session) -> ReportSection:
         "kind",
         "target",
         "turn / deg",
-        "asked / mm",
+        "requested / mm",
         "height / mm",
         "frames",
         "lost",
@@ -125,20 +127,20 @@ def captures_section(session: Session) -> ReportSection:
         "focus",
         "remarks",
     )
-    complete = "complete" if session.is_complete else "not complete: run the capture again"
+    complete = "complete" if session.is_complete else "incomplete: run the capture again"
     return ReportSection(
         title="Captures",
         text=(
             f"{len(session.records)} of {len(session.entries)} planned; {complete}.",
-            "Asked is the height the plan asks for, height what was read back; lost counts "
-            "incomplete frames that were replaced, saturated the pixels clipped in any frame.",
+            "Columns: requested, the height in the plan; height, the one read back; lost, "
+            "incomplete frames that were replaced; saturated, pixels clipped in any frame.",
         ),
         tables=(ReportTable(columns=columns, rows=rows),),
     )
 
 
 def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection | None:
-    """Say how noisy single frames are and what averaging gains; None where nothing tells it.
+    """Show the noise of single frames and the gain from averaging; None if it is not known.
 
     Raises
     ------
@@ -151,7 +153,7 @@ def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection
     gain = sample.gain_e_per_dn
     text = [
         f"Temporal variance of {sample.frames} frames against their mean, pixel by pixel. The "
-        "slope of the line is the shot noise, its level at black the read noise.",
+        "slope of the line gives the shot noise, its value at the black level the read noise.",
         *_averaging(psf, sample.frames),
     ]
     if gain is None:
@@ -178,7 +180,7 @@ def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection
 
 
 def stage_section(session: Session) -> ReportSection | None:
-    """Compare the heights asked for with those read back; None without a capture."""
+    """Compare the requested heights with those read back; None without captures."""
     records = session.records
     if not records:
         return None
@@ -186,10 +188,14 @@ def stage_section(session: Session) -> ReportSection | None:
     return ReportSection(
         title="Stage",
         text=(
-            f"Read back less asked: mean {away_um.mean():+.1f} µm, largest "
+            f"Read back minus requested: mean {away_um.mean():+.1f} µm, largest "
             f"{np.abs(away_um).max():.1f} µm, over {len(records)} captures.",
         ),
-        figures=(ReportFigure.of(plot_stage(records), "What the stage read back at each height."),),
+        figures=(
+            ReportFigure.of(
+                plot_stage(records), "Height read back minus requested, at each height."
+            ),
+        ),
     )
 
 
@@ -234,9 +240,9 @@ def _averaging(psf: PsfCalibration | None, frames: int) -> tuple[str, ...]:
     measured = float(np.sqrt(np.median(known))) * ideal
     return (
         f"Averaging {frames} frames leaves {measured:.3f} of a frame's noise around the fitted "
-        f"edges (median of {len(known)}); 1/√{frames} = {ideal:.3f} is what independent frames "
-        "give. More means structure that the edge model does not hold, or frames that share "
-        "their noise.",
+        f"edges (median of {len(known)}); 1/√{frames} = {ideal:.3f} is expected of independent "
+        "frames. More means structure that the edge model does not describe, or noise that the "
+        "frames share.",
     )
 
 

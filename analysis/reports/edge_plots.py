@@ -55,7 +55,7 @@ def plot_edges(
 
 @in_report_style
 def plot_profile(image_dn: FloatImage, edge: EdgeMeasurement) -> Figure:
-    """Plot one edge: its pixels by distance, the fitted edge, and what is left between them."""
+    """Plot one edge: its pixels by distance, the fitted edge, and the residuals."""
     distances, values, low, high = _edge_pixels(image_dn, edge)
     levels = (values - low) / (high - low)
     normal = float(np.deg2rad(edge.angle_deg + 90.0))
@@ -78,13 +78,13 @@ def plot_profile(image_dn: FloatImage, edge: EdgeMeasurement) -> Figure:
     upper.legend(loc="upper left")
     residuals = 100 * (levels - model)
     lower.plot(distances, residuals, ".", markersize=2, color="#9aa3ad", rasterized=True)
-    place = np.round(distances / _PROFILE_BIN_PX).astype(int)
-    place -= place.min()
-    count = np.bincount(place)
+    bin_index = np.round(distances / _PROFILE_BIN_PX).astype(int)
+    bin_index -= bin_index.min()
+    count = np.bincount(bin_index)
     used = count >= 5
     lower.plot(
-        (np.bincount(place, distances)[used] / count[used]),
-        (np.bincount(place, residuals)[used] / count[used]),
+        (np.bincount(bin_index, distances)[used] / count[used]),
+        (np.bincount(bin_index, residuals)[used] / count[used]),
         color=_INK,
         linewidth=1.2,
         label=f"mean over {_PROFILE_BIN_PX:g} px",
@@ -104,7 +104,7 @@ def plot_widths_by_angle(psf: PsfCalibration, rejected: frozenset[str]) -> Figur
 
 
 def _filled(image_dn: FloatImage) -> FloatImage:
-    """The image with pixels that are NaN (of other colours in a mosaic) taken from beside."""
+    """The image with NaN pixels (other colours of a mosaic) filled from their neighbours."""
     known = np.isfinite(image_dn)
     if known.all():
         return image_dn

@@ -1,4 +1,4 @@
-"""What a report says about the geometry: verdict, scales, zooms, distortion, squareness."""
+"""Report sections on the geometry: headline figures, scales, zooms, distortion, squareness."""
 
 from pathlib import PurePath
 
@@ -12,10 +12,10 @@ from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verd
 from calibration.geometry import GeometryCalibration
 
 _SOURCES = {
-    "board": "The scale rests on the size of the board's squares.",
-    "given": "The scale rests on the one that was given for the lowest height.",
-    "bench": "The scale rests on the focal length and pixel pitch of the bench file, taken as "
-    "exact; a varifocal lens makes it a nominal one.",
+    "board": "The scale is based on the size of the board's squares.",
+    "given": "The scale is based on the value given for the lowest height.",
+    "bench": "The scale is based on the focal length and pixel pitch in the bench file, taken as "
+    "exact; with a varifocal lens it is only nominal.",
 }
 
 
@@ -58,12 +58,14 @@ def geometry_sections(geometry: GeometryCalibration) -> tuple[ReportSection, ...
             ReportSection(
                 title="Distortion",
                 text=(
-                    "Seen radius r (1 + k1 r² + k2 r⁴) for an ideal radius r that is 1 at the "
-                    "image corner. Negative is barrel distortion.",
+                    "The ideal radius r, 1 at the image corner, is imaged at "
+                    "r (1 + k1 r² + k2 r⁴). Negative values are barrel distortion.",
                 ),
                 tables=(_lens_table(geometry),),
                 figures=(
-                    ReportFigure.of(distortion, "How far a point is seen from its ideal place."),
+                    ReportFigure.of(
+                        distortion, "Radial displacement of a point from its ideal position."
+                    ),
                 ),
             )
         )
@@ -89,7 +91,7 @@ def _scale_section(geometry: GeometryCalibration) -> ReportSection:
     )
     source = geometry.scale_source
     text = [
-        "A pinhole at the entrance pupil: the scale is the focal length in pixels over the "
+        "Pinhole model at the entrance pupil: the scale is the focal length in pixels over the "
         "distance, which is the height plus the pupil's offset.",
         _SOURCES[source] if source else "No length is known, so there is no absolute scale.",
     ]
@@ -112,8 +114,8 @@ def _scale_section(geometry: GeometryCalibration) -> ReportSection:
         figures=(
             ReportFigure.of(
                 plot_scale_by_height(geometry),
-                "Scale of every capture, and the height that was read less the one its image "
-                "fits, with the image's standard error.",
+                "Scale of every capture, and the height read back minus the one fitted to its "
+                "image, with the standard error of the fit.",
             ),
         ),
     )
@@ -126,14 +128,14 @@ def _squareness_section(geometry: GeometryCalibration) -> ReportSection:
         figures.append(
             ReportFigure.of(
                 squareness,
-                "Where the optical axis leans, as seen in the image; the cross is the 95 % "
-                "interval, the middle is square.",
+                "Direction in which the optical axis leans, as seen in the image; the cross is "
+                "the 95 % interval, the centre is square.",
             )
         )
     travel = plot_travel(geometry)
     if travel is not None:
         figures.append(
-            ReportFigure.of(travel, "Sideways place of the camera beside a straight travel.")
+            ReportFigure.of(travel, "Sideways deviation of the camera from straight travel.")
         )
     rows = [
         ("tilt of target to sensor / deg", geometry.tilt_deg, geometry.tilt_err_deg, 4),
@@ -144,7 +146,7 @@ def _squareness_section(geometry: GeometryCalibration) -> ReportSection:
             5,
         ),
         (
-            "stage's travel to the line of sight / deg",
+            "stage travel to line of sight / deg",
             geometry.stage_angle_deg,
             geometry.stage_angle_err_deg,
             4,
@@ -195,7 +197,7 @@ def _captures_section(geometry: GeometryCalibration) -> ReportSection:
         for capture in geometry.captures
     )
     left_out = tuple(
-        (PurePath(item.image).name, "", "", "", "", "", f"left out: {item.reason}")
+        (PurePath(item.image).name, "", "", "", "", "", f"excluded: {item.reason}")
         for item in geometry.excluded
     )
     return ReportSection(
@@ -207,7 +209,7 @@ def _captures_section(geometry: GeometryCalibration) -> ReportSection:
                     "image",
                     "height / mm",
                     "scale / (px/mm)",
-                    "height left / µm",
+                    "height residual / µm",
                     "matches",
                     "rms / px",
                     "remarks",

@@ -13,7 +13,7 @@ _INK = "#1b1f24"
 
 @in_report_style
 def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
-    """Plot every capture's scale against its height, the fit, and what is left in height."""
+    """Plot every capture's scale against its height, the fit, and the height residuals."""
     figure = new_figure(6.4, 4.2)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
     low, high = geometry.heights_mm[0], geometry.heights_mm[-1]
@@ -46,7 +46,7 @@ def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
         xlim=(low - margin, high + margin),
     )
     upper.legend(loc="upper right")
-    lower.set(xlabel="height read back / mm", ylabel="height read\nless fitted / µm")
+    lower.set(xlabel="height read back / mm", ylabel="height read\n− fitted / µm")
     return figure
 
 
@@ -76,7 +76,7 @@ def plot_distortion(geometry: GeometryCalibration) -> Figure | None:
     axes.set(
         xlim=(0, corner_px),
         xlabel="ideal distance from the principal point / px",
-        ylabel="seen further out by / px",
+        ylabel="outward displacement / px",
     )
     axes.legend(loc="lower left" if moved[-1] < 0 else "upper left")
     return figure
@@ -121,7 +121,7 @@ def plot_squareness(geometry: GeometryCalibration) -> Figure | None:
 
 @in_report_style
 def plot_travel(geometry: GeometryCalibration) -> Figure | None:
-    """Plot how far the camera stood beside the straight line of travel at every height."""
+    """Plot the camera's deviation from the straight line of travel at every height."""
     groups = {n: c for n, c in _by_target(geometry).items() if len(c) > 2}
     if not groups:
         return None
@@ -140,7 +140,7 @@ def plot_travel(geometry: GeometryCalibration) -> Figure | None:
                 label=f"{name}, {'xy'[axis]}",
             )
     axes.axhline(0, color=_INK, linewidth=0.8)
-    axes.set(xlabel="height read back / mm", ylabel="beside the line / µm")
+    axes.set(xlabel="height read back / mm", ylabel="deviation from line / µm")
     figure.legend(loc="outside upper center", ncols=4, fontsize=8)
     return figure
 

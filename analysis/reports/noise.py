@@ -21,7 +21,7 @@ _INK = "#1b1f24"
 
 @in_report_style
 def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
-    """Plot the variance of a frame against the light, the fit, and what is left in percent."""
+    """Plot the variance of a frame against the light, the fit, and the residuals in percent."""
     black = transfer.dark.black_level_dn
     light = np.array([sample.mean_dn - black for sample in transfer.samples])
     variance = np.array([sample.variance_dn2 for sample in transfer.samples])
@@ -55,13 +55,13 @@ def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
     )  # fmt: skip
     lower.axhline(0, color=_INK, linewidth=0.8)
     lower.margins(y=0.25)
-    lower.set(xlabel="level above black / DN", ylabel="variance less\nfitted / %")
+    lower.set(xlabel="level above black / DN", ylabel="variance\nresidual / %")
     return figure
 
 
 @in_report_style
 def plot_linearity(linearity: Linearity) -> Figure:
-    """Plot how far each level lies off the line over the exposure, in percent."""
+    """Plot the deviation of each level from a line through the exposures, in percent."""
     figure = new_figure(6.4, 2.6)
     axes = figure.subplots()
     axes.plot(
@@ -69,7 +69,7 @@ def plot_linearity(linearity: Linearity) -> Figure:
     )
     axes.axhline(0, color=_INK, linewidth=0.8)
     axes.margins(y=0.25)
-    axes.set(xlabel="level above black / DN", ylabel="off the line / %", xlim=(0, None))
+    axes.set(xlabel="level above black / DN", ylabel="deviation from line / %", xlim=(0, None))
     return figure
 
 
@@ -163,17 +163,17 @@ def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
         title="Photon transfer",
         text=(
             "The variance of one frame rises with the light: its slope is 1 over the gain, its "
-            "value without light the read noise (less 1/12 DN² of rounding). Flats above 70 % of "
+            "value without light the read noise (minus 1/12 DN² of rounding). Flats above 70 % of "
             "saturation are not fitted.",
-            f"Scatter about the line: {transfer.chi2_reduced:.2f} times what the number of pixels "
-            "gives; above 1 the errors are widened by its root.",
+            f"Scatter about the line: {transfer.chi2_reduced:.2f} times that expected from the "
+            "number of pixels; above 1, the errors are widened by its square root.",
             *transfer.notes,
         ),
         figures=(
             ReportFigure.of(
                 plot_photon_transfer(transfer),
-                "Mean of all sound pixels of each capture. Below: off the fit, with the standard "
-                "error that the number of pixels gives.",
+                "Mean of all good pixels of each capture. Below: deviation from the fit, with the "
+                "standard error from the number of pixels.",
             ),
         ),
     )
@@ -186,8 +186,8 @@ def _linearity_section(noise: NoiseMeasurement) -> ReportSection | None:
     drift = (
         "No exposure was captured twice, so a drift of the light counts as deviation."
         if linearity.light_drift_per_s is None
-        else f"The light drifted by {100 * linearity.light_drift_per_s:.2g} % per second; that is "
-        "taken out."
+        else f"The light drifted by {100 * linearity.light_drift_per_s:.2g} % per second; this "
+        "drift is removed."
     )
     return ReportSection(
         title="Linearity",
@@ -196,7 +196,7 @@ def _linearity_section(noise: NoiseMeasurement) -> ReportSection | None:
             f"{100 * linearity.worst_deviation:.3f} %, between 5 and 95 % of saturation. {drift}",
         ),
         figures=(
-            ReportFigure.of(plot_linearity(linearity), "Level against exposure, off the line."),
+            ReportFigure.of(plot_linearity(linearity), "Deviation of the level from a line."),
         ),
     )
 
@@ -206,8 +206,8 @@ def _maps_section(noise: NoiseMeasurement) -> ReportSection:
     return ReportSection(
         title="Sensor maps",
         text=(
-            "The flat map holds the lens's fall-off, the unevenness of the light and the pixels' "
-            "own response; it is right for this lens, aperture and light only.",
+            "The flat map contains the lens's fall-off, the unevenness of the light and the "
+            "response of the pixels; it is valid only for this lens, aperture and light.",
         ),
         tables=(
             ReportTable(
@@ -218,11 +218,11 @@ def _maps_section(noise: NoiseMeasurement) -> ReportSection:
                     ("shading, smallest to largest", f"{100 * pixels.shading:.1f} %"),
                     ("defect pixels", str(pixels.defects)),
                 ),
-                caption="Patterns are standard deviations between pixels, temporal noise and "
-                "large structures taken off.",
+                caption="Patterns are standard deviations between pixels, with temporal noise "
+                "and large structures removed.",
             ),
         ),
-        figures=(ReportFigure.of(plot_maps(noise.maps), "Defects are ringed.", "png"),),
+        figures=(ReportFigure.of(plot_maps(noise.maps), "Defects are circled.", "png"),),
     )
 
 

@@ -1,4 +1,4 @@
-"""One HTML file that holds a whole report: text, tables and figures, nothing beside it."""
+"""One self-contained HTML file with a whole report: text, tables and figures."""
 
 from base64 import b64encode
 from collections.abc import Callable
@@ -33,7 +33,7 @@ _PNG_DPI = 110
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """One headline figure: what it is, its value with unit, and how sure it is."""
+    """One headline figure: what it is, its value with unit, and its uncertainty."""
 
     name: str
     value: str
@@ -51,7 +51,7 @@ class ReportTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportFigure:
-    """A figure as markup that stands in the page itself, and what it shows."""
+    """A figure as markup embedded in the page, and its caption."""
 
     markup: Markup
     caption: str
@@ -60,7 +60,7 @@ class ReportFigure:
     def of(
         cls, figure: Figure, caption: str, form: Literal["svg", "png"] = "svg"
     ) -> "ReportFigure":
-        """Draw a matplotlib figure into the page: ``svg`` for lines, ``png`` for photographs."""
+        """Render a matplotlib figure for the page: ``svg`` for lines, ``png`` for photographs."""
         if form == "svg":
             markup = svg_bytes(figure).decode("utf-8")
             markup = markup[markup.index("<svg") :]
@@ -72,7 +72,7 @@ class ReportFigure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportSection:
-    """A part of the report: what it says, in words, tables and figures.
+    """A section of the report: text, tables and figures.
 
     A folded section shows its title and words until it is opened.
     """
@@ -85,7 +85,7 @@ class ReportSection:
 
 
 def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Decorate what draws a figure: its artists take the report's style."""
+    """Decorate a drawing function: its figure takes the report's style."""
 
     @wraps(draw)
     def draw_in_style(*args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -96,7 +96,7 @@ def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def new_figure(width_in: float = 6.4, height_in: float = 3.2) -> Figure:
-    """Return an empty figure; it belongs to no window."""
+    """Return an empty figure that belongs to no window."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure

@@ -1,4 +1,4 @@
-"""What a report says about a PSF: verdict, edges, profiles, widths, MTF."""
+"""Report sections on a PSF: headline figures, edges, profiles, widths, MTF."""
 
 from collections.abc import Callable
 from itertools import groupby
@@ -42,7 +42,7 @@ def calibration_verdicts(psf: PsfCalibration) -> tuple[Verdict, ...]:
 def calibration_sections(
     psf: PsfCalibration, load_image: ImageLoader, images: frozenset[str] | None = None
 ) -> tuple[ReportSection, ...]:
-    """Return the sections on a PSF but for the list of edges.
+    """Return the sections on a PSF, except the list of edges.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def _missing_text(missing: int) -> tuple[str, ...]:
     if missing == 0:
         return ()
     return (
-        f"{missing} edges of this psf.json are on photographs that are not at hand here: they "
-        "count in the widths and stand in the tables, but are not drawn.",
+        f"{missing} edges of this psf.json are on photographs that are not available here: they "
+        "count in the widths and are listed in the tables, but are not drawn.",
     )
 
 
@@ -98,9 +98,9 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
         figures.append(
             ReportFigure.of(
                 mtf,
-                "Contrast left at each frequency, optics and pixel together. The e-SFR is "
-                "measured without a model, the median over edges; where it leaves the Gaussian, "
-                "the PSF is not one.",
+                "Contrast at each frequency, optics and pixel together. The e-SFR is measured "
+                "without a model (median over edges); where it departs from the Gaussian curve, "
+                "the PSF is not Gaussian.",
             )
         )
     return ReportSection(
@@ -126,10 +126,10 @@ def _origin(psf: PsfCalibration) -> tuple[str, ...]:
     if psf.method == "paper":
         lines.append(
             "Method paper: medians of Gaussians fitted to binned line spread functions. It is "
-            "biased by +5 % at 0.5 px and +1.3 % at 1 px, and knows no optical width and no rho."
+            "biased by +5 % at 0.5 px and +1.3 % at 1 px, and gives no optical width and no rho."
         )
     if psf.region is not None:
-        lines.append(f"Only the part {psf.region} of the frame was used.")
+        lines.append(f"Only the region {psf.region} of the frame was used.")
     if psf.channel is not None:
         lines.append(f"Colour: {psf.channel}.")
     return tuple(lines)
@@ -155,7 +155,7 @@ def _channels_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
         "optical sigma x / px",
         "optical sigma y / px",
     )
-    return (ReportTable(columns=columns, rows=rows, caption="Colours of the mosaic."),)
+    return (ReportTable(columns=columns, rows=rows, caption="Widths by colour of the mosaic."),)
 
 
 def _edges_section(
@@ -205,15 +205,15 @@ def _profiles_section(found: list[EdgeMeasurement], load_image: ImageLoader) -> 
     return ReportSection(
         title="Edge profiles",
         text=(
-            "Raw pixels by their distance from the edge, the fitted edge, and what is left. A "
-            "residual that swings about zero at the edge means a PSF that is not Gaussian.",
+            "Raw pixels by distance from the edge, the fitted edge, and the residuals. Residuals "
+            "that oscillate about zero at the edge mean that the PSF is not Gaussian.",
         ),
         figures=tuple(figures),
     )
 
 
 def edge_table_section(psf: PsfCalibration) -> ReportSection:
-    """List every edge in figures, folded."""
+    """Tabulate every edge, in a folded section."""
     rows = tuple(
         (
             PurePath(edge.image).name,

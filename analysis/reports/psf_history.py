@@ -24,9 +24,9 @@ _COLOURS = {"sigma_x_px": "#0072B2", "sigma_y_px": "#D55E00"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HistoryEntry:
-    """One psf.json, by the name of its file.
+    """One psf.json, with the name of its file.
 
-    ``verdict`` is about the change since the first calibration of its camera; empty for that
+    ``verdict`` describes the change since the first calibration of its camera; empty for that
     one itself.
     """
 
@@ -169,7 +169,7 @@ def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
         figures=(
             ()
             if figure is None
-            else (ReportFigure.of(figure, "Total widths over time; bars are 95 %."),)
+            else (ReportFigure.of(figure, "Total widths over time; bars are 95 % intervals."),)
         ),
     )
 

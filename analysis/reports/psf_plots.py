@@ -22,7 +22,7 @@ from simulation.psf import PsfField
 
 _INK = "#1b1f24"
 _AXES = (("x", "vertical"), ("y", "horizontal"))
-_MAP_PLACES = 61
+_MAP_POINTS = 61
 _ELLIPSES = 5
 _ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
 
@@ -36,9 +36,9 @@ def plot_mtf(psf: PsfCalibration) -> Figure | None:
 
 @in_report_style
 def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
-    """Map the width over the frame, with the PSF's shape at places from centre to corner."""
+    """Map the width over the frame, with the PSF's shape at points from centre to corner."""
     width, height = field.width_px, field.height_px
-    x, y = np.linspace(0, width - 1, _MAP_PLACES), np.linspace(0, height - 1, _MAP_PLACES)
+    x, y = np.linspace(0, width - 1, _MAP_POINTS), np.linspace(0, height - 1, _MAP_POINTS)
     covariance = field.covariance_px2(x[None, :], y[:, None])
     mean_width = np.linalg.det(covariance) ** 0.25
     figure = new_figure(6.4, 6.4 * height / width * 0.8 + 0.6)
@@ -54,20 +54,20 @@ def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
     scale = _ELLIPSE_SHARE * width / float(np.sqrt(np.linalg.eigvalsh(covariance).max()))
     turn = np.linspace(0, 2 * np.pi, 60)
     circle = np.stack([np.cos(turn), np.sin(turn)])
-    for place_y in np.linspace(0.08, 0.92, _ELLIPSES) * (height - 1):
-        for place_x in np.linspace(0.08, 0.92, _ELLIPSES) * (width - 1):
-            values, vectors = np.linalg.eigh(field.covariance_px2(place_x, place_y))
+    for centre_y in np.linspace(0.08, 0.92, _ELLIPSES) * (height - 1):
+        for centre_x in np.linspace(0.08, 0.92, _ELLIPSES) * (width - 1):
+            values, vectors = np.linalg.eigh(field.covariance_px2(centre_x, centre_y))
             outline = vectors @ (np.sqrt(values)[:, None] * circle)
             axes.plot(
-                place_x + scale * outline[0],
-                place_y + scale * outline[1],
+                centre_x + scale * outline[0],
+                centre_y + scale * outline[1],
                 color="white",
                 linewidth=1.0,
             )
     used = [(edge.x_px, edge.y_px) for edge in psf.edges]
     if used:
-        places = np.array(used).T
-        axes.plot(*places, ".", color="#D55E00", markersize=3)
+        positions = np.array(used).T
+        axes.plot(*positions, ".", color="#D55E00", markersize=3)
     axes.set(xlabel="x / px", ylabel="y / px", xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     axes.grid(visible=False)
     return figure
@@ -146,7 +146,7 @@ def _draw_trend(axes: Axes, trend: HeightTrend) -> None:
         label=f"trend {1e4 * trend.slope_per_mm:+.3f} % per 100 mm",
     )
     axes.axhline(0, color=_INK, linewidth=0.6)
-    axes.set(ylabel="width against\nthe mean / %")
+    axes.set(ylabel="width deviation\nfrom the mean / %")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
     axes.legend(loc="upper center", fontsize=8, ncols=2)
@@ -165,8 +165,8 @@ def widths_section(psf: PsfCalibration) -> ReportSection:
         figures.append(
             ReportFigure.of(
                 by_height,
-                "Width against the height of the camera: every edge, and all of a height "
-                "together against the mean of the calibration.",
+                "Width against the height of the camera: every edge, and all edges at a height "
+                "relative to the mean of the calibration.",
             )
         )
     return ReportSection(
@@ -188,7 +188,10 @@ def _trend_text(psf: PsfCalibration) -> tuple[str, ...]:
             "target is not sharp enough for the nearest height. Calibrate at one height, or "
             "refocus.",
         )
-    return (f"No change of the width with the height beyond chance or 1 % (p = {p_value:.2g}).",)
+    return (
+        "The change of the width with the height is not significant, or below 1 % "
+        f"(p = {p_value:.2g}).",
+    )
 
 
 def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
@@ -209,7 +212,7 @@ def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
         "edges",
         "median sigma x / px",
         "median sigma y / px",
-        "against the mean / %",
+        "deviation from the mean / %",
     )
     return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
 
@@ -226,12 +229,12 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
         return ReportSection(
             title="From centre to corner",
             text=(
-                "No PSF field: there are too few edges over the frame (36 in several directions "
-                "at the least) to tell one, or they show no change beyond chance.",
+                "No PSF field: there are too few edges over the frame to determine one (at least "
+                "36 in several directions), or the PSF does not change significantly.",
             ),
         )
     width, height = field.width_px, field.height_px
-    places = (
+    positions = (
         ("centre", (width - 1) / 2, (height - 1) / 2),
         ("top left", 0.0, 0.0),
         ("top right", width - 1.0, 0.0),
@@ -239,7 +242,7 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
         ("bottom right", width - 1.0, height - 1.0),
     )
     rows = []
-    for name, x, y in places:
+    for name, x, y in positions:
         (xx, xy), (_, yy) = field.covariance_px2(x, y).tolist()
         rows.append((name, f"{xx**0.5:.4f}", f"{yy**0.5:.4f}", f"{xy / (xx * yy) ** 0.5:+.3f}"))
     stored = psf.field
@@ -247,27 +250,27 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
     if stored is not None and stored.worst_err is not None and stored.p_value is not None:
         sure = (
             f" An F-test prefers it to one PSF for the frame (p = {stored.p_value:.1g}); no width "
-            f"in the frame is less sure than {100 * stored.worst_err:.1f} %."
+            f"in the frame has a standard error above {100 * stored.worst_err:.1f} %."
         )
     return ReportSection(
         title="From centre to corner",
-        text=("A quadratic polynomial of each element of the covariance over the frame." + sure,),
+        text=("Each element of the covariance is a quadratic polynomial over the frame." + sure,),
         tables=(
             ReportTable(
-                columns=("place", "total sigma x / px", "total sigma y / px", "rho"),
+                columns=("position", "total sigma x / px", "total sigma y / px", "rho"),
                 rows=tuple(rows),
             ),
         ),
         figures=(
             ReportFigure.of(
                 plot_field(psf, field),
-                "Total width over the frame. Ellipses: shape of the PSF there, all to one scale, "
-                "enlarged. Dots: places of the edges.",
+                "Total width over the frame. Ellipses: local shape of the PSF, enlarged, all to "
+                "one scale. Dots: positions of the edges.",
             ),
         ),
     )
 
 
 def with_err(value: float | None, err: float | None) -> str:
-    """Text of a value with its standard error; empty where there is none."""
+    """Format a value with its standard error; empty if either is missing."""
     return "" if value is None or err is None else f"{value:.4f} ± {err:.4f}"

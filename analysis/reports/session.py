@@ -1,4 +1,4 @@
-"""The report of a capture session: what was captured, the PSF, and how well models predict."""
+"""The report of a capture session: captures, PSF, and how well the models predict them."""
 
 import platform
 from importlib.metadata import version
@@ -151,6 +151,6 @@ def agreement_section(validation: Validation, furthest: ShownPair) -> ReportSect
 
 
 def versions() -> tuple[tuple[str, str], ...]:
-    """Return the versions of what made the report."""
+    """Return the versions of the software that made the report."""
     names = ("standoff", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
     return (("Python", platform.python_version()), *((name, version(name)) for name in names))

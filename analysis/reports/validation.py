@@ -67,7 +67,7 @@ def render_validation(session: Session, validation: Validation, shown: Sequence[
         provenance=(
             ("psf", validation.psf),
             ("models", ", ".join(validation.models)),
-            ("steps of a training", str(validation.training_steps)),
+            ("training steps", str(validation.training_steps)),
             *device_rows(session),
             *versions(),
         ),
@@ -93,9 +93,9 @@ def _verdicts(validation: Validation) -> tuple[Verdict, ...]:
 def _screening_section(validation: Validation) -> ReportSection:
     text = ["Every capture was checked for shake and focus, and every pair for its alignment."]
     if not validation.excluded:
-        text.append("None was excluded.")
+        text.append("No capture was excluded.")
     return ReportSection(
-        title="What counts",
+        title="Screening",
         text=(*text, *(f"Remark: {remark}." for remark in validation.remarks)),
         tables=(
             ReportTable(
@@ -126,7 +126,7 @@ def _registration_section(validation: Validation) -> ReportSection:
         title="Alignment",
         is_folded=True,
         text=(
-            f"Standard error of a pixel's place: median {np.median(errors_px):.4f} px, largest "
+            f"Standard error of a pixel's position: median {np.median(errors_px):.4f} px, largest "
             f"{max(errors_px):.4f} px of the reference.",
         ),
         tables=(
@@ -137,8 +137,8 @@ def _registration_section(validation: Validation) -> ReportSection:
                     "follow-up / mm",
                     "zoom",
                     "k1",
-                    "error of k1",
-                    "error of a place / px",
+                    "standard error of k1",
+                    "position error / px",
                     "features",
                 ),
                 rows=tuple(

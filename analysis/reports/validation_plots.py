@@ -1,4 +1,4 @@
-"""Figures 2 and 3, and one pair beside its simulations with what each gets wrong."""
+"""Figures 2 and 3, and one pair beside its simulations and their errors."""
 
 from collections.abc import Sequence
 
@@ -74,7 +74,7 @@ def plot_furthest(shown: ShownPair, crop_px: int = _FURTHEST_CROP_PX) -> Figure:
 def plot_curves(validation: Validation) -> Figure:
     """Figure 3: every metric against the zoom-out, captured and simulated.
 
-    A column for every target; the first reference's curves are drawn through, the others dashed.
+    A column for every target; the first reference's curves are drawn solid, the others dashed.
     The paper's three models are scaled up onto the reference, ours made on the follow-up's grid.
     """
     targets = list(dict.fromkeys(_target(pair) for pair in validation.pairs))

@@ -18,7 +18,7 @@ from simulation.arrays import AnyArray, FloatArray
 
 Procedure = Literal["as-in-paper", "reference-grid", "followup-grid"]
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
-"""Names of the three ways."""
+"""Names of the three procedures."""
 
 _KEYS_A = -0.5
 """Slope parameter of the cubic, as in Pillow's BICUBIC."""
@@ -78,7 +78,7 @@ def shared_window(pose: DistortedPose) -> SharedWindow:
 
 
 def bicubic_at(image: AnyArray, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
-    """Levels of an image at any places by bicubic interpolation; its border goes on outside.
+    """Interpolate an image bicubically at any positions; its border is repeated outside.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""What a validation found: the document of validation.json."""
+"""The document validation.json: the results of a validation."""
 
 from pathlib import Path
 from typing import Final, Literal
@@ -99,7 +99,7 @@ class Processing(StoredValues):
 
 
 class ModelAgreement(StoredValues):
-    """What one model gives by one procedure.
+    """Results of one model with one procedure.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class ValidatedPair(StoredValues):
     models: tuple[ModelAgreement, ...]
 
     def of(self, alignment: Procedure, model: ValidationModel) -> ModelAgreement:
-        """Return what a model gives by a procedure."""
+        """Return the results of a model with a procedure."""
         return next(one for one in self.models if (one.alignment, one.model) == (alignment, model))
 
     def pose(
@@ -158,7 +158,7 @@ class ValidatedPair(StoredValues):
 
 
 class ExcludedCapture(StoredValues):
-    """A capture that does not count, and why."""
+    """An excluded capture, and why."""
 
     capture: int
     target: str
@@ -174,12 +174,12 @@ class ExcludedCapture(StoredValues):
 
     @property
     def text(self) -> str:
-        """One line for people."""
+        """The exclusion as one line of text."""
         return f"capture {self.capture} ({self.target} at {self.height_mm:g} mm): {self.reason}"
 
 
 class Validation(ResultsDocument):
-    """All pairs of a session with their metrics, both tables, and what did not count."""
+    """All pairs of a session with their metrics, both tables, and what was excluded."""
 
     schema_name: Literal["standoff.validation/1"] = Field(default=VALIDATION_SCHEMA, alias="schema")
     session: str

@@ -22,7 +22,7 @@ from simulation.arrays import AnyArray, FloatArray
 from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 
 _TRAINING_VERSION = 1
-"""Counts up when a training gives other kernels than before."""
+"""Increases when training gives different kernels than before."""
 
 _KEY_DIGITS = 24
 _PICTURE_PX_PER_WEIGHT = 16
@@ -40,13 +40,13 @@ def default_cache_folder() -> Path:
 
 
 class KernelCache:
-    """A folder of trained kernels; it is made when the first is stored."""
+    """A folder of trained kernels; it is created when the first is stored."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def path(self, image: AnyArray, settings: KernelGanSettings) -> Path:
-        """Return where the kernel of an image and settings lies, whether or not it does."""
+        """Return the path of the kernel of an image and settings, whether or not it exists."""
         content = hashlib.sha256()
         stated = {**asdict(settings), "version": _TRAINING_VERSION}
         stated |= {"shape": image.shape, "dtype": image.dtype.str}

@@ -18,7 +18,7 @@ from simulation.choices import KERNEL_MODELS
 from simulation.kernelgan import EstimatedKernel, KernelGanError, KernelGanSettings, estimate_kernel
 
 _ZOOM_DECIMALS = 3
-"""So that the last digits of a registration do not ask for another training."""
+"""Zooms are rounded so that a registration's last digits do not cause another training."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,9 +28,9 @@ class KernelBook:
     Parameters
     ----------
     folder
-        Of the cache.
+        Folder of the cache.
     steps, seed
-        Of every training.
+        Steps and seed of every training.
     """
 
     folder: Path
@@ -38,7 +38,7 @@ class KernelBook:
     seed: int = 0
 
     def settings(self, model: ValidationModel, zoom: float) -> KernelGanSettings | None:
-        """What determines a kernel beside the image; None for a model that needs none."""
+        """What determines a kernel besides the image; None for a model that needs none."""
         for learned in KERNEL_MODELS:
             if learned == model:
                 rounded = max(round(zoom, _ZOOM_DECIMALS), 1.0)

@@ -1,4 +1,4 @@
-"""How alike two images are: the metrics of the paper's tables."""
+"""How similar two images are: the metrics of the paper's tables."""
 
 from collections.abc import Callable
 from math import inf, log10
@@ -68,7 +68,7 @@ def compare_images(a: FloatImage, b: FloatImage, data_range_dn: float = 255.0) -
     """
     first, second = _checked_pair(a, b)
     if min(first.shape) < _SSIM_WINDOW_PX:
-        raise ValueError(f"images of at least 7 x 7 pixels are compared, got {first.shape}")
+        raise ValueError(f"images must have at least 7 x 7 pixels, got {first.shape}")
     if not (data_range_dn > 0 and np.isfinite(data_range_dn)):
         raise ValueError(f"data_range_dn must be positive, got {data_range_dn}")
     mse_dn2 = mean_squared_error(first, second)
@@ -112,8 +112,8 @@ def mean_squared_error(a: FloatImage, b: FloatImage) -> float:
 
 def _checked_pair(a: FloatImage, b: FloatImage) -> tuple[FloatArray, FloatArray]:
     if a.ndim != 2 or a.shape != b.shape or a.size == 0:
-        raise ValueError(f"two grey images of one shape are compared, got {a.shape}, {b.shape}")
+        raise ValueError(f"two grey images of the same shape are needed, got {a.shape}, {b.shape}")
     first, second = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     if not (np.isfinite(first).all() and np.isfinite(second).all()):
-        raise ValueError("an image holds NaN or infinite values")
+        raise ValueError("an image contains NaN or infinite values")
     return first, second

@@ -15,7 +15,7 @@ from simulation.choices import KERNEL_MODELS, Sampler
 from simulation.kernelgan import EstimatedKernel, kernel_operator
 
 Simulate = Callable[[SamplingGrid], NDArray[np.floating[Any]]]
-"""Gives the follow-up of one reference on a grid."""
+"""Simulates the follow-up of one reference on a grid."""
 
 
 def is_learned(model: ValidationModel) -> bool:
@@ -25,7 +25,7 @@ def is_learned(model: ValidationModel) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelInputs:
-    """What the models to try need: all the total PSF, each learned one its trained kernel.
+    """Inputs of the models to try: the total PSF, and a trained kernel for each learned one.
 
     ``kernels`` has an entry for every model to try, None for one that is not learned.
     """

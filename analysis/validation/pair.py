@@ -1,4 +1,4 @@
-"""One reference and one captured follow-up against what every model makes of the reference."""
+"""Compare a captured follow-up with what every model simulates from its reference."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

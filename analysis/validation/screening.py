@@ -21,10 +21,10 @@ from simulation import GaussianPsf
 _COMPARED_KINDS = ("texture", "chart")
 
 _ZOOM_TOLERANCE = 0.03
-"""By which a measured zoom may differ from that of the heights; a stage is right to 0.1 %."""
+"""Tolerated difference of a measured zoom from that of the heights; stages are right to 0.1 %."""
 
 _PAIRS_FOR_PUPIL = 4
-"""Pairs that tell the entrance pupil well enough to doubt one of them."""
+"""Pairs that determine the entrance pupil well enough to doubt one of them."""
 
 
 class NothingToCompareError(AnalysisError):
@@ -50,7 +50,7 @@ class RegisteredPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Screening:
-    """What counts: pairs in order of target, reference and height; and what does not.
+    """Pairs to compare, in order of target, reference and height, and excluded captures.
 
     ``remarks`` are what should be known of captures that count.
     """
@@ -71,7 +71,7 @@ def series_of(session: Session) -> list[list[CaptureRecord]]:
 
 
 def registrations_at_most(session: Session, references: int) -> int:
-    """How many pairs will be aligned, where nothing has to be left out."""
+    """How many pairs will be aligned if nothing has to be excluded."""
     return sum(
         max(len(records) - number, 0)
         for records in series_of(session)
@@ -203,7 +203,7 @@ def _screen_series(
         if index in outcasts and not is_reference:
             excluded.append(ExcludedCapture.of(named[index], "; ".join(reasons)))
         else:
-            remarks += [f"capture {index}: {reason}; this pair is left out" for reason in reasons]
+            remarks += [f"capture {index}: {reason}; this pair is excluded" for reason in reasons]
     return Screening(pairs=tuple(pairs), excluded=tuple(excluded), remarks=tuple(remarks))
 
 
@@ -241,7 +241,7 @@ def _expected_zoom(reference: CaptureRecord, followup: CaptureRecord) -> float |
 def _at_their_heights(
     pairs: list[RegisteredPair],
 ) -> tuple[list[RegisteredPair], list[ExcludedCapture]]:
-    """Part the pairs whose zoom their heights do not explain, wherever the pupil is."""
+    """Separate the pairs whose zoom their heights do not explain, wherever the pupil is."""
     heights = np.array([(p.reference.height_mm, p.followup.height_mm) for p in pairs]).reshape(
         -1, 2
     )
@@ -259,7 +259,7 @@ def _at_their_heights(
             continue
         reason = (
             f"it is {zoom:.3f} times further away than capture {pair.reference.index} by the "
-            f"images, {fitting:.3f} times by the heights"
+            f"images, but {fitting:.3f} times by the heights"
         )
         excluded.append(ExcludedCapture.of(pair.followup, reason))
     return kept, excluded

@@ -78,9 +78,9 @@ def validate(
     settings
         How it is made, if not as by default.
     screening
-        What counts, where the session has been screened already.
+        Result of the screening, if it has been done already.
     psf_name
-        What the document calls the PSF.
+        Name of the PSF in the document.
     progress
         Called with the number of pairs compared.
 
@@ -182,7 +182,7 @@ def curve_differences(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> Cu
     """
     pairs = list(points)
     if not pairs:
-        raise ValueError("no points of curves to compare")
+        raise ValueError("no curve points to compare")
     means = {}
     for name in METRICS:
         first, second = np.array([[getattr(m, name) for m in pair] for pair in pairs]).T

@@ -1,4 +1,4 @@
-"""The processed images that figures show, made again from the captures of a validation."""
+"""The processed images that figures show, recomputed from the captures of a validation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _OURS = ("matched", "lmmse")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShownPair:
-    """Processed images of a pair on common pixels: captured, and as the models have it."""
+    """Processed images of a pair on common pixels: captured, and as the models simulate them."""
 
     pair: ValidatedPair
     reference: FloatArray

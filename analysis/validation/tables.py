@@ -27,7 +27,7 @@ TABLE_NOTES = (
     "reference-grid: the same, but captured ones lie where features, pixels and the lens's "
     "distortion put them. followup-grid: simulated on the captured follow-up's own pixels.",
 )
-"""What the tables mean, for whoever reads them without the documentation."""
+"""Explanation of the tables, for readers without the documentation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

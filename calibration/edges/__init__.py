@@ -1,4 +1,4 @@
-"""Edges in photographs: found, fitted on raw pixels, and their e-SFR."""
+"""Find edges in photographs, fit them on the raw pixels, and measure their e-SFR."""
 
 import lazy_loader as lazy
 

@@ -2,7 +2,7 @@
 
 Ridges of the gradient (Canny's non-maximum suppression and hysteresis) are grown into regions
 of one direction; each region gets a line by total least squares weighted with the squared
-gradient; collinear pieces are joined; what stands too near is kept out of the fit's band.
+gradient; collinear pieces are joined; what is too near is kept out of the fit's band.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeS
     image_dn
         Shape ``(rows, cols)``, finite.
     cell_px
-        Length of the pieces: each measures the PSF at its own place in the field.
+        Length of the pieces: each measures the PSF at its own position in the field.
 
     Returns
     -------
@@ -92,10 +92,10 @@ def _joined(lines: list[EdgeSegment]) -> list[EdgeSegment]:
             along = np.abs(-s * (x - line.x_px) + c * (y - line.y_px))
             reach = half + 0.5 * line.length_px + _widest_gap_px(line)
             near = np.flatnonzero(is_free & (across <= _JOINED_OFFSET_PX) & (along <= reach))
-            for place in near.tolist():
-                longer = _continuation(line, waiting[place])
+            for index in near.tolist():
+                longer = _continuation(line, waiting[index])
                 if longer is not None:
-                    is_free[place] = False
+                    is_free[index] = False
                     break
         joined.append(line)
     return joined
@@ -106,23 +106,23 @@ def _widest_gap_px(line: EdgeSegment) -> float:
 
 
 def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
-    """The two as one edge, where ``other`` lies on the prolongation of ``line``."""
+    """Join the two into one edge, if ``other`` continues ``line``."""
     apart = (other.normal_rad - line.normal_rad + pi) % (2 * pi) - pi
     shorter = min(line.length_px, other.length_px)
     if abs(apart) > max(np.deg2rad(2.0), 1.5 / shorter):
         return None
     c, s = cos(line.normal_rad), sin(line.normal_rad)
-    places, offsets = [], []
+    positions, offsets = [], []
     for x, y in _ends(other):
-        places.append(-s * (x - line.x_px) + c * (y - line.y_px))
+        positions.append(-s * (x - line.x_px) + c * (y - line.y_px))
         offsets.append(abs(c * (x - line.x_px) + s * (y - line.y_px)))
     if max(offsets) > _JOINED_OFFSET_PX:
         return None
     half = 0.5 * line.length_px
-    gap = max(min(places) - half, -half - max(places))
+    gap = max(min(positions) - half, -half - max(positions))
     if gap > _widest_gap_px(line):
         return None
-    first, last = min(-half, *places), max(half, *places)
+    first, last = min(-half, *positions), max(half, *positions)
     middle = 0.5 * (first + last)
     return replace(
         line,
@@ -150,7 +150,7 @@ def _sized(gradient: Gradient, line: EdgeSegment) -> EdgeSegment:
 
 
 def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
-    """Take the ends off where they are corners; an end at the border of the frame stays."""
+    """Trim ends that are corners; an end at the border of the frame stays."""
     corner = _CORNER_SIGMAS * line.sigma_px + 0.5
     first, last = _ends(line)
     cuts = []

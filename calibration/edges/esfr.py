@@ -1,7 +1,7 @@
-"""Contrast by frequency from one edge, without a model of the PSF (e-SFR).
+"""Contrast against frequency from one edge, without a model of the PSF (e-SFR).
 
 ISO 12233:2023 (annex D) bins the pixels by their distance from the edge, differentiates and
-transforms. Here a penalised spline goes through the unbinned pixels: its derivative and its
+transforms. Here a penalised spline is fitted to the unbinned pixels: its derivative and its
 Fourier transform are sums in closed form, so no bin, window or difference blurs the curve.
 """
 
@@ -49,7 +49,7 @@ def pixel_mtf50(optical_sigma_px: float, normal_rad: float) -> float:
 
 
 SFR_FREQ_CY_PER_PX = tuple(round(0.05 * k, 2) for k in range(1, 11))
-"""Frequencies at which tables give the contrast, up to Nyquist."""
+"""Frequencies at which tables list the contrast, up to Nyquist."""
 
 _KNOT_PX = 0.25
 _BAND_SIGMAS = 8.0
@@ -103,7 +103,7 @@ class EdgeSfr:
 def _sums(
     freq_cy_per_px: FloatArray, first_px: float, step_px: float, weight: FloatArray
 ) -> NDArray[np.complex128]:
-    """Sum of ``weight exp(-2 pi i f x)`` over equal steps of x, each turned on from the last."""
+    """Sum of ``weight exp(-2 pi i f x)`` over equal steps of x, each rotated from the last."""
     out = np.empty(freq_cy_per_px.size, dtype=np.complex128)
     for i in range(freq_cy_per_px.size):
         angle = -2.0 * pi * freq_cy_per_px[i]
@@ -118,7 +118,7 @@ def _sums(
 
 
 def esfr_half_width_px(sigma_px: float) -> float:
-    """Reach on either side of the edge: it has to hold the tails, where the contrast ends up."""
+    """Half width of the band, wide enough for the tails, where lost contrast ends up."""
     return _BAND_SIGMAS * sigma_px + _BAND_EXTRA_PX
 
 
@@ -130,7 +130,7 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
     samples
         Raw pixels around the edge, best within ``esfr_half_width_px`` of it.
     sigma_px
-        About how wide the edge is.
+        Approximate width of the edge.
 
     Returns
     -------
@@ -146,18 +146,18 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
     count = int(2 * reach / _KNOT_PX) - 1
     half = 0.5 * (count + 1) * _KNOT_PX
     # Pixels beyond belong to the flat ends.
-    places = np.clip((distance + half) / _KNOT_PX, 0.0, count + 1.0)
+    positions = np.clip((distance + half) / _KNOT_PX, 0.0, count + 1.0)
     levels = samples.unit_levels
     weights = np.ones(distance.size)
     stiffness = _stiffness(count, half, sigma_px)
-    coefficients, factor, variance = fit_penalised_spline(places, levels, weights, stiffness)
+    coefficients, factor, variance = fit_penalised_spline(positions, levels, weights, stiffness)
     if factor[0, 0] == 0.0:
         return None
-    residuals = levels - curve_values(places, coefficients)
+    residuals = levels - curve_values(positions, coefficients)
     outside = np.abs(residuals) > max(_OUTLIER_SIGMAS * robust_sigma(residuals), _OUTLIER_LEAST)
     if outside.any():
         weights[outside] = 0.0
-        coefficients, factor, variance = fit_penalised_spline(places, levels, weights, stiffness)
+        coefficients, factor, variance = fit_penalised_spline(positions, levels, weights, stiffness)
         if factor[0, 0] == 0.0:
             return None
     tail = _tail_px(distance[~outside], levels[~outside], half, sigma_px)
@@ -185,18 +185,18 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
 
 
 def _stiffness(count: int, half_width_px: float, sigma_px: float) -> FloatArray:
-    """Penalty by place: a PSF has no detail far out that is much finer than it is far.
+    """Penalty by position: far out, a PSF has no detail much finer than its distance.
 
     The smoothing length of a spline grows with the sixth root of its penalty's weight.
     """
-    place = (np.arange(count + 3) - 0.5) * _KNOT_PX - half_width_px
-    return np.asarray((1.0 + (place / (_DETAIL_SIGMAS * sigma_px + _DETAIL_EXTRA_PX)) ** 2) ** 3)
+    position = (np.arange(count + 3) - 0.5) * _KNOT_PX - half_width_px
+    return np.asarray((1.0 + (position / (_DETAIL_SIGMAS * sigma_px + _DETAIL_EXTRA_PX)) ** 2) ** 3)
 
 
 def _tail_px(distance: FloatArray, levels: FloatArray, reach_px: float, sigma_px: float) -> float:
     """Constant c of a tail ``c / x^2``, mean of both sides: what a round aperture diffracts.
 
-    Fitted as ``end - c / x`` to the outer half of the band, and drawn towards 0 by as much as
+    Fitted as ``end - c / x`` to the outer half of the band, and shrunk towards 0 by as much as
     its own error allows (James and Stein).
     """
     inner = 0.5 * reach_px
@@ -240,7 +240,7 @@ def _falls_to(level: float, curve: EdgeSfr, contrast: FloatArray) -> float | Non
 def _frequency_err(
     freq: float, curve: EdgeSfr, factor: FloatArray, variance: float, rise: float
 ) -> float | None:
-    """Standard error of the frequency at which the curve has the contrast it has there."""
+    """Standard error of a frequency that was read off the curve at a given contrast."""
     around = np.array([freq - 1e-4, freq + 1e-4])
     slope = float(np.diff(curve.at(around))[0]) / 2e-4
     if slope >= 0:
@@ -254,7 +254,7 @@ def _frequency_err(
 
 
 TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
-"""Frequencies at which the transfer is kept; beyond Nyquist for the aliased part."""
+"""Frequencies at which the transfer is stored; beyond Nyquist for the aliased part."""
 
 
 class AxisTransfer(BaseModel):

@@ -27,7 +27,7 @@ from simulation.arrays import FloatArray
 SHORTEST_PX = 20.0
 NOISIEST_SNR = 3.0
 SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
-SHARPEST_PX = 0.06  # optical widths below this are not told from a perfect lens
+SHARPEST_PX = 0.06  # optical widths below this look like a perfect lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +88,7 @@ def fit_edge(
     segment
         Where the edge is, to within about a pixel and a few degrees.
     noise
-        Noise of one pixel of ``image_dn``; without it, it is estimated from the residuals.
+        Noise of one pixel of ``image_dn``; None estimates it from the residuals.
     saturation_dn
         Pixels at or above 99.5 % of it, or at 0, count as saturated.
 

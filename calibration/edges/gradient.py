@@ -1,4 +1,4 @@
-"""Gradient of an image: its ridges, and its noise in dark places and in bright ones."""
+"""Gradient of an image: its ridges, and its noise in dark and in bright areas."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -25,7 +25,7 @@ class Gradient:
     """Gradient of the smoothed image, whose levels are scaled to 0 to 1.
 
     ``ridge`` is not 0 where the gradient is largest across itself; all of shape ``(rows, cols)``.
-    Bright places can be noisier than dark ones: ``noise`` is the gradient's noise in each range
+    Bright areas can be noisier than dark ones: ``noise`` is the gradient's noise in each range
     of levels of the image, and ``levels_dn`` what separates the ranges.
     """
 
@@ -73,11 +73,11 @@ def _noise_by_level(
 ) -> tuple[FloatArray, FloatArray]:
     """Noise of the gradient in ranges of equally many levels, and what separates them."""
     separators = np.quantile(levels_dn, np.arange(1, _NOISE_RANGES) / _NOISE_RANGES)
-    place = np.searchsorted(separators, levels_dn, side="right")
+    level_range = np.searchsorted(separators, levels_dn, side="right")
     noise = np.full(_NOISE_RANGES, overall)
     for k in range(_NOISE_RANGES):
-        chosen = magnitude[place == k]
+        chosen = magnitude[level_range == k]
         if chosen.size >= _NOISE_PIXELS:
             noise[k] = float(np.median(chosen)) / _RAYLEIGH_MEDIAN
-    # A range that holds edges and little else knows nothing of the noise.
+    # A range that holds edges and little else says nothing about the noise.
     return separators, np.clip(noise, overall, _NOISE_SPREAD * overall)

@@ -1,4 +1,4 @@
-"""The most likely edge for the pixels of a turned rectangle, compiled in one go.
+"""The most likely edge for the pixels of a rotated rectangle, compiled as a whole.
 
 The stages: a band of pixels that fits the edge's width, with a rough fit; slopes across the edge
 taken off; weights from the residuals; the total and the optical width; slopes along the edge, where
@@ -69,9 +69,9 @@ class WidthFit(NamedTuple):
 
 
 class LikelyEdge(NamedTuple):
-    """What the pixels say: the plain edge (total width) and the one behind pixel squares (optical).
+    """The fitted edges: plain (total width) and behind pixel squares (optical width).
 
-    ``total`` not found leaves all else void. ``pixels`` are those that have a weight.
+    If ``total`` is not found, all else is void. ``pixels`` counts those that have a weight.
     """
 
     total: WidthFit
@@ -116,12 +116,12 @@ def maximise(
     image_dn
         Shape ``(rows, cols)``.
     line, sigma_px, clearance_px
-        Of the ``EdgeSegment``.
+        As in ``EdgeSegment``.
     noise_line
         Offset (DN^2), slope (DN) and floor (DN^2) of the variance against the level; empty where
         the noise is to be taken from the residuals.
     saturation_dn
-        Infinite where not known.
+        Infinite if not known.
     """
     window = _window(image_dn, line, sigma_px, clearance_px, noise_line)
     if not window.rough.is_found or window.rough.parameters[HIGH] <= window.rough.parameters[LOW]:
@@ -175,7 +175,7 @@ def _window(
     clearance_px: float,
     noise_line: FloatArray,
 ) -> _Window:
-    """Fit roughly, in a band as wide as the width found asks for."""
+    """Fit roughly, in a band as wide as the fitted width requires."""
     sigma = sigma_px
     start = np.zeros(FLAT_PARAMETERS)
     for attempt in range(_WINDOW_ROUNDS):
@@ -208,7 +208,7 @@ def _without_shading(
     window: _Window,
     distances: FloatArray,
 ) -> tuple[_Window, bool]:
-    """Take slopes across the edge off the pixels and fit again; whether there were any."""
+    """Subtract slopes across the edge and fit again; also whether there were any."""
     parameters = window.rough.parameters
     contrast = parameters[HIGH] - parameters[LOW]
     slopes = slopes_across(image_dn, line, window.half_width_px, clearance_px, contrast)
@@ -230,7 +230,7 @@ def _without_shading(
 
 @njit(cache=True, error_model="numpy")
 def _weighed(window: _Window, found: EdgeLevels, is_noise_known: bool) -> tuple[FloatArray, bool]:
-    """Weights of the pixels after a look at their residuals; whether there are outliers."""
+    """Weights of the pixels from their residuals, and whether there are outliers."""
     parameters, weights = window.rough.parameters, window.weights
     scatter = noise_part(window.pixels.values - found.levels, found.distances)
     if not is_noise_known:
@@ -266,12 +266,12 @@ def _best_levels(pixels: BandPixels, widths: _Widths) -> EdgeLevels:
 def _with_slopes_along(
     pixels: BandPixels, weights: FloatArray, flat: _Widths, found: EdgeLevels
 ) -> tuple[_Widths, bool]:
-    """Fit slopes of the levels along the edge too, where the pixels ask for them; whether so."""
+    """Also fit slopes of the levels along the edge, if significant; and whether they are."""
     is_square = _is_square(flat)
     best = flat.optical if is_square else flat.total
     gain = slopes_gain(pixels, weights, pixels.values - found.levels, found.edges)
     freedom = int(np.count_nonzero(weights)) - SHADED_PARAMETERS
-    # The score tells beforehand what the slopes could gain; mostly that is the end of it.
+    # The score estimates what the slopes could gain; mostly that is too little.
     if freedom <= 0 or _p_of_two_more(gain, best.squares - gain, freedom) > _SHADING_SCORE_P:
         return flat, False
     start = np.zeros(SHADED_PARAMETERS)
@@ -335,7 +335,7 @@ def _side_weights(scatter: FloatArray, edges: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def _p_of_two_more(gain: float, left: float, freedom: int) -> float:
-    """Chance that two superfluous parameters take off that much: F-test, closed for two."""
+    """Probability that two superfluous parameters gain that much: F-test, in closed form."""
     if left <= 0:
         return 1.0 if gain <= 0 else 0.0
     return float((1.0 + max(gain, 0.0) / left) ** (-0.5 * freedom))

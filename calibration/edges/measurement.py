@@ -1,4 +1,4 @@
-"""Every straight edge of one photograph, measured: width, contrast by frequency, roughness."""
+"""Measure every straight edge of one photograph: width, contrast by frequency, roughness."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ from simulation.arrays import BoolArray, FloatArray
 Method = Literal["all-angles", "paper"]
 
 REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
-"""Flags of edges that do not count; the others are remarks."""
+"""Flags that exclude an edge; the others are only remarks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ class Region:
 
     @classmethod
     def centre(cls, rows: int, cols: int) -> "Region":
-        """Return the central half along both axes, which the paper's PSF stands for."""
+        """Return the central half along both axes, for which the paper's PSF holds."""
         return cls(
             x_px=cols // 4,
             y_px=rows // 4,
@@ -83,21 +83,21 @@ class EdgeImage:
         return self.sensor_shape or (rows, cols)
 
     def refuse_beyond_frame(self, region: Region) -> None:
-        """Do nothing, unless a region does not lie inside the frame.
+        """Check that a region is within the frame.
 
         Raises
         ------
         ValueError
-            Then.
+            If it is not.
         """
         rows, cols = self.frame
         right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
         if not (0 <= region.x_px < right <= cols and 0 <= region.y_px < bottom <= rows):
-            raise ValueError(f"region {region} does not lie inside {self.name} ({cols}x{rows})")
+            raise ValueError(f"region {region} is not within {self.name} ({cols}x{rows})")
 
 
 class EdgeMeasurement(BaseModel):
-    """One measured edge; null is what it does not tell.
+    """One measured edge; values that could not be determined are null.
 
     ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down. ``snr`` is
     None without any noise, ``chi2_reduced`` where the noise is known from this edge alone,
@@ -165,14 +165,14 @@ def measure_edges(
     source
         The photograph.
     region
-        Only pixels inside it are used; places are given in the whole image.
+        Only pixels inside it are used; positions are given in the whole image.
     method
         With ``paper``, the widths are those of Gaussians fitted to binned line spread functions.
 
     Raises
     ------
     ValueError
-        If the region does not lie inside the image.
+        If the region is not within the image.
     """
     image, clipped = source.image_dn, source.clipped
     left = top = 0
@@ -211,7 +211,7 @@ def measure_edges(
 
 
 def _determined(fit: EdgeFit) -> EdgeFit | None:
-    """The fit without an optical width less sure than itself; None where the total one is."""
+    """Drop an optical width whose error exceeds it; None if the total width's error does."""
     if not fit.sigma_err_px < fit.sigma_px:  # also where the error is not a number
         return None
     optical, err = fit.optical_sigma_px, fit.optical_sigma_err_px
@@ -234,7 +234,7 @@ def _measurement(
     rough_px: float | None,
     clipped_fraction: float | None,
 ) -> EdgeMeasurement:
-    """The edge in pixels of the sensor, which the plane of one colour is turned into."""
+    """The edge in sensor pixels, converted from those of a colour plane."""
     if source.pitch_px > 1:
         fit = in_sensor_pixels(fit, source.pitch_px).moved(source.first_x_px, source.first_y_px)
         esfr = None if esfr is None else sfr_in_sensor_pixels(esfr, source.pitch_px)
@@ -274,7 +274,7 @@ def _gaussian_mtf50(fit: EdgeFit) -> float:
 
 
 def _contrast(fit: EdgeFit) -> float | None:
-    """Michelson contrast of the edge's two levels; None where they do not add up."""
+    """Michelson contrast of the edge's two levels; None if their sum is not positive."""
     total = fit.high_dn + fit.low_dn
     return abs(fit.high_dn - fit.low_dn) / total if total > 0 else None
 

@@ -14,7 +14,7 @@ with the tails of the PSF: on a real photograph it moves sigma by 2 % either way
 width of the band, where the model without it stays within 0.3 %.
 
 The loops are compiled: one pass over the pixels evaluates the model, its derivatives and the
-normal equations together. ``benchmarks/bench_edge_fit.py`` says what that earns.
+normal equations together. ``benchmarks/bench_edge_fit.py`` shows what that gains.
 """
 
 from math import pi, sqrt
@@ -37,7 +37,7 @@ _INV_SQRT_2PI = 1.0 / sqrt(2.0 * pi)
 _TAIL = 6.0  # standard deviations beyond which Phi is taken as 0 or 1: 1e-9
 _STEPS = 64  # per standard deviation, in the table of Phi
 _NARROWEST = 2e-3  # side of the trapezium below which its one-dimensional form is exact to 2e-7
-_LOG_SIGMA_MIN = -3.5  # 0.03 px: narrower than anything a pixel can tell apart
+_LOG_SIGMA_MIN = -3.5  # 0.03 px: narrower than a pixel can resolve
 _LOG_SIGMA_MAX = 4.0
 _MAX_STEPS = 40
 _MAX_DAMPINGS = 12  # tenfold each
@@ -57,13 +57,13 @@ _NORMAL_FIRST = -(len(_NORMAL) // 2) / _STEPS
 @njit(cache=True, error_model="numpy")
 def _normal(x: float) -> tuple[float, float]:
     """Phi and its density by cubic Hermite interpolation: off by 3e-10 at most."""
-    place = (x - _NORMAL_FIRST) * _STEPS
-    k = int(place)
+    position = (x - _NORMAL_FIRST) * _STEPS
+    k = int(position)
     if k < 0:
         return 0.0, 0.0
     if k >= _NORMAL.shape[0] - 1:
         return 1.0, 0.0
-    t = place - k
+    t = position - k
     step = 1.0 / _STEPS
     here, following = _NORMAL[k, 1], _NORMAL[k + 1, 1]
     left = _NORMAL_FIRST + k * step
@@ -151,7 +151,7 @@ def _normal_equations(
         residual = values[i] - low - (high - low) * edge
         total += w * residual * residual
         if slope == 0.0 and not is_shaded:
-            # Far from the edge a pixel knows of its level alone.
+            # Far from the edge a pixel depends on its level alone.
             level = HIGH if edge > 0.5 else LOW
             gradient[level] += w * residual
             hessian[level, level] += w
@@ -184,7 +184,7 @@ def _normal_equations(
 
 
 class Minimum(NamedTuple):
-    """Where the weighted squares are least; void where it is not found.
+    """Minimum of the weighted squares; void if it is not found.
 
     ``hessian`` is J'WJ there: its inverse is the covariance of the parameters where the weights
     are inverse variances.
@@ -247,7 +247,7 @@ def _minimum(parameters: FloatArray, hessian: FloatArray, squares: float) -> Min
 def slopes_gain(
     pixels: BandPixels, weights: FloatArray, residuals: FloatArray, edges: FloatArray
 ) -> float:
-    """About how much a slope of either level along the edge would take off the squares.
+    """Estimate how much slopes of the levels along the edge would reduce the squares.
 
     Rao's score statistic at the flat optimum, with the slopes taken as orthogonal to the other
     parameters, which they nearly are. ``edges`` are the unit edge of each pixel.

@@ -51,10 +51,10 @@ def plane_places(pattern: Pattern) -> tuple[PlanePlace, ...]:
     Raises
     ------
     ValueError
-        If the pattern is none of ``PATTERNS``.
+        If the pattern is not in ``PATTERNS``.
     """
     if pattern not in PATTERNS:
-        raise ValueError(f"a Bayer pattern is one of {', '.join(PATTERNS)}, got {pattern}")
+        raise ValueError(f"the Bayer pattern must be one of {', '.join(PATTERNS)}, got {pattern}")
     names: dict[str, Literal["red", "green", "blue"]] = {"R": "red", "G": "green", "B": "blue"}
     return tuple(
         PlanePlace(colour=names[letter], first_x_px=k % 2, first_y_px=k // 2)
@@ -63,7 +63,7 @@ def plane_places(pattern: Pattern) -> tuple[PlanePlace, ...]:
 
 
 def in_sensor_pixels(fit: EdgeFit, pitch_px: int) -> EdgeFit:
-    """Turn a fit on a colour plane into lengths of sensor pixels; places still from its first.
+    """Convert a fit on a colour plane to sensor pixels; positions count from its first pixel.
 
     The optical width is the one that, averaged over the true square of one sensor pixel, has
     this total width.
@@ -89,7 +89,7 @@ def in_sensor_pixels(fit: EdgeFit, pitch_px: int) -> EdgeFit:
 
 
 def sfr_in_sensor_pixels(esfr: EdgeSfr, pitch_px: int) -> EdgeSfr:
-    """Turn contrast by frequency of a colour plane into one by cycles per sensor pixel."""
+    """Convert the e-SFR of a colour plane to cycles per sensor pixel."""
 
     def frequency(value: float | None) -> float | None:
         return None if value is None else value / pitch_px

@@ -1,11 +1,11 @@
-"""Directions of edges by name."""
+"""Names of the directions of edges."""
 
 from typing import Literal
 
 Orientation = Literal["vertical", "horizontal", "diagonal"]
 
 ORIENTATION_TOLERANCE_DEG = 22.5
-"""Half the angle between the directions that have a name of their own."""
+"""Half the angle between the named directions."""
 
 
 def orientation_of(angle_deg: float) -> Orientation:

@@ -1,4 +1,4 @@
-"""The paper's way from edges to a PSF, kept to compare with it.
+"""The paper's method of measuring a PSF from edges, kept for comparison.
 
 Pixels are projected on the edge normal into bins of a quarter pixel, the binned edge is
 differentiated, and a Gaussian is fitted to that line spread function; sigma_x and sigma_y are
@@ -39,11 +39,11 @@ def line_spread(samples: EdgeSamples) -> LineSpread:
     bins = np.round(samples.distance_px / BIN_PX).astype(np.int64)
     first = int(bins.min())
     count = np.bincount(bins - first)
-    place = np.asarray((first + np.arange(count.size)) * BIN_PX, dtype=np.float64)
+    position = np.asarray((first + np.arange(count.size)) * BIN_PX, dtype=np.float64)
     used = count > 0
     level = np.bincount(bins - first, samples.unit_levels)[used] / count[used]
-    filled = np.interp(place, place[used], level)
-    return LineSpread(place_px=place, value_per_px=np.gradient(filled, BIN_PX))
+    filled = np.interp(position, position[used], level)
+    return LineSpread(place_px=position, value_per_px=np.gradient(filled, BIN_PX))
 
 
 def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
@@ -67,7 +67,7 @@ def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
     start = (1.0, 0.0, max(fit.sigma_px, BIN_PX))
     try:
         with warnings.catch_warnings():
-            # Where the pixels tell no width, scipy warns and gives an infinite variance.
+            # Where the pixels do not determine a width, scipy warns and gives an infinite variance.
             warnings.simplefilter("ignore", OptimizeWarning)
             values, covariance = curve_fit(
                 _gaussian, spread.place_px, spread.value_per_px, p0=start, maxfev=400

@@ -27,10 +27,10 @@ _FINE_STEPS = 10
 
 
 @njit(cache=True)
-def _basis(place: float, out: FloatArray) -> int:
-    """Fill the four cubic B-splines at ``place`` (in knots); return the first one's number."""
-    first = int(np.floor(place))
-    t = place - first
+def _basis(position: float, out: FloatArray) -> int:
+    """Fill the four cubic B-splines at ``position`` (in knots); return the first one's number."""
+    first = int(np.floor(position))
+    t = position - first
     s = 1.0 - t
     out[0] = s * s * s / 6.0
     out[1] = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
@@ -47,15 +47,15 @@ def _tied(number: int, count: int) -> int:
 
 @njit(cache=True)
 def _assemble(
-    places: FloatArray, values: FloatArray, weights: FloatArray, count: int
+    positions: FloatArray, values: FloatArray, weights: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
     band = np.zeros((count, _BAND))
     right = np.zeros(count)
     basis = np.zeros(4)
-    for i in range(places.size):
+    for i in range(positions.size):
         if weights[i] == 0.0:
             continue
-        first = _basis(places[i], basis)
+        first = _basis(positions[i], basis)
         for j in range(4):
             row = _tied(first + j, count)
             right[row] += weights[i] * basis[j] * values[i]
@@ -170,14 +170,14 @@ def _score(
 
 @njit(cache=True)
 def fit_penalised_spline(
-    places: FloatArray, values: FloatArray, weights: FloatArray, stiffness: FloatArray
+    positions: FloatArray, values: FloatArray, weights: FloatArray, stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
     """Fit the coefficients of a curve that is flat at and beyond both its ends.
 
     Parameters
     ----------
-    places
-        Places of the samples in knots, from 0 to ``count + 1`` with ``count`` coefficients.
+    positions
+        Positions of the samples in knots, from 0 to ``count + 1`` with ``count`` coefficients.
     values, weights
         Levels there and their weights, shape ``(n,)``; 0 leaves a sample out.
     stiffness
@@ -190,7 +190,7 @@ def fit_penalised_spline(
         ``factor`` is the banded Cholesky factor of the penalised normal equations, for
         ``band_solve``; its first element is 0 where they cannot be solved.
     """
-    data, right = _assemble(places, values, weights, stiffness.size - 3)
+    data, right = _assemble(positions, values, weights, stiffness.size - 3)
     penalty = _penalty_band(stiffness)
     squares = np.sum(weights * values * values)
     samples = float(np.count_nonzero(weights))
@@ -219,12 +219,12 @@ def fit_penalised_spline(
 
 
 @njit(cache=True)
-def curve_values(places: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Values of the fitted curve at places in knots."""
-    out = np.empty(places.size)
+def curve_values(positions: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Values of the fitted curve at positions in knots."""
+    out = np.empty(positions.size)
     basis = np.zeros(4)
-    for i in range(places.size):
-        first = _basis(places[i], basis)
+    for i in range(positions.size):
+        first = _basis(positions[i], basis)
         out[i] = 0.0
         for j in range(4):
             out[i] += basis[j] * coefficients[_tied(first + j, coefficients.size)]

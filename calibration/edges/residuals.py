@@ -1,4 +1,4 @@
-"""What the residuals of an edge fit tell: outliers, sharpening, a PSF that is not Gaussian."""
+"""What the residuals of an edge fit show: outliers, sharpening, a PSF that is not Gaussian."""
 
 from math import sqrt
 from typing import NamedTuple
@@ -15,7 +15,7 @@ _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast: smaller ones do not matter and may be structure
 _TUKEY_SIGMAS = 6.0  # 0.998 efficient on Gaussian noise
 _BIN_PX = 0.5
-_BIN_PIXELS = 8  # fewer make no mean
+_BIN_PIXELS = 8  # fewer give no mean
 _SHARPENED_LEAST = 0.02  # overshoot of both sides, of the contrast
 _NON_GAUSSIAN_P = 1e-5
 _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
@@ -61,7 +61,7 @@ def _by_distance(distances: FloatArray) -> IntArray:
 
 @njit(cache=True)
 def _without_running_median(values: FloatArray) -> FloatArray:
-    """Values less the median of the ``_NEIGHBOURS`` around each; the ends count on."""
+    """Values less the median of the ``_NEIGHBOURS`` around each; the ends are repeated."""
     half = _NEIGHBOURS // 2
     last = len(values) - 1
     window = np.empty(_NEIGHBOURS)
@@ -74,7 +74,7 @@ def _without_running_median(values: FloatArray) -> FloatArray:
         leaving = values[max(i - half, 0)]
         entering = values[min(i + half + 1, last)]
         k = np.searchsorted(window, leaving)
-        # The window stays sorted: what is between the two moves up by one place.
+        # The window stays sorted: what is between the two moves up by one element.
         while k < _NEIGHBOURS - 1 and window[k + 1] < entering:
             window[k] = window[k + 1]
             k += 1
@@ -89,7 +89,7 @@ def _without_running_median(values: FloatArray) -> FloatArray:
 def outlier_weights(
     noise: FloatArray, spread: FloatArray, contrast: float
 ) -> tuple[bool, FloatArray]:
-    """Whether single pixels stand out of the ``noise_part``, and Tukey biweights.
+    """Whether single pixels stand out in the ``noise_part``, and Tukey biweights.
 
     ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
     the pixels of the dark side would else set the scale.
@@ -152,13 +152,13 @@ def profile_figures(
     """
     first = np.floor(distances.min() / _BIN_PX)
     size = int(np.floor(distances.max() / _BIN_PX) - first) + 1
-    count, total, place = np.zeros(size), np.zeros(size), np.zeros(size)
+    count, total, distance_sum = np.zeros(size), np.zeros(size), np.zeros(size)
     squares = 0.0
     for i in range(len(values)):
         k = int(np.floor(distances[i] / _BIN_PX) - first)
         count[k] += 1
         total[k] += residuals[i]
-        place[k] += distances[i]
+        distance_sum[k] += distances[i]
         squares += residuals[i] ** 2
     filled = bins = 0
     chi2 = mean_squares = 0.0
@@ -168,7 +168,7 @@ def profile_figures(
         filled += 1
         mean = total[k] / count[k]
         squares -= count[k] * mean * mean
-        if count[k] >= _BIN_PIXELS and abs(place[k] / count[k]) < 5 * sigma_px + 1:
+        if count[k] >= _BIN_PIXELS and abs(distance_sum[k] / count[k]) < 5 * sigma_px + 1:
             bins += 1
             chi2 += count[k] * mean * mean
             mean_squares += mean * mean

@@ -1,7 +1,7 @@
 """Ridges of an image's gradient, grouped into regions of one direction, each with its line.
 
 The loops are compiled: an image has hundreds of regions of a hundred pixels each, and numpy's cost
-per call would be most of the time. ``benchmarks/bench_edge_fit.py`` says what that earns.
+per call would be most of the time. ``benchmarks/bench_edge_fit.py`` shows what that gains.
 """
 
 from dataclasses import dataclass
@@ -27,11 +27,11 @@ _LINE_ROUNDS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ridges:
-    """Lines through the ridges of an image, and what else is there.
+    """Lines through the ridges of an image, and all ridge pixels.
 
     ``lines`` has a row per straight region: middle x and y (px), angle of the normal from the
     dark to the bright side (rad) and length (px). ``points`` holds x and y of all ridge pixels
-    but specks of noise, from top to bottom.
+    except specks of noise, from top to bottom.
     """
 
     lines: FloatArray
@@ -175,7 +175,7 @@ def _line(
         cx += shift * cos(normal)
         cy += shift * sin(normal)
         normal -= np.arctan(slope)
-        # The ridge runs around a corner for its last pixels: they are not of this line.
+        # The ridge runs around a corner for its last pixels: they are not part of this line.
         away = np.abs(across - slope * along - shift)
         kept = away <= max(_ROUGHEST_PX, 2.5 * np.median(away))
     along, across = _projected(x, y, cx, cy, normal)
@@ -195,7 +195,7 @@ def _line(
 def _projected(
     x: FloatArray, y: FloatArray, cx: float, cy: float, normal: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Places of points along a line and across it, from (cx, cy)."""
+    """Coordinates of points along a line and across it, from (cx, cy)."""
     c, s = cos(normal), sin(normal)
     along, across = np.empty(len(x)), np.empty(len(x))
     for i in range(len(x)):
@@ -249,7 +249,7 @@ def refined(gx: Float32Array, gy: Float32Array, line: EdgeLine) -> tuple[EdgeLin
     gx, gy
         Gradient, shape ``(rows, cols)``.
     line
-        About where it is.
+        Its approximate position.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The raw pixels around a fitted edge by their distance from it, and how rough the edge is."""
+"""The raw pixels around a fitted edge by their distance from it, and the edge's roughness."""
 
 from dataclasses import dataclass, field
 from math import cos, pi, sin, sqrt
@@ -11,7 +11,7 @@ from calibration.edges.segments import EdgeLine, EdgeSegment, band_pixels
 from simulation.arrays import FloatArray
 
 _ROUGHNESS_PIECE_PX = 4.0
-_ROUGHNESS_PIECES = 4  # fewer tell no scatter
+_ROUGHNESS_PIECES = 4  # fewer give no scatter
 _NARROWEST_BAND_PX = 3.0
 
 
@@ -19,7 +19,7 @@ _NARROWEST_BAND_PX = 3.0
 class EdgeSamples:
     """Raw pixels around one edge, shape ``(n,)`` each, from the dark to the bright side.
 
-    ``distance_px`` is signed, across the edge; its bend is taken out. ``along_px`` is the place
+    ``distance_px`` is signed, across the edge; its bend is taken out. ``along_px`` is the position
     along the edge. ``levels_dn`` are the pixels as they are.
     """
 
@@ -40,7 +40,7 @@ class EdgeSamples:
 def edge_samples(
     image_dn: FloatArray, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
 ) -> EdgeSamples:
-    """Collect the pixels within ``half_width_px`` of a fitted edge, as far as nothing is near.
+    """Collect the pixels within ``half_width_px`` of a fitted edge, up to its clearance.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def edge_samples(
 
 
 def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
-    """RMS deviation of the edge from its line or arc over pieces of 4 px, noise taken out.
+    """RMS deviation of the edge from its line or arc over pieces of 4 px, noise removed.
 
     Each piece is shifted to where its pixels fit the Gaussian edge best, by one Gauss-Newton
     step; what the pixels' noise alone would scatter is subtracted in squares.
@@ -86,8 +86,8 @@ def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
     distance = samples.distance_px[near]
     slope = np.exp(-0.5 * (distance / sigma_px) ** 2) / (sigma_px * sqrt(2 * pi))
     residual = samples.unit_levels[near] - edge_profile(distance, sigma_px)
-    place = np.floor((samples.along_px[near] + samples.half_length_px) / _ROUGHNESS_PIECE_PX)
-    pieces = place.astype(np.int64)
+    position = np.floor((samples.along_px[near] + samples.half_length_px) / _ROUGHNESS_PIECE_PX)
+    pieces = position.astype(np.int64)
     information = np.bincount(pieces, slope**2)
     right = np.bincount(pieces, residual * slope)
     whole = information > 0.5 * float(np.max(information, initial=0.0))

@@ -23,7 +23,7 @@ class EdgeLine(NamedTuple):
 
 
 class BandPixels(NamedTuple):
-    """The pixels of a turned rectangle about a line, shape ``(n,)`` each.
+    """The pixels of a rotated rectangle about a line, shape ``(n,)`` each.
 
     ``x`` and ``y`` count in px from the line's middle, ``across`` is the signed distance from the
     line; ``normal_rad`` and ``half_length_px`` are the line's.
@@ -56,7 +56,7 @@ class EdgeSegment:
 
     @property
     def line(self) -> EdgeLine:
-        """What may be fitted, as the compiled functions take it."""
+        """The part that may be fitted, as the compiled functions take it."""
         return EdgeLine(self.x_px, self.y_px, self.normal_rad, 0.5 * self.length_px)
 
     def pieces(self, longest_px: float) -> list["EdgeSegment"]:
@@ -64,7 +64,7 @@ class EdgeSegment:
         count = max(1, round(self.length_px / longest_px))
         length = self.length_px / count
         along_x, along_y = -np.sin(self.normal_rad), np.cos(self.normal_rad)
-        places = (np.arange(count) - (count - 1) / 2) * length
+        offsets_px = (np.arange(count) - (count - 1) / 2) * length
         return [
             replace(
                 self,
@@ -73,7 +73,7 @@ class EdgeSegment:
                 length_px=length,
                 found_length_px=self.found_length_px if count == 1 else length,
             )
-            for t in places
+            for t in offsets_px
         ]
 
 
@@ -94,7 +94,7 @@ def band_pixels(image_dn: FloatArray, line: EdgeLine, half_width_px: float) -> B
     top, bottom = max(ceil(y_px - reach_y), 0), min(floor(y_px + reach_y), rows - 1)
     left, right = max(ceil(x_px - reach_x), 0), min(floor(x_px + reach_x), cols - 1)
     n = max(bottom - top + 1, 0) * max(right - left + 1, 0)
-    # A rectangle that leans fills a part of its box; its own area, with a margin, is enough.
+    # A tilted rectangle fills a part of its box; its own area, with a margin, is enough.
     n = min(n, int(4 * (half_width + 2) * (half_length + 2)) + 16)
     x, y, values, across = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     count = 0

@@ -1,6 +1,6 @@
 """Shading across an edge: a slope of either level, measured beyond the reach of the PSF.
 
-Within the band that is fitted, a slope across the edge cannot be told from the tails of the PSF: on
+Within the band that is fitted, a slope across the edge is confounded with the tails of the PSF: on
 a real photograph fitting it there moves sigma by 2 % either way with the width of the band. Farther
 out, shading goes on as it was and tails fade. So the slope is measured in two zones there, and
 taken off the pixels near the edge where both agree.
@@ -33,7 +33,7 @@ def slopes_across(
     clearance_px: float,
     contrast_dn: float,
 ) -> tuple[float, float]:
-    """Slope of the dark and of the bright side in DN/px; 0 where it is none or hardly matters.
+    """Slope of the dark and of the bright side in DN/px; 0 where it is absent or negligible.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ def slopes_across(
     line
         The edge.
     half_width_px, clearance_px
-        How far from it is fitted, and how far nothing else is near.
+        Half width of the fitted band, and the distance to the next edge.
     contrast_dn
-        Of the edge.
+        Contrast of the edge.
     """
     zone = min(_ZONE_PX, (clearance_px - half_width_px) / 2)
     if zone < _ZONE_LEAST_PX:
@@ -125,7 +125,7 @@ def _zone_sums(image_dn: FloatArray, line: EdgeLine, inner: float, zone: float) 
 def _slope(m: FloatArray) -> tuple[float, float]:
     """Slope of the level across the edge from the sums over a zone, and its standard error.
 
-    A plane is fitted: at the border of the image, a slope along the edge would else leak in.
+    A plane is fitted: at the border of the image, a slope along the edge would otherwise leak in.
     """
     n = m[0]
     if n < _ZONE_PIXELS:

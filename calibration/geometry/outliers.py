@@ -127,16 +127,16 @@ def _moves(series: Series, mm_per_unit: float) -> Iterator[tuple[float, Exclusio
         scatter = sqrt(float(np.sum(beside[rest] ** 2)) / (2 * (count - 3)))
         away_mm = float(np.hypot(*beside[left_out]))
         turned = abs(turns[left_out] - float(np.median(turns[rest])))
-        excess = away_mm / max(_MOVED_SIGMAS * scatter, _MOVED_MIN_MM)
-        turned_excess = turned / max(_MOVED_SIGMAS * float(np.ptp(turns[rest])), _TURNED_MIN_RAD)
-        if max(excess, turned_excess) > 1:
+        shift_ratio = away_mm / max(_MOVED_SIGMAS * scatter, _MOVED_MIN_MM)
+        turn_ratio = turned / max(_MOVED_SIGMAS * float(np.ptp(turns[rest])), _TURNED_MIN_RAD)
+        if max(shift_ratio, turn_ratio) > 1:
             what = (
                 f"{away_mm:.2f} mm sideways"
-                if excess >= turned_excess
+                if shift_ratio >= turn_ratio
                 else f"by {degrees(turned):.1f} degrees"
             )
             reason = f"the target was moved {what} relative to the other captures; retake it"
-            yield max(excess, turned_excess), Exclusion(capture=one.capture, reason=reason)
+            yield max(shift_ratio, turn_ratio), Exclusion(capture=one.capture, reason=reason)
 
 
 def _lifted(adjustment: Adjustment) -> _Contradiction | None:

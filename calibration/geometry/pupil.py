@@ -191,9 +191,9 @@ def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
         )
         # With few captures the scatter of the others is itself uncertain.
         limit_mm = fit.interval_factor / 1.96 * np.hypot(err_mm, fit.scatter_mm)
-        excess = abs(height_mm - fits_mm) / max(limit_mm * _OUTLIER_SIGMAS, _OUTLIER_MIN_MM)
-        if excess > 1 and (worst is None or excess > worst[0]):
-            worst = excess, capture, fits_mm
+        ratio = abs(height_mm - fits_mm) / max(limit_mm * _OUTLIER_SIGMAS, _OUTLIER_MIN_MM)
+        if ratio > 1 and (worst is None or ratio > worst[0]):
+            worst = ratio, capture, fits_mm
     return None if worst is None else (worst[1], worst[2])
 
 

@@ -90,7 +90,7 @@ def fit_variances(
 def excess_variance(
     deviation: FloatArray, err: FloatArray, trust: FloatArray, freedom: float
 ) -> float:
-    """Variance beyond the errors that brings the weighted squares to their expected value.
+    """Excess variance, beyond the errors, that brings the weighted squares to their expected value.
 
     Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
     """

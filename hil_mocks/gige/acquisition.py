@@ -1,4 +1,4 @@
-"""The thread of the simulated GigE camera that takes frames: free, triggered, or a few."""
+"""The frame thread of the simulated GigE camera: free-running, triggered, or a few frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ POLL_WHILE_STALLED_S = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Exposure:
-    """The settings of one frame, as they were when it began."""
+    """The settings of one frame, as they were at its start."""
 
     request: FrameRequest
     block_id: int
@@ -37,20 +37,20 @@ class _Exposure:
 
 
 class Acquisition:
-    """Takes a frame a period, or one a trigger, from the source and hands it to the sender.
+    """Takes one frame per period or per trigger from the source and hands it to the sender.
 
-    Block ids begin at 1 with every start.
+    Block ids begin at 1 after every start.
 
     Parameters
     ----------
     source
         Makes the frames.
     state, registers, lock
-        The camera's settings and what guards them.
+        The camera's settings and the lock that guards them.
     sender
         Sends the frames.
     faults
-        Those of this moment.
+        The present faults.
     """
 
     def __init__(
@@ -85,11 +85,11 @@ class Acquisition:
         return self._acquisitions
 
     def open(self) -> None:
-        """Begin to wait for a start."""
+        """Start the thread, which waits for a start of acquisition."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread, at the latest when the frame that it sends is out."""
+        """End the thread, at the latest after the frame that it is sending."""
         with self._changed:
             self._is_closing = True
             self._changed.notify_all()
@@ -151,7 +151,7 @@ class Acquisition:
                     self._exposed_s = self._triggers.pop(0) + self._exposure_s
                     return True
             elif self._has_come(self._due_s):
-                # The stamp is the sensor's, not that of a busy machine; and a frame that is late
+                # The time stamp is the sensor's, not that of a busy machine; and a late frame
                 # does not hurry those that follow.
                 self._exposed_s = self._due_s
                 self._due_s = max(self._due_s + self._state.frame_period_s, monotonic())

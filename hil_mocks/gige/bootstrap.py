@@ -1,4 +1,4 @@
-"""Bootstrap registers: who a GigE Vision device is, what it can do, where its description lies.
+"""Bootstrap registers: identity, capabilities and description URL of a GigE Vision device.
 
 References
 ----------
@@ -13,13 +13,13 @@ from enum import IntEnum, IntFlag
 
 BOOTSTRAP_BYTES = 0x1000
 DISCOVERY_BYTES = 0xF8
-"""The discovery acknowledge is the registers up to the user-defined name."""
+"""The discovery acknowledge consists of the registers up to the user-defined name."""
 
 TICKS_PER_S = 1_000_000_000
 
 
 class BootstrapAddress(IntEnum):
-    """Addresses that the device treats in its own way."""
+    """Addresses that the device handles specially."""
 
     MANUFACTURER_NAME = 0x0048
     MODEL_NAME = 0x0068
@@ -79,17 +79,17 @@ def bootstrap_page(identity: Identity, address: str, url: str) -> bytearray:
     address
         Its IPv4 address.
     url
-        Of its description.
+        URL of its description.
     """
     page = bytearray(BOOTSTRAP_BYTES)
     ip = int(ipaddress.IPv4Address(address))
 
-    def put(place: int, *words: int) -> None:
-        struct.pack_into(f">{len(words)}I", page, place, *words)
+    def put(offset: int, *words: int) -> None:
+        struct.pack_into(f">{len(words)}I", page, offset, *words)
 
-    def text(place: int, value: str, length: int) -> None:
+    def text(offset: int, value: str, length: int) -> None:
         encoded = value.encode("utf-8")[: length - 1]
-        page[place : place + len(encoded)] = encoded
+        page[offset : offset + len(encoded)] = encoded
 
     put(0x0000, 0x0001_0002)  # version 1.2
     put(0x0004, 0x8000_0001)  # big endian, UTF-8

@@ -1,4 +1,4 @@
-"""The control channel of the simulated GigE camera: who may do what, and the answers.
+"""The control channel of the simulated GigE camera: access rights and answers.
 
 References
 ----------
@@ -45,7 +45,7 @@ class Privilege(IntFlag):
 class ControlChannel:
     """Answers the commands of clients; one of them can hold control.
 
-    Control is lost by a release, without a command for the heartbeat timeout, or by `drop`; the
+    Control is lost by a release, after the heartbeat timeout without a command, or by `drop`; the
     stream ends with it.
 
     Parameters
@@ -53,9 +53,9 @@ class ControlChannel:
     registers
         The camera's memory.
     faults
-        Those of this moment.
+        The present faults.
     resend
-        Sends packets again.
+        Resends packets.
     end_stream
         Called when control ends.
     """
@@ -108,12 +108,12 @@ class ControlChannel:
             return False
 
     def answer(self, datagram: bytes, peer: Peer) -> bytes | None:
-        """Do what a datagram asks for.
+        """Carry out the command in a datagram.
 
         Returns
         -------
         bytes or None
-            The acknowledge, or None if there is none: no GVCP, no answer asked for, no power.
+            The acknowledge, or None: not GVCP, no answer requested, or no power.
         """
         if self._faults().is_dead:
             return None
@@ -123,7 +123,7 @@ class ControlChannel:
             return None
         if peer == self._controller and not self._faults().heartbeat_lost:
             self._last_heard_s = monotonic()
-        # A client that misses an acknowledge repeats the command: it is done once.
+        # A client that misses an acknowledge repeats the command: it is carried out once.
         if self._answered is not None and self._answered[:2] == (peer, datagram):
             return self._answered[2]
         try:
@@ -192,11 +192,11 @@ class ControlChannel:
     def _set_controller(self, peer: Peer | None, privilege: int) -> None:
         self._controller = peer
         self._last_heard_s = monotonic()
-        place = BootstrapAddress
+        addresses = BootstrapAddress
         address, port = (0, 0) if peer is None else (int(ipaddress.IPv4Address(peer[0])), peer[1])
-        self._registers.set_plain(place.CONTROL_PRIVILEGE, privilege)
-        self._registers.set_plain(place.PRIMARY_ADDRESS, address)
-        self._registers.set_plain(place.PRIMARY_PORT, port)
+        self._registers.set_plain(addresses.CONTROL_PRIVILEGE, privilege)
+        self._registers.set_plain(addresses.PRIMARY_ADDRESS, address)
+        self._registers.set_plain(addresses.PRIMARY_PORT, port)
 
     def _check_may_read(self, peer: Peer) -> None:
         privilege = self._registers.plain(BootstrapAddress.CONTROL_PRIVILEGE)

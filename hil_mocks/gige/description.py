@@ -22,7 +22,7 @@ STRINGS = (
     ("DeviceSerialNumber", 0x00D8, 16),
     ("DeviceUserID", 0x00E8, 16),
 )
-"""Names of the device in the bootstrap registers: feature, address and length."""
+"""Device names in the bootstrap registers: feature, address and length."""
 
 WRITABLE_STRINGS = ("DeviceUserID",)
 
@@ -143,5 +143,5 @@ def _number(value: float) -> str:
 
 
 def _identifier(text: str) -> str:
-    """The text as an XML name: what is no letter or digit becomes an underscore."""
+    """The text as an XML name: any character but letters and digits becomes an underscore."""
     return "".join(letter if letter.isalnum() else "_" for letter in text)

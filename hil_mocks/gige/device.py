@@ -31,21 +31,21 @@ STREAM_BUFFER_BYTES = 4 << 20
 class GigeDevice:
     """A GigE Vision camera on a loopback address, which any GigE Vision client can open.
 
-    It opens with `open` or as a context manager, in threads of its own; only an open one has
-    acquisitions, can be restarted or lose its client. It sends to loopback addresses alone.
+    It opens with `open` or as a context manager, in its own threads; only an open one has
+    acquisitions, can be restarted or lose its client. It sends only to loopback addresses.
 
     Parameters
     ----------
     source
         Makes its frames.
     address
-        Of 127.0.0.0/8; several cameras live side by side on several addresses.
+        Address in 127.0.0.0/8; several cameras can run side by side on different addresses.
     identity
         Its names.
     bayer_order
-        ``RG``, ``GR``, ``GB`` or ``BG`` for the colour model; the source knows of it too.
+        ``RG``, ``GR``, ``GB`` or ``BG`` for the colour model; must match that of the source.
     black_level_dn
-        At power-up, in DN of 12 bits.
+        Black level at power-up, in DN at 12 bits.
     link_mtu_bytes
         Largest packet, IP header included, that the link to the client carries.
 
@@ -67,7 +67,9 @@ class GigeDevice:
     ) -> None:
         self._address = checked_loopback_address(address)
         if bayer_order is not None and bayer_order not in BAYER_ORDERS:
-            raise ValueError(f"a Bayer order is one of {', '.join(BAYER_ORDERS)}: {bayer_order}")
+            raise ValueError(
+                f"a Bayer order must be one of {', '.join(BAYER_ORDERS)}, got {bayer_order}"
+            )
         self._source = source
         self._bayer_order = bayer_order
         self._link_mtu_bytes = link_mtu_bytes
@@ -109,7 +111,7 @@ class GigeDevice:
 
     @property
     def faults(self) -> GigeFaults:
-        """What goes wrong; set it at any time."""
+        """The present faults; can be set at any time."""
         return self._faults
 
     @faults.setter
@@ -140,12 +142,12 @@ class GigeDevice:
             return self._state.value(feature)
 
     def open(self) -> None:
-        """Bind the address and begin to answer.
+        """Bind the address and start to answer.
 
         Raises
         ------
         DeviceError
-            If the address cannot be had.
+            If the address cannot be bound.
         """
         with ExitStack() as stack:
             control = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -185,7 +187,7 @@ class GigeDevice:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop answering and give the address back; closing twice is harmless."""
+        """Stop answering and release the address; closing twice is harmless."""
         if self._thread is None:
             return
         self.drop_control()
@@ -197,7 +199,7 @@ class GigeDevice:
         self._sockets.close()
 
     def restart(self) -> None:
-        """Lose power for a moment: control is lost, settings are those of power-up."""
+        """Lose power briefly: control is lost, and settings are those at power-up."""
         with self._lock:
             self._control.drop()
             self._acquisition.stop()
@@ -210,7 +212,7 @@ class GigeDevice:
             self._control.drop()
 
     def begin_blocks_at(self, block_id: int) -> None:
-        """Let block ids begin there instead of at 1 from the next start on."""
+        """Let block ids begin at ``block_id`` instead of 1 from the next start on."""
         self._acquisition.first_block_id = block_id
 
     def __enter__(self) -> Self:
@@ -261,7 +263,7 @@ class GigeDevice:
 
 
 def _reply(port: socket.socket, datagram: bytes, peer: tuple[str, int]) -> None:
-    # A datagram can come from port 0, where no answer can go: it has none.
+    # A datagram can come from port 0, to which no answer can be sent.
     with suppress(OSError):
         port.sendto(datagram, peer)
 
@@ -272,7 +274,7 @@ def checked_loopback_address(address: str) -> str:
     Raises
     ------
     ValueError
-        If it is another, or none.
+        If it is another address, or not an address.
     """
     try:
         parsed = ipaddress.IPv4Address(address)
@@ -280,6 +282,6 @@ def checked_loopback_address(address: str) -> str:
         raise ValueError(f"not an IPv4 address such as 127.0.0.1: {address}") from error
     if not parsed.is_loopback:
         raise ValueError(
-            f"the simulated camera lives on a loopback address such as 127.0.0.1, not {address}"
+            f"the simulated camera needs a loopback address such as 127.0.0.1, not {address}"
         )
     return str(parsed)

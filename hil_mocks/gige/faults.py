@@ -1,4 +1,4 @@
-"""What goes wrong with the simulated GigE camera, on demand and while it runs."""
+"""Faults of the simulated GigE camera, on demand and while it runs."""
 
 from dataclasses import dataclass, fields
 
@@ -9,18 +9,18 @@ RATES = ("packet_loss_rate", "duplicate_rate", "reorder_rate")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GigeFaults:
-    """What goes wrong from now on; a restart and a loss of control are calls of the device.
+    """Faults from now on; a restart and a loss of control are methods of the device.
 
     Parameters
     ----------
     seed
-        Of the three rates.
+        Seed of the three rates.
     packet_loss_rate
-        Share of the stream's packets that do not arrive; packets sent again can be lost too.
+        Fraction of the stream's packets that do not arrive; resent packets can be lost too.
     duplicate_rate, reorder_rate
-        Share of the packets that come twice, or after the one that follows them.
+        Fraction of the packets that come twice, or after the one that follows them.
     resend_disabled
-        The device does not know the command for sending packets again.
+        The device does not support the command for resending packets.
     is_stalled
         No frame is taken.
     is_dead
@@ -28,13 +28,13 @@ class GigeFaults:
     heartbeat_lost
         Commands no longer keep control alive: it expires after the heartbeat timeout.
     corrupt_leader
-        Leaders come with a payload type that does not exist.
+        Leaders have a payload type that does not exist.
     missing_rows
-        The image comes with so many rows less than was set.
+        The image has this many rows fewer than was set.
     refused_registers
-        Names of features whose register refuses every write.
+        Names of features whose registers refuse every write.
     slow_writes_s
-        A write is answered so much later, and the device asks for patience if it may.
+        Delay before a write is answered; the device sends a pending acknowledge if it may.
     temperature_present
         The description has a DeviceTemperature, unlike a Manta's.
     """
@@ -63,7 +63,7 @@ class GigeFaults:
 
     @property
     def disturbs_packets(self) -> bool:
-        """Whether the packets of a block do not simply follow each other."""
+        """Whether the packets of a block do not simply arrive in order."""
         return any(getattr(self, name) > 0 for name in RATES)
 
     def order_of_arrival(self, packet_count: int, draw: int) -> list[int]:
@@ -72,16 +72,16 @@ class GigeFaults:
         Parameters
         ----------
         packet_count
-            Packets that are sent.
+            Number of packets sent.
         draw
-            Number of the occasion: the same seed and occasion give the same order.
+            Number of the draw: the same seed and draw give the same order.
         """
         rng = np.random.default_rng([self.seed, draw])
         lost, twice, late = (rng.random(packet_count) < getattr(self, name) for name in RATES)
-        places = np.arange(packet_count, dtype=np.float64)
-        places[late] += 1.5
+        positions = np.arange(packet_count, dtype=np.float64)
+        positions[late] += 1.5
         arriving = np.repeat(np.flatnonzero(~lost), np.where(twice[~lost], 2, 1))
-        return [int(packet) for packet in arriving[np.argsort(places[arriving], kind="stable")]]
+        return [int(packet) for packet in arriving[np.argsort(positions[arriving], kind="stable")]]
 
     @classmethod
     def names(cls) -> tuple[str, ...]:

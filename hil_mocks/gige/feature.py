@@ -13,23 +13,23 @@ class Feature:
     Parameters
     ----------
     name, category, kind, description
-        As the description shows them.
+        As in the description.
     address
-        Of its register; floats take eight bytes, everything else four, big endian.
+        Address of its register; floats take eight bytes, everything else four, big endian.
     access
         ``RW``, ``RO`` or ``WO``.
     minimum, maximum
-        Limits; a name is that of the feature that holds the limit.
+        Limits, or the name of the feature that holds the limit.
     increment
-        Of integers; what a float is rounded to.
+        Increment of an integer, or the step that a float is rounded to.
     unit
-        As the description shows it.
+        As in the description.
     entries
         Names and values of an enumeration.
     bits
         ``(lsb, msb)`` of a part of a register (kinds masked and flag), bit 0 the highest.
     is_locked_while_acquiring
-        Whether it can only be written while the camera stands.
+        Whether it can be written only while no acquisition is running.
     """
 
     name: str
@@ -48,5 +48,5 @@ class Feature:
 
     @property
     def length(self) -> int:
-        """Bytes of its register."""
+        """Length of its register in bytes."""
         return 8 if self.kind == "float" else 4

@@ -17,7 +17,7 @@ from hil_mocks.gige.feature import Feature
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, pixel_formats_of
 
 DEVICE_PAGE = 0xA000
-"""Where the registers of the device itself begin (GigE Vision 2.0, section 28)."""
+"""Start of the device's own registers (GigE Vision 2.0, section 28)."""
 
 
 def features_of(bayer_order: str | None, *, has_temperature: bool) -> tuple[Feature, ...]:

@@ -1,4 +1,4 @@
-"""Where the pictures of the simulated GigE camera come from: a seam that tests can ask as well."""
+"""The source of the simulated GigE camera's frames, which tests can query as well."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ from hil_mocks.scene import ADC_MAX_DN, Sensor
 
 NOISE_LEVELS = 65536
 CERTAIN_SIGMA = 8.0
-"""Beyond so many standard deviations the full well no longer matters to float32."""
+"""Beyond this many standard deviations the full well no longer matters in float32."""
 
 BAYER_WEIGHTS = {"R": 0.55, "G": 1.0, "B": 0.7}
-"""Light that a colour filter lets through from white paper, relative to green (our choice)."""
+"""Transmission of a colour filter for white paper, relative to green (our choice)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRequest:
-    """Everything that a frame depends on but the scene.
+    """Everything that a frame depends on except the scene.
 
     Parameters
     ----------
     acquisition
-        Counts the starts of acquisition since power-up, from 1.
+        Number of the acquisition start since power-up, from 1.
     index
-        Frame since that start, from 0: the block with id ``index + 1`` until ids wrap.
+        Number of the frame since that start, from 0: the block id is ``index + 1`` until ids wrap.
     exposure_us, gain_db, black_level_dn
-        Settings of the camera; the black level in DN of 12 bits.
+        Settings of the camera; the black level in DN at 12 bits.
     """
 
     acquisition: int
@@ -41,7 +41,7 @@ class FrameRequest:
 
 
 class FrameSource(Protocol):
-    """Makes the frames of a camera, each from its request alone while the scene stands still."""
+    """Makes a camera's frames; while the scene is still, each depends only on its request."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -49,7 +49,7 @@ class FrameSource(Protocol):
         ...
 
     def levels_dn(self, request: FrameRequest) -> NDArray[np.uint16]:
-        """Levels of the whole sensor in DN of 12 bits."""
+        """Levels of the whole sensor in DN at 12 bits."""
         ...
 
 
@@ -57,7 +57,7 @@ class FrameSource(Protocol):
 def noise_table() -> NDArray[np.float32]:
     """Standard normal deviate for each of 65536 equally likely draws: mean 0, variance 1.
 
-    The largest is 4.2: what a normal distribution has beyond, 3 in 100 000 draws, is drawn in.
+    The largest is 4.2: the tails beyond, 3 in 100 000 draws, are pulled in.
     """
     quantiles = ndtri((np.arange(NOISE_LEVELS) + 0.5) / NOISE_LEVELS)
     table = np.asarray(quantiles / quantiles.std(), np.float32)
@@ -66,21 +66,21 @@ def noise_table() -> NDArray[np.float32]:
 
 
 class BenchFrameSource:
-    """Photographs the view of a simulated bench with noise after the sensor's model.
+    """Photographs the view of a simulated bench, with noise according to the sensor model.
 
     Every pixel of every frame draws 16 random bits of its own, a normal deviate by `noise_table`:
     shot and read noise together are a Gaussian of the model's variance. So mean and variance are
-    the model's down to a few electrons, and the skewness of the Poisson distribution is missing.
-    What the full well cuts off is in the mean and the variance of its pixels.
+    the model's down to a few electrons, but the skewness of the Poisson distribution is missing.
+    The clipping by the full well is included in the mean and the variance of its pixels.
 
     Parameters
     ----------
     sensor
-        The model.
+        The sensor model.
     look
-        Light on each pixel now, relative to white paper; the same array while nothing moved.
+        Present light on each pixel, relative to white paper; the same array while nothing moves.
     seed
-        Of the noise.
+        Seed of the noise.
     bayer_order
         First two colours of the mosaic, such as ``RG``; None for a monochrome sensor.
     """
@@ -107,7 +107,7 @@ class BenchFrameSource:
         return self._shape
 
     def levels_dn(self, request: FrameRequest) -> NDArray[np.uint16]:
-        """See `FrameSource.levels_dn`; the scene is looked at once, at the beginning."""
+        """See `FrameSource.levels_dn`; the scene is read once, at the start."""
         view = self._look()
         prepared = self._prepared
         settings = (request.exposure_us, request.gain_db, request.black_level_dn)
@@ -118,7 +118,7 @@ class BenchFrameSource:
         draws = stream.random_raw(-(-view.size // 4)).view(np.uint16)[: view.size]
         level_dn = np.take(noise_table(), draws, mode="clip").reshape(view.shape)
         level_dn *= prepared.sigma_dn
-        level_dn += prepared.mean_dn  # a half more: the conversion below cuts off
+        level_dn += prepared.mean_dn  # plus a half, as the conversion below truncates
         np.clip(level_dn, 0, ADC_MAX_DN, out=level_dn)
         return level_dn.astype(np.uint16)
 

@@ -1,4 +1,4 @@
-"""Wire format of GVCP, the control protocol of GigE Vision: bytes in, commands out, and back.
+"""Wire format of GVCP, the control protocol of GigE Vision: bytes to commands and back.
 
 References
 ----------
@@ -14,7 +14,7 @@ GVCP_PORT = 3956
 KEY = 0x42
 HEADER_BYTES = 8
 READMEM_LIMIT_BYTES = 536
-"""Most bytes of memory in one datagram: 548 of payload less the address (section 16.3)."""
+"""Most bytes of memory in one datagram: 548 of payload minus the address (section 16.3)."""
 
 REGISTERS_LIMIT = 135
 """Most registers in one READREG."""
@@ -40,7 +40,7 @@ class GvcpStatus(IntEnum):
 
 
 class CommandCode(IntEnum):
-    """Commands of a client; an acknowledge has the code that follows."""
+    """Commands of a client; the code of the acknowledge is one higher."""
 
     DISCOVERY = 0x0002
     FORCEIP = 0x0004
@@ -50,7 +50,7 @@ class CommandCode(IntEnum):
     READMEM = 0x0084
     WRITEMEM = 0x0086
     PENDING = 0x0088
-    """Sent by devices alone; only its acknowledge, 0x0089, exists."""
+    """Sent only by devices; only its acknowledge, 0x0089, exists."""
 
 
 class CommandFlag(IntFlag):
@@ -58,7 +58,7 @@ class CommandFlag(IntFlag):
 
     ACKNOWLEDGE = 0x01
     EXTENDED_IDS = 0x10
-    """Of PACKETRESEND: block ids of 64 bits, which this device does not use."""
+    """For PACKETRESEND: block ids of 64 bits, which this device does not use."""
 
 
 class GvcpError(Exception):
@@ -71,7 +71,7 @@ class GvcpError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """One command as it came: the code may be unknown, the payload is not looked at yet."""
+    """One command as received: the code may be unknown, the payload is not parsed yet."""
 
     code: int
     flags: int
@@ -80,7 +80,7 @@ class Command:
 
     @property
     def wants_acknowledge(self) -> bool:
-        """Whether the sender waits for an answer."""
+        """Whether the sender expects an answer."""
         return bool(self.flags & CommandFlag.ACKNOWLEDGE)
 
 
@@ -110,7 +110,7 @@ class RegisterWrite:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResendRequest:
-    """The packets ``first`` to ``last`` of a block, both included."""
+    """A request for the packets ``first`` to ``last`` of a block, both included."""
 
     channel: int
     block_id: int
@@ -129,14 +129,14 @@ def parse_command(datagram: bytes) -> Command:
     Raises
     ------
     GvcpError
-        If the datagram is no GVCP command, or its length is not the one it says.
+        If the datagram is not a GVCP command, or its length is not the stated one.
     """
     if len(datagram) < HEADER_BYTES or datagram[0] != KEY:
         raise GvcpError("not a GVCP command", status=GvcpStatus.INVALID_HEADER)
     _, flags, code, length, request_id = struct.unpack_from(">BBHHH", datagram)
     if len(datagram) != HEADER_BYTES + length:
         raise GvcpError(
-            f"a command of {length} bytes came with {len(datagram) - HEADER_BYTES}",
+            f"a command states {length} bytes but has {len(datagram) - HEADER_BYTES}",
             status=GvcpStatus.INVALID_HEADER,
         )
     if request_id == 0:
@@ -166,7 +166,7 @@ def parse_read_registers(payload: bytes) -> list[int]:
     Raises
     ------
     GvcpError
-        If the payload is no such list.
+        If the payload is not such a list.
     """
     count = len(payload) // 4
     if len(payload) % 4 or not 1 <= count <= REGISTERS_LIMIT:
@@ -180,7 +180,7 @@ def parse_write_registers(payload: bytes) -> list[RegisterWrite]:
     Raises
     ------
     GvcpError
-        If the payload is no such list.
+        If the payload is not such a list.
     """
     count = len(payload) // 8
     if len(payload) % 8 or not 1 <= count <= WRITES_LIMIT:
@@ -197,7 +197,7 @@ def parse_read_memory(payload: bytes) -> MemoryRange:
     Raises
     ------
     GvcpError
-        If the payload is malformed, the range is not of whole 32-bit words, or too long.
+        If the payload is malformed, or the range is too long or not whole 32-bit words.
     """
     if len(payload) != HEADER_BYTES:
         raise _invalid("READMEM", payload)
@@ -229,7 +229,7 @@ def parse_resend_request(payload: bytes) -> ResendRequest:
     Raises
     ------
     GvcpError
-        If the payload is malformed; a form for 64-bit block ids is too long and so refused.
+        If the payload is malformed; the form for 64-bit block ids is too long and so refused.
     """
     if len(payload) != 12:
         raise _invalid("PACKETRESEND", payload)

@@ -26,7 +26,7 @@ TRAILER_BODY = struct.Struct(">HHI")
 
 
 class PacketFormat(IntEnum):
-    """What a packet is."""
+    """Kind of a packet."""
 
     LEADER = 1
     TRAILER = 2
@@ -45,7 +45,7 @@ class GvspHeader:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageLeader:
-    """What a leader says of the image that follows."""
+    """What a leader states about the image that follows."""
 
     timestamp_ticks: int
     pixel_format: int
@@ -56,7 +56,7 @@ class ImageLeader:
 
 
 def payload_bytes_per_packet(packet_size_bytes: int) -> int:
-    """Image bytes in one packet of a size that counts the IP and UDP headers."""
+    """Image bytes in one packet of a size that includes the IP and UDP headers."""
     return packet_size_bytes - IP_UDP_HEADER_BYTES - GVSP_HEADER_BYTES
 
 
@@ -97,7 +97,7 @@ def encode_trailer(block_id: int, packet_id: int, height: int) -> bytes:
 def encode_payload_packets(
     block_id: int, image_bytes: NDArray[np.uint8], payload_bytes: int
 ) -> NDArray[np.uint8]:
-    """Lay an image out as payload packets that follow each other in memory.
+    """Lay out an image as consecutive payload packets in memory.
 
     Parameters
     ----------

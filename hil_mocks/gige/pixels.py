@@ -21,7 +21,7 @@ BAYER_ORDERS = ("GR", "RG", "GB", "BG")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelLayout:
-    """How the levels of one pixel format lie in memory."""
+    """Memory layout of the levels of one pixel format."""
 
     code: int
     significant_bits: int
@@ -29,7 +29,7 @@ class PixelLayout:
 
     @property
     def bits_per_pixel(self) -> int:
-        """Bits that a pixel takes on the wire; the code holds them (PFNC)."""
+        """Bits of a pixel on the wire, as contained in the code (PFNC)."""
         return self.code >> 16 & 0xFF
 
 
@@ -40,12 +40,12 @@ def _layouts() -> dict[str, PixelLayout]:
         "Mono12Packed": PixelLayout(code=0x010C0006, significant_bits=12, is_packed=True),
         "Mono16": PixelLayout(code=0x01100007, significant_bits=16),
     }
-    for place, order in enumerate(BAYER_ORDERS):
+    for index, order in enumerate(BAYER_ORDERS):
         layouts |= {
-            f"Bayer{order}8": PixelLayout(code=0x01080008 + place, significant_bits=8),
-            f"Bayer{order}12": PixelLayout(code=0x01100010 + place, significant_bits=12),
+            f"Bayer{order}8": PixelLayout(code=0x01080008 + index, significant_bits=8),
+            f"Bayer{order}12": PixelLayout(code=0x01100010 + index, significant_bits=12),
             f"Bayer{order}12Packed": PixelLayout(
-                code=0x010C002A + place, significant_bits=12, is_packed=True
+                code=0x010C002A + index, significant_bits=12, is_packed=True
             ),
         }
     return layouts
@@ -66,7 +66,7 @@ def pixel_formats_of(bayer_order: str | None) -> tuple[str, ...]:
 def image_of_levels(
     level_dn: NDArray[np.uint16], layout: PixelLayout
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Levels of a pixel format, unpacked as a client reads them, from levels of 12 bits."""
+    """Convert 12-bit levels to those of a pixel format, unpacked as a client reads them."""
     if layout.significant_bits == 8:
         return (level_dn >> MONO8_SHIFT).astype(np.uint8)
     if layout.significant_bits == 16:
@@ -86,7 +86,7 @@ def wire_bytes(level_dn: NDArray[np.uint16], layout: PixelLayout) -> NDArray[np.
     if not layout.is_packed:
         return image.astype(image.dtype.newbyteorder("<"), copy=False).view(np.uint8)
     if image.size % 2:
-        raise ValueError(f"a packed image has an even number of pixels, got {image.size}")
+        raise ValueError(f"a packed image needs an even number of pixels, got {image.size}")
     pairs = np.ascontiguousarray(image).view("<u4")
     # One pair is 0x0BBB0AAA; its bytes are A >> 4, then both low nibbles (A's below), then B >> 4.
     packed = np.empty((pairs.size, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""The memory of the simulated GigE camera: what a client reads and writes by address."""
+"""The memory of the simulated GigE camera, which a client reads and writes by address."""
 
 import struct
 from collections.abc import Callable
@@ -48,7 +48,7 @@ CAPABILITIES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamTarget:
-    """Where the stream goes and in which packets."""
+    """Destination and packet size of the stream."""
 
     address: int
     port: int
@@ -57,7 +57,7 @@ class StreamTarget:
 
     @property
     def is_reachable(self) -> bool:
-        """Whether anything is sent there: never beyond this computer, to no group of hosts."""
+        """Whether anything is sent there: only within this computer, and not to a group."""
         return self.port != 0 and self.address >> 24 == LOOPBACK_NETWORK
 
 
@@ -79,7 +79,7 @@ class RegisterMap:
     features, state
         What the feature registers hold.
     commands
-        What a write to the register of a command feature does, by its name.
+        The action of each command feature, by its name.
     fire_test_packet
         Called when a client asks for one.
     """
@@ -116,17 +116,17 @@ class RegisterMap:
         self.power_up()
 
     def describe(self, features: tuple[Feature, ...]) -> None:
-        """Show these features to whoever reads the description from now on."""
+        """Describe these features to clients from now on."""
         identity = self._identity
         description = describe(features, vendor=identity.vendor, model=identity.model)
-        # Clients read whole blocks: what lies beyond the end is there, and zero.
+        # Clients read whole blocks: memory beyond the end exists and is zero.
         padded = -(-len(description) // 4) * 4 + READMEM_LIMIT_BYTES
         self._description = description.ljust(padded, b"\0")
         url = f"Local:{DESCRIPTION_FILE};{DESCRIPTION_ADDRESS:x};{len(description):x}"
         self._bootstrap = bytes(bootstrap_page(identity, self._address, url))
 
     def power_up(self) -> None:
-        """Take the values that the registers have when the device is switched on."""
+        """Set the registers to their values at power-up."""
         self._plain = {
             BootstrapAddress.HEARTBEAT_TIMEOUT: DEFAULT_HEARTBEAT_MS,
             BootstrapAddress.GVCP_CONFIGURATION: 0,
@@ -151,17 +151,17 @@ class RegisterMap:
 
     @property
     def heartbeat_s(self) -> float:
-        """Time after which control is lost without a command."""
+        """Time without a command after which control is lost."""
         return self._plain[BootstrapAddress.HEARTBEAT_TIMEOUT] / 1000
 
     @property
     def pending_is_enabled(self) -> bool:
-        """Whether the client understands a request for patience."""
+        """Whether the client accepts pending acknowledges."""
         return bool(self._plain[BootstrapAddress.GVCP_CONFIGURATION] & PENDING_ENABLE)
 
     @property
     def stream_target(self) -> StreamTarget:
-        """Where the stream goes now."""
+        """Present target of the stream."""
         return StreamTarget(
             address=self._plain[BootstrapAddress.STREAM_DESTINATION],
             port=self._plain[BootstrapAddress.STREAM_PORT],
@@ -171,11 +171,11 @@ class RegisterMap:
 
     @property
     def now_ticks(self) -> int:
-        """The device's clock, in ns since power-up or its last reset."""
+        """Time on the device's clock, in ns since power-up or its last reset."""
         return monotonic_ns() - self._zero_ns
 
     def ticks_at(self, moment_s: float) -> int:
-        """The device's clock at a moment of `time.monotonic`."""
+        """Time on the device's clock at a moment of `time.monotonic`."""
         return max(0, round(moment_s * 1e9) - self._zero_ns)
 
     def discovery(self) -> bytes:
@@ -183,18 +183,18 @@ class RegisterMap:
         return self._memory(0, DISCOVERY_BYTES)
 
     def read(self, address: int, length: int) -> bytes:
-        """Memory from an address on.
+        """Read memory from an address on.
 
         Raises
         ------
         GvcpError
-            If there is none, or the words are not aligned.
+            If there is no memory, or the words are not aligned.
         """
         _check_alignment(address)
         return self._memory(address, length)
 
     def write(self, write: MemoryWrite) -> None:
-        """Write one register after the other.
+        """Write one register after another.
 
         Raises
         ------
@@ -264,41 +264,48 @@ class RegisterMap:
         )
 
     def _add_bootstrap_registers(self) -> None:
-        place = BootstrapAddress
-        self._add_word(place.CAPABILITY, "GVCPCapability", lambda: int(self.capabilities), None)
+        addresses = BootstrapAddress
+        self._add_word(addresses.CAPABILITY, "GVCPCapability", lambda: int(self.capabilities), None)
         self._add_word(
-            place.HEARTBEAT_TIMEOUT,
+            addresses.HEARTBEAT_TIMEOUT,
             "GevHeartbeatTimeout",
-            partial(self.plain, place.HEARTBEAT_TIMEOUT),
+            partial(self.plain, addresses.HEARTBEAT_TIMEOUT),
             lambda value: self.set_plain(
-                place.HEARTBEAT_TIMEOUT, max(value, SHORTEST_HEARTBEAT_MS)
+                addresses.HEARTBEAT_TIMEOUT, max(value, SHORTEST_HEARTBEAT_MS)
             ),
         )
         for address, name in (
-            (place.PRIMARY_PORT, "PrimaryApplicationPort"),
-            (place.PRIMARY_ADDRESS, "PrimaryApplicationAddress"),
-            (place.CONTROL_PRIVILEGE, "ControlPrivilege"),
-            (place.STREAM_SOURCE_PORT, "GevSCSP"),
+            (addresses.PRIMARY_PORT, "PrimaryApplicationPort"),
+            (addresses.PRIMARY_ADDRESS, "PrimaryApplicationAddress"),
+            (addresses.CONTROL_PRIVILEGE, "ControlPrivilege"),
+            (addresses.STREAM_SOURCE_PORT, "GevSCSP"),
         ):
             self._add_word(address, name, partial(self.plain, address), None)
         for address, name, mask in (
-            (place.GVCP_CONFIGURATION, "GVCPConfiguration", PENDING_ENABLE),
-            (place.STREAM_PORT, "GevSCPHostPort", 0xFFFF),
-            (place.STREAM_PACKET_DELAY, "GevSCPD", 0xFFFFFFFF),
-            (place.STREAM_DESTINATION, "GevSCDA", 0xFFFFFFFF),
+            (addresses.GVCP_CONFIGURATION, "GVCPConfiguration", PENDING_ENABLE),
+            (addresses.STREAM_PORT, "GevSCPHostPort", 0xFFFF),
+            (addresses.STREAM_PACKET_DELAY, "GevSCPD", 0xFFFFFFFF),
+            (addresses.STREAM_DESTINATION, "GevSCDA", 0xFFFFFFFF),
         ):
             self._add_word(
                 address, name, partial(self.plain, address), partial(self._store, address, mask)
             )
         self._add_word(
-            place.STREAM_PACKET_SIZE, "GevSCPSPacketSize", self._packet_word, self._set_packet_word
+            addresses.STREAM_PACKET_SIZE,
+            "GevSCPSPacketSize",
+            self._packet_word,
+            self._set_packet_word,
         )
-        self._add_word(place.TIMESTAMP_CONTROL, "TimestampControl", lambda: 0, self._control_clock)
-        self._add_word(place.TIMESTAMP_HIGH, "TimestampHigh", lambda: self._latched_ns >> 32, None)
         self._add_word(
-            place.TIMESTAMP_LOW, "TimestampLow", lambda: self._latched_ns & 0xFFFFFFFF, None
+            addresses.TIMESTAMP_CONTROL, "TimestampControl", lambda: 0, self._control_clock
         )
-        self._registers[place.USER_NAME] = _Register(
+        self._add_word(
+            addresses.TIMESTAMP_HIGH, "TimestampHigh", lambda: self._latched_ns >> 32, None
+        )
+        self._add_word(
+            addresses.TIMESTAMP_LOW, "TimestampLow", lambda: self._latched_ns & 0xFFFFFFFF, None
+        )
+        self._registers[addresses.USER_NAME] = _Register(
             name="DeviceUserID",
             length=USER_NAME_BYTES,
             read=lambda: self._user_name,
@@ -327,7 +334,7 @@ class RegisterMap:
         return flags | int(self._state.value("GevSCPSPacketSize"))
 
     def _set_packet_word(self, value: int) -> None:
-        # A size that the camera cannot have becomes the nearest below: clients read it back.
+        # An impossible packet size becomes the nearest one below: clients read it back.
         step = PACKET_SIZE_STEP
         size = max(min(value & PACKET_SIZE_MASK, LARGEST_PACKET) // step * step, SMALLEST_PACKET)
         if size != self._state.value("GevSCPSPacketSize"):

@@ -1,4 +1,4 @@
-"""The settings of the simulated GigE camera: feature values, their limits and what follows."""
+"""The settings of the simulated GigE camera: feature values, limits and derived values."""
 
 from collections.abc import Mapping
 from math import log10
@@ -14,7 +14,7 @@ from hil_mocks.gige.gvsp import (
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, PixelLayout
 
 MAX_FRAME_RATE_HZ = 67.5
-"""Of the whole frame: Allied Vision, Manta G-046 data sheet."""
+"""For the whole frame: Allied Vision, Manta G-046 data sheet."""
 
 ROW_SHARE = 0.9
 """Part of the readout that shrinks with the rows of the region (our choice)."""
@@ -26,19 +26,19 @@ ETHERNET_OVERHEAD_BYTES = 38
 
 PIXEL_NAME_OF_CODE = {layout.code: name for name, layout in PIXEL_LAYOUTS.items()}
 MIDDLING_DN = 1500.0
-"""Mean level that automatic exposure and gain go for (our choice)."""
+"""Target mean level of automatic exposure and gain (our choice)."""
 
 SOFTWARE_TRIGGER = 6
 LINE_TRIGGERS = (1, 2)
 
 
 def software_triggers(values: Mapping[str, float]) -> bool:
-    """Whether the software trigger takes a frame."""
+    """Whether the software trigger triggers frames."""
     return bool(values["TriggerMode"]) and values["TriggerSource"] == SOFTWARE_TRIGGER
 
 
 def trigger_waits(values: Mapping[str, float]) -> bool:
-    """Whether frames wait for a trigger; a camera that is not triggered runs freely."""
+    """Whether frames wait for a trigger; an untriggered camera runs freely."""
     return bool(values["TriggerMode"]) and values["TriggerSource"] in (
         SOFTWARE_TRIGGER,
         *LINE_TRIGGERS,
@@ -48,7 +48,7 @@ def trigger_waits(values: Mapping[str, float]) -> bool:
 class CameraState:
     """The values of all features, checked when they are set.
 
-    Not locked: the device does that.
+    It has no lock: the device locks it.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class CameraState:
     shape
         ``(rows, cols)`` of the sensor.
     black_level_dn
-        At power-up, in DN of 12 bits.
+        Black level at power-up, in DN at 12 bits.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class CameraState:
         black_level_dn: float,
     ) -> None:
         self._features = {feature.name: feature for feature in features}
-        # Packed formats need an even number of pixels, and the region keeps to even steps.
+        # Packed formats need an even number of pixels, so the region has even steps.
         self._rows, self._cols = (size - size % 2 for size in shape)
         self._black_level_dn = black_level_dn
         self.is_acquiring = False
@@ -76,7 +76,7 @@ class CameraState:
         self.power_up()
 
     def power_up(self) -> None:
-        """Take the values that the camera has when it is switched on."""
+        """Set all features to their values at power-up."""
         self.is_acquiring = False
         self._values = {
             "Width": self._cols,
@@ -106,7 +106,7 @@ class CameraState:
         }
 
     def value(self, name: str) -> float:
-        """Value of a feature now."""
+        """Present value of a feature."""
         if name in self._values:
             return self._values[name]
         return self._derived(name)
@@ -122,7 +122,7 @@ class CameraState:
         Raises
         ------
         GvcpError
-            If the value is not accepted, or not while frames are taken; nothing is set.
+            If the value is not accepted, or the feature is locked; nothing is set.
         """
         feature = self._features[name]
         if feature.is_locked_while_acquiring and self.is_acquiring:
@@ -168,12 +168,12 @@ class CameraState:
 
     @property
     def gamma(self) -> float | None:
-        """Exponent of the levels, or None if it does not act."""
+        """Exponent applied to the levels, or None if inactive."""
         is_on = self._values["GammaEnable"] == 1 and self._values["Gamma"] != 1.0
         return self._values["Gamma"] if is_on else None
 
     def request(self, acquisition: int, index: int) -> FrameRequest:
-        """What a frame depends on, with the settings of this moment."""
+        """Request for a frame with the present settings."""
         return FrameRequest(
             acquisition=acquisition,
             index=index,
@@ -183,7 +183,7 @@ class CameraState:
         )
 
     def regulate(self, mean_dn: float) -> None:
-        """Set what is automatic, exposure before gain, for a middling next frame."""
+        """Adjust what is automatic, exposure before gain, for a medium level of the next frame."""
         wanted = MIDDLING_DN / max(mean_dn, 1.0)
         if self._values["ExposureAuto"]:
             exposure_us = self._values["ExposureTimeAbs"] * wanted

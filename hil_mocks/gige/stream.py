@@ -1,4 +1,4 @@
-"""The stream of the simulated GigE camera: takes frames, sends them, sends packets again."""
+"""The stream of the simulated GigE camera: takes and sends frames, resends packets."""
 
 import ipaddress
 import socket
@@ -29,7 +29,7 @@ from hil_mocks.gige.gvsp import (
 from hil_mocks.gige.registers import StreamTarget
 
 BLOCKS_KEPT = 8
-"""Blocks of which packets can be sent again."""
+"""Number of blocks whose packets can be resent."""
 
 UDP_SEGMENT = 103
 """Linux, linux/udp.h: the kernel cuts one buffer into datagrams, which costs less than a call
@@ -39,7 +39,7 @@ root and reads one) sees the buffer before it is cut."""
 MAX_SEGMENTS = 64
 MAX_UDP_BYTES = 65507
 BURST_S = 0.5e-3
-"""Packets are let go in bursts of this length, on average at the set bandwidth."""
+"""Packets are sent in bursts of this length, on average at the set bandwidth."""
 
 CORRUPT_PAYLOAD_TYPE = 0x7FFF
 PAYLOAD_TYPE_PLACE = GVSP_HEADER_BYTES + 2
@@ -57,7 +57,7 @@ class Block:
 
     @property
     def packet_count(self) -> int:
-        """Leader and trailer included."""
+        """Number of packets, leader and trailer included."""
         return -(-self.payload.size // self.stride) + 2
 
     def packet(self, packet_id: int) -> memoryview:
@@ -90,16 +90,16 @@ class Block:
 
 
 class StreamSender:
-    """Sends blocks over a link: at a pace, within its MTU, with the faults that are on.
+    """Sends blocks over a link: at a set rate, within its MTU, with the present faults.
 
     Parameters
     ----------
     port
         The stream channel's UDP socket.
     faults
-        Those of this moment.
+        The present faults.
     link_mtu_bytes
-        Packets above are lost on the way, as on a link that does not carry them.
+        Larger packets are lost, as on a link that does not carry them.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class StreamSender:
         self._blocks = 0
 
     def forget(self) -> None:
-        """Drop the blocks of which packets could be sent again."""
+        """Drop the blocks whose packets could be resent."""
         with self._lock:
             self._kept.clear()
 
@@ -126,7 +126,7 @@ class StreamSender:
         block
             The frame.
         target
-            Where to, if that can be reached.
+            Destination, if it can be reached.
         bandwidth_bps
             In bytes per second, IP and UDP headers included.
         """
@@ -158,7 +158,7 @@ class StreamSender:
         self._send(memoryview(block.trailer), to)
 
     def send_again(self, request: ResendRequest, target: StreamTarget) -> None:
-        """Send packets of a kept block again; each that is gone is answered by its header."""
+        """Resend packets of a kept block; for one that is gone only its header is sent."""
         if not target.is_reachable:
             return
         faults = self._faults()
@@ -181,11 +181,11 @@ class StreamSender:
             self._send(memoryview(encode_header(unavailable)), to)
             return
         order = faults.order_of_arrival(len(packet_ids), draw)
-        for place in order:
-            self._send(block.packet(packet_ids[place]), to)
+        for index in order:
+            self._send(block.packet(packet_ids[index]), to)
 
     def send_test_packet(self, target: StreamTarget) -> None:
-        """Send one packet of the set size, which no frame belongs to."""
+        """Send one packet of the set size that belongs to no frame."""
         if not target.is_reachable:
             return
         header = GvspHeader(block_id=0, packet_format=PacketFormat.PAYLOAD, packet_id=0)
@@ -217,7 +217,7 @@ class StreamSender:
     ) -> bool:
         try:
             self._port.sendmsg([burst], control, 0, to)
-        except OSError:  # a kernel without UDP_SEGMENT, or a destination that is not there
+        except OSError:  # a kernel without UDP_SEGMENT, or an absent destination
             return False
         return True
 
@@ -235,7 +235,7 @@ class StreamSender:
             return
         try:
             self._port.sendto(packet, to)
-        except OSError:  # a destination that is not there: the packet is lost, as on a link
+        except OSError:  # an absent destination: the packet is lost, as on a link
             return
 
     def _fits(self, udp_bytes: int) -> bool:

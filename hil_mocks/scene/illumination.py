@@ -1,4 +1,4 @@
-"""What the light does to the picture: fall-off to the corners, a shadow, a lamp's glare."""
+"""Effects of the light on the image: fall-off to the corners, a shadow, a lamp's glare."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -16,7 +16,7 @@ GLARE_SIGMA_MM = 9.0
 """Width of the highlight on satin paper."""
 
 SHADOW_SIGMA_MM = 60.0
-"""Half-width of the shadow's soft border, which crosses the plane's origin."""
+"""Half-width of the soft border of the shadow; the border crosses the plane's origin."""
 
 SHADOW_TOWARDS = (0.8, 0.6)
 """Unit vector (x, y) towards the dark side."""
@@ -29,11 +29,11 @@ class Illumination:
     Parameters
     ----------
     vignetting
-        Relative fall-off at the image corner; in between as the fourth power of a cosine.
+        Relative fall-off at the image corner; it follows the fourth power of a cosine.
     gloss
         Peak of the highlight, relative to white paper.
     shadow
-        Relative loss of light on the dark side of a soft shadow that lies on the plane.
+        Relative loss of light on the dark side of a soft shadow on the plane.
     dimming_per_100mm
         Relative loss of light for every 100 mm of height: the stand shades the plane.
     """
@@ -46,7 +46,7 @@ class Illumination:
     def lit(
         self, image: NDArray[np.float32], camera: PinholeCamera, pose: CameraPose
     ) -> NDArray[np.float32]:
-        """The picture of an evenly lit scene, in this light."""
+        """Apply this light to the image of an evenly lit scene."""
         if not (self.vignetting or self.gloss or self.shadow or self.dimming_per_100mm):
             return image
         x_px = np.arange(image.shape[1], dtype=np.float64)[None, :]
@@ -56,7 +56,7 @@ class Illumination:
         if self.shadow or self.gloss:
             x_mm, y_mm = camera.to_plane_mm(x_px, y_px, pose)
             if self.shadow:
-                # So soft that it does not matter whether it falls before or after the blur.
+                # So soft that it does not matter whether it is applied before or after the blur.
                 into_mm = SHADOW_TOWARDS[0] * x_mm + SHADOW_TOWARDS[1] * y_mm
                 lit *= 1 - self.shadow * ndtr(into_mm / SHADOW_SIGMA_MM)
             if self.gloss:

@@ -1,4 +1,4 @@
-"""How the lens blurs: a Gaussian on the sensor that grows to the corner and with defocus."""
+"""Blur of the lens: a Gaussian on the sensor that grows to the corner and with defocus."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ class Lens:
     Parameters
     ----------
     sigma_x_px, sigma_y_px, rho
-        Widths and correlation in focus, at the image centre; without the pixel's own square.
+        Widths and correlation in focus, at the image centre, excluding the pixel square.
     corner_sigma_gain
         Relative growth of sigma to the corner: ``Sigma(r) = Sigma(0) (1 + gain r^2)^2`` with
         ``r`` = 1 at the image corner.
     focal_length_mm, f_number, pixel_pitch_um
-        What the blur disc of a defocused lens follows from.
+        Parameters of the blur disc of a defocused lens.
     focus_distance_mm
         Distance in focus; None refocuses at every height.
     """
@@ -48,7 +48,7 @@ class Lens:
         return np.array([[self.sigma_x_px**2, xy], [xy, self.sigma_y_px**2]])
 
     def blur_disc_px(self, distance_mm: float) -> float:
-        """Diameter of the blur disc of a point at ``distance_mm``, after the thin lens equation.
+        """Diameter of the blur disc of a point at ``distance_mm``, by the thin lens equation.
 
         References
         ----------

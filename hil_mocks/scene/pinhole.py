@@ -1,4 +1,4 @@
-"""Where a plane point falls on the sensor: pinhole, pose and radial distortion."""
+"""Projection of plane points to the sensor: pinhole, pose and radial distortion."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 Coordinates = NDArray[np.float64]
 
 MIN_K1 = -0.14
-"""The picture folds over at a seen radius of 2 / sqrt(27 |k1|); it must lie outside the corner."""
+"""The image folds over at a distorted radius of 2 / sqrt(27 |k1|), which must be off-frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraPose:
-    """Where the camera is above the plane, and how it is turned.
+    """Position of the camera above the plane, and its rotation.
 
     Parameters
     ----------
     height_mm
         Height on the stage's scale.
     offset_x_mm, offset_y_mm
-        Sideways position of the entrance pupil, in plane coordinates.
+        Lateral position of the entrance pupil, in plane coordinates.
     roll_deg
-        Turn about the optical axis, from +x towards +y.
+        Rotation about the optical axis, from +x towards +y.
     tilt_x_deg, tilt_y_deg
         Inclination that makes the axis meet the plane further along +x, or along +y. With
         ``(tilt_x, tilt_y) = t (cos b, sin b)`` the axis leans by the angle t in the direction b.
@@ -60,7 +60,7 @@ def _turn(angle_rad: float) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Sensor, focal length and distortion: what of the geometry stays when the stage moves.
+    """Sensor, focal length and distortion: the geometry that stays when the stage moves.
 
     The principal point is the middle of the image, ``((width - 1) / 2, (height - 1) / 2)``.
     An ideal point at a radius ``r`` from it, in units of the corner's radius, is seen at
@@ -69,7 +69,7 @@ class PinholeCamera:
     Raises
     ------
     ValueError
-        If ``k1`` is so negative that the picture folds over near its corners.
+        If ``k1`` is so negative that the image folds over near its corners.
     """
 
     width_px: int
@@ -108,7 +108,7 @@ class PinholeCamera:
         """
         distance_mm = height_mm + self.pupil_offset_mm
         if not distance_mm > 0:
-            raise ValueError(f"the entrance pupil is {distance_mm} mm above the plane")
+            raise ValueError(f"the entrance pupil must be above the plane, got {distance_mm} mm")
         return distance_mm
 
     def scale_px_per_mm(self, height_mm: float) -> float:
@@ -116,7 +116,7 @@ class PinholeCamera:
         return self.focal_length_px / self.distance_mm(height_mm)
 
     def homography_to_px(self, pose: CameraPose) -> NDArray[np.float64]:
-        """Matrix that takes plane points (x_mm, y_mm, 1) to ideal pixels, without distortion."""
+        """Matrix from plane points (x_mm, y_mm, 1) to ideal pixels, without distortion."""
         intrinsic = np.array(
             [
                 [self.focal_length_px, 0.0, self.centre_px[0]],

@@ -1,4 +1,4 @@
-"""Printed pictures: photographs with detail finer than the camera resolves, and a skin lesion."""
+"""Printed targets: photographs with detail finer than the camera resolves, and a skin lesion."""
 
 from functools import cache
 from importlib.resources import as_file, files
@@ -22,19 +22,19 @@ PHOTOGRAPHS = {
     "gravel": "gravel.png",
     "motorcycle": "motorcycle_left.png",
 }
-"""Photographs that lie in scikit-image's wheel; the others of its catalogue would be downloaded."""
+"""Photographs in scikit-image's wheel; the others of its catalogue would be downloaded."""
 
 GRAIN = "gravel"
-"""The photograph whose fine detail stands in for what the samples of the others cannot hold."""
+"""The photograph whose fine detail replaces what the samples of the others cannot hold."""
 
 GRAIN_PITCH_MM = 0.1
 """Pitch of the finest print: 0.48 camera px at 200 mm with an 8 mm lens and 8.3 um pixels."""
 
 PRINT_WIDTH_MM, PRINT_HEIGHT_MM = 164.0, 122.0
-"""What the same camera sees from 200 mm, 162 mm x 120 mm: a photograph covers it once."""
+"""Field of view of the same camera from 200 mm, 162 mm x 120 mm: one photograph covers it."""
 
 SPLIT_SIGMA = 0.7
-"""Blur, in samples of the coarse layer, at which the grain takes over from it."""
+"""Blur, in samples of the coarse layer, at which the grain replaces it."""
 
 REC_601 = np.array([0.299, 0.587, 0.114])
 """Luma weights of ITU-R BT.601."""
@@ -45,12 +45,12 @@ LESION_SEED = 20
 
 
 class LayeredPrint:
-    """Periodic layers, each with its own pitch, added up: ``offset + sum of layers``.
+    """Sum of periodic layers, each with its own pitch: ``offset + sum of layers``.
 
     Parameters
     ----------
     layers
-        Image and pitch in mm; the middle of each image lies on the origin.
+        Image and pitch in mm; the middle of each image is at the origin.
     offset
         Reflectance added everywhere.
     """
@@ -79,7 +79,7 @@ def photograph(name: str) -> NDArray[np.float32]:
     Raises
     ------
     KeyError
-        If it is none of `PHOTOGRAPHS`.
+        If it is not one of `PHOTOGRAPHS`.
     """
     with as_file(files("skimage") / "data" / PHOTOGRAPHS[name]) as path:
         pixels = np.asarray(imread(path), dtype=np.float64) / 255
@@ -111,7 +111,7 @@ def print_photograph(name: str) -> LayeredPrint:
 
 
 def _reflected(tile: NDArray[np.float32], own_sigma: float = 0.0) -> PeriodicImage:
-    """The tile, in the middle, with its mirror images all around."""
+    """The tile with its mirror images all around it."""
     rows, cols = tile.shape
     around = ((rows // 2, rows - rows // 2), (cols // 2, cols - cols // 2))
     return PeriodicImage(np.pad(tile, around, mode="symmetric"), own_sigma)
@@ -121,8 +121,8 @@ def print_lesion() -> LayeredPrint:
     """A pigmented skin lesion of about 45 mm x 35 mm: border, network, globules, skin lines."""
     rng = np.random.default_rng(LESION_SEED)
     size = LESION_SAMPLES
-    place_mm = ((np.arange(size) - (size - 1) / 2) * GRAIN_PITCH_MM).astype(np.float32)
-    x, y = place_mm[None, :], place_mm[:, None]
+    axis_mm = ((np.arange(size) - (size - 1) / 2) * GRAIN_PITCH_MM).astype(np.float32)
+    x, y = axis_mm[None, :], axis_mm[:, None]
     bearing = np.arctan2(y, x)
     border_mm = 20.0 + 3.5 * np.cos(2 * bearing + 0.4)
     for lobes in range(3, 9):

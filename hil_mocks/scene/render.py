@@ -1,10 +1,10 @@
-"""The light that falls on each pixel: scene, perspective, lens blur and pixel square, exactly.
+"""The exact light on each pixel: scene, perspective, lens blur and pixel square.
 
 The scene is sampled ``K`` times per pixel after a Gaussian blur that it computes in closed form,
-so nothing aliases there; what is missing to the lens's blur, and the pixel's square, are products
-with their exact transfers in the Fourier domain; the result is read at the pixel centres. The
-decision record ``docs/decisions/0001-how-the-bench-renders.md`` argues why, and
-``benchmarks/bench_render.py`` holds the speed that this form is owed to.
+so nothing aliases there; the rest of the lens's blur and the pixel's square are products with
+their exact transfers in the Fourier domain; the result is read at the pixel centres. The
+decision record ``docs/decisions/0001-how-the-bench-renders.md`` gives the reasons, and
+``benchmarks/bench_render.py`` the speed.
 """
 
 from dataclasses import dataclass
@@ -29,31 +29,31 @@ GROWTH_NODE_ERROR = 1e-4
 """Bound on the error of the interpolation over the width of the PSF, relative to full scale."""
 
 CORRECTION_NODE_ERROR = 1e-2
-"""The same for the correction of the sampling blur, which is itself a few per cent at most."""
+"""The same for the correction of the sampling blur, itself a few per cent at most."""
 
 STEEPEST_VIEW_DEG = 75.0
-"""Angle from the plane's normal up to which the perspective is even enough over one pixel."""
+"""Angle from the plane's normal up to which perspective is uniform enough over one pixel."""
 
 DEPARTURE_PX2 = 0.04
 """Largest local departure of the sampling blur from its mean that is corrected for."""
 
 FIRST_ORDER_PX2 = 0.008
-"""Up to this departure the first order of the correction is enough."""
+"""Up to this departure a first-order correction is enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sampling:
-    """How densely the scene is sampled, and the blur it is sampled with."""
+    """Sampling density of the scene, and the blur that it is sampled with."""
 
     per_px: int
     sigma_px: float
     sigma_mm: float
     departure_px2: NDArray[np.float32] | None
-    """Blur as it falls on the sensor, less ``sigma_px^2 I``: (xx, xy, yy), each (rows, cols)."""
+    """Blur on the sensor minus ``sigma_px^2 I``: (xx, xy, yy), each (rows, cols)."""
 
 
 class Renderer:
-    """Renders a scene as a pinhole camera with a blurring lens and square pixels sees it.
+    """Renders a scene as seen by a pinhole camera with a blurring lens and square pixels.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ class Renderer:
         half_view_deg = degrees(atan(self.camera.corner_radius_px / self.camera.focal_length_px))
         if pose.tilt_deg + half_view_deg > STEEPEST_VIEW_DEG:
             raise ValueError(
-                f"a tilt of {pose.tilt_deg:.1f} degrees is too much: the corners of the frame see "
-                f"{half_view_deg:.1f} degrees further, and {STEEPEST_VIEW_DEG:g} are the limit"
+                f"a tilt of {pose.tilt_deg:.1f} degrees is too much: the corners of the frame look "
+                f"{half_view_deg:.1f} degrees further, and the limit is {STEEPEST_VIEW_DEG:g}"
             )
         distance_mm = self.camera.distance_mm(pose.height_mm)
         defocus_px2 = self.lens.defocus_variance_px2(distance_mm)
@@ -161,7 +161,7 @@ class Renderer:
         shape: tuple[int, int],
         pad: int,
     ) -> NDArray[np.float32]:
-        """Scene samples, ``per_px`` a pixel; sample 0 is at pixel ``-pad``."""
+        """Scene samples, ``per_px`` per pixel; sample 0 is at pixel ``-pad``."""
         rows, cols = shape[0] * sampling.per_px, shape[1] * sampling.per_px
         samples = np.empty((rows, cols), dtype=np.float32)
         x_px = np.arange(cols) / sampling.per_px - pad
@@ -176,7 +176,7 @@ class Renderer:
 
 
 class _FoldedSpectrum:
-    """A finely sampled picture, ready to be blurred and read at the pixel centres."""
+    """A finely sampled image, ready to be blurred and read at the pixel centres."""
 
     def __init__(self, samples: NDArray[np.float32], per_px: int) -> None:
         self._per_px = per_px
@@ -202,7 +202,7 @@ class _FoldedSpectrum:
         return np.asarray(scipy.fft.irfft2(self._folded(self._half * transfer), s=self._shape))
 
     def _folded(self, half: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Half spectrum of the picture that keeps every ``per_px``-th sample."""
+        """Half spectrum of the image that keeps every ``per_px``-th sample."""
         rows, cols = self._shape
         fine = half.reshape(self._per_px, rows, -1).sum(axis=0)
         mirrored = np.conj(fine[-np.arange(rows)])
@@ -243,7 +243,7 @@ def _unblurring(departure_px2: NDArray[np.float32]) -> dict[tuple[int, int], NDA
 
 
 def _samples_per_px(blur_px2: float, smallest_px2: float) -> int:
-    """Samples per pixel that keep folded frequencies below what `ALIAS_EXPONENT` says."""
+    """Samples per pixel that keep folded frequencies below the limit of `ALIAS_EXPONENT`."""
     return max(
         MIN_SAMPLES_PER_PX,
         ceil(sqrt(ALIAS_EXPONENT / (blur_px2 * (1 - blur_px2 / smallest_px2)))),
@@ -267,7 +267,7 @@ def _growth_nodes(largest: float, error: float) -> NDArray[np.float64]:
 def _lagrange(
     nodes: NDArray[np.float64], index: int, at: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Lagrange's polynomial that is 1 at ``nodes[index]`` and 0 at the others."""
+    """Lagrange polynomial that is 1 at ``nodes[index]`` and 0 at the others."""
     share = np.ones_like(at)
     for other in np.delete(nodes, index):
         share *= (at - np.float32(other)) / np.float32(nodes[index] - other)

@@ -1,6 +1,6 @@
-"""Flat scenes in millimetres that know their own Gaussian blur in closed form.
+"""Flat scenes in millimetres whose Gaussian blur has a closed form.
 
-Plane coordinates follow the picture of an upright camera: x to the right, y down, the origin
+Plane coordinates follow the image of an upright camera: x to the right, y down, the origin
 where the unmoved optical axis meets the plane. Reflectance 1 is white paper.
 """
 
@@ -17,20 +17,20 @@ Coordinates = NDArray[np.float64]
 Reflectance = NDArray[np.float64] | NDArray[np.float32]
 
 WHITE_PAPER = 1.0
-"""Reflectance of white paper: the unit of every reflectance here."""
+"""Reflectance of white paper, the unit of every reflectance here."""
 
 BLACK_PAPER = 0.06
 """Reflectance of printed black; toner on paper reflects a few per cent."""
 
 STEP_REACH = 6.0
-"""Widths beyond which a Gaussian step is taken as finished; 1 - Phi(6) is 1e-9."""
+"""Widths beyond which a Gaussian step is taken as complete; 1 - Phi(6) is 1e-9."""
 
 
 class Scene(Protocol):
     """A plane that reflects light."""
 
     def reflectance(self, x_mm: Coordinates, y_mm: Coordinates, sigma_mm: float) -> Reflectance:
-        """Reflectance after a Gaussian blur, which is exact and not a sampling of the scene.
+        """Reflectance after a Gaussian blur, exact rather than sampled.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ def gaussian_step(distance_mm: Coordinates, sigma_mm: float) -> NDArray[np.float
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uniform:
-    """A sheet without any structure."""
+    """A uniform sheet."""
 
     level: float = WHITE_PAPER
 
@@ -123,7 +123,7 @@ class ZonePlate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellGrid:
-    """A print made of square cells about the origin, on a sheet of even ``margin``.
+    """A print of square cells about the origin, on a sheet of uniform ``margin``.
 
     Each transition between two columns or rows of cells is a Gaussian step of its own, so the
     blurred print is an exact sum over the cells within reach.
@@ -164,7 +164,7 @@ class CellGrid:
 
 
 def _cell_weight(position: Coordinates, sigma: float) -> NDArray[np.float64]:
-    """Share of the unit cell from 0 to 1 in a Gaussian about ``position``."""
+    """Fraction of a Gaussian about ``position`` inside the unit cell from 0 to 1."""
     return gaussian_step(position, sigma) - gaussian_step(position - 1, sigma)
 
 
@@ -185,20 +185,22 @@ class Placed:
 
 
 class SumOfScenes:
-    """Reflectances added up, a background and parts that each reach a certain radius.
+    """Sum of reflectances: a background, and parts that each extend to a certain radius.
 
     Parameters
     ----------
     background
         Seen everywhere.
     parts
-        Scenes, each with the radius in mm about its place outside of which it is 0 but for blur.
+        Scenes, each with the radius in mm about its position beyond which it is 0 except for blur.
     """
 
     def __init__(self, background: Scene, parts: Sequence[tuple[Placed, float]]) -> None:
         self._background = background
         self._parts = [part for part, _ in parts]
-        self._place_mm = np.array([(part.x_mm, part.y_mm) for part in self._parts]).reshape(-1, 2)
+        self._position_mm = np.array([(part.x_mm, part.y_mm) for part in self._parts]).reshape(
+            -1, 2
+        )
         self._radius_mm = np.array([radius_mm for _, radius_mm in parts])
 
     def reflectance(self, x_mm: Coordinates, y_mm: Coordinates, sigma_mm: float) -> Reflectance:
@@ -207,7 +209,7 @@ class SumOfScenes:
         reach_mm = self._radius_mm + STEP_REACH * sigma_mm
         lowest = np.array([x_mm.min(), y_mm.min()]) - reach_mm[:, None]
         highest = np.array([x_mm.max(), y_mm.max()]) + reach_mm[:, None]
-        touched = ((self._place_mm > lowest) & (self._place_mm < highest)).all(axis=1)
+        touched = ((self._position_mm > lowest) & (self._position_mm < highest)).all(axis=1)
         for index in np.flatnonzero(touched):
             part, reach = self._parts[index], reach_mm[index]
             seen = (np.abs(x_mm - part.x_mm) < reach) & (np.abs(y_mm - part.y_mm) < reach)

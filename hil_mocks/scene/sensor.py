@@ -1,4 +1,4 @@
-"""From light to digital numbers: shot noise, read noise, full well, gain and converter."""
+"""From light to digital numbers: shot noise, read noise, full well, gain and A/D converter."""
 
 from dataclasses import dataclass
 
@@ -6,31 +6,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 PIXEL_FORMATS = ("Mono8", "Mono12", "Mono12Packed")
-"""Formats that the simulated camera delivers; packing is undone on the way, as in a driver."""
+"""Formats that the simulated camera delivers, unpacked as by a driver."""
 
 ADC_MAX_DN = 4095
 """Largest level of the 12-bit converter."""
 
 MONO8_SHIFT = 4
-"""Mono8 is the upper 8 of the 12 bits, cut off and not rounded, as GigE cameras do."""
+"""Mono8 is the upper 8 of the 12 bits, truncated and not rounded, as in GigE cameras."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """A sensor after the linear model of EMVA 1288: electrons, then noise, then numbers.
+    """A sensor by the linear model of EMVA 1288: electrons, then noise, then digital numbers.
 
     Parameters
     ----------
     white_e_per_us
         Electrons per pixel and microsecond from white paper, before vignetting.
     gain_e_per_dn
-        Conversion at 0 dB, for DN of 12 bit.
+        Conversion at 0 dB, for DN at 12 bits.
     read_noise_e
-        Standard deviation of the dark noise; the rounding of the converter comes on top.
+        Standard deviation of the dark noise, excluding the rounding of the converter.
     full_well_e
-        Electrons beyond which a pixel is full.
+        Electrons at which a pixel is full.
     black_level_dn
-        Offset, in DN of 12 bit, the same at every gain.
+        Offset, in DN at 12 bits, the same at every gain.
 
     References
     ----------
@@ -44,19 +44,19 @@ class Sensor:
     black_level_dn: float
 
     def gain_at_e_per_dn(self, gain_db: float) -> float:
-        """Electrons per DN of 12 bit at a gain: 20 dB make the signal ten times larger."""
+        """Electrons per 12-bit DN at a gain: 20 dB make the signal ten times larger."""
         return float(self.gain_e_per_dn / 10 ** (gain_db / 20))
 
     def electrons(self, irradiance: NDArray[np.float32], exposure_us: float) -> NDArray[np.float32]:
-        """Expected electrons for light relative to white paper; negative light is none."""
+        """Expected electrons for light relative to white paper; negative light counts as 0."""
         return np.maximum(irradiance, 0) * np.float32(self.white_e_per_us * exposure_us)
 
     def expected_dn(
         self, irradiance: NDArray[np.float32], exposure_us: float, gain_db: float, pixel_format: str
     ) -> NDArray[np.float64]:
-        """Mean level without noise and rounding, clipped as the converter does.
+        """Mean level without noise and rounding, clipped as by the converter.
 
-        In Mono8 the mean of what is cut off, 7.5 / 16, has been taken off.
+        In Mono8 the mean loss by truncation, 7.5 / 16, is subtracted.
         """
         electrons = np.minimum(self.electrons(irradiance, exposure_us), self.full_well_e)
         gain = self.gain_at_e_per_dn(gain_db)

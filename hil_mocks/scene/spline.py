@@ -1,6 +1,6 @@
 """Periodic images that can be blurred exactly and read anywhere.
 
-The form is owed to speed: ``benchmarks/bench_render.py`` compares with scipy's map_coordinates.
+It is written for speed: ``benchmarks/bench_render.py`` compares with scipy's map_coordinates.
 """
 
 from collections import OrderedDict
@@ -12,8 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 WANTED_SIGMA = 2.0
-"""Blur, in samples, from which a cubic spline is enough: of the bench's prints it misses 7e-5
-of full scale at the worst point, and 2e-4 of any single frequency."""
+"""Blur, in samples, from which a cubic spline is enough: for the bench's prints its error is
+7e-5 of full scale at the worst point, and 2e-4 at any single frequency."""
 
 MAX_OVERSAMPLING = 4
 COEFFICIENTS_KEPT = 2
@@ -30,7 +30,7 @@ class PeriodicImage:
     samples
         One period, shape ``(rows, cols)``; sample ``(0, 0)`` is at the origin.
     own_sigma
-        Gaussian blur, in samples, that belongs to the image: it is blurred by that at once.
+        Gaussian blur, in samples, that is part of the image: it is applied at once.
     """
 
     def __init__(self, samples: NDArray[np.float32], own_sigma: float = 0.0) -> None:
@@ -88,7 +88,7 @@ def _zero_padded(
     wide[:positive, : spectrum.shape[1]] = spectrum[:positive]
     wide[-negative:, : spectrum.shape[1]] = spectrum[-negative:]
     if cols % 2 == 0:
-        # The Nyquist column stood for both signs; it now has a partner of its own.
+        # The Nyquist column represented both signs; it now has its own partner.
         wide[:, cols // 2] *= 0.5
     if rows % 2 == 0:
         wide[negative] = wide[-negative] * 0.5

@@ -1,4 +1,4 @@
-"""The catalogue of what can be laid under the simulated camera."""
+"""The catalogue of targets for the simulated camera."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,19 +27,19 @@ TargetKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
 BOARD_COLS, BOARD_ROWS = 11, 8
 BOARD_SQUARE_MM = 12.0
 CELLS_PER_SQUARE = 8
-"""A square is 8 cells wide and its marker 6: 4 bits and a border cell on either side."""
+"""A square is 8 cells wide and its marker 6: 4 bits and a border cell on each side."""
 
 CHART_PITCH_MM = 36.0
 CHART_SQUARE_MM = 18.0
 CHART_SLANT_DEG = 5.0
-"""Slant of the edges, after ISO 12233:2017 (about 5 degrees)."""
+"""Slant of the edges, as in ISO 12233:2017 (about 5 degrees)."""
 
 CHART_GROUND = 0.6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """Something to photograph: its kind in a capture plan, and how its scene is made."""
+    """A target: its kind in a capture plan, and a function that makes its scene."""
 
     kind: TargetKind
     description: str
@@ -69,11 +69,11 @@ def charuco_board() -> CellGrid:
 
 
 def resolution_chart() -> SumOfScenes:
-    """Slanted dark squares all over the frame, zone plates and bars between them.
+    """Slanted dark squares all over the frame, with zone plates and bars between them.
 
-    The squares give edges for a map of the sharpness over the field (after the e-SFR of ISO
-    12233), the zone plates show aliasing in all directions up to 3 cycles/mm, the bars stand for
-    a classical resolution target.
+    The squares give edges for a map of sharpness over the field (as in the e-SFR of ISO 12233),
+    the zone plates show aliasing in all directions up to 3 cycles/mm, and the bars are those of a
+    classical resolution target.
     """
     parts: list[tuple[Placed, float]] = []
     square = Rectangle(

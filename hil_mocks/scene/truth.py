@@ -1,4 +1,4 @@
-"""What the simulated bench knows about itself, for tests, benchmarks and the demo's summary."""
+"""The truth of the simulated bench, for tests, benchmarks and the demo's summary."""
 
 from collections import OrderedDict
 
@@ -19,7 +19,7 @@ VIEWS_KEPT = 8
 
 
 class BenchTruth:
-    """The physics of one simulated bench: where things are, how sharp and how noisy.
+    """The physics of one simulated bench: geometry, sharpness and noise.
 
     Heights are true ones, in mm on the stage's scale; covariances are ``(2, 2)`` in px^2, order
     (x, y); homographies take ``(x, y, 1)`` of pixel centres. ``camera`` (a `PinholeCamera`),
@@ -28,7 +28,7 @@ class BenchTruth:
     Raises
     ------
     BenchConfigError
-        If the bench has no ``[simulated]`` section, or one that no lens can have.
+        If the bench has no ``[simulated]`` section, or one impossible for a lens.
     """
 
     def __init__(self, config: BenchConfig) -> None:
@@ -81,17 +81,17 @@ class BenchTruth:
 
     @property
     def black_level_dn(self) -> float:
-        """Offset in DN of 12 bit."""
+        """Offset in DN at 12 bits."""
         return self.sensor.black_level_dn
 
     def gain_e_per_dn(self, gain_db: float = 0.0) -> float:
-        """Electrons per DN of 12 bit."""
+        """Electrons per 12-bit DN."""
         return self.sensor.gain_at_e_per_dn(gain_db)
 
     def optical_covariance_px2(
         self, height_mm: float, x_px: float | None = None, y_px: float | None = None
     ) -> NDArray[np.float64]:
-        """PSF of the optics, defocus included, at a pixel or (None) at the image centre."""
+        """PSF of the optics, including defocus, at a pixel, by default at the image centre."""
         centre_x, centre_y = self.camera.centre_px
         radius = self.camera.relative_radius(
             np.asarray(centre_x if x_px is None else x_px),
@@ -102,7 +102,7 @@ class BenchTruth:
     def total_covariance_px2(
         self, height_mm: float, x_px: float | None = None, y_px: float | None = None
     ) -> NDArray[np.float64]:
-        """PSF of optics and pixel square together, at a pixel or (None) at the image centre."""
+        """PSF of optics and pixel square together, at a pixel, by default at the image centre."""
         return self.optical_covariance_px2(height_mm, x_px, y_px) + PIXEL_VARIANCE_PX2 * np.eye(2)
 
     def scale_px_per_mm(self, height_mm: float) -> float:
@@ -137,7 +137,7 @@ class BenchTruth:
     ) -> NDArray[np.float32]:
         """Mean light on each pixel, relative to white paper, read-only, shape (rows, cols).
 
-        The last views are kept, so that the frames of one capture cost one rendering.
+        The last views are cached, so that the frames of one capture cost one rendering.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class BenchTruth:
         Returns
         -------
         ndarray of float64, shape (rows, cols)
-            Clipped at the converter's end, as the camera's levels are.
+            Clipped at the converter's limits, as the camera's levels are.
         """
         pose = pose if isinstance(pose, CameraPose) else CameraPose(height_mm=pose)
         light = self.irradiance(target, orientation_deg, pose)

@@ -25,10 +25,10 @@ from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.stepper_axis import StepperAxis
 
 STEP_S = 0.004
-"""Motion is worked out in steps of this length."""
+"""Motion is computed in steps of this length."""
 
 BOOT_S = 1.5
-"""An AVR boot loader listens that long before Grbl starts."""
+"""An AVR boot loader listens this long before Grbl starts."""
 
 LINE_CHARS = 80
 NOT_IDLE, LINE_TOO_LONG, BEYOND_TRAVEL = 8, 11, 15
@@ -36,18 +36,18 @@ NOT_IDLE, LINE_TOO_LONG, BEYOND_TRAVEL = 8, 11, 15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrblFaults:
-    """What is wrong with the controller from now on.
+    """Faults of the controller from now on.
 
     Parameters
     ----------
     hangs
-        It obeys and answers nothing; a move that runs goes on.
+        It neither obeys nor answers; a running move continues.
     shows_state
-        It is, and reports, this state, such as ``Hold:0``, ``Door:1`` or ``Sleep``.
+        It is in this state and reports it, such as ``Hold:0``, ``Door:1`` or ``Sleep``.
     stops_short_mm
         Moves end before their target.
     never_idle
-        A move never ends in its report, and cannot be cancelled.
+        Its reports never show the end of a move, and the move cannot be cancelled.
     memory_is_blank
         ``$$`` is answered ``error:7``.
     """
@@ -60,7 +60,7 @@ class GrblFaults:
 
 
 class GrblFirmware:
-    """Lives on bytes and time; moves a plant along Z.
+    """Driven by bytes and time; moves a plant along Z.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ class GrblFirmware:
     dialect
         ``grbl`` for Grbl 1.1h on an AVR board, ``grblhal`` for grblHAL.
     settings
-        In place of single `DEFAULT_SETTINGS`.
+        Replacements for individual `DEFAULT_SETTINGS`.
     work_offset_mm
-        A work offset of Z that another program has left.
+        A work offset of Z left by another program.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class GrblFirmware:
 
     @property
     def faults(self) -> GrblFaults:
-        """What is wrong with it."""
+        """Its faults."""
         return self._faults
 
     @faults.setter
@@ -118,11 +118,11 @@ class GrblFirmware:
 
     @property
     def state(self) -> str:
-        """The state it is in."""
+        """Its present state."""
         return self._faults.shows_state or self._state
 
     def power_cycle(self, boot_s: float = BOOT_S) -> None:
-        """Begin anew, as after a brown-out, a reset button or the opening of an AVR's port."""
+        """Restart, as after a brown-out, a reset button or the opening of an AVR's port."""
         self.axis.halt()
         self.axis.count_from(0.0)
         self._homing = None
@@ -136,7 +136,7 @@ class GrblFirmware:
             self._greet()
 
     def lose_settings(self) -> None:
-        """Forget what was entered."""
+        """Forget the entered settings."""
         self.settings = dict(FACTORY_SETTINGS)
 
     def press_reset(self) -> None:
@@ -144,7 +144,7 @@ class GrblFirmware:
         self._soft_reset()
 
     def raise_alarm(self, code: int) -> None:
-        """Enter an alarm, as an emergency stop button makes it."""
+        """Enter an alarm, as by an emergency stop button."""
         self._enter_alarm(code, is_critical=code in (1, 2, 10))
 
     def receive(self, data: bytes) -> None:
@@ -266,7 +266,7 @@ class GrblFirmware:
         self._say(f"error:{error}" if error else "ok")
 
     def _execute(self, text: str) -> int | None:
-        """Error code, 0 for ok, None where the answer comes later."""
+        """Return the error code, 0 for ok, None if the answer comes later."""
         at_rest = self.state in ("Idle", "Alarm")
         if not text:
             return 0
@@ -307,7 +307,7 @@ class GrblFirmware:
 
     @property
     def _keep_off(self) -> float:
-        """How far grblHAL keeps its jogs off switches that would raise an alarm."""
+        """Distance that grblHAL's jogs keep from switches that would raise an alarm."""
         is_hal = self._dialect == "grblhal"
         return self.settings[27] if is_hal and int(self.settings[21]) & 1 else 0.0
 

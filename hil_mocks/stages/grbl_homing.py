@@ -15,18 +15,18 @@ LOCATE_SCALAR = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HomingSettings:
-    """What the firmware's settings say about homing.
+    """The firmware's settings for homing.
 
     Parameters
     ----------
     is_downwards
-        Where the switch is.
+        Whether the switch is at the lower end.
     seek_mm_per_s, locate_mm_per_s
         Speeds of the first and the second search.
     pull_off_mm
-        Way back from the switch.
+        Distance back from the switch.
     travel_mm
-        Of the axis; the search goes half as far again.
+        Travel of the axis; the search goes half as far again.
     """
 
     is_downwards: bool
@@ -37,7 +37,7 @@ class HomingSettings:
 
     @classmethod
     def of(cls, settings: Mapping[int, float]) -> Self:
-        """Read them off ``$23`` to ``$27`` and ``$132``."""
+        """Read them from ``$23`` to ``$27`` and ``$132``."""
         return cls(
             is_downwards=bool(int(settings[23]) & 4),
             seek_mm_per_s=settings[25] / 60,
@@ -48,12 +48,12 @@ class HomingSettings:
 
 
 class HomingCycle:
-    """One cycle at work; `step` is called after every bit of motion.
+    """One homing cycle; `step` is called after every increment of motion.
 
     Parameters
     ----------
     axis, plant
-        What moves, and whose switch is looked for.
+        The moving axis, and the plant with its switch.
     """
 
     def __init__(self, axis: StepperAxis, plant: StagePlant, settings: HomingSettings) -> None:
@@ -65,7 +65,7 @@ class HomingCycle:
         self._begin()
 
     def step(self) -> int | None:
-        """Alarm code, 0 when homed, None while at work."""
+        """Return the alarm code, 0 when homed, None while still homing."""
         is_pull_off = self._phases[0] == "pull off"
         if not is_pull_off and self._is_pressed:
             self._axis.halt()

@@ -1,4 +1,4 @@
-"""What a Grbl emulator has in its memory, how it lists that, and how it reads a jog."""
+"""Settings of a Grbl emulator, their listing, and the parsing of jogs."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,7 +13,7 @@ DEFAULT_SETTINGS: dict[int, float] = {
     100: 250, 101: 250, 102: 250, 110: 3000, 111: 3000, 112: 3000,
     120: 200, 121: 200, 122: 200, 130: 400, 131: 400, 132: 400,
 }  # fmt: skip
-"""As entered for the simulated stage: homing downwards, travel 400 mm, 4 um a step."""
+"""As entered for the simulated stage: homing downwards, travel 400 mm, 4 um per step."""
 
 FACTORY_SETTINGS = {**DEFAULT_SETTINGS, 20: 0, 22: 0, 23: 0, 102: 800}
 
@@ -57,7 +57,7 @@ def version_lines(dialect: GrblDialect) -> list[str]:
 
 
 def read_jog(text: str) -> JogWords | int:
-    """Read what follows ``$J=``, in capitals and without spaces; an error code if it is none."""
+    """Parse what follows ``$J=``, in capitals without spaces; an error code if not a jog."""
     values: dict[str, float] = {}
     modes: set[str] = set()
     for word in _words(text):
@@ -90,7 +90,7 @@ def read_jog(text: str) -> JogWords | int:
 
 
 def _words(text: str) -> list[str]:
-    """``G90Z1.5F100`` as ``G90``, ``Z1.5``, ``F100``."""
+    """Split ``G90Z1.5F100`` into ``G90``, ``Z1.5``, ``F100``."""
     words: list[str] = []
     for char in text:
         if char.isalpha() or not words:

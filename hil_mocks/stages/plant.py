@@ -1,28 +1,28 @@
-"""The mechanics of a simulated stage: spindle, carriage, end switches, and what wears in them."""
+"""The mechanics of a simulated stage: spindle, carriage, limit switches, and their faults."""
 
 from dataclasses import dataclass
 from math import cos, exp, pi
 
 END_STOP_MM = 3.0
-"""The carriage runs against its end that far behind a switch."""
+"""The carriage hits its end stop this far beyond a switch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantFaults:
-    """What is wrong with the mechanics from now on.
+    """Faults of the mechanics from now on.
 
     Parameters
     ----------
     backlash_mm
         Play between spindle and nut.
     stalls_above_mm
-        The carriage is blocked at this height; the motor loses its steps.
+        The carriage is blocked at this height; the motor loses steps.
     vibration_mm, vibration_hz, vibration_decay_s
-        The carriage swings for a while after each move.
+        The carriage vibrates for a while after each move.
     home_switch_dead, home_switch_stuck
-        Both switches never answer, or always.
+        Neither switch ever triggers, or both always do.
     creep_mm_per_s
-        The carriage sinks while it stands; an encoder would see it.
+        The carriage sinks while at rest; an encoder would see it.
     """
 
     backlash_mm: float = 0.0
@@ -41,9 +41,9 @@ class StagePlant:
     Parameters
     ----------
     low_switch_mm, high_switch_mm
-        Heights at which the switches answer.
+        Heights at which the switches trigger.
     start_mm
-        Where the carriage stands to begin with.
+        Initial height of the carriage.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class StagePlant:
 
     @property
     def true_height_mm(self) -> float:
-        """Where the camera is, vibration included."""
+        """Height of the camera, including vibration."""
         faults = self.faults
         since_s = self.now_s - self._moved_at_s
         swing = exp(-since_s / faults.vibration_decay_s) * cos(
@@ -70,16 +70,16 @@ class StagePlant:
 
     @property
     def is_low_pressed(self) -> bool:
-        """Whether the lower switch answers."""
+        """Whether the lower switch is triggered."""
         return self._switch(self._carriage_mm <= self.low_switch_mm)
 
     @property
     def is_high_pressed(self) -> bool:
-        """Whether the upper switch answers."""
+        """Whether the upper switch is triggered."""
         return self._switch(self._carriage_mm >= self.high_switch_mm)
 
     def turn(self, delta_mm: float) -> None:
-        """Turn the motor by so much travel."""
+        """Turn the motor by this much travel."""
         if not delta_mm:
             return
         self._moved_at_s = self.now_s
@@ -94,7 +94,7 @@ class StagePlant:
         self._motor_mm = self._carriage_mm = height_mm
 
     def sink(self, distance_mm: float) -> None:
-        """Let the carriage sink by itself, the motor with it: steps that nobody counts."""
+        """Let the carriage sink by itself, the motor with it, without counted steps."""
         self._motor_mm -= distance_mm
         self._carriage_mm -= distance_mm
 

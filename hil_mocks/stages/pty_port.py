@@ -14,14 +14,14 @@ TICK_S = 0.002
 
 
 class PtyPort:
-    """Serves a line on a pseudo-terminal in a thread of its own; Linux and macOS only.
+    """Serves a line on a pseudo-terminal in its own thread; Linux and macOS only.
 
     Parameters
     ----------
     line
         Firmware and cable.
     clock
-        Seconds for the firmware; ``time.monotonic`` times a factor makes it live faster.
+        Time in seconds for the firmware; ``time.monotonic`` times a factor makes it run faster.
     """
 
     def __init__(self, line: SerialLine, *, clock: Callable[[], float] = monotonic) -> None:
@@ -41,14 +41,14 @@ class PtyPort:
         self._thread.start()
 
     def plug_in(self) -> None:
-        """Put the cable back that a fault has pulled out; the path may be another one."""
+        """Plug the cable back in after a fault has pulled it out; the path may change."""
         with self._lock:
             self.line.faults = LineFaults()
             if self._master is None:
                 self._open_terminal()
 
     def close(self) -> None:
-        """End the thread and take the port away; closing twice is harmless."""
+        """End the thread and remove the port; closing twice is harmless."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -71,7 +71,7 @@ class PtyPort:
         self.close()
 
     def _open_terminal(self) -> None:
-        import tty  # Windows, where nobody starts this, has none
+        import tty  # Windows, where this is never started, has none
 
         master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -108,7 +108,7 @@ class PtyPort:
         try:
             os.write(master, data)
         except BlockingIOError:
-            # Nobody reads: a full buffer loses what comes, as a real one does.
+            # Nobody reads: a full buffer loses new data, as a real one does.
             return
 
     def _unplug(self) -> None:

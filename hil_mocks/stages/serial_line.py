@@ -1,63 +1,63 @@
-"""The cable between a simulated controller and its host, and all that can be wrong with it."""
+"""The cable between a simulated controller and its host, and its faults."""
 
 from dataclasses import dataclass
 from typing import Protocol
 
 
 class Firmware(Protocol):
-    """A controller that lives on bytes and passing time."""
+    """A controller driven by bytes and time."""
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the host."""
+        """Receive bytes from the host."""
         ...
 
     def advance(self, now_s: float) -> None:
-        """Live until this time."""
+        """Run until this time."""
         ...
 
     def take_lines(self) -> list[bytes]:
-        """Give away what there is to send, line by line with their ends."""
+        """Return what there is to send, as lines with their ends, and forget it."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineFaults:
-    """What is wrong with the line from now on.
+    """Faults of the line from now on.
 
     Parameters
     ----------
     only
-        Spoil only lines to the host that begin so.
+        Only lines to the host that begin with this are affected.
     count
-        How many lines to spoil before the fault is over; 0 is no end.
+        Number of lines to affect before the fault ends; 0 for no end.
     lose, duplicate, delay_s
-        A line is lost, comes twice, or comes late.
+        A line is lost, arrives twice, or arrives late.
     before, inside, after
-        Bytes put before a line, into its middle, or after its end.
+        Bytes inserted before a line, in its middle, or after its end.
     cut
-        The second half of a line is lost, its end too.
+        The second half of a line is lost, including its end.
     merge
         A line loses its end.
     swap
         Two bytes, the first of which becomes the second: a corrupted digit, a bad checksum.
     chunk_bytes
-        Bytes come in pieces of this size, one piece at each read.
+        Bytes arrive in pieces of this size, one piece per read.
     echo
-        What the host sends comes back.
+        What the host sends is echoed.
     garbled
-        Another baud rate: every byte in both directions arrives as something else.
+        Wrong baud rate: every byte in both directions arrives changed.
     mute
         Nothing arrives at the host.
     deaf
         Nothing arrives at the controller.
     chatter
-        Another device: this comes without end.
+        Another device: these bytes arrive without end.
     blocked
-        The port takes no bytes.
+        The port accepts no bytes.
     unplugged
-        The cable is out.
+        The cable is unplugged.
     unplug_after_bytes
-        It comes out after that many bytes more have reached the host.
+        It is unplugged after this many more bytes have reached the host.
     """
 
     only: bytes = b""
@@ -83,7 +83,7 @@ class LineFaults:
 
 
 class SerialLine:
-    """Carries bytes between a firmware and its host, as well as its faults allow."""
+    """Carries bytes between a firmware and its host, subject to its faults."""
 
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
@@ -95,7 +95,7 @@ class SerialLine:
 
     @property
     def faults(self) -> LineFaults:
-        """What is wrong with it; counts begin anew when set."""
+        """Its faults; setting them restarts the counts."""
         return self._faults
 
     @faults.setter
@@ -119,7 +119,7 @@ class SerialLine:
         self._firmware.receive(_garbled(data) if self._faults.garbled else data)
 
     def pass_time(self, now_s: float) -> None:
-        """Let the controller live until now."""
+        """Let the controller run until now."""
         self._firmware.advance(now_s)
 
     def take(self, now_s: float) -> bytes:
@@ -171,5 +171,5 @@ class SerialLine:
 
 
 def _garbled(data: bytes) -> bytes:
-    """What a receiver at another baud rate makes of it: other bytes, line ends lost."""
+    """Data as received at a wrong baud rate: other bytes, line ends lost."""
     return bytes((byte * 7 + 0x93) & 0xFF | 0x80 for byte in data)

@@ -1,4 +1,4 @@
-"""A simulated stage on a pseudo-terminal: mechanics, controller and port, living in real time."""
+"""A simulated stage on a pseudo-terminal: mechanics, controller and port, in real time."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,16 +20,16 @@ START_MM = 300.0
 
 
 class SerialStage:
-    """Stands in for a bought stage; the simulated camera sees its true height.
+    """Stands in for a commercial stage; the simulated camera sees its true height.
 
     The Grbl controller is grblHAL: opening its port does not reset it.
 
     Parameters
     ----------
     protocol
-        What the controller speaks.
+        Protocol of the controller.
     clock
-        Seconds; ``time.monotonic`` times a factor makes it live faster.
+        Time in seconds; ``time.monotonic`` times a factor makes it run faster.
     """
 
     def __init__(self, protocol: StageProtocol, *, clock: Callable[[], float] = monotonic) -> None:
@@ -47,22 +47,22 @@ class SerialStage:
 
     @property
     def port(self) -> str:
-        """Path of its serial port, once it is served."""
+        """Path of its serial port, once open."""
         return self._pty.path
 
     @property
     def true_height_mm(self) -> float:
-        """Where the camera really is at this moment."""
+        """Present true height of the camera."""
         with self._pty.locked():
             return self.plant.true_height_mm
 
     def plug_in(self) -> None:
-        """Put the cable back that a fault has pulled out; ``port`` may be another one."""
+        """Plug the cable back in after a fault has pulled it out; ``port`` may change."""
         self._pty.plug_in()
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Let nothing live on while something of it is changed."""
+        """Halt everything while a part is changed."""
         with self._pty.locked():
             yield
 

@@ -1,4 +1,4 @@
-"""One stepper motor as a firmware drives it: ramps, a step counter, a plant behind it."""
+"""A stepper motor as driven by firmware: ramps, a step counter, and a plant."""
 
 from math import copysign, sqrt
 
@@ -6,16 +6,16 @@ from hil_mocks.stages.plant import StagePlant
 
 
 class StepperAxis:
-    """Counts steps and turns the plant's motor; it never learns where the carriage really is.
+    """Counts steps and turns the plant's motor; it never learns the carriage's true height.
 
     Parameters
     ----------
     plant
-        What the motor turns.
+        The mechanics that the motor drives.
     steps_per_mm
         Resolution of the counter.
     acceleration_mm_per_s2
-        Of every ramp.
+        Acceleration of every ramp.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class StepperAxis:
 
     @property
     def counted_mm(self) -> float:
-        """Position after the step counter."""
+        """Position by the step counter."""
         return self._steps / self._steps_per_mm
 
     @property
@@ -45,26 +45,26 @@ class StepperAxis:
 
     @property
     def is_moving(self) -> bool:
-        """Whether steps are being made."""
+        """Whether the motor is stepping."""
         return self._target_mm is not None or self._velocity != 0.0
 
     @property
     def speed_mm_per_s(self) -> float:
-        """Speed now."""
+        """Present speed."""
         return abs(self._velocity)
 
     def count_from(self, position_mm: float) -> None:
-        """Call the present position so."""
+        """Define the present position as ``position_mm``."""
         self._position_mm = position_mm
         self._steps = round(position_mm * self._steps_per_mm)
 
     def shift(self, delta_mm: float) -> None:
-        """Count a movement that no step of the motor made, as an encoder does."""
+        """Count a movement without motor steps, as an encoder does."""
         self._position_mm += delta_mm
         self._steps = round(self._position_mm * self._steps_per_mm)
 
     def go(self, target_mm: float, feed_mm_per_s: float) -> None:
-        """Begin a move to a counted position."""
+        """Start a move to a counted position."""
         way_mm = target_mm - self._position_mm
         short_mm = min(self.stops_short_mm, abs(way_mm))
         self._target_mm = target_mm - copysign(short_mm, way_mm)
@@ -72,18 +72,18 @@ class StepperAxis:
         self._is_braking = False
 
     def brake(self) -> None:
-        """Ramp down; the counter keeps its count."""
+        """Ramp down; the counter stays correct."""
         if self.is_moving and not self.ignores_brake:
             self._is_braking = True
 
     def halt(self) -> None:
-        """Cut the steps at once."""
+        """Stop stepping at once."""
         self._target_mm = None
         self._velocity = 0.0
         self._is_braking = False
 
     def advance(self, duration_s: float) -> None:
-        """Make the steps of a short time."""
+        """Make the steps of a short interval."""
         if not self.is_moving:
             return
         if self._is_braking:

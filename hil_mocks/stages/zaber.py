@@ -1,6 +1,6 @@
 """A Zaber firmware emulator, written from the published protocol.
 
-It shares no code with the driver; the vendor's own client is its judge.
+It shares no code with the driver; it is checked against the vendor's own client.
 
 References
 ----------
@@ -17,7 +17,7 @@ from hil_mocks.stages.stepper_axis import StepperAxis
 
 STEP_S = 0.004
 SPEED_UNIT = 1.6384
-"""``maxspeed`` counts microsteps a second times this."""
+"""``maxspeed`` is in microsteps per second times this."""
 
 HOMING_SPEED_MM_PER_S = 20.0
 LOCATING_SPEED_MM_PER_S = 1.0
@@ -30,20 +30,20 @@ _NUMBER = re.compile(r"\d{1,10}", re.ASCII)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZaberFaults:
-    """What is wrong with the controller from now on.
+    """Faults of the controller from now on.
 
     Parameters
     ----------
     hangs
-        It obeys and answers nothing; a move that runs goes on.
+        It neither obeys nor answers; a running move continues.
     rejects
         Moves are rejected with this reason, such as ``DRIVERDISABLED``.
     stops_short_mm
         Moves end before their target.
     never_idle
-        A move never ends in its report, and cannot be stopped.
+        Its replies never show the end of a move, and the move cannot be stopped.
     shows_flag
-        It shows this warning besides its own.
+        It shows this warning in addition to its own.
     alerts
         It sends alerts and info lines between its replies.
     """
@@ -57,7 +57,7 @@ class ZaberFaults:
 
 
 class ZaberFirmware:
-    """Lives on bytes and time; moves a plant; homes to the lower switch.
+    """Driven by bytes and time; moves a plant; homes to the lower switch.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ class ZaberFirmware:
     microstep_um
         Travel of a microstep.
     address
-        In the chain.
+        Address in the chain.
     travel_mm
-        Of the axis, upwards from the switch.
+        Travel of the axis, upwards from the switch.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class ZaberFirmware:
 
     @property
     def faults(self) -> ZaberFaults:
-        """What is wrong with it."""
+        """Its faults."""
         return self._faults
 
     @faults.setter
@@ -127,12 +127,12 @@ class ZaberFirmware:
 
     @property
     def flags(self) -> list[str]:
-        """Warning flags, the gravest first."""
+        """Warning flags, the most serious first."""
         shown = self._flags | ({self._faults.shows_flag} if self._faults.shows_flag else set())
         return sorted(shown, key=lambda flag: ("FWN".index(flag[0]), flag))
 
     def power_cycle(self) -> None:
-        """Begin anew, as after a brown-out; position and reference are gone."""
+        """Restart, as after a brown-out; position and reference are lost."""
         self.axis.halt()
         self.axis.count_from(0.0)
         self._homing.clear()

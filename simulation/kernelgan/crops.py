@@ -1,4 +1,4 @@
-"""Where KernelGAN looks: crops of an image, drawn where its gradient is strong."""
+"""Training crops of KernelGAN, drawn where the gradient of the image is strong."""
 
 from dataclasses import dataclass, field
 from math import floor
@@ -10,11 +10,11 @@ from simulation.arrays import FloatArray, IntArray
 from simulation.kernelgan.errors import KernelGanError
 
 OUTPUT_SIDE_PX = 26
-"""Side of the generator's output: what 64 px give at zoom 2 behind a kernel of 13 px
-(the publication crops 64 px), and kept at other zooms."""
+"""Side of the generator's output: that of a 64 px crop (as in the publication) at zoom 2 after a
+kernel of 13 px, and the same at other zooms."""
 
 
-_REMEDY = "take a larger image or a smaller zoom"
+_REMEDY = "use a larger image or a smaller zoom"
 
 
 def nearest_positions(count: int, zoom: float) -> IntArray:
@@ -37,20 +37,20 @@ class CropPicker:
 
     @classmethod
     def of_image(cls, image: FloatArray, zoom: float, kernel_size: int) -> Self:
-        """Weigh every place by the mean gradient magnitude of the crop that begins there.
+        """Weight every position by the mean gradient magnitude of the crop that starts there.
 
         Raises
         ------
         KernelGanError
-            If the image holds no crop, or no gradient.
+            If the image is too small for a crop, or has no gradient.
         """
         taps = nearest_positions(OUTPUT_SIDE_PX, zoom)
         taps -= taps[0]
         side_px = int(taps[-1]) + kernel_size
         if min(image.shape) < side_px:
             raise KernelGanError(
-                f"{image.shape[1]} x {image.shape[0]} px hold no crop of {side_px} px, "
-                f"which zoom {zoom:g} needs; {_REMEDY}",
+                f"an image of {image.shape[1]} x {image.shape[0]} px is too small for the crops of "
+                f"{side_px} px that zoom {zoom:g} needs; {_REMEDY}",
                 reason="too_small",
             )
         gradient_y, gradient_x = np.gradient(image)
@@ -74,7 +74,7 @@ class CropPicker:
     def real_crop(self, rng: np.random.Generator) -> FloatArray:
         """Return a crop of the size of the generator's output.
 
-        It lies anywhere in a window drawn as the generator's, so that both show equal content.
+        It is anywhere in a window drawn like the generator's, so that both show similar content.
         """
         window = self._window(rng)
         top, left = rng.integers(0, self.side_px - OUTPUT_SIDE_PX + 1, size=2)
@@ -82,7 +82,7 @@ class CropPicker:
 
     def _window(self, rng: np.random.Generator) -> FloatArray:
         drawn = rng.uniform(0.0, self.cumulative[-1])
-        place = int(np.searchsorted(self.cumulative, drawn, side="right"))
+        index = int(np.searchsorted(self.cumulative, drawn, side="right"))
         columns = self.image.shape[1] - self.side_px + 1
-        top, left = divmod(min(place, len(self.cumulative) - 1), columns)
+        top, left = divmod(min(index, len(self.cumulative) - 1), columns)
         return self.image[top : top + self.side_px, left : left + self.side_px]

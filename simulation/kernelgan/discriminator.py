@@ -1,4 +1,4 @@
-"""Discriminator of KernelGAN: tells how much each patch of 7 x 7 px looks like the image's own."""
+"""Discriminator of KernelGAN: rates how much each 7 x 7 px patch looks like the image's own."""
 
 from collections.abc import Sequence
 
@@ -20,8 +20,8 @@ class PatchDiscriminator:
     """One layer of 7 x 7 px, then layers of 1 px: a map of how real each patch looks.
 
     Spectral normalisation on every layer, batch normalisation and ReLU after the hidden ones,
-    a sigmoid at the end. Written without modules, whose first weights come from the global random
-    state.
+    a sigmoid at the end. Written without modules, whose initial weights come from the global
+    random state.
 
     References
     ----------
@@ -48,19 +48,19 @@ class PatchDiscriminator:
 
     @property
     def parameters(self) -> list[Tensor]:
-        """Everything to train."""
+        """All trainable parameters."""
         return [*self.weights, *self.biases, *self.gains]
 
     def normalise(self, steps: int = _POWER_STEPS) -> None:
         """Follow the largest singular vectors of the weights by power iteration."""
         with torch.no_grad():
-            for place, weight in enumerate(self.weights):
+            for index, weight in enumerate(self.weights):
                 matrix = weight.reshape(weight.shape[0], -1)
-                left = self._left[place]
+                left = self._left[index]
                 for _ in range(steps):
                     right = functional.normalize(matrix.T @ left, dim=0, eps=_NORM_FLOOR)
                     left = functional.normalize(matrix @ right, dim=0, eps=_NORM_FLOOR)
-                self._left[place] = left
+                self._left[index] = left
 
     def normalised_weights(self) -> list[Tensor]:
         """Return the weights divided by their largest singular values, differentiable."""
@@ -77,11 +77,11 @@ class PatchDiscriminator:
         Parameters
         ----------
         image
-            Shape (1, 1, n, n), levels from 0 to 1; their middle is taken off, lest it fill the
+            Shape (1, 1, n, n), levels from 0 to 1; 0.5 is subtracted, so as not to use up the
             first layer's gain.
         layers
-            ``normalised_weights()``, to train the discriminator; without, no gradient reaches its
-            parameters.
+            ``normalised_weights()``, to train the discriminator; without them, no gradient reaches
+            its parameters.
         """
         biases, gains = self.biases, self.gains
         if layers is None:
@@ -90,12 +90,12 @@ class PatchDiscriminator:
             biases, gains = [b.detach() for b in biases], [g.detach() for g in gains]
         first, *hidden, last = layers
         x = functional.conv2d(image - _MIDDLE_LEVEL, first, biases[0])
-        # Behind the first layer a patch is a row of 64 numbers.
+        # After the first layer a patch is a row of 64 numbers.
         rows, cols = x.shape[2:]
         x = x.reshape(_CHANNELS, -1).T
-        for place, weight in enumerate(hidden):
+        for index, weight in enumerate(hidden):
             x = x @ weight[:, :, 0, 0].T
-            bias, gain = biases[place + 1], gains[place]
+            bias, gain = biases[index + 1], gains[index]
             x = torch.relu(functional.batch_norm(x, None, None, gain, bias, training=True))
         x = x @ last[:, :, 0, 0].T + biases[-1]
         return torch.sigmoid(x).T.reshape(1, 1, rows, cols)

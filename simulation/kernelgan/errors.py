@@ -1,11 +1,11 @@
-"""Why no kernel could be trained on an image."""
+"""Errors of a KernelGAN training."""
 
 from typing import Literal
 
 KernelGanReason = Literal[
     "torch_missing", "flat", "too_small", "not_finite", "wrong_sum", "discriminator_won"
 ]
-"""``discriminator_won``: the discriminator tells the patches apart without effort."""
+"""``discriminator_won``: the discriminator distinguishes the patches with ease."""
 
 
 class KernelGanError(Exception):

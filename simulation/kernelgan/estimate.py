@@ -1,9 +1,9 @@
-"""KernelGAN: the blur between a photograph and itself from further away, from that photograph.
+"""KernelGAN: the blur of a photograph seen from further away, estimated from it alone.
 
-A generator that can only blur and sample is trained until a discriminator cannot tell the small
-patches of the zoomed-out image from those of the image itself. The blur is then what the camera
-would add: no calibration is needed, but textures that recur over scales are. Theory, departures
-from the publication and figures: ``docs/theory-kernelgan.md``.
+A generator that can only blur and sample is trained until a discriminator cannot distinguish
+small patches of the zoomed-out image from those of the image itself. The blur is then what the
+camera would add. This needs no calibration, but textures that recur across scales. Theory,
+departures from the publication and figures: ``docs/theory-kernelgan.md``.
 
 References
 ----------
@@ -25,7 +25,7 @@ from simulation.kernelgan.errors import KernelGanError, TorchMissingError
 from simulation.resampling import refuse_non_finite
 
 Progress = Callable[[int], None]
-"""Called with the number of steps done."""
+"""Called with the number of steps completed."""
 
 KERNEL_SIZE = 13
 """Receptive field of layers of 7, 5 and 3 px (publication, section 4.1)."""
@@ -33,7 +33,7 @@ KERNEL_SIZE = 13
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KernelGanSettings:
-    """What determines a trained kernel, beside the image.
+    """What determines a trained kernel, besides the image.
 
     ``zoom`` is the zoom-out; ``is_centre_crop`` trains on the central half of the image only.
     """
@@ -57,7 +57,7 @@ class KernelGanSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatedKernel:
-    """A blur kernel, shape ``(13, 13)``, order (y, x); its weights add up to 1.
+    """A blur kernel, shape ``(13, 13)``, order (y, x); its weights sum to 1.
 
     It is a correlation kernel: the blurred pixel at ``p`` is the sum of
     ``weights[i, j] * image[p_y + i - 6, p_x + j - 6]``.
@@ -67,10 +67,10 @@ class EstimatedKernel:
 
     def __post_init__(self) -> None:
         if self.weights.shape != (KERNEL_SIZE, KERNEL_SIZE):
-            raise ValueError(f"a kernel has 13 x 13 weights, got {self.weights.shape}")
+            raise ValueError(f"a kernel must have 13 x 13 weights, got {self.weights.shape}")
         # Also refuses NaN.
         if not abs(float(self.weights.sum()) - 1.0) < 1e-6:
-            raise ValueError(f"a kernel's weights add up to 1, got {self.weights.sum()}")
+            raise ValueError(f"a kernel's weights must sum to 1, got {self.weights.sum()}")
 
     def __repr__(self) -> str:
         (xx, xy), (_, yy) = self.covariance_px2.tolist()
@@ -78,7 +78,7 @@ class EstimatedKernel:
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Centre of mass (y, x) against the kernel's middle."""
+        """Centre of mass (y, x) relative to the kernel's middle."""
         offset = np.arange(KERNEL_SIZE) - KERNEL_SIZE // 2
         return float(self.weights.sum(axis=1) @ offset), float(self.weights.sum(axis=0) @ offset)
 
@@ -104,26 +104,26 @@ def estimate_kernel(
     image
         Grey levels, shape ``(rows, cols)``, linear in light.
     settings
-        Zoom-out, model, steps and seed: the same on one machine give the same kernel.
+        Zoom-out, model, steps and seed: on one machine they determine the kernel.
     progress
-        Told the steps done, about a hundred times.
+        Called with the number of steps completed, about a hundred times.
 
     Returns
     -------
     EstimatedKernel
-        For zoom 1 the kernel that changes nothing, without a training.
+        For zoom 1 the identity kernel, without training.
 
     Raises
     ------
     TorchMissingError
         If PyTorch is not installed.
     KernelGanError
-        If the image is too small or flat, or the training went astray.
+        If the image is too small or flat, or the training failed.
     ValueError
         If the image is not two-dimensional or not finite.
     """
     if image.ndim != 2:
-        raise ValueError(f"KernelGAN trains on grey levels (rows, cols), got {image.shape}")
+        raise ValueError(f"KernelGAN needs grey levels (rows, cols), got shape {image.shape}")
     refuse_non_finite(image)
     if settings.zoom == 1:
         weights = np.zeros((KERNEL_SIZE, KERNEL_SIZE))
@@ -139,10 +139,10 @@ def estimate_kernel(
     span = float(levels.max() - levels.min())
     if span == 0:
         raise KernelGanError(
-            "the image is flat, there is nothing to train on; take another one", reason="flat"
+            "the image is flat, so there is nothing to train on; use another one", reason="flat"
         )
     picker = CropPicker.of_image((levels - levels.min()) / span, settings.zoom, KERNEL_SIZE)
-    # Here only: everything else must run where PyTorch is not installed.
+    # Only here: everything else must run without PyTorch.
     from simulation.kernelgan.training import train
 
     weights = train(

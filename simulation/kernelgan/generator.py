@@ -1,4 +1,4 @@
-"""Generators of KernelGAN: what they know of the image is one kernel."""
+"""Generators of KernelGAN: all that they learn from the image is one kernel."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -12,11 +12,11 @@ from torch.nn import functional
 _LAYER_SIZES = (7, 5, 3, 1, 1, 1)  # publication, section 4.1
 _CHANNELS = 64  # publication, section 4.1
 _START_NOISE = 0.1
-"""Random part of the first weights, against their Gaussian part."""
+"""Random part of the initial weights, relative to their Gaussian part."""
 
 
 class Generator(Protocol):
-    """A kernel with parameters to train."""
+    """A kernel with trainable parameters."""
 
     parameters: list[Tensor]
 
@@ -26,10 +26,10 @@ class Generator(Protocol):
 
 
 def composed_kernel(layers: Sequence[Tensor]) -> Tensor:
-    """Return the one kernel that convolution layers without activations amount to.
+    """Return the single kernel equivalent to convolution layers without activations.
 
     ``conv2d(.. conv2d(x, layers[0]) .., layers[-1])`` equals ``conv2d(x, composed)``. Composed
-    from the output's end, where one channel is left, it costs a millionth of the layers
+    from the output end, where only one channel is left, it costs a millionth of the layers
     themselves.
 
     Parameters
@@ -64,7 +64,7 @@ def sampled(crop: Tensor, kernel: Tensor, taps: Tensor) -> Tensor:
         Crop coordinates of the kernel's first weight, along either axis, shape (n,).
     """
     size = kernel.shape[0]
-    # Numpy's indexing copies whole rows of a window, torch's every number by itself.
+    # Numpy's indexing copies whole rows of a window, torch's every number individually.
     windows = sliding_window_view(crop.numpy(), (size, size))
     seen = torch.from_numpy(windows[taps.numpy()[:, None], taps.numpy()])
     made = seen.reshape(-1, size * size) @ kernel.reshape(-1)
@@ -74,16 +74,16 @@ def sampled(crop: Tensor, kernel: Tensor, taps: Tensor) -> Tensor:
 class DeepLinearGenerator:
     """Six convolution layers without activations: 7, 5, 3, 1, 1, 1 px, 64 channels.
 
-    The first weights are a Gaussian per layer times a random orthogonal mixing of the channels,
+    The initial weights are a Gaussian per layer times a random orthogonal mixing of the channels,
     with noise: the composed kernel starts as a blur of about ``sigma_px`` that sums to 1.
     """
 
     def __init__(self, rng: torch.Generator, sigma_px: float, dtype: torch.dtype) -> None:
         spread = sum(size**2 - 1 for size in _LAYER_SIZES)
         layers = []
-        for place, size in enumerate(_LAYER_SIZES):
-            out = 1 if place == len(_LAYER_SIZES) - 1 else _CHANNELS
-            into = 1 if place == 0 else _CHANNELS
+        for index, size in enumerate(_LAYER_SIZES):
+            out = 1 if index == len(_LAYER_SIZES) - 1 else _CHANNELS
+            into = 1 if index == 0 else _CHANNELS
             mixing = torch.randn(out, into, generator=rng, dtype=torch.float64)
             if out == into:
                 mixing = torch.linalg.qr(mixing)[0]
@@ -92,7 +92,7 @@ class DeepLinearGenerator:
             noise = torch.randn(weight.shape, generator=rng, dtype=torch.float64)
             layers.append(weight + _START_NOISE * noise * weight.std() / size)
         total = composed_kernel(layers).sum()
-        # The last layer carries the sign, all of them their share of the gain.
+        # The last layer carries the sign, and every layer its share of the gain.
         layers[-1] = layers[-1] * torch.sign(total)
         gain = float(total.abs()) ** (-1 / len(layers))
         self.parameters = [(w * gain).to(dtype).requires_grad_() for w in layers]
@@ -113,7 +113,7 @@ class GaussianGenerator:
         self._offset = torch.arange(size, dtype=dtype) - size // 2
 
     def kernel(self) -> Tensor:
-        """Return the Gaussian at the pixels, divided by its sum."""
+        """Return the Gaussian sampled at the pixels and normalised."""
         sigma_y, sigma_x = self.log_sigma_px.exp()
         rho = self.atanh_rho.tanh()
         y, x = self._offset[:, None] / sigma_y, self._offset[None, :] / sigma_x

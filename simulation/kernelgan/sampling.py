@@ -1,10 +1,10 @@
-"""Zoom-out by a given blur kernel: what follows a KernelGAN training.
+"""Zoom-out with a given blur kernel, as after a KernelGAN training.
 
-``exact`` samples the quintic spline through the blurred pixels at the follow-up's grid, seen from
-the kernel's centre of mass: patches look alike wherever they lie, so that KernelGAN knows nothing
-of a shift, and the one its kernel has is taken out. ``nearest`` takes the blurred pixel nearest
-to the grid and the kernel as it is, as the publication does: the image shifts by the centre of
-mass, and every pixel by up to 0.5 px; by just 0.5 px at zoom 2.
+``exact`` samples the quintic spline through the blurred pixels at the follow-up's grid, relative
+to the kernel's centre of mass: patches look the same wherever they are, so KernelGAN cannot know
+the shift, and that of its kernel is removed. ``nearest`` takes the blurred pixel nearest to the
+grid and the kernel as it is, as in the publication: the image shifts by the centre of mass, and
+every pixel by up to 0.5 px; by exactly 0.5 px at zoom 2.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ from simulation.resampling import (
 from simulation.zoom import SeparableSum, ZoomOperator
 
 _FAINT_TERM = 1e-6
-"""Singular values below this share of the first are left out."""
+"""Singular values below this fraction of the first are omitted."""
 
 _PREFILTER_TOLERANCE = 1e-6
 
@@ -34,7 +34,7 @@ def kernel_operator(
     kernel: EstimatedKernel,
     sampler: Sampler = "exact",
 ) -> ZoomOperator:
-    """Operator that blurs by a kernel and samples at a grid.
+    """Operator that blurs with a kernel and samples on a grid.
 
     Parameters
     ----------
@@ -57,16 +57,16 @@ def kernel_operator(
         raise ValueError(f"sampler must be one of {', '.join(SAMPLERS)}, got {sampler!r}")
     centre_y, centre_x = kernel.centre_px if sampler == "exact" else (0.0, 0.0)
     u, singular, vt = np.linalg.svd(kernel.weights)
-    # Both matrices below convolve: a correlation kernel is turned round.
+    # Both matrices below convolve: a correlation kernel is reversed.
     return ZoomOperator(
         (
             SeparableSum(
                 tuple(
                     (
-                        _sampled(value * u[::-1, place], grid.rows_px, centre_y, shape[0], sampler),
-                        _sampled(vt[place, ::-1], grid.cols_px, centre_x, shape[1], sampler),
+                        _sampled(value * u[::-1, index], grid.rows_px, centre_y, shape[0], sampler),
+                        _sampled(vt[index, ::-1], grid.cols_px, centre_x, shape[1], sampler),
                     )
-                    for place, value in enumerate(singular)
+                    for index, value in enumerate(singular)
                     if value > _FAINT_TERM * singular[0]
                 )
             ),
@@ -83,9 +83,9 @@ def _sampled(
             tail_tolerance=_PREFILTER_TOLERANCE,
             spline_prefilter=True,
         )
-        # The correlation at p looks at p + centre.
-        places = positions_px - centre_px
-        return spline_sampling(places, np.convolve(kernel, prefilter.along_y), size)
+        # The correlation at p is centred on p + centre.
+        shifted_px = positions_px - centre_px
+        return spline_sampling(shifted_px, np.convolve(kernel, prefilter.along_y), size)
     nearest = np.clip(np.floor(positions_px + 0.5).astype(np.int64), 0, size - 1)
     rows = len(nearest)
     taken = BandedMatrix.from_entries(rows, size, np.arange(rows), nearest, np.ones(rows))

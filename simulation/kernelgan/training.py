@@ -1,4 +1,4 @@
-"""The training of KernelGAN: discriminator and generator in turn, on crops of one image."""
+"""The training of KernelGAN: discriminator and generator alternately, on crops of one image."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ _BOUNDARY_WEIGHT = 0.5  # beta
 _SPARSE_WEIGHT = 5.0  # gamma
 _CENTRE_WEIGHT = 1.0  # delta
 _ROOT_FLOOR = 1e-6
-"""Below it the square root of the sparsity term has no useful slope."""
+"""Below this the square root of the sparsity term has no useful slope."""
 
 _BOUNDARY_GROWTH_PX = 2.0
 
@@ -31,7 +31,7 @@ _BOUNDARY_GROWTH_PX = 2.0
 def boundary_mask(size: int, dtype: torch.dtype) -> Tensor:
     """Return weights that grow exponentially with the distance from the middle, up to 1.
 
-    The publication gives no rate: e-fold in 2 px, 0 in the middle.
+    The publication gives no rate; here they are 0 in the middle and e-fold in 2 px.
     """
     offset = torch.arange(size, dtype=dtype) - size // 2
     distance_px = torch.hypot(offset[:, None], offset[None, :])
@@ -40,7 +40,7 @@ def boundary_mask(size: int, dtype: torch.dtype) -> Tensor:
 
 
 class KernelRegulariser:
-    """Sum of 1, nothing at the boundary, few weights, centre of mass in the middle."""
+    """Penalties for a sum other than 1, boundary weights, many weights, and an off-centre mass."""
 
     def __init__(self, size: int, dtype: torch.dtype) -> None:
         self._mask = boundary_mask(size, dtype)
@@ -68,11 +68,11 @@ _BETAS = (0.5, 0.999)  # publication, section 4.3
 _DECAY_STEPS = 750  # publication, section 4.3
 _DECAY = 0.1  # publication, section 4.3
 _RAMP_STEPS = 200
-"""Adam's first steps move all weights at full rate and together: the composed kernel of six layers
-would turn over, and one that adds up to less than 0 does not come back."""
+"""Adam's first steps move all weights together at the full rate: the composed kernel of six layers
+would change sign, and one with a sum below 0 does not recover."""
 
 _START_SIGMA_PER_ZOOM = 0.5
-"""Width of the first kernel in px, over the zoom."""
+"""Width of the initial kernel in px, divided by the zoom."""
 
 _REPORTS = 100
 _CHECK_STEPS = 50
@@ -92,9 +92,9 @@ class KernelGanTraining:
     is_gaussian
         A Gaussian of three parameters, without the regularisers, instead of the free kernel.
     zoom
-        Zoom-out; sets the width of the first kernel.
+        Zoom-out; sets the width of the initial kernel.
     seed
-        Of the first weights and of the crops.
+        Seed of the initial weights and of the crops.
     """
 
     def __init__(self, picker: CropPicker, *, is_gaussian: bool, zoom: float, seed: int) -> None:
@@ -120,7 +120,7 @@ class KernelGanTraining:
 
     @property
     def kernel(self) -> FloatArray:
-        """The kernel so far, shape (13, 13), order (y, x)."""
+        """The present kernel, shape (13, 13), order (y, x)."""
         return self.generator.kernel().detach().numpy().astype(np.float64)
 
     def step(self) -> None:
@@ -155,26 +155,26 @@ class KernelGanTraining:
         self._steps += 1
 
     def check(self) -> None:
-        """Tell a training that has gone astray.
+        """Raise if the training has failed.
 
         Raises
         ------
         KernelGanError
-            If the kernel is not finite, does not approach a sum of 1, or the discriminator tells
-            the patches apart without effort, so that the generator learns nothing from it.
+            If the kernel is not finite, its sum does not approach 1, or the discriminator
+            distinguishes the patches with ease, so that the generator learns nothing from it.
         """
         where = f"the training failed: after {self._steps} steps "
         kernel = self.kernel
         if not (np.all(np.isfinite(kernel)) and np.isfinite(self._margin)):
             raise KernelGanError(
-                f"{where}its numbers are not finite; try another --seed", reason="not_finite"
+                f"{where}the kernel is not finite; try another --seed", reason="not_finite"
             )
         if self._steps < _SETTLED_STEPS:
             return
         total = float(kernel.sum())
         if abs(total - 1) > _SUM_SLACK:
             raise KernelGanError(
-                f"{where}the kernel adds up to {total:.2f} instead of 1; try another --seed",
+                f"{where}the kernel sums to {total:.2f} instead of 1; try another --seed",
                 reason="wrong_sum",
             )
         if self._margin > _WON_MARGIN:
@@ -199,7 +199,7 @@ def train(
     Raises
     ------
     KernelGanError
-        As soon as it is seen.
+        As soon as the training has failed.
     """
     report_steps = max(1, steps // _REPORTS)
     with one_thread():
@@ -215,10 +215,10 @@ def train(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let torch work on one thread for a while, then on as many as before.
+    """Let torch use one thread inside the block, then as many as before.
 
-    The sums come out equal whatever the number of cores; and the matrices are so small that
-    threads wait for each other longer than they work.
+    The sums are then the same for any number of cores, and the matrices are so small that threads
+    would wait for each other longer than they work.
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -1,4 +1,4 @@
-"""A photograph as another camera pose sees it."""
+"""A photograph as seen from another camera pose."""
 
 import lazy_loader as lazy
 

@@ -1,7 +1,7 @@
-"""A homography on coordinates: where it takes them, their depth and its derivative there.
+"""A homography applied to coordinates: their images, depths and derivatives.
 
-The functions take numbers or arrays alike, and compiled code calls them as they are. ``matrix`` has
-the shape (3, 3) and takes ``(x, y, 1)`` to the image's coordinates times their depth.
+The functions accept numbers and arrays, and compiled code calls them directly. ``matrix`` has the
+shape (3, 3) and takes ``(x, y, 1)`` to the image's coordinates times their depth.
 """
 
 from typing import TypeVar
@@ -22,7 +22,7 @@ def projection_depth(matrix: FloatArray, x: Coordinate, y: Coordinate) -> Coordi
 
 @register_jitable
 def project(matrix: FloatArray, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
-    """Coordinates (x, y) to which the homography takes a point."""
+    """Coordinates (x, y) to which the homography maps a point."""
     depth = projection_depth(matrix, x, y)
     return (
         (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth,

@@ -1,14 +1,14 @@
-"""Radial distortion of a lens, there and back, and a homography seen through it; compiled.
+"""Radial distortion of a lens, its inverse, and a homography seen through it; compiled.
 
 An ideal point at the radius ``r`` from the lens's centre is seen at ``r (1 + k1 r^2 + k2 r^4)``;
-negative is barrel. A barrel folds: from some radius on, seen radii shrink again, and the lens shows
-nothing of what lies there. The formula is followed beyond the fold as long as it leads past the
-frame; from where it would lead back into the frame, points are put far outside.
+negative is barrel. Barrel distortion folds: beyond some radius, seen radii decrease again, and the
+lens shows nothing from there. The formula is followed beyond the fold as long as its result is
+outside the frame; points that it would bring back into the frame are put far outside.
 
 The warp between two images of one lens goes from a seen point of the follow-up to its ideal one, by
 the homography to the ideal point in the reference, and on to where that is seen; its derivative is
-the product of the three. ``lens`` is ``k1`` in 1/px^2 and the centres that distances count from: x
-and y in the follow-up, x and y in the reference.
+the product of the three. ``lens`` is ``k1`` in 1/px^2 and the centres of the distortion: x and y in
+the follow-up, x and y in the reference.
 """
 
 from math import hypot, inf, isinf, sqrt
@@ -20,15 +20,15 @@ from simulation.arrays import FloatArray
 from simulation.pose.homography import project, projection_slopes
 
 DISTORTION_MAX = 0.12
-"""Largest distortion, relative at the frame's corner. A barrel of strength s shows nothing beyond
-the radius ``2 / sqrt(27 s)``: from 4/27 on that lies inside the corner."""
+"""Largest relative distortion at the frame's corner. Barrel distortion of strength s shows nothing
+beyond the radius ``2 / sqrt(27 s)``: from 4/27 on that is inside the corner."""
 
 _FOLD_MARGIN = 0.9
 _FAR = 1e9
 
 _ITERATIONS = 100
 _CONVERGED = 1e-8
-"""Relative step: what Newton's method leaves then is of the order of its square."""
+"""Relative step: the remaining error of Newton's method is of the order of its square."""
 
 
 def lens_of(
@@ -37,17 +37,17 @@ def lens_of(
     follow_up: tuple[int, int],
     origin_px: tuple[float, float] | None = None,
 ) -> FloatArray:
-    """``lens`` of one camera that took both frames.
+    """Return the ``lens`` of one camera that took both frames.
 
     Parameters
     ----------
     distortion_k1
-        Relative, at the corner of the reference's frame; negative is barrel.
+        Relative distortion at the corner of the reference's frame; negative is barrel.
     reference, follow_up
         ``(rows, cols)``.
     origin_px
-        Where the follow-up's pixel (0, 0) lies in the camera's frame, ``(x, y)``; None: the
-        follow-up's middle is the frame's.
+        Position ``(x, y)`` of the follow-up's pixel (0, 0) in the camera's frame; by default, the
+        follow-up is centred in the frame.
     """
     x, y = (reference[1] - 1) / 2, (reference[0] - 1) / 2
     followup_x, followup_y = (follow_up[1] - 1) / 2, (follow_up[0] - 1) / 2
@@ -57,17 +57,17 @@ def lens_of(
 
 
 def refuse_folding(distortion_k1: float, lens: FloatArray, follow_up: tuple[int, int]) -> None:
-    """Refuse a lens that does not show all of a follow-up of ``(rows, cols)``.
+    """Raise if a lens does not show all of a follow-up of ``(rows, cols)``.
 
     Raises
     ------
     ValueError
-        If the distortion is not finite, so large that the frame folds, or the follow-up is so
-        much larger than the reference that it does.
+        If the distortion is not finite, or so large that the frame folds, or if the follow-up is
+        so much larger than the reference that it folds.
     """
     if not abs(distortion_k1) <= DISTORTION_MAX:
         raise ValueError(
-            f"the distortion k1 must lie between -{DISTORTION_MAX} and {DISTORTION_MAX}, "
+            f"the distortion k1 must be between -{DISTORTION_MAX} and {DISTORTION_MAX}, "
             f"got {distortion_k1}"
         )
     k1, centre_x, centre_y = lens[:3].tolist()
@@ -77,7 +77,7 @@ def refuse_folding(distortion_k1: float, lens: FloatArray, follow_up: tuple[int,
     )
     if -27 * k1 * farthest_px**2 / 4 > _FOLD_MARGIN:
         raise ValueError(
-            f"a lens with the distortion k1 {distortion_k1} shows nothing in the corners of a "
+            f"a lens with the distortion k1 {distortion_k1} cannot show the corners of a "
             f"follow-up of {follow_up[1]} x {follow_up[0]} px"
         )
 
@@ -87,7 +87,7 @@ _compiled = njit(cache=True, error_model="numpy")
 
 @_compiled
 def _fold_square(k1: float, k2: float) -> float:
-    """Square of the ideal radius at which seen radii stop growing; infinite where they do not."""
+    """Square of the ideal radius at which seen radii stop increasing; infinite if they do not."""
     # The first positive zero of the derivative 1 + 3 k1 q + 5 k2 q^2, without taking a difference.
     discriminant = 9 * k1 * k1 - 20 * k2
     if discriminant < 0 or (k1 >= 0 and k2 >= 0):
@@ -99,9 +99,9 @@ def _fold_square(k1: float, k2: float) -> float:
 
 @_compiled
 def _ideal_factor(k1: float, k2: float) -> float:
-    """Ideal radius of the seen radius 1: Newton's method between brackets, up to the fold.
+    """Ideal radius for the seen radius 1: bracketed Newton's method, up to the fold.
 
-    A seen radius that no ideal one leads to gets the fold's.
+    A seen radius without an ideal one gets that of the fold.
     """
     low, high = 0.0, sqrt(_fold_square(k1, k2))
     if isinf(high):
@@ -131,7 +131,7 @@ def _ideal_factor(k1: float, k2: float) -> float:
 def _seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
     """Factor from an ideal point, its radius squared, to the seen one; infinite if far outside."""
     factor = 1 + square * (k1 + square * k2)
-    # With k2 above 0 seen radii may grow again further out.
+    # With k2 above 0 seen radii may increase again further out.
     is_folded = 1 + square * (3 * k1 + 5 * square * k2) <= 0 or (
         k2 > 0 and square > _fold_square(k1, k2)
     )
@@ -147,8 +147,8 @@ def ideal_factors(k1: float, k2: float, squares: FloatArray) -> FloatArray:
     k1, k2
         Distortion at the radius 1.
     squares
-        Squared radii of the seen points, shape (n,). One beyond all that the lens shows is taken
-        to the fold.
+        Squared radii of the seen points, shape (n,). A point beyond all that the lens shows is
+        taken to the fold.
     """
     factors = np.empty_like(squares)
     for i in range(len(squares)):
@@ -167,7 +167,7 @@ def seen_factors(k1: float, k2: float, squares: FloatArray, frame: float) -> Flo
     squares
         Squared radii of the ideal points, shape (n,).
     frame
-        Radius of a circle about the lens's centre that holds the frame.
+        Radius of a circle about the lens's centre that contains the frame.
     """
     factors = np.empty_like(squares)
     for i in range(len(squares)):

@@ -1,10 +1,11 @@
-"""What independent noise of the reference becomes in a follow-up from another pose.
+"""Independent noise of the reference, propagated to a follow-up from another pose.
 
-``simulate_pose`` weighs reference pixels, so the variance at a follow-up pixel is the sum of its
-squared weights times theirs. That sum depends on the blur at the place and on where the place lies
-between the pixels. With ``H`` the transfer function of the blurred cardinal spline, it is a short
-Fourier series in the place x: ``sum_m cos(2 pi m x) integral of H(f) H(m - f) df``, because ``H``
-has next to nothing beyond one cycle per pixel.
+``simulate_pose`` weights reference pixels, so the variance at a follow-up pixel is the sum of its
+squared weights times their variances. That sum depends on the blur at the position and on where
+the position is between the pixels. With ``H`` the transfer function of the blurred cardinal spline,
+it is a short Fourier series in the position x,
+``sum_m cos(2 pi m x) integral of H(f) H(m - f) df``, because ``H`` is almost zero beyond one cycle
+per pixel.
 """
 
 from typing import Any
@@ -19,14 +20,14 @@ from simulation.pose.view import PoseView
 from simulation.psf import GaussianPsf, PsfField
 from simulation.resampling import spline_transfer
 
-_PLACES = 17
-"""Places per axis at which the squares are summed; the blur changes slowly over a frame."""
+_POINTS = 17
+"""Positions per axis at which the squares are summed; the blur changes slowly over a frame."""
 
 _STEPS_PER_CYCLE = 24
 _HIGHEST_CY_PER_PX = 1.5
 
 _ORDERS = ((0, 0), (1, 0), (0, 1), (1, 1), (1, -1))
-"""Orders (x, y) of the series; every one but the first stands for its opposite too."""
+"""Orders (x, y) of the series; every one but the first represents its opposite too."""
 
 
 def pose_noise_gain(
@@ -38,7 +39,7 @@ def pose_noise_gain(
     origin_px: tuple[float, float] | None = None,
     distortion_k1: float = 0.0,
 ) -> FloatArray:
-    """Variance of the simulated follow-up where every reference pixel has variance 1.
+    """Variance of the simulated follow-up if every reference pixel has variance 1.
 
     Parameters
     ----------
@@ -50,19 +51,19 @@ def pose_noise_gain(
     Returns
     -------
     ndarray of shape ``(height, width)``
-        At most about 1; 1 where the follow-up takes a reference pixel as it is. What lies beyond
-        the reference's border is no exception: the mirrored pixels count as others.
+        At most about 1; 1 where the follow-up takes a reference pixel as it is. Pixels mirrored
+        beyond the reference's border count like others.
 
     Raises
     ------
     ValueError
-        As ``simulate_pose``, for the homography, the size and the PSF.
+        As for ``simulate_pose``, about the homography, the size and the PSF.
     """
     view = PoseView.of(homography, reference, size, psf, origin_px, distortion_k1)
-    lattice = [np.linspace(0.0, max(count - 1, 1), _PLACES) for count in view.follow_up]
+    lattice = [np.linspace(0.0, max(count - 1, 1), _POINTS) for count in view.follow_up]
     held = shared_blur(view).held_px2
     rest = view.survey(lattice[0], lattice[1])[..., 2:].reshape(-1, 3) - held
-    series = _series(held, _positive_parts(rest)).reshape(_PLACES, _PLACES, len(_ORDERS))
+    series = _series(held, _positive_parts(rest)).reshape(_POINTS, _POINTS, len(_ORDERS))
     height, width = view.follow_up
     along_series = RegularGridInterpolator((lattice[0], lattice[1]), series, method="linear")
     gain = np.empty((height, width))
@@ -84,7 +85,7 @@ def _positive_parts(blurs_px2: FloatArray) -> FloatArray:
 
 
 def _series(held_px2: FloatArray, rests_px2: FloatArray) -> FloatArray:
-    """Coefficients of ``_ORDERS`` for each place's rest, shape ``(n, len(_ORDERS))``."""
+    """Coefficients of ``_ORDERS`` for the rest at each position, shape ``(n, len(_ORDERS))``."""
     freq = np.arange(
         -_HIGHEST_CY_PER_PX + 0.5, _HIGHEST_CY_PER_PX + 0.5 + 1e-9, 1 / _STEPS_PER_CYCLE
     )
@@ -104,7 +105,7 @@ def _transfer(
 ) -> FloatArray:
     """Transfer function of the cardinal quintic spline after both blurs, shape (fy, fx).
 
-    The held blur acts on pixels, so its transfer function has their period.
+    The held blur acts on pixels, so its transfer function is periodic like theirs.
     """
     periodic = _gaussian(fx - np.round(fx), fy - np.round(fy), held_px2)
     spline = _cardinal(fx)[None, :] * _cardinal(fy)[:, None]

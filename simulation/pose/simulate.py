@@ -1,8 +1,9 @@
-"""The image a camera would take of the same plane from another pose: tilt, turn, perspective.
+"""The image that a camera would take of the same plane from another pose.
 
-Model ``matched`` for a homography: at every follow-up pixel the reference is blurred by what its
-PSF lacks there, ``A Sigma A^T - Sigma`` with A the derivative of the homography, and the quintic
-spline through the result is point-sampled. The theory is in ``docs/theory-pose.md``.
+Model ``matched`` for a homography (tilt, rotation, perspective): at every follow-up pixel the
+reference is blurred by what its PSF lacks there, ``A Sigma A^T - Sigma`` with A the derivative of
+the homography, and the quintic spline through the result is point-sampled. The theory is in
+``docs/theory-pose.md``.
 """
 
 from dataclasses import dataclass
@@ -29,21 +30,21 @@ from simulation.resampling import (
 )
 
 _TILE_PX = 512
-"""Side of the tiles of the follow-up: what is kept per tile is a few MB."""
+"""Side of the follow-up's tiles: each needs a few MB of memory."""
 
-_SURVEY_PLACES = 65
-"""Places per axis at which the missing blur is looked at beforehand."""
+_SURVEY_POINTS = 65
+"""Positions per axis at which the missing blur is surveyed beforehand."""
 
 _BORDER_STEP_PX = 32
 _BOW_PX = 1.0
-"""Steps along a tile's border, and how far a lens bows it in between, up to zoom 4 at 10 %; the
-margin of the sampling holds more."""
+"""Steps along a tile's border, and the bow by a lens in between, up to zoom 4 at 10 %; the margin
+of the sampling is larger."""
 
 _LEAST_HELD_PX2 = 0.02
 """A smaller common blur is left to the sampling."""
 
 _LINE_SIGMAS = 4
-"""Reach of the points that make a correlated blur."""
+"""Reach of the points that form a correlated blur."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,8 +57,8 @@ class SimulatedPose:
         Shape ``(rows, cols)`` or ``(rows, cols, channels)``, float32 or float64, finite; 0 where
         ``outside``.
     nearer
-        Shape ``(rows, cols)``: the real follow-up is sharper than the reference there, in one
-        direction at least, which no simulation can make good; False where ``outside``.
+        Shape ``(rows, cols)``: the real follow-up is sharper than the reference there, in at
+        least one direction, which no simulation can recover; False where ``outside``.
     outside
         Shape ``(rows, cols)``: the pixel looks past the reference, by more than half a pixel.
     """
@@ -76,7 +77,7 @@ class SimulatedPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedBlur:
-    """How the missing blur is shared between one for the whole image and one for each place."""
+    """Division of the missing blur into one for the whole image and one for each position."""
 
     held_px2: FloatArray
     """Elements xx, xy, yy."""
@@ -107,16 +108,16 @@ def simulate_pose(
     size
         ``(width, height)`` of the follow-up.
     psf
-        Total PSF (optics and pixel) of the camera. A field is taken at the place that each image
-        has it: the reference's at the reference's pixel, the follow-up's at the follow-up's.
+        Total PSF (optics and pixel) of the camera. A field is evaluated at each image's own
+        pixel: the reference's for the reference, the follow-up's for the follow-up.
     origin_px
-        Where the follow-up's pixel (0, 0) lies in the camera's frame, ``(x, y)``, if the
-        follow-up is a part of that frame; None: it is the whole. It matters for a field and a
-        distortion only.
+        Position ``(x, y)`` of the follow-up's pixel (0, 0) in the camera's frame, if the
+        follow-up is a part of that frame; by default it is the whole frame. It matters only for
+        a field and a distortion.
     distortion_k1
-        Radial distortion of the lens that took both: an ideal place at the radius r from the
-        reference's middle, 1 at its corner, is seen at ``r (1 + k1 r^2)``. The homography is then
-        that of the ideal places.
+        Radial distortion of the lens that took both: an ideal point at the radius r from the
+        reference's centre, 1 at its corner, is seen at ``r (1 + k1 r^2)``. The homography is then
+        that of the ideal points.
 
     Returns
     -------
@@ -126,10 +127,10 @@ def simulate_pose(
     Raises
     ------
     ValueError
-        If the homography is not finite, singular or puts its horizon into the follow-up's frame;
+        If the homography is not finite, singular or puts its horizon inside the follow-up's frame;
         if the follow-up sees nothing of the reference; if the image is of another kind or not
-        finite; if the PSF is missing or a field belongs to another frame; if the distortion is
-        none of a lens; if the follow-up needs a blur that is too wide.
+        finite; if the PSF is missing or a field belongs to another frame; if no lens has such a
+        distortion; if the follow-up needs too wide a blur.
     """
     view = PoseView.of(homography, reference_shape(image), size, psf, origin_px, distortion_k1)
     height, width = view.follow_up
@@ -157,9 +158,9 @@ def simulate_pose(
 
 
 def shared_blur(view: PoseView) -> SharedBlur:
-    """Find the largest blur that every place needs, and the widest rest."""
-    places = [np.unique(np.linspace(0, n - 1, min(n, _SURVEY_PLACES))) for n in view.follow_up]
-    seen = view.survey(places[0], places[1])
+    """Find the largest blur that every position needs, and the widest rest."""
+    rows, cols = (np.unique(np.linspace(0, n - 1, min(n, _SURVEY_POINTS))) for n in view.follow_up)
+    seen = view.survey(rows, cols)
     x, y = seen[..., 0], seen[..., 1]
     inside = (
         (x >= -BORDER_PX)
@@ -167,7 +168,7 @@ def shared_blur(view: PoseView) -> SharedBlur:
         & (y >= -BORDER_PX)
         & (y <= view.reference[0] - 1 + BORDER_PX)
     )
-    # The reference's border may lie between two places.
+    # The reference's border may be between two positions.
     counted = np.asarray(binary_dilation(inside, np.ones((3, 3), dtype=np.bool_)))
     blurs: FloatArray = seen.reshape(-1, 5)[counted.ravel(), 2:]
     if len(blurs) == 0:
@@ -180,7 +181,7 @@ def shared_blur(view: PoseView) -> SharedBlur:
 
 
 def _common_blur(blurs_px2: FloatArray) -> FloatArray:
-    """Largest multiple of the mean blur that leaves no place a negative rest; (xx, xy, yy)."""
+    """Largest multiple of the mean blur that leaves no position a negative rest; (xx, xy, yy)."""
     mean = blurs_px2.mean(axis=0)
     xx, xy, yy = mean
     if not (xx > 0 and xx * yy - xy * xy > 0):
@@ -230,14 +231,14 @@ def _seen(
         np.linspace(start, start + count - 1, max(2, ceil((count - 1) / _BORDER_STEP_PX) + 1))
         for start, count in zip(first, shape, strict=True)
     )
-    # Without the horizon in the frame, what lies inside the tile lies inside its warped border.
+    # Without the horizon in the frame, the inside of the tile is inside its warped border.
     border = [view.survey(rows[[0, -1]], cols), view.survey(rows, cols[[0, -1]])]
-    x, y = np.concatenate([places[..., :2].reshape(-1, 2) for places in border]).T
+    x, y = np.concatenate([points[..., :2].reshape(-1, 2) for points in border]).T
     # A homography keeps the border's lines straight; a lens bows them.
     bow_px = 0.0 if view.lens[0] == 0 else _BOW_PX
     bounds = []
-    for place, size in ((y, view.reference[0]), (x, view.reference[1])):
-        low, high = place.min() - bow_px, place.max() + bow_px
+    for coordinate, size in ((y, view.reference[0]), (x, view.reference[1])):
+        low, high = coordinate.min() - bow_px, coordinate.max() + bow_px
         if high < -BORDER_PX or low > size - 1 + BORDER_PX:
             return None
         bounds += [max(int(np.floor(low)), -1), min(int(np.ceil(high)), size)]

@@ -1,4 +1,4 @@
-"""Where a follow-up looks, and the blur that its reference lacks at every place."""
+"""Where a follow-up looks, and the blur that its reference lacks at every position."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -17,7 +17,7 @@ _SINGULAR = 1e-9
 """Least determinant of a homography between frames scaled to unit squares, relative."""
 
 _BORDER_POINTS = 33
-"""Points along a side of a frame: a lens bends it, so that its corners do not tell all."""
+"""Points along a side of a frame: a lens bends it, so its corners are not enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,8 +36,8 @@ class PoseView:
     coefficients_px2
         Shape ``(3, n)``: the PSF's covariance as ``PsfField`` writes it.
     frame
-        Centre x, y and 1 / radius of that field, and where the follow-up's pixel (0, 0) lies in
-        it, x and y.
+        Centre x, y and 1 / radius of that field, and the position x, y of the follow-up's pixel
+        (0, 0) in it.
     """
 
     matrix: FloatArray
@@ -57,14 +57,14 @@ class PoseView:
         origin_px: tuple[float, float] | None,
         distortion_k1: float = 0.0,
     ) -> Self:
-        """Check what a caller gave; the parameters are those of ``simulate_pose``.
+        """Validate a caller's input; the parameters are those of ``simulate_pose``.
 
         Raises
         ------
         ValueError
-            If the homography is not finite, singular or puts its horizon into the follow-up's
-            frame; if the size is none; if the PSF is missing or a field belongs to other frames;
-            if the distortion is none of a lens.
+            If the homography is not finite, singular or puts its horizon inside the follow-up's
+            frame; if the size is invalid; if the PSF is missing or a field belongs to other frames;
+            if no lens has such a distortion.
         """
         width, height = _checked_size(size)
         if psf is None:
@@ -88,13 +88,13 @@ class PoseView:
         return BlurredWarp(self.matrix, self.lens, self.coefficients_px2, self.frame)
 
     def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
-        """Look at a lattice of the follow-up's places.
+        """Evaluate a lattice of positions in the follow-up.
 
         Returns
         -------
         ndarray of shape ``(len(rows_px), len(cols_px), 5)``
-            Reference place x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy and
-            yy; it may be indefinite.
+            Reference position x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy
+            and yy; it may be indefinite.
         """
         return survey(self.warp, rows_px, cols_px)
 
@@ -132,7 +132,7 @@ def _checked_homography(
     """Homography with a positive denominator all over the follow-up; sizes (width, height)."""
     matrix = np.array(homography, dtype=np.float64)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise ValueError(f"a homography is a finite 3 x 3 matrix, got {homography!r}")
+        raise ValueError(f"a homography must be a finite 3 x 3 matrix, got {homography!r}")
     scaled = (
         np.diag([1 / reference[0], 1 / reference[1], 1.0])
         @ matrix
@@ -150,7 +150,7 @@ def _checked_homography(
     if depths.min() < 0:
         matrix, depths = -matrix, -depths
     if not depths.min() > 1e-6 * depths.max():
-        raise ValueError("the plane's horizon lies inside the follow-up")
+        raise ValueError("the plane's horizon is inside the follow-up")
     return matrix
 
 

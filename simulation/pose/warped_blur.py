@@ -1,9 +1,9 @@
-"""Sampling a quintic spline along a warp, with another Gaussian blur at every place.
+"""Sampling a quintic spline along a warp, with a different Gaussian blur at every position.
 
 The compiled kernel behind ``simulation.pose.simulate``. The warp is a homography between ideal
 images of a lens with radial distortion. Per output pixel the kernel takes the missing blur
-``B = A Sigma A^T - Sigma`` (A the derivative of the warp), takes off the part that the
-spline's coefficients hold already, and sums the coefficients with the weights of the quintic
+``B = A Sigma A^T - Sigma`` (A the derivative of the warp), subtracts the part that the
+spline's coefficients already hold, and sums the coefficients with the weights of the quintic
 B-spline after a Gaussian blur. A correlated rest is the mean of several such sums along a line.
 Measured by ``benchmarks/bench_pose.py``.
 """
@@ -19,13 +19,13 @@ from simulation.pose.lens import warp
 from simulation.resampling import LEVELS_PER_LOG, PHASES, SplineGaussianTable
 
 BORDER_PX = 0.5 + 1e-6
-"""How far outside the outermost pixel centres a place still counts as inside."""
+"""How far outside the outermost pixel centres a position still counts as inside."""
 
 NEARER_TOLERANCE_PX2 = 1e-3
-"""A variance that is surplus by less changes the contrast at Nyquist by less than 0.5 %."""
+"""A smaller surplus of variance changes the contrast at Nyquist by less than 0.5 %."""
 
 _UNCORRELATED_PX2 = 1e-4
-"""Smaller covariances of the rest are left out: 0.1 % of contrast at Nyquist in both axes."""
+"""Smaller covariances of the rest are neglected: 0.1 % of contrast at Nyquist in both axes."""
 
 _THREE_POINTS_PX, _FIVE_POINTS_PX = 0.22, 0.45
 """The remainder theta^2n n! / (2n)! of n points is below 1e-3 at theta = pi times these."""
@@ -40,19 +40,19 @@ _POINTS_MAX = 128
 
 
 class BlurredWarp(NamedTuple):
-    """Where a follow-up's pixels lie in the reference, and the PSF of either image.
+    """Positions of a follow-up's pixels in the reference, and the PSF of either image.
 
     Parameters
     ----------
     matrix
         Homography from ideal follow-up to ideal reference pixels.
     lens
-        Of ``simulation.pose.lens``.
+        As in ``simulation.pose.lens``.
     psf
         Polynomial coefficients of the covariance, shape ``(3, n)``.
     frame
-        The polynomials' centre x, y and 1 / radius, and where the follow-up's pixel (0, 0) lies in
-        their frame, x and y.
+        The polynomials' centre x, y and 1 / radius, and the position x, y of the follow-up's pixel
+        (0, 0) in their frame.
     """
 
     matrix: FloatArray
@@ -62,14 +62,14 @@ class BlurredWarp(NamedTuple):
 
 
 class SplineWindow(NamedTuple):
-    """A part of the reference as spline coefficients, those beyond its border included.
+    """A part of the reference as spline coefficients, including those beyond its border.
 
     Parameters
     ----------
     coefficients
         Element (0, 0) belongs to the reference pixel ``origin`` (row, col).
     held_px2
-        Blur (xx, xy, yy) that they hold already.
+        Blur (xx, xy, yy) that they already hold.
     size
         Rows and columns of the whole reference.
     """
@@ -91,7 +91,7 @@ class Tile(NamedTuple):
 # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
 _FAST = {"reassoc", "contract", "nsz"}
 _compiled = njit(cache=True, fastmath=_FAST, error_model="numpy")
-# Left to itself, the compiler inlines or not with any change nearby: up to 20 % of the time.
+# By itself, the compiler inlines or not after any change nearby: up to 20 % of the time.
 _inlined = njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
 
 
@@ -99,7 +99,7 @@ _inlined = njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=Tru
 def _covariance(
     psf: FloatArray, frame: FloatArray, x_px: float, y_px: float
 ) -> tuple[float, float, float]:
-    """Elements xx, xy, yy of a field, whose centre x, y and 1 / radius ``frame`` begins with."""
+    """Elements xx, xy, yy of a field; ``frame`` begins with its centre x, y and 1 / radius."""
     count = psf.shape[1]
     if count == 1:
         return psf[0, 0], psf[1, 0], psf[2, 0]
@@ -118,7 +118,7 @@ def _covariance(
 
 
 @_compiled
-def _place(
+def _missing_blur(
     matrix: FloatArray,
     lens: FloatArray,
     psf: FloatArray,
@@ -126,7 +126,7 @@ def _place(
     col: float,
     row: float,
 ) -> tuple[float, float, float, float, float]:
-    """Reference place (x, y) of a follow-up pixel, and the blur (xx, xy, yy) missing there."""
+    """Reference position (x, y) of a follow-up pixel, and the blur (xx, xy, yy) missing there."""
     x, y, a, b, c, d = warp(matrix, lens, col, row)
     xx, xy, yy = _covariance(psf, frame, col + frame[3], row + frame[4])
     own_xx, own_xy, own_yy = _covariance(psf, frame, x, y)
@@ -141,7 +141,7 @@ def _place(
 
 @_compiled
 def _positive_part(xx: float, xy: float, yy: float) -> tuple[float, float, float, float]:
-    """Set negative eigenvalues to 0; the least eigenvalue is returned as well, as it was."""
+    """Set negative eigenvalues to 0; the original least eigenvalue is returned as well."""
     mean, half = (xx + yy) / 2, (xx - yy) / 2
     radius = sqrt(half * half + xy * xy)
     least, largest = mean - radius, mean + radius
@@ -161,7 +161,7 @@ def survey(view: BlurredWarp, rows: FloatArray, cols: FloatArray) -> FloatArray:
     seen = np.empty((len(rows), len(cols), 5))
     for i in range(len(rows)):
         for j in range(len(cols)):
-            x, y, xx, xy, yy = _place(matrix, lens, psf, frame, cols[j], rows[i])
+            x, y, xx, xy, yy = _missing_blur(matrix, lens, psf, frame, cols[j], rows[i])
             seen[i, j, 0], seen[i, j, 1] = x, y
             seen[i, j, 2], seen[i, j, 3], seen[i, j, 4] = xx, xy, yy
     return seen
@@ -169,7 +169,7 @@ def survey(view: BlurredWarp, rows: FloatArray, cols: FloatArray) -> FloatArray:
 
 @_inlined
 def _level(variance_px2: float, table: FloatImage) -> tuple[int, float]:
-    """Level of the table below a variance, and the share of the next one."""
+    """Level of the table below a variance, and the weight of the next one."""
     level = min(int(log1p(sqrt(variance_px2)) * LEVELS_PER_LOG), table.shape[0] - 2)
     low, high = exp(level / LEVELS_PER_LOG) - 1, exp((level + 1) / LEVELS_PER_LOG) - 1
     return level, min((variance_px2 - low * low) / (high * high - low * low), 1.0)
@@ -177,15 +177,15 @@ def _level(variance_px2: float, table: FloatImage) -> tuple[int, float]:
 
 @_inlined
 def _weights(
-    place_px: float, blur: tuple[int, float], table: FloatImage, radius: int, out: FloatImage
+    position_px: float, blur: tuple[int, float], table: FloatImage, radius: int, out: FloatImage
 ) -> int:
     """Fill ``out`` with the weights of ``2 radius`` coefficients; return the first one's index.
 
-    ``blur`` is a level of the table, and the share of the next one.
+    ``blur`` is a level of the table, and the weight of the next one.
     """
     level, upper = blur
-    whole = floor(place_px)
-    phase = (place_px - whole) * PHASES
+    whole = floor(position_px)
+    phase = (position_px - whole) * PHASES
     step = min(int(phase), PHASES - 1)
     behind = phase - step
     w00, w01 = (1 - upper) * (1 - behind), (1 - upper) * behind
@@ -234,7 +234,7 @@ def render(
 
     A missing variance below ``-NEARER_TOLERANCE_PX2`` marks it ``nearer``.
     """
-    # Taken out here, as a bundle's array costs a count of references every time it is taken.
+    # Unpacked here, as every access to an array in a tuple costs a reference count.
     matrix, lens, psf, frame = view
     coefficients, origin, held, size = window
     weights, radii = table
@@ -245,7 +245,7 @@ def render(
     points, shares = np.empty(_POINTS_MAX), np.empty(_POINTS_MAX)
     for i in range(shape[0]):
         for j in range(shape[1]):
-            x, y, xx, xy, yy = _place(matrix, lens, psf, frame, first[1] + j, first[0] + i)
+            x, y, xx, xy, yy = _missing_blur(matrix, lens, psf, frame, first[1] + j, first[0] + i)
             is_inside = (
                 -BORDER_PX <= x <= size[1] - 1 + BORDER_PX
                 and -BORDER_PX <= y <= size[0] - 1 + BORDER_PX
@@ -286,32 +286,32 @@ def render(
 
 
 @_compiled
-def _points(length_px: float, places: FloatArray, shares: FloatArray) -> int:
+def _points(length_px: float, nodes: FloatArray, shares: FloatArray) -> int:
     """Fill in the points 0 to n of a symmetric rule for a normal variable; return n.
 
     Gauss-Hermite of 3 or 5 points while that is exact to 1e-3 up to Nyquist for a line of this
     standard deviation, then the trapezoidal rule, its variance made 1.
     """
-    places[0] = 0.0
+    nodes[0] = 0.0
     if length_px < _THREE_POINTS_PX:
-        places[1] = sqrt(3.0)
+        nodes[1] = sqrt(3.0)
         shares[0], shares[1] = 2 / 3, 1 / 6
         return 1
     if length_px < _FIVE_POINTS_PX:
         root = sqrt(10.0)
-        places[1], places[2] = sqrt(5 - root), sqrt(5 + root)
+        nodes[1], nodes[2] = sqrt(5 - root), sqrt(5 + root)
         shares[0], shares[1], shares[2] = 8 / 15, (7 + 2 * root) / 60, (7 - 2 * root) / 60
         return 2
     step = 2 * pi / (pi * length_px + _ALIAS_RAD)
-    count = min(ceil(_LINE_SIGMAS / step), len(places) - 1)
+    count = min(ceil(_LINE_SIGMAS / step), len(nodes) - 1)
     norm, second = 1.0, 0.0
     shares[0] = 1.0
     for k in range(1, count + 1):
-        places[k] = k * step
-        shares[k] = exp(-(places[k] ** 2) / 2)
+        nodes[k] = k * step
+        shares[k] = exp(-(nodes[k] ** 2) / 2)
         norm += 2 * shares[k]
-        second += 2 * shares[k] * places[k] ** 2
+        second += 2 * shares[k] * nodes[k] ** 2
     for k in range(count + 1):
-        places[k] /= sqrt(second / norm)
+        nodes[k] /= sqrt(second / norm)
         shares[k] /= norm
     return count

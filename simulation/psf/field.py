@@ -1,4 +1,4 @@
-"""A PSF that changes over the frame."""
+"""A PSF that varies over the frame."""
 
 from dataclasses import dataclass
 from math import hypot, isqrt, sqrt
@@ -7,8 +7,8 @@ import numpy as np
 
 from simulation.arrays import FloatArray
 
-_CHECKED_PLACES = 33
-"""Places per axis at which a field is checked, the corners among them."""
+_CHECKED_POINTS = 33
+"""Positions per axis at which a field is checked, corners included."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -17,8 +17,8 @@ class PsfField:
 
     With ``u = (x - (width - 1) / 2) / r`` and ``v = (y - (height - 1) / 2) / r``, where ``r`` is
     the distance of the corner pixels' centres from the frame's centre, every element of the
-    covariance is ``sum_k c_k m_k(u, v)`` over the monomials by rising degree, within a degree by
-    rising power of v: ``1, u, v, u^2, u v, v^2, u^3, u^2 v, u v^2, v^3, ...``
+    covariance is ``sum_k c_k m_k(u, v)`` over the monomials by increasing degree, then by
+    increasing power of v: ``1, u, v, u^2, u v, v^2, u^3, u^2 v, u v^2, v^3, ...``
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ class PsfField:
     Raises
     ------
     ValueError
-        If the frame or the shape is none of these, a coefficient is not finite, or the covariance
-        is not positive definite somewhere in the frame.
+        If the frame or the shape is invalid, a coefficient is not finite, or the covariance is not
+        positive definite somewhere in the frame.
     """
 
     width_px: int
@@ -42,24 +42,24 @@ class PsfField:
     def __post_init__(self) -> None:
         if self.width_px < 2 or self.height_px < 2:
             raise ValueError(
-                f"a field needs a frame of 2 x 2 pixels, got {self.width_px} x {self.height_px}"
+                f"a field needs at least 2 x 2 pixels, got {self.width_px} x {self.height_px}"
             )
         coefficients = np.array(self.coefficients_px2, dtype=np.float64)
         if coefficients.ndim != 2 or coefficients.shape[0] != 3:
-            raise ValueError(f"coefficients must be (3, n), got {coefficients.shape}")
+            raise ValueError(f"coefficients must have shape (3, n), got {coefficients.shape}")
         count = coefficients.shape[1]
         degree = _degree(count)
         if count == 0 or (degree + 1) * (degree + 2) // 2 != count:
             raise ValueError(f"a polynomial of two variables has 1, 3, 6, ... terms, got {count}")
         if not np.isfinite(coefficients).all():
-            raise ValueError("the field holds NaN or infinite coefficients")
+            raise ValueError("the field has NaN or infinite coefficients")
         coefficients.setflags(write=False)
         object.__setattr__(self, "coefficients_px2", coefficients)
         self._check_positive()
 
     def _check_positive(self) -> None:
-        x_px = np.linspace(0, self.width_px - 1, _CHECKED_PLACES)[None, :]
-        y_px = np.linspace(0, self.height_px - 1, _CHECKED_PLACES)[:, None]
+        x_px = np.linspace(0, self.width_px - 1, _CHECKED_POINTS)[None, :]
+        y_px = np.linspace(0, self.height_px - 1, _CHECKED_POINTS)[:, None]
         least = np.linalg.eigvalsh(self.covariance_px2(x_px, y_px))[..., 0]
         row, col = np.unravel_index(np.argmin(least), least.shape)
         if not least[row, col] > 0:
@@ -91,7 +91,7 @@ class PsfField:
         return hypot(*self.centre_px)
 
     def covariance_px2(self, x_px: FloatArray | float, y_px: FloatArray | float) -> FloatArray:
-        """Covariance at places of the frame (pixel centres at integers).
+        """Covariance at positions in the frame (pixel centres at integers).
 
         Returns
         -------
@@ -110,7 +110,7 @@ def field_monomials(
     x_px: FloatArray | float,
     y_px: FloatArray | float,
 ) -> FloatArray:
-    """Monomials of a ``PsfField`` at places of its frame, in the order of its coefficients.
+    """Monomials of a ``PsfField`` at positions in its frame, in the order of its coefficients.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The point spread function as a Gaussian: the value object the capture model works with."""
+"""The point spread function as a Gaussian: the value object that the capture model uses."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -32,11 +32,11 @@ class GaussianPsf:
             if not (value > 0 and np.isfinite(value)):
                 raise ValueError(f"{name} must be positive, got {value}")
         if not -1 < self.rho < 1:
-            raise ValueError(f"rho must lie inside (-1, 1), got {self.rho}")
+            raise ValueError(f"rho must be inside (-1, 1), got {self.rho}")
 
     @classmethod
     def from_covariance(cls, covariance_px2: FloatArray) -> Self:
-        """Make the PSF of a covariance matrix, order (x, y), in px^2."""
+        """Make a PSF from a covariance matrix, order (x, y), in px^2."""
         (xx, xy), (_, yy) = np.asarray(covariance_px2, dtype=np.float64).tolist()
         if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
             raise ValueError(f"covariance must be positive definite, got {covariance_px2!r}")

@@ -12,10 +12,10 @@ from simulation.arrays import FloatArray
 from simulation.psf.gaussian import PIXEL_VARIANCE_PX2, GaussianPsf
 
 _LOWEST_END_CY_PER_PX = 0.5
-"""A measured curve has to reach the Nyquist frequency."""
+"""A measured curve must reach the Nyquist frequency."""
 
 _ZERO_TOLERANCE = 0.02
-"""How far from 1 a measured curve may start; it is divided by what it starts with."""
+"""How far from 1 a measured curve may start; it is divided by its first value."""
 
 
 class Transfer(Protocol):
@@ -37,10 +37,10 @@ class GaussianTransfer:
     Parameters
     ----------
     sigma_px
-        Width of the Gaussian; 0 is none.
+        Width of the Gaussian; 0 for no Gaussian.
     over_pixel
-        Whether the pixel's own ``sin(pi f) / (pi f)`` comes on top; without it, ``sigma_px``
-        is the total width.
+        Whether to multiply by the pixel's own ``sin(pi f) / (pi f)``; without it, ``sigma_px`` is
+        the total width.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class GaussianTransfer:
         if not (self.sigma_px >= 0 and np.isfinite(self.sigma_px)):
             raise ValueError(f"sigma_px must not be negative, got {self.sigma_px}")
         if self.sigma_px == 0 and not self.over_pixel:
-            raise ValueError("a line spread function needs a width: sigma_px is 0")
+            raise ValueError("a line spread function needs a positive width, but sigma_px is 0")
 
     def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
         """Return the transfer at frequencies in cycles per pixel."""
@@ -65,21 +65,22 @@ class GaussianTransfer:
 
 @dataclass(frozen=True, slots=True, init=False)
 class SampledTransfer:
-    """A measured transfer function, as an edge gives it; the pixel is in it.
+    """A measured transfer function, as from an edge; the pixel is included.
 
     Monotone cubic between the samples (PCHIP), 0 beyond the last.
 
     Parameters
     ----------
     freq_cy_per_px
-        Frequencies, rising from 0 to at least 0.5.
+        Frequencies, increasing from 0 to at least 0.5.
     values
-        Amplitudes there; divided by the first, which has to be near 1.
+        Amplitudes there; they are divided by the first, which must be near 1.
 
     Raises
     ------
     ValueError
-        If the samples are of different numbers, not finite, not rising, or end too early.
+        If the numbers of samples differ, or the samples are not finite, not increasing, or end too
+        early.
     """
 
     freq_cy_per_px: tuple[float, ...]
@@ -91,16 +92,19 @@ class SampledTransfer:
         freq = np.asarray(freq_cy_per_px, dtype=np.float64)
         value = np.asarray(values, dtype=np.float64)
         if freq.ndim != 1 or freq.shape != value.shape or len(freq) < 2:
-            raise ValueError(f"a curve needs pairs of numbers, got {freq.shape} and {value.shape}")
+            raise ValueError(
+                "a curve needs as many frequencies as values, at least 2, "
+                f"got shapes {freq.shape} and {value.shape}"
+            )
         if not (np.all(np.isfinite(freq)) and np.all(np.isfinite(value))):
             raise ValueError("a transfer function must be finite")
         if freq[0] != 0 or np.any(np.diff(freq) <= 0) or freq[-1] < _LOWEST_END_CY_PER_PX:
             raise ValueError(
-                f"frequencies must rise from 0 to at least {_LOWEST_END_CY_PER_PX} cy/px, "
+                f"frequencies must increase from 0 to at least {_LOWEST_END_CY_PER_PX} cy/px, "
                 f"got {freq[0]:g} to {freq[-1]:g}"
             )
         if abs(value[0] - 1) > _ZERO_TOLERANCE:
-            raise ValueError(f"a transfer function starts with 1, got {value[0]:g}")
+            raise ValueError(f"a transfer function must start at 1, got {value[0]:g}")
         object.__setattr__(self, "freq_cy_per_px", tuple(freq.tolist()))
         object.__setattr__(self, "values", tuple((value / value[0]).tolist()))
 
@@ -127,7 +131,7 @@ class CameraTransfer:
     Raises
     ------
     ValueError
-        If there is a correlation without Gaussians, or it is 1 or more.
+        If there is a correlation without Gaussians, or it is not below 1.
     """
 
     along_y: Transfer
@@ -144,16 +148,16 @@ class CameraTransfer:
             )
         if not abs(self.covariance_px2) < y.sigma_px * x.sigma_px:
             raise ValueError(
-                f"widths {y.sigma_px} and {x.sigma_px} px allow no covariance of "
-                f"{self.covariance_px2} px^2"
+                f"a covariance of {self.covariance_px2} px^2 is too large for the widths "
+                f"{y.sigma_px} and {x.sigma_px} px"
             )
 
     @classmethod
     def of_psf(cls, psf: GaussianPsf) -> Self:
-        """Make the transfer of a PSF whose Gaussian is an optical one over square pixels.
+        """Make the transfer of a PSF that is an optical Gaussian over square pixels.
 
-        The optical covariance is the PSF's less a pixel's 1/12 px^2. If nothing positive
-        definite is left, the PSF is taken as a Gaussian without a pixel.
+        The optical covariance is the PSF's minus a pixel's 1/12 px^2. If the result is not
+        positive definite, the PSF is taken as a Gaussian without a pixel.
         """
         (xx, xy), (_, yy) = psf.covariance_px2.tolist()
         optical_xx, optical_yy = xx - PIXEL_VARIANCE_PX2, yy - PIXEL_VARIANCE_PX2

@@ -1,10 +1,9 @@
 """Banded matrices along the two image axes: ``out = Wy image Wx^T`` in one pass over the image.
 
 Every resampling and every blur of this package is such a pair. The compiled kernel works on strips
-of output rows: it combines input rows into a strip, turns the strip by 90 degrees so that the
-second combination also runs along contiguous memory, and turns the result back. Rows are made two
-at a time, because neighbours read nearly the same input. Measured by
-``benchmarks/bench_zoom_out.py``.
+of output rows: it combines input rows into a strip, transposes the strip so that the second
+combination also runs along contiguous memory, and transposes the result back. Rows are made two at
+a time, because neighbours read nearly the same input. Measured by ``benchmarks/bench_zoom_out.py``.
 """
 
 from dataclasses import dataclass, field
@@ -18,13 +17,13 @@ from scipy import sparse
 from simulation.arrays import Float32Array, FloatArray, FloatImage, IntArray
 
 _UNROLL = 4
-"""Input rows combined in one go; the bands of pairs are widened to a multiple of it."""
+"""Input rows combined at a time; the bands of pairs are widened to a multiple of this."""
 
 _STRIP_BYTES = 1 << 20
 """A strip should stay in the second-level cache ..."""
 
 _STRIP_ROWS_MIN, _STRIP_ROWS_MAX = 64, 320
-"""... but the rows of its transpose cost more in set-up the shorter they are; even numbers."""
+"""... but the shorter the rows of its transpose, the more they cost in set-up; even numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +53,8 @@ def _paired(starts: IntArray, weights: FloatArray, columns: int) -> _RowPairs:
     widened = min(-(-widened // _UNROLL) * _UNROLL, columns)
     first = np.clip(first, 0, columns - widened)
     shared = np.zeros((len(starts), widened))
-    place = (starts - np.repeat(first, 2))[:, None] + np.arange(band)
-    np.put_along_axis(shared, place, weights, axis=1)
+    column = (starts - np.repeat(first, 2))[:, None] + np.arange(band)
+    np.put_along_axis(shared, column, weights, axis=1)
     return _RowPairs(first, shared, shared.astype(np.float32))
 
 
@@ -91,14 +90,14 @@ class BandedMatrix:
         column: IntArray,
         value: FloatArray,
     ) -> "BandedMatrix":
-        """Make the matrix of listed entries; entries at the same place add up.
+        """Make a matrix from listed entries; entries at the same position are added.
 
         Parameters
         ----------
         rows, columns
             Shape of the matrix.
         row, column, value
-            Place and value of each entry, one-dimensional, of equal length.
+            Position and value of each entry, one-dimensional, of equal length.
         """
         matrix = sparse.coo_array((value, (row, column)), shape=(rows, columns)).tocsr()
         return cls._from_sparse(matrix)
@@ -134,19 +133,19 @@ class BandedMatrix:
         return self._from_sparse(self._sparse() @ other._sparse())
 
     def elementwise(self, other: "BandedMatrix", factor: float = 1.0) -> "BandedMatrix":
-        """Return the matrix of products of equal places, times ``factor``."""
+        """Return the elementwise product, times ``factor``."""
         return self._from_sparse(self._sparse().multiply(other._sparse()).tocsr() * factor)
 
     def trimmed(self, tolerance: float) -> "BandedMatrix":
         """Return the matrix without the faint ends of its rows.
 
-        What each row makes of a constant and of a ramp stays as it was: its largest weight and
-        a neighbour take over.
+        The response of each row to a constant and to a ramp stays the same: its largest weight
+        and a neighbour compensate.
 
         Parameters
         ----------
         tolerance
-            Share of a row's absolute weights that may be cut off on either side.
+            Fraction of a row's absolute weights that may be cut off on either side.
         """
         band = self.weights.shape[1]
         if band == 1:
@@ -162,9 +161,9 @@ class BandedMatrix:
         kept = self.weights - cut
         kept[row, centre] += cut.sum(axis=1) - moment
         kept[row, centre + 1] += moment
-        place = np.nonzero(kept)
+        index = np.nonzero(kept)
         return self.from_entries(
-            self.rows, self.columns, place[0], self.starts[place[0]] + place[1], kept[place]
+            self.rows, self.columns, index[0], self.starts[index[0]] + index[1], kept[index]
         )
 
     def dense(self) -> FloatArray:
@@ -208,14 +207,14 @@ def put_separable(
     *,
     is_added: bool,
 ) -> None:
-    """Put the image, combined along y and then by each of ``along_x``, into ``out``, or add it.
+    """Write the image, combined along y and then by each of ``along_x``, to ``out``, or add it.
 
     ``out`` has the result's shape and the image's dtype. Without any ``along_x`` the image is
     combined along y alone.
     """
     expected = along_y.columns, along_x[0].columns if along_x else out.shape[1]
     if image.shape != expected:
-        raise ValueError(f"the operator takes images of {expected}, got {image.shape}")
+        raise ValueError(f"the operator takes images of shape {expected}, got {image.shape}")
     image = np.ascontiguousarray(image)
     y = along_y.pairs
     weights = y.weights_as(image.dtype)
@@ -256,7 +255,7 @@ _compiled = njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, error_mode
 def _combine_into_two(
     first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
 ) -> None:
-    """Put the sums of rows that start every ``stride`` elements, by two sets of weights."""
+    """Write the sums of rows that start every ``stride`` elements, by two sets of weights."""
     n = first.shape[0]
     band = weights.shape[1]
     whole = band - band % 4
@@ -282,7 +281,7 @@ def _combine_into_two(
 def _combine_rows(
     image: FloatImage, starts: IntArray, weights: FloatImage, out: FloatImage
 ) -> None:
-    """Put pairs of combined rows of ``image`` into ``out``, which has an even number of rows."""
+    """Write pairs of combined rows of ``image`` to ``out``, which has an even number of rows."""
     stride = image.shape[1]
     pixels = image.reshape(-1)
     for k in range(out.shape[0] // 2):

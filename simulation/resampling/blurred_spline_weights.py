@@ -1,6 +1,6 @@
-"""The quintic B-spline after a Gaussian blur: a table over the blur and the place in the pixel.
+"""The quintic B-spline after a Gaussian blur: a table over the blur and the subpixel position.
 
-Sampling a spline that is blurred differently at every place takes its weights from here. Both
+Sampling a spline that is blurred differently at every position takes its weights from here. Both
 interpolations keep the sum of the weights and their centre of mass: a constant stays a constant
 and a ramp a ramp. ``docs/theory-pose.md`` holds the errors.
 """
@@ -14,28 +14,28 @@ import numpy as np
 from simulation.arrays import Float32Array, IntArray
 
 PHASES = 128
-"""Places per pixel; linear between them, an error of max|w''| / 8 / PHASES^2 = 8e-6."""
+"""Positions per pixel; linear between them, an error of max|w''| / 8 / PHASES^2 = 8e-6."""
 
 LEVELS_PER_LOG = 64
 """Levels per unit of log(1 + sigma), linear in the variance between them: errors up to 2e-5."""
 
 SIGMA_MAX_PX = 32.0
-"""Widest blur with a table, which then is 35 MB."""
+"""Widest blur with a table, which is then 35 MB."""
 
 _TAIL = 2e-5
-"""Sum of the weights that are cut off at one side."""
+"""Sum of the weights that are cut off on one side."""
 
 _SPLINE_RADIUS_PX = 4
 
 
 class SplineGaussianTable(NamedTuple):
-    """Weights of the spline coefficients around a place.
+    """Weights of the spline coefficients around a position.
 
     Parameters
     ----------
     weights
         Shape ``(levels, PHASES + 1, 2 R)``, float32. Level k blurs by
-        ``exp(k / LEVELS_PER_LOG) - 1`` px, phase j lies ``j / PHASES`` px behind a pixel i, and
+        ``exp(k / LEVELS_PER_LOG) - 1`` px, phase j is ``j / PHASES`` px after a pixel i, and
         element m is the weight of coefficient ``i - R + 1 + m``.
     radii
         Shape ``(levels,)``: half the number of weights that a level needs; even.
@@ -68,7 +68,7 @@ def _table(levels: int) -> SplineGaussianTable:
     period = 2 * reach + 8
     freq = np.fft.rfftfreq(period * PHASES, 1 / PHASES)
     offset = np.arange(-reach + 1, reach + 1)
-    # Place of every weight: phase - offset, in samples, wrapped around.
+    # Position of every weight: phase - offset, in samples, wrapped around.
     sample = (np.arange(PHASES + 1)[:, None] - offset[None, :] * PHASES) % (period * PHASES)
     weights = np.zeros((levels, PHASES + 1, 2 * reach), dtype=np.float32)
     radii = np.empty(levels, dtype=np.int64)

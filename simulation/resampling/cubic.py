@@ -1,7 +1,7 @@
 """Resampling and blurring along one axis, as banded matrices.
 
 The border is mirrored at the image's edge (``d c b a | a b c d | d c b a``, the ``reflect`` of
-``scipy.ndimage``), except for Pillow's antialiased cubic, which leaves out what lies outside and
+``scipy.ndimage``), except for Pillow's antialiased cubic, which omits what is outside and
 normalises the rest.
 """
 
@@ -22,7 +22,7 @@ def antialiased_cubic(positions_px: FloatArray, zoom: float, size: int) -> Bande
     positions_px
         Input coordinates of the outputs, spaced by ``zoom``.
     zoom
-        Input pixels per output pixel; the cubic is widened by it where it is above 1.
+        Input pixels per output pixel; the cubic is widened by it if it is above 1.
     size
         Pixels of the input.
 
@@ -59,7 +59,7 @@ def blur(kernel: FloatArray, size: int) -> BandedMatrix:
 
 
 def blur_at(pixels: IntArray, kernel: FloatArray, size: int) -> tuple[BandedMatrix, slice]:
-    """Convolution at pixels in and around the mirrored image; the pixels that it takes."""
+    """Convolution at pixels in and around the mirrored image, and the pixels that it reads."""
     radius = len(kernel) // 2
     # Output i takes kernel[radius + offset] from input i - offset.
     column = _mirrored(pixels[:, None] - np.arange(-radius, radius + 1), size)
@@ -69,14 +69,14 @@ def blur_at(pixels: IntArray, kernel: FloatArray, size: int) -> tuple[BandedMatr
 
 
 def spline_sampling(positions_px: FloatArray, prefilter: FloatArray, size: int) -> BandedMatrix:
-    """Blur and point-sample by the quintic spline through the blurred pixels, in one matrix.
+    """Blur, and point-sample the quintic spline through the blurred pixels, in one matrix.
 
     Parameters
     ----------
     positions_px
         Input coordinates of the outputs.
     prefilter
-        Kernel from pixels to spline coefficients, the blur included; odd length.
+        Kernel from pixels to spline coefficients, including the blur; odd length.
     size
         Pixels of the input.
 
@@ -87,7 +87,7 @@ def spline_sampling(positions_px: FloatArray, prefilter: FloatArray, size: int) 
     radius = len(prefilter) // 2
     knot = np.floor(positions_px).astype(np.int64)
     fraction = positions_px - knot
-    # Six B-splines reach a position; each brings its own shifted copy of the prefilter.
+    # Six B-splines reach a position, each with its own shifted copy of the prefilter.
     weights = np.zeros((len(positions_px), len(prefilter) + 5))
     for shift in range(6):
         basis = _quintic_b_spline(fraction - (shift - 2))

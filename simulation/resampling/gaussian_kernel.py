@@ -1,10 +1,10 @@
 """Gaussian blurs on a pixel grid, as sums of separable kernels.
 
-A Gaussian *sampled* at the pixels is a wrong blur below a width of 0.6 px: asked for 0.3 px, it
-blurs by 0.09 px. The kernels here are made from the transfer function instead: they are the
-inverse transform of ``exp(-2 pi^2 f^T S f)`` up to the Nyquist frequency. A correlated Gaussian
-(off-diagonal ``S``) is no product of two kernels; its singular value decomposition writes it as a
-short sum of products.
+A Gaussian *sampled* at the pixels is a wrong blur below a width of 0.6 px: for 0.3 px, it blurs by
+0.09 px. The kernels here are made from the transfer function instead: they are the inverse
+transform of ``exp(-2 pi^2 f^T S f)`` up to the Nyquist frequency. A correlated Gaussian
+(off-diagonal ``S``) is not a product of two kernels; its singular value decomposition writes it as
+a short sum of products.
 """
 
 from dataclasses import dataclass
@@ -17,17 +17,17 @@ from simulation.arrays import FloatArray
 from simulation.choices import GaussianForm
 
 _MATCHED_TAIL_TOLERANCE = 1e-3
-"""Largest weight that the ``matched`` model cuts off, in ``zoom_out`` and ``simulate_pose`` alike;
-it keeps two zooms in a row within 0.07 % of one."""
+"""Largest weight that the ``matched`` model cuts off, in both ``zoom_out`` and ``simulate_pose``;
+it keeps two successive zooms within 0.07 % of a single one."""
 
 _TERMS_TOLERANCE = 3e-5
-"""Terms are kept until the singular values left out add up to less than this."""
+"""Terms are kept until the omitted singular values sum to less than this."""
 
 _CUT_SIGMAS = 4.5
 """A Gaussian is below 1e-4 of its peak there."""
 
 _SPLINE_RADIUS_MIN_PX = 13
-"""Least half-width with a spline prefilter, which itself is down to 2e-5 there."""
+"""Least half-width with a spline prefilter, which itself has fallen to 2e-5 there."""
 
 _SAMPLED_TRUNCATION = 4.0
 """Half-width in sigmas, as in ``scipy.ndimage.gaussian_filter``."""
@@ -35,7 +35,7 @@ _SAMPLED_TRUNCATION = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlurCovariance:
-    """Covariance of a blur in px^2; may be singular: zero is no blur.
+    """Covariance of a blur in px^2; it may be singular, and zero means no blur.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class BlurCovariance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeparableTerm:
-    """One product ``along_y[i] * along_x[j]`` of a kernel; odd lengths, the centre at 0 px."""
+    """One product ``along_y[i] * along_x[j]`` of a kernel; odd lengths, centred at 0 px."""
 
     along_y: FloatArray
     along_x: FloatArray
@@ -69,10 +69,10 @@ def gaussian_terms(
     spline_prefilter: bool = False,
     form: GaussianForm = "transfer",
 ) -> tuple[SeparableTerm, ...]:
-    """Kernels whose products add up to the blur of ``covariance``; they sum to 1 together.
+    """Kernels whose products sum to the blur of ``covariance``; the total is 1.
 
     The transfer function has a kink at the Nyquist frequency, so the kernel's tail falls only with
-    the square of the distance, with alternating signs. It is cut where it has fallen below
+    the square of the distance, with alternating signs. It is cut off once it is below
     ``tail_tolerance`` and the Gaussian itself has ended, with half weight on the last pixel.
 
     Parameters
@@ -85,7 +85,7 @@ def gaussian_terms(
         Divide the transfer function by that of the quintic B-spline, so that the kernel gives
         the coefficients of the spline through the blurred pixels.
     form
-        ``"sampled"``: the sampled Gaussian of ``scipy.ndimage``, for comparison; it knows no
+        ``"sampled"``: the sampled Gaussian of ``scipy.ndimage``, for comparison; it supports no
         prefilter.
 
     Returns
@@ -156,7 +156,7 @@ def _correlated_terms(
                 + 2 * covariance.xy_px2 * fx * fy
             )
         )
-        # A pixel grid cannot tell +1/2 from -1/2 cycles/px: the real part is their mean.
+        # A pixel grid cannot distinguish +1/2 and -1/2 cycles/px: the real part is their mean.
         if spline_prefilter:
             transfer = transfer / (spline_transfer(fy) * spline_transfer(fx))
         full = np.fft.fftshift(np.fft.ifft2(transfer).real)
@@ -184,7 +184,7 @@ def spline_transfer(freq_cy_per_px: FloatArray) -> FloatArray:
 
 
 def _transform_size(sigma_px: float) -> int:
-    """Length of the transform: wide enough that the kernel does not meet its periodic copy."""
+    """Length of the transform, long enough that the kernel does not reach its periodic copy."""
     return int(2 ** np.ceil(np.log2(max(512.0, 24 * sigma_px))))
 
 

@@ -1,4 +1,4 @@
-"""Where the pixels of a follow-up lie in its reference."""
+"""Positions of a follow-up's pixels in its reference."""
 
 from dataclasses import dataclass
 from math import floor, isfinite
@@ -12,14 +12,14 @@ ZOOM_MIN = 0.99
 """Least zoom of a grid: measured zooms of captures at equal heights scatter around 1."""
 
 _WHOLE_PIXEL_SLACK = 1e-9
-"""So that 300 / 1.2 counts as 250 pixels in spite of rounding."""
+"""Slack so that 300 / 1.2 counts as 250 pixels despite rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingGrid:
     """An axis-aligned grid of follow-up pixels, in reference pixels.
 
-    Pixel ``(row, col)`` of the follow-up lies at reference coordinates
+    Pixel ``(row, col)`` of the follow-up is at reference coordinates
     ``(origin_y_px + row * zoom_y, origin_x_px + col * zoom_x)``; pixel centres are integers.
 
     Parameters
@@ -53,7 +53,7 @@ class SamplingGrid:
             if not isfinite(getattr(self, name)):
                 raise ValueError(f"{name} must be finite, got {getattr(self, name)}")
         if self.rows < 1 or self.cols < 1:
-            raise ValueError(f"a grid needs pixels, got {self.rows} x {self.cols}")
+            raise ValueError(f"a grid needs at least one pixel, got {self.rows} x {self.cols}")
 
     @classmethod
     def centred(cls, reference_shape: tuple[int, int], zoom: float) -> Self:
@@ -76,7 +76,7 @@ class SamplingGrid:
             raise ValueError(f"zoom must be a finite number of at least 1, got {zoom}")
         rows, cols = (floor(size / zoom + _WHOLE_PIXEL_SLACK) for size in reference_shape)
         if rows < 1 or cols < 1:
-            raise ValueError(f"an image of {reference_shape} is too small for zoom {zoom}")
+            raise ValueError(f"an image of shape {reference_shape} is too small for zoom {zoom}")
         return cls(
             zoom_y=zoom,
             zoom_x=zoom,

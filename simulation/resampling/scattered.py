@@ -1,7 +1,7 @@
-"""Any zoom-out model at places that lie on no grid: those of a captured follow-up's pixels.
+"""Any zoom-out model at positions off a grid, such as those of a captured follow-up's pixels.
 
-The models sample a grid. Shifted by fractions of a pixel, such grids interleave to a picture so
-fine that a spline reads it anywhere, and what a follow-up pixel is made of stays the model's.
+The models sample a grid. Shifted by fractions of a pixel, such grids interleave to an image so
+fine that a spline can read it anywhere, while every follow-up pixel is still the model's.
 """
 
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from simulation.arrays import FloatArray
 from simulation.resampling.grid import SamplingGrid
 
 _FINE_PITCH_PX = 0.5
-"""Pitch of the fine picture in reference px; the spline reads it with errors below 1e-3 there."""
+"""Pitch of the fine image in reference px; the spline reads it with errors below 1e-3 there."""
 
 _MARGIN_PIXELS = 6
-"""Follow-up pixels around the places, so that a model's own border is not among them."""
+"""Follow-up pixels around the positions, to exclude a model's own border."""
 
 
 def simulate_at(
@@ -29,17 +29,17 @@ def simulate_at(
     y_px: FloatArray,
     x_px: FloatArray,
 ) -> FloatArray:
-    """Follow-up pixels at any places of the reference.
+    """Follow-up pixels at any positions in the reference.
 
     Parameters
     ----------
     simulate
-        Gives the follow-up on a grid, such as ``zoom_out_on_grid`` of an image.
+        Returns the follow-up on a grid, such as ``zoom_out_on_grid`` of an image.
     reference_shape
         ``(rows, cols)`` of the reference.
     zoom
-        Reference pixels per follow-up pixel, at least ``ZOOM_MIN``; the same everywhere, so the
-        places may leave a grid by their position only.
+        Reference pixels per follow-up pixel, at least ``ZOOM_MIN``; the same everywhere, whatever
+        the spacing of the positions.
     y_px, x_px
         Reference coordinates of the pixels, inside the reference, any shape.
 
@@ -50,12 +50,12 @@ def simulate_at(
     Raises
     ------
     ValueError
-        If a place lies outside the reference by more than half a pixel.
+        If a position is outside the reference by more than half a pixel.
     """
     factor = max(ceil(zoom / _FINE_PITCH_PX), 1)
     axes = [
-        _axis(places, size, zoom)
-        for places, size in zip((y_px, x_px), reference_shape, strict=True)
+        _axis(positions, size, zoom)
+        for positions, size in zip((y_px, x_px), reference_shape, strict=True)
     ]
     (top_px, rows), (left_px, cols) = axes
     pitch_px = zoom / factor
@@ -67,7 +67,7 @@ def simulate_at(
                 zoom_x=zoom,
                 origin_y_px=top_px + down * pitch_px,
                 origin_x_px=left_px + right * pitch_px,
-                # The last shifted grid may reach over the border by a pixel.
+                # The last shifted grid may extend beyond the border by a pixel.
                 rows=_count(top_px + down * pitch_px, reference_shape[0], zoom, rows),
                 cols=_count(left_px + right * pitch_px, reference_shape[1], zoom, cols),
             )
@@ -76,15 +76,17 @@ def simulate_at(
             fine[down::factor, right::factor] = np.pad(
                 part, ((0, missing[0]), (0, missing[1])), mode="edge"
             )
-    places = [(y_px - top_px) / pitch_px, (x_px - left_px) / pitch_px]
-    return np.asarray(map_coordinates(fine, places, order=5, mode="nearest"))
+    positions = [(y_px - top_px) / pitch_px, (x_px - left_px) / pitch_px]
+    return np.asarray(map_coordinates(fine, positions, order=5, mode="nearest"))
 
 
-def _axis(places_px: FloatArray, size: int, zoom: float) -> tuple[float, int]:
-    """First place and number of pixels of a grid around the places, inside the reference."""
-    low, high = float(places_px.min()), float(places_px.max())
+def _axis(positions_px: FloatArray, size: int, zoom: float) -> tuple[float, int]:
+    """First position and number of pixels of a grid around positions, inside the reference."""
+    low, high = float(positions_px.min()), float(positions_px.max())
     if not (low >= -0.5 and high <= size - 0.5):
-        raise ValueError(f"places from {low:.3g} to {high:.3g} px leave a reference of {size} px")
+        raise ValueError(
+            f"positions from {low:.3g} to {high:.3g} px are outside a reference of {size} px"
+        )
     before = min(_MARGIN_PIXELS, floor((low + 0.5) / zoom))
     first = low - before * zoom
     count = floor((high - first) / zoom + 1e-9) + 1 + _MARGIN_PIXELS
@@ -92,5 +94,5 @@ def _axis(places_px: FloatArray, size: int, zoom: float) -> tuple[float, int]:
 
 
 def _count(first_px: float, size: int, zoom: float, wanted: int) -> int:
-    """Pixels from ``first_px`` on that lie inside the reference, at most ``wanted``."""
+    """Number of pixels from ``first_px`` on inside the reference, at most ``wanted``."""
     return max(min(wanted, floor((size - 0.5 - first_px) / zoom + 1e-9) + 1), 1)

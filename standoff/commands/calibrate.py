@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 _WITH_AN_EDGE_TARGET = Option("method", ("all-angles", "paper"))
-_LINEAR = "--noise and --correct are for linear, grey levels"
+_LINEAR = "--noise and --correct apply to linear grey levels"
 
 _RULES = (
     exactly_one("images", "session"),
@@ -58,44 +58,48 @@ def calibrate(
     method: Annotated[
         CalibrationMethod,
         typer.Option(
-            help="All edges at any angle, or as in the paper; without an edge target: the edges "
-            "of one scene, or one scene at two distances."
+            help="Edges at any angle, or as in the paper; without an edge target, the edges of a "
+            "scene, or one scene at two distances."
         ),
     ] = "all-angles",
     zoom: Annotated[
         float | None,
         typer.Option(
-            help="two-distance: ratio of the distances; else features tell.", callback=checked_zoom
+            help="Distance ratio (two-distance); found from image features by default.",
+            callback=checked_zoom,
         ),
     ] = None,
     region: Annotated[
-        str | None, typer.Option(help="Part of the image to use: centre, or X,Y,W,H in px.")
+        str | None,
+        typer.Option(
+            help="Part of the image to use: centre, or X,Y,W,H in px; all of it by default."
+        ),
     ] = None,
     srgb: Annotated[
-        bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take as linear.")
+        bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take levels as linear.")
     ] = False,
     channel: Annotated[
         Channel | None,
-        typer.Option(help="Plane of colour photographs; luma, or green with --bayer."),
+        typer.Option(help="Channel of colour photographs; luma by default, green with --bayer."),
     ] = None,
     bayer: Annotated[
         Pattern | None,
-        typer.Option(help="Raw mosaics of this pattern: each colour on its own plane."),
+        typer.Option(help="Bayer pattern of raw mosaics; each colour is measured separately."),
     ] = None,
     noise: Annotated[
         Path | None,
-        typer.Option(help="noise.json of the camera, for photographs without a variance."),
+        typer.Option(help="noise.json of the camera, for photographs of unknown variance."),
     ] = None,
     correct: Annotated[
         Path | None,
-        typer.Option(help="noise.json whose dark, flat and defect maps are taken off."),
+        typer.Option(help="noise.json whose dark, flat and defect maps are applied first."),
     ] = None,
     csv: Annotated[
         Path | None,
-        typer.Option(help="Also write a table of all edges of an edge target, with their SFR."),
+        typer.Option(help="Also write a CSV table of the edges of an edge target, with their SFR."),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(help="Also write a report of an edge target: HTML or PDF.")
+        Path | None, typer.Option(help="Also write a report on an edge target (HTML or PDF).")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -106,10 +110,10 @@ def calibrate(
     rule = _region_rule(region)
     if zoom is not None and len(images or []) != 2:
         raise typer.BadParameter(
-            "it is the ratio of two photographs' distances", param_hint="--zoom"
+            "the distance ratio needs exactly two photographs", param_hint="--zoom"
         )
     if method == "two-distance" and session is None and len(images or []) < 2:
-        raise typer.BadParameter("two-distance needs two photographs, the nearest first")
+        raise typer.BadParameter("two-distance needs at least two photographs, the nearest first")
     from calibration.documents import json_object
     from calibration.files import read_correction, read_noise, write_psf
     from calibration.noise import level_noise

@@ -1,4 +1,4 @@
-"""``standoff capture``: run a capture plan, or resume what was interrupted."""
+"""``standoff capture``: run a capture plan, or resume an interrupted session."""
 
 from __future__ import annotations
 
@@ -37,36 +37,36 @@ def capture(
     *,
     bench: BenchFile,
     plan: Annotated[Path, typer.Option(help="Capture plan (TOML).")],
-    out: Annotated[Path, typer.Option(help="Session directory, new or to be resumed.")],
+    out: Annotated[Path, typer.Option(help="Session folder; an existing session is resumed.")],
     yes: Annotated[
         bool,
-        typer.Option("--yes", help="Do not ask: the simulated bench lays its targets by itself."),
+        typer.Option("--yes", help="Do not ask; the simulated bench places its own targets."),
     ] = False,
     placed: Annotated[
         bool,
-        typer.Option("--placed", help="The plan's one target lies in place: do not ask."),
+        typer.Option("--placed", help="Do not ask; the plan's only target is in place."),
     ] = False,
     answers: Annotated[
         Path | None,
-        typer.Option(help="File with one answer a line, - for stdin: who places is a script."),
+        typer.Option(help="File with one answer per line (- for stdin), from a scripted operator."),
     ] = None,
     retake: Annotated[
         list[int] | None,
         typer.Option(metavar="I", help="Take capture I again; may be repeated."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show what the plan asks for, and stop.")
+        bool, typer.Option("--dry-run", help="Show what the plan asks for, and exit.")
     ] = False,
     operator: Annotated[
-        str | None, typer.Option(help="Who captures; the login name by default.")
+        str | None, typer.Option(help="Name of the operator; the login name by default.")
     ] = None,
     settings: BenchKeys = None,
     json: Json = False,
 ) -> None:
-    """Run a capture plan, or go on with one that was interrupted.
+    """Run a capture plan, or resume an interrupted session.
 
-    A line typed meanwhile pauses it before the next capture; Ctrl-C ends it, and the same
-    command resumes.
+    Press Enter to pause before the next capture. Ctrl-C ends the run; the same command
+    resumes it.
     """
     from acquisition.bench import BenchDevices
     from acquisition.capture import RunOperator, run_plan
@@ -85,8 +85,8 @@ def capture(
             note(warning)
         if (out / MANIFEST_NAME).is_file():
             note(
-                f"{out} is a session already: with its own bench and plan it goes on where it "
-                "stopped, with others it is refused"
+                f"{out} already holds a session: with the same bench and plan it resumes where it "
+                "stopped; with others it is refused"
             )
         return
     is_simulated = "simulated" in (config.camera.driver, config.stage.driver)
@@ -128,11 +128,11 @@ def capture(
 
 
 def _refuse_placed(placed: bool, is_simulated: bool, placements: int) -> None:
-    """Refuse to take several targets for placed at once."""
+    """Refuse ``--placed`` if the plan has several targets to place."""
     if placed and not is_simulated and placements > 1:
         raise typer.BadParameter(
-            f"the plan has {placements} targets or orientations to place one after the other; "
-            "--placed is for one. Run it at a terminal, or give --answers",
+            f"the plan has {placements} targets or orientations to place in turn, but --placed is "
+            "for one only; run it at a terminal, or give --answers",
             param_hint="--placed",
         )
 
@@ -140,12 +140,12 @@ def _refuse_placed(placed: bool, is_simulated: bool, placements: int) -> None:
 def _operator(
     opened: ExitStack, answers: Path | None, placements: int, *, needs_nobody: bool
 ) -> Operator:
-    """Return who is asked; refuse if somebody has to be and nobody is there."""
+    """Return the operator to ask; refuse if one is needed and none can be asked."""
     from standoff.terminal import ScriptedOperator, TerminalOperator
 
     if answers is not None:
         if str(answers) == "-":
-            return ScriptedOperator(_lines_of_stdin(), "the standard input")
+            return ScriptedOperator(_lines_of_stdin(), "standard input")
         try:
             file = opened.enter_context(answers.open(encoding="utf-8"))
         except OSError as error:
@@ -156,10 +156,10 @@ def _operator(
     if needs_nobody:
         return ScriptedOperator(iter(()), "nobody")
     raise typer.BadParameter(
-        f"somebody has to place {placements} target(s) or orientation(s), and the standard input "
-        "is no terminal: run it at a terminal, script the operator with --answers FILE "
-        "(- for stdin), or say --placed where the one target of the plan lies in place; "
-        "--yes serves the simulated bench only"
+        f"an operator must place {placements} target(s) or orientation(s), but standard input is "
+        "not a terminal: run it at a terminal, script the operator with --answers FILE "
+        "(- for stdin), or give --placed if the plan's only target is already in place; "
+        "--yes works on the simulated bench only"
     )
 
 
@@ -170,7 +170,7 @@ def _lines_of_stdin() -> Iterator[str]:
 def _placement(
     simulated: SimulatedBench | None, person: Operator, *, is_asked: bool
 ) -> Callable[[PlanEntry], Placement]:
-    """Return what sees to it that a target lies there, asking the operator only where told."""
+    """Return the callback that has a target placed; it asks the operator only if told to."""
     from standoff.workflows import place_in_simulation
 
     if simulated is None:
@@ -216,7 +216,7 @@ def _print_summary(out: Path, summary: RunSummary, *, json: bool) -> None:
         )
         return
     say(
-        f"{out}: {summary.captured} captured, {summary.already_captured} were there already, "
+        f"{out}: {summary.captured} captured, {summary.already_captured} captured earlier, "
         f"{summary.skipped} skipped"
     )
 

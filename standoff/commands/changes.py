@@ -1,4 +1,4 @@
-"""``standoff changes``: differences of two photographs that their poses do not explain."""
+"""``standoff changes``: differences between two photographs that their poses do not explain."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from standoff.terminal import Json, print_json, say
 
 
 def changes(
-    reference: Annotated[Path, typer.Argument(help="The earlier, nearer image.")],
-    followup: Annotated[Path, typer.Argument(help="The later image.")],
+    reference: Annotated[Path, typer.Argument(help="The earlier, nearer photograph.")],
+    followup: Annotated[Path, typer.Argument(help="The later photograph.")],
     *,
     psf: Annotated[Path, typer.Option(help="psf.json of the camera.")],
-    out: Annotated[Path, typer.Option(help="Folder of the results.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
     noise: Annotated[
-        Path | None, typer.Option(help="noise.json of both captures; else it is fitted.")
+        Path | None, typer.Option(help="noise.json of the camera; the noise is fitted by default.")
     ] = None,
     false_alarms: Annotated[
-        float, typer.Option(min=1e-6, max=1e4, help="Pixels flagged by chance, a frame.")
+        float, typer.Option(min=1e-6, max=1e4, help="Pixels flagged by chance per frame.")
     ] = FALSE_ALARMS,
     json: Json = False,
 ) -> None:
-    """Find what changed between two photographs beyond what the change of pose makes."""
+    """Find what changed between two photographs that their poses do not explain."""
     from analysis.changes import ChangeOptions
     from analysis.results_file import write_results
     from calibration.documents import json_object
@@ -52,6 +52,6 @@ def changes(
         print_json({"out": str(out), **json_object(summary)})
         return
     say(
-        f"{summary.changed_px} of {summary.compared_px} pixels changed, beyond "
+        f"{summary.changed_px} of {summary.compared_px} pixels changed by more than "
         f"{summary.threshold_sd:.2f} standard deviations (zoom {summary.zoom:.3f}); wrote {out}"
     )

@@ -1,4 +1,4 @@
-"""``standoff compare``: has the lens moved? Two calibrations, or all of a camera over time."""
+"""``standoff compare``: has the PSF changed? Two calibrations, or all of them over time."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def compare(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="Two psf.json; with --history any number, or folders of them.",
+            help="Two psf.json files; with --history, any number of files or folders.",
             show_default=False,
         ),
     ],
     *,
     history: Annotated[
-        bool, typer.Option("--history", help="All calibrations, by camera and over time.")
+        bool, typer.Option("--history", help="Show all calibrations by camera and over time.")
     ] = False,
     report: Annotated[
-        Path | None, typer.Option(help="Also write the history as a page: HTML or PDF.")
+        Path | None, typer.Option(help="Also write a report on the history (HTML or PDF).")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -55,7 +55,7 @@ def compare(
         _show_history(files, report, json)
         return
     if len(files) != 2:
-        raise typer.BadParameter(f"give two psf.json, got {len(files)}; or use --history")
+        raise typer.BadParameter(f"give two psf.json files, got {len(files)}; or use --history")
     from calibration.files import read_psf
     from calibration.psf import compare_psfs
 

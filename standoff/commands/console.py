@@ -1,4 +1,4 @@
-"""``standoff console``: the operator's web page over one bench."""
+"""``standoff console``: the operator's web page for one bench."""
 
 from __future__ import annotations
 
@@ -40,30 +40,30 @@ def console(
     *,
     bench: BenchFile,
     sessions: Annotated[
-        Path, typer.Option(help="Folder of the capture sessions; made when the first one begins.")
+        Path, typer.Option(help="Folder for capture sessions; created with the first one.")
     ] = Path("sessions"),
     plans: Annotated[
         list[Path] | None,
-        typer.Option(help="Folder with capture plans; may be repeated. The bench file's, too."),
+        typer.Option(help="Folder of capture plans, besides the bench file's; may be repeated."),
     ] = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 picks a free one.")
     ] = DEFAULT_PORT,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; beyond this computer only with --token.")
+        str, typer.Option(help="Address to listen on; other computers need --token.")
     ] = "127.0.0.1",
     token: Annotated[
         str | None,
         typer.Option(
             envvar="STANDOFF_TOKEN",
-            help="Secret that every page has to show; better in the environment than here.",
+            help="Secret for opening the console; safer in the environment than here.",
         ),
     ] = None,
     curves: Annotated[
-        Path | None, typer.Option(help="curves.json, to judge the camera's pose by.")
+        Path | None, typer.Option(help="curves.json for judging the camera's pose.")
     ] = None,
     min_dprime: Annotated[
-        float, typer.Option("--min-dprime", help="Least d' at which a pose will do.")
+        float, typer.Option("--min-dprime", help="Lowest d' that is good enough.")
     ] = 2.0,
     model: CurveModel = None,
     observer: CurveObserver = None,
@@ -72,9 +72,9 @@ def console(
     settings: BenchKeys = None,
     json: Json = False,
 ) -> None:
-    """Serve the operator console as a web page of this computer, until Ctrl-C.
+    """Serve the operator console as a web page on this computer, until Ctrl-C.
 
-    Closing the page changes nothing: the bench is kept here.
+    Closing the page changes nothing: the bench is controlled from here.
     """
     _require_extra()
     from standoff.console import BenchHub, bench_drivers
@@ -89,13 +89,13 @@ def console(
 
     if token is None and not is_loopback_host(host):
         raise typer.BadParameter(
-            f"{host} can be reached from other computers, which needs --token (or the environment "
-            "variable STANDOFF_TOKEN)",
+            f"other computers can reach {host}: give --token (or set the environment variable "
+            "STANDOFF_TOKEN)",
             param_hint="--host",
         )
     if token is not None and len(token) < MIN_TOKEN_CHARS:
         raise typer.BadParameter(
-            f"a token has at least {MIN_TOKEN_CHARS} characters", param_hint="--token"
+            f"a token must have at least {MIN_TOKEN_CHARS} characters", param_hint="--token"
         )
     config = read_bench(bench, settings)
     curve = _curve(curves, min_dprime, model, observer, noise, contrast)
@@ -117,7 +117,7 @@ def console(
             else:
                 say(f"console at {entry}; Ctrl-C ends")
                 if token is not None:
-                    note("the connection is not encrypted: use it in a network that you trust")
+                    note("the connection is not encrypted: use it only on a network that you trust")
             sys.stdout.flush()
 
         hub.start()

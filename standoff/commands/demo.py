@@ -16,13 +16,11 @@ if TYPE_CHECKING:
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Directory for everything it makes.")] = Path(
-        "standoff-demo"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("standoff-demo"),
     settings: BenchKeys = None,
     json: Json = False,
 ) -> None:
-    """Capture, calibrate, simulate and report on the simulated bench, beside its truth."""
+    """Run the whole chain on the simulated bench, and compare the results with its truth."""
     from acquisition.plan import load_plan
     from standoff.workflows import run_demo
 
@@ -36,7 +34,7 @@ def demo(
 
 def _print_summary(result: DemoResult) -> None:
     print_table(
-        "Calibration beside the bench's truth",
+        "Calibration against the bench's truth",
         ["", "truth", "measured", "95 % interval", "error", "inside"],
         [
             [

@@ -36,34 +36,42 @@ def detectability(
         typer.Argument(help="Photographs of the scene, or folders of them.", show_default=False),
     ],
     *,
-    out: Annotated[Path, typer.Option(help="curves.json; figures are written beside it.")],
-    psf: Annotated[Path | None, typer.Option(help="psf.json of the photographs.")] = None,
+    out: Annotated[
+        Path, typer.Option(help="Where to write curves.json; the figures are written beside it.")
+    ],
+    psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
     zooms: Annotated[
-        str, typer.Option(help="Ratios of the two distances, from 1.")
+        str, typer.Option(help="Distance ratios, each at least 1.")
     ] = "1,1.01,1.1,1.2,1.35,1.5,1.75,2,2.5,3,4",
     noise: Annotated[
-        str, typer.Option(help="Standard deviations in DN, S[,S...], or a noise.json.")
+        str, typer.Option(help="Standard deviations of the noise in DN, S[,S...], or a noise.json.")
     ] = "1,2,4",
     contrast: Annotated[str, typer.Option(help="Peaks of the change in DN, C[,C...].")] = "12",
     signal_sigma: Annotated[
-        float, typer.Option(min=0.3, help="Width of the change in px of the photographs.")
+        float, typer.Option(min=0.3, help="Sigma of the Gaussian change, in px of the photographs.")
     ] = 2.0,
     signal: Annotated[
-        Path | None, typer.Option(help="Image patch that is the change, instead of a Gaussian.")
+        Path | None, typer.Option(help="Image patch to use as the change, instead of a Gaussian.")
     ] = None,
-    observer: Annotated[str, typer.Option(help="npw, hotelling, cho.")] = ",".join(OBSERVERS),
-    model: Annotated[str, typer.Option(help="Capture models.")] = ",".join(_MODELS),
+    observer: Annotated[
+        str, typer.Option(help=f"Observers: any of {', '.join(OBSERVERS)}.")
+    ] = ",".join(OBSERVERS),
+    model: Annotated[
+        str, typer.Option(help=f"Capture models: any of {', '.join(MODELS)}.")
+    ] = ",".join(_MODELS),
     reference_zoom: Annotated[
-        float, typer.Option(help="From the photograph to the reference.", callback=checked_zoom)
+        float, typer.Option(help="Zoom from photograph to reference.", callback=checked_zoom)
     ] = REFERENCE_ZOOM,
-    window: Annotated[int, typer.Option(min=5, help="Side of the observer's window.")] = WINDOW_PX,
-    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 1,
+    window: Annotated[
+        int, typer.Option(min=5, help="Side of the observer's window in px; odd.")
+    ] = WINDOW_PX,
+    workers: Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")] = 1,
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler, tcp://HOST:PORT, instead of --workers.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Say how well a change can be found in photographs from different distances, at best."""
+    """Measure how well a change can be detected, at best, from different distances."""
     refuse_suffix(out, "--out", {".json"})
     refuse_overwriting([out], [*images, psf, signal])
     zoom_list = sorted(set(_numbers(zooms, "--zooms", least=1.0)))
@@ -72,13 +80,13 @@ def detectability(
     models = tuple(_chosen(model, "--model", MODELS))
     noises = None if noise.endswith(".json") else _numbers(noise, "--noise")
     if window % 2 == 0:
-        raise typer.BadParameter(f"the window's side is odd, got {window}", param_hint="--window")
+        raise typer.BadParameter(f"the window must be odd, got {window}", param_hint="--window")
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     change = _change(signal, signal_sigma)
     if 2 * change.reach_px / reference_zoom > window:
         raise typer.BadParameter(
-            f"the change is wider than the window of {window} px; widen it", param_hint="--window"
+            f"the change exceeds the window of {window} px; widen it", param_hint="--window"
         )
     from analysis.detectability import DetectionTask, SweepWorkers
     from analysis.results_file import write_results
@@ -146,14 +154,14 @@ def _print_curves(curves: list[DetectabilityCurve]) -> None:
 
 
 def _numbers(text: str, option: str, least: float | None = None) -> list[float]:
-    """Read numbers divided by commas: positive, or not below ``least``."""
+    """Read numbers separated by commas: positive, or not below ``least``."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError as error:
         raise typer.BadParameter(f"expected numbers, got {text}", param_hint=option) from error
     for value in values:
         if not math.isfinite(value) or (value <= 0 if least is None else value < least):
-            bound = "above 0" if least is None else f"from {least:g}"
+            bound = "above 0" if least is None else f"of at least {least:g}"
             raise typer.BadParameter(f"expected numbers {bound}, got {value:g}", param_hint=option)
     return list(dict.fromkeys(values))
 
@@ -162,5 +170,7 @@ def _chosen(text: str, option: str, known: tuple[_Name, ...]) -> list[_Name]:
     names = {str(name): name for name in known}
     for part in text.split(","):
         if part not in names:
-            raise typer.BadParameter(f"{part!r} is none of {', '.join(names)}", param_hint=option)
+            raise typer.BadParameter(
+                f"{part!r} is not one of {', '.join(names)}", param_hint=option
+            )
     return [names[part] for part in dict.fromkeys(text.split(","))]

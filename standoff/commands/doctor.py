@@ -1,4 +1,4 @@
-"""``standoff doctor`` and ``standoff cameras``: is the bench ready, which cameras are there."""
+"""``standoff doctor`` and ``standoff cameras``: is the bench ready, and which cameras are there."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -24,12 +24,15 @@ def doctor(
     context: typer.Context,
     *,
     bench: Annotated[
-        Path | None, typer.Option("--bench", help="Bench file (TOML); absent: the computer alone.")
+        Path | None,
+        typer.Option(
+            "--bench", help="Bench file (TOML); without it, only this computer is checked."
+        ),
     ] = None,
     settings: BenchKeys = None,
     json: Json = False,
 ) -> None:
-    """Check that this computer, the camera and the stage are ready, and say what to do."""
+    """Check that this computer, the camera and the stage are ready, and say what to do if not."""
     check_options(context, _RULES)
     from standoff.doctor import examine
 

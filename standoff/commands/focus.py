@@ -53,44 +53,55 @@ def focus(
     bench: BenchFile,
     metric: Annotated[FocusMeasure, typer.Option(help="Focus measure.")] = "squared-gradient",
     region: Annotated[
-        str | None, typer.Option(metavar="X,Y,W,H", help="Part of the frame to look at, in px.")
+        str | None,
+        typer.Option(
+            metavar="X,Y,W,H", help="Part of the frame to use, in px; all of it by default."
+        ),
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(min=1, help="Frames: live, the median shown; in a sweep, at each height."),
+        typer.Option(
+            min=1, help="Live: frames in the median that is shown. Sweep: frames at each height."
+        ),
     ] = None,
     readings: Annotated[
-        int | None, typer.Option(min=1, help="Live: end after so many frames, not on Ctrl-C.")
+        int | None, typer.Option(min=1, help="Live: end after this many frames.")
     ] = None,
     sweep: Annotated[
         bool, typer.Option("--sweep", help="Move the stage through the focus and fit the peak.")
     ] = False,
     from_mm: Annotated[
-        float | None, typer.Option("--from", help="Sweep: lowest height; else the whole travel.")
+        float | None,
+        typer.Option("--from", help="Sweep: lowest height in mm; the whole travel by default."),
     ] = None,
-    to_mm: Annotated[float | None, typer.Option("--to", help="Sweep: highest height.")] = None,
+    to_mm: Annotated[
+        float | None, typer.Option("--to", help="Sweep: highest height in mm.")
+    ] = None,
     steps: Annotated[
         int, typer.Option(min=FEWEST_POSITIONS, max=1000, help="Sweep: number of heights.")
     ] = 15,
-    go: Annotated[bool, typer.Option("--go", help="Sweep: end at the peak.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Sweep: plot of the curve (PNG).")] = None,
+    go: Annotated[bool, typer.Option("--go", help="Sweep: move to the peak at the end.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Sweep: also write a plot of the curve (PNG).")
+    ] = None,
     noise: Annotated[
-        Path | None, typer.Option(help="noise.json of the camera; else the noise is measured.")
+        Path | None,
+        typer.Option(help="noise.json of the camera; the noise is measured by default."),
     ] = None,
     target: Annotated[
-        str | None, typer.Option(help="What lies under a simulated camera; edge by default.")
+        str | None, typer.Option(help="Target under a simulated camera; edge by default.")
     ] = None,
     settings: BenchKeys = None,
     json: Json = False,
 ) -> None:
     """Show how sharp the picture is, live, or find the height of best focus by a sweep.
 
-    Ctrl-C ends the live aid, with status 0 once a value was shown; it stops a sweep.
+    Ctrl-C ends the live aid, with status 0 once a value has been shown; it aborts a sweep.
     """
     check_options(context, _RULES)
     refuse_suffix(out, "--out", {".png"})
     if from_mm is not None and to_mm is not None and not from_mm < to_mm:
-        raise typer.BadParameter("--from is below --to")
+        raise typer.BadParameter("--from must be below --to")
     from standoff.workflows import (
         SweepRequest,
         open_bench,
@@ -167,7 +178,7 @@ def _require_region(region: Region | None, camera: Camera) -> None:
         or region.y_px + region.height_px > settings.height_px
     ):
         raise typer.BadParameter(
-            f"it reaches beyond the frame of {settings.width_px} x {settings.height_px} px",
+            f"the region reaches beyond the frame of {settings.width_px} x {settings.height_px} px",
             param_hint="--region",
         )
 
@@ -199,7 +210,7 @@ def _finish(
         heights, values, errs = found.columns()
         write_file(out, png_bytes(plot_focus_sweep(heights, values, errs, found.peak, metric)))
     if max(point.saturated_fraction for point in found.points) > _CLIPPED:
-        note("parts of the picture are saturated, which blunts the peak; expose shorter")
+        note("parts of the picture are saturated, which blunts the peak; use a shorter exposure")
     peak = found.peak
     if peak is None:
         raise ApplicationError(found.why_not or "no peak")
@@ -222,6 +233,6 @@ def _finish(
     half_mm = _SIGMAS_95 * peak.err_mm
     say(f"sharpest at {peak.height_mm:.3f} mm, ± {half_mm:.3f} mm (95 %)")
     if half_mm < config.stage.tolerance_mm:
-        say(f"surer than the stage stands ({config.stage.tolerance_mm:g} mm)")
+        say(f"more precise than the stage's tolerance ({config.stage.tolerance_mm:g} mm)")
     if out is not None:
         say(f"wrote {out}")

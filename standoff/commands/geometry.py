@@ -33,7 +33,8 @@ _SOURCES = {
 def geometry(
     *,
     session: Annotated[
-        Path, typer.Option(help="Capture session with a board, chart or texture at two heights.")
+        Path,
+        typer.Option(help="Capture session of a board, chart or texture at two or more heights."),
     ],
     out: Annotated[Path, typer.Option(help="Where to write geometry.json.")],
     board: Annotated[
@@ -47,9 +48,9 @@ def geometry(
         typer.Option(help="Scale in px/mm at the lowest height, measured by other means."),
     ] = None,
     focal_length_px: Annotated[
-        float | None, typer.Option(help="Focal length in px, in place of the bench file's.")
+        float | None, typer.Option(help="Focal length in px, instead of the bench file's.")
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Also write an HTML report.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Also write a report (HTML).")] = None,
     json: Json = False,
 ) -> None:
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
@@ -73,9 +74,7 @@ def geometry(
         raise typer.BadParameter(str(error), param_hint="--board") from error
     for option, value in (("--scale", scale), ("--focal-length-px", focal_length_px)):
         if value is not None and not (math.isfinite(value) and value > 0):
-            raise typer.BadParameter(
-                f"expected a positive number, got {value:g}", param_hint=option
-            )
+            raise typer.BadParameter(f"expected a number above 0, got {value:g}", param_hint=option)
     opened = Session(session)
     records = geometry_records(opened)
     with progress_bar("matching captures", len(records)) as bar:
@@ -94,7 +93,9 @@ def geometry(
     for text in found.notes:
         note(text)
     if found.scale_source == "board":
-        note(f"the scale rests on {_SOURCES['board'].format(board=layout)}; --board names another")
+        note(
+            f"the scale comes from {_SOURCES['board'].format(board=layout)}; --board names another"
+        )
     if report is not None:
         write_geometry_report(report, found, str(session))
     if json:

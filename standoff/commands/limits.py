@@ -53,35 +53,38 @@ def limits(
         float | None, typer.Option(help="Focal length in px, instead of --geometry.")
     ] = None,
     image_size: Annotated[
-        str | None, typer.Option(help="WxH in px, with --focal-length-px.")
+        str | None, typer.Option(help="Frame size WxH in px, with --focal-length-px.")
     ] = None,
     reference_tilt: Annotated[
-        float, typer.Option(min=-75, max=75, help="Tilt of the reference, degrees.")
+        float, typer.Option(min=-75, max=75, help="Tilt of the reference in degrees.")
     ] = 0.0,
     tilt_direction: Annotated[
         float | None,
         typer.Option(
             min=-360,
             max=360,
-            help="Where the follow-up leans, degrees from +x (where the reference leans) towards "
-            "+y; the worst direction by default.",
+            help="Direction of the follow-up's tilt, in degrees from +x (the direction of the "
+            "reference's tilt) towards +y; the worst direction by default.",
         ),
     ] = None,
     at_zoom: Annotated[
         float | None,
-        typer.Option(help="Pose to ask about: which contrast is found?", callback=checked_zoom),
+        typer.Option(
+            help="Distance ratio at which to print the lowest contrast found.",
+            callback=checked_zoom,
+        ),
     ] = None,
     at_tilt: Annotated[
-        float, typer.Option(min=-75, max=75, help="Tilt of that pose, degrees.")
+        float, typer.Option(min=-75, max=75, help="Tilt at --at-zoom in degrees.")
     ] = 0.0,
-    plot: Annotated[Path | None, typer.Option(help="Figure to write: PNG or SVG.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Also write a figure (PNG or SVG).")] = None,
     model: CurveModel = None,
     observer: CurveObserver = None,
     noise: CurveNoise = None,
     contrast: CurveContrast = None,
     json: Json = False,
 ) -> None:
-    """Say which distance ratio, tilt and shift keep d' above a threshold, at best."""
+    """Find the distance ratio, tilt and shift that keep d' above a threshold, at best."""
     check_options(context, _RULES)
     refuse_suffix(plot, "--plot", {".png", ".svg"})
     refuse_overwriting([plot], [curves, geometry])
@@ -147,7 +150,9 @@ def _camera(
     assert image_size is not None
     size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", image_size.strip().lower(), re.ASCII)
     if size is None:
-        raise typer.BadParameter(f"--image-size is WxH in px, such as 780x580, not {image_size}")
+        raise typer.BadParameter(
+            f"--image-size must be WxH in px, such as 780x580, got {image_size}"
+        )
     try:
         return ViewingCamera(
             focal_length_px=focal_length_px, width_px=int(size[1]), height_px=int(size[2])
@@ -159,7 +164,7 @@ def _camera(
 
 
 def _print_limits(name: str, min_dprime: float, found: PoseLimits, where: str) -> None:
-    more = " and more (the curve ends there)" if found.is_zoom_beyond_curve else ""
+    more = " or more (the curve ends there)" if found.is_zoom_beyond_curve else ""
     tilt = "none" if found.tilt_deg is None else f"up to {found.tilt_deg:.1f} degrees"
     say(f"{name}; d' of at least {min_dprime:g}, at best:")
     say(f"straight back: up to {found.zoom:.3f} times the distance{more}")

@@ -41,20 +41,23 @@ def mock(
         typer.Option(help="Loopback address of the camera: 127.x.y.z.", callback=_checked_address),
     ] = "127.0.0.1",
     bench: Annotated[
-        Path | None, typer.Option(help="Bench file (TOML) with a [simulated] section.")
+        Path | None,
+        typer.Option(help="Bench file (TOML) with a simulated section; simulated.toml by default."),
     ] = None,
     settings: BenchKeys = None,
-    target: Annotated[str, typer.Option(help="What lies under the camera.")] = "edge",
-    orientation: Annotated[float, typer.Option(help="Turn of the target, in degrees.")] = 0.0,
+    target: Annotated[str, typer.Option(help="Target under the camera.")] = "edge",
+    orientation: Annotated[float, typer.Option(help="Orientation of the target in degrees.")] = 0.0,
     stage_protocol: Annotated[
         StageProtocol | None,
-        typer.Option(help="Serve a stage on a serial port that speaks it; absent: a stand."),
+        typer.Option(
+            help="Protocol of a stage served on a serial port; a manual stand by default."
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Serve the simulated bench as a GigE Vision camera, and its stage, until Ctrl-C.
 
-    Lines typed meanwhile change it: place TARGET [DEGREES], height MM, fault NAME=VALUE,
+    It accepts these commands on stdin: place TARGET [DEGREES], height MM, fault NAME=VALUE,
     fault none, restart, drop-control, status.
     """
     from hil_mocks.practice_bench import HandStage, PracticeBench

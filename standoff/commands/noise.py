@@ -25,10 +25,12 @@ if TYPE_CHECKING:
 def noise(
     *,
     session: Annotated[
-        Path, typer.Option(help="Capture session with dark captures and a ladder of flats.")
+        Path, typer.Option(help="Capture session with dark captures and a series of flats.")
     ],
-    out: Annotated[Path, typer.Option(help="Where to write noise.json; the maps lie beside it.")],
-    report: Annotated[Path | None, typer.Option(help="Also write a report: HTML or PDF.")] = None,
+    out: Annotated[
+        Path, typer.Option(help="Where to write noise.json; the maps are written beside it.")
+    ],
+    report: Annotated[Path | None, typer.Option(help="Also write a report (HTML or PDF).")] = None,
     json: Json = False,
 ) -> None:
     """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""

@@ -15,17 +15,19 @@ _SHORT_STEPS = 25
 
 def paper(
     *,
-    out: Annotated[Path, typer.Option(help="Directory for everything it makes.")] = Path(
-        "paper-output"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("paper-output"),
     short: Annotated[
-        bool, typer.Option("--short", help="Few pixels, heights and steps: a minute, no result.")
+        bool,
+        typer.Option(
+            "--short", help="Quick trial of about a minute, with few pixels, heights and steps."
+        ),
     ] = False,
     models: Annotated[
-        str | None, typer.Option(metavar="M,M", help="As for validate; all if none.")
+        str | None,
+        typer.Option(metavar="M,M", help="As for validate; all but gaussian-kernelgan by default."),
     ] = None,
     workers: Annotated[
-        int, typer.Option(min=1, max=1024, help="Processes that train kernels.")
+        int, typer.Option(min=1, max=1024, help="Worker processes that train kernels.")
     ] = 2,
     settings: BenchKeys = None,
     json: Json = False,
@@ -58,7 +60,7 @@ def paper(
         return
     print_validation(result.validation)
     say(
-        "alignment beside the bench's truth: median error "
+        "alignment against the bench's truth: median error "
         f"{median(errors_px):.4f} px, largest median of a pair {max(errors_px):.4f} px"
     )
     say(f"wrote {out / 'report.html'} and the tables and figures beside it")

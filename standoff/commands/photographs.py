@@ -16,28 +16,30 @@ def import_photographs(
         list[Path], typer.Argument(help="Photographs of one kind.", show_default=False)
     ],
     *,
-    kind: Annotated[CaptureKind, typer.Option(help="What they show.")],
-    out: Annotated[Path, typer.Option(help="Session directory, new or to be resumed.")],
+    kind: Annotated[CaptureKind, typer.Option(help="What the photographs show.")],
+    out: Annotated[Path, typer.Option(help="Session folder; an existing session is resumed.")],
     height_mm: Annotated[
-        float | None, typer.Option(help="Height of the camera; 0 if it is not known.")
+        float | None, typer.Option(help="Height of the camera in mm; 0 by default.")
     ] = None,
     scale: Annotated[
-        float | None, typer.Option(help="Scale in the plane of the target, in px/mm.")
+        float | None, typer.Option(help="Scale in the plane of the target in px/mm.")
     ] = None,
     srgb: Annotated[
-        bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take as linear.")
+        bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take levels as linear.")
     ] = False,
-    operator: Annotated[str | None, typer.Option(help="Who imports; the login name.")] = None,
+    operator: Annotated[
+        str | None, typer.Option(help="Name of the operator; the login name by default.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Make a session of photographs that another program took: grey, linear, one frame each.
+    """Make a session from photographs taken by another program: grey, linear, one frame each.
 
-    Each photograph is a target of its own, named by its file.
+    Each photograph is a target of its own, named after its file.
     """
     if height_mm is not None and not math.isfinite(height_mm):
-        raise typer.BadParameter(f"a height is a finite number, got {height_mm}")
+        raise typer.BadParameter(f"a height must be a finite number, got {height_mm}")
     if scale is not None and not (math.isfinite(scale) and scale > 0):
-        raise typer.BadParameter(f"a scale is a positive number of px/mm, got {scale}")
+        raise typer.BadParameter(f"a scale must be above 0 px/mm, got {scale}")
     from standoff.workflows import ImportSettings, import_into_session
 
     settings = ImportSettings(

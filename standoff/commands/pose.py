@@ -54,33 +54,39 @@ _RULES = (
 
 def pose(
     context: typer.Context,
-    reference: Annotated[Path, typer.Argument(help="The earlier, nearer image.")],
+    reference: Annotated[Path, typer.Argument(help="The earlier, nearer photograph.")],
     followup: Annotated[
-        Path | None, typer.Argument(help="The image whose pose is judged, unless live.")
+        Path | None, typer.Argument(help="The photograph whose pose is judged, unless live.")
     ] = None,
     *,
     curves: CurvesPath,
     min_dprime: MinDprime,
     criterion: Annotated[
         Criterion,
-        typer.Option(help="d' reaches the threshold everywhere (min) or in 95 % (quantile)."),
+        typer.Option(
+            help="d' reaches the threshold in all of the overlap (min) or 95 % (quantile)."
+        ),
     ] = "min",
-    psf: Annotated[Path | None, typer.Option(help="psf.json: a finer registration.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Map to write: PNG or SVG.")] = None,
+    psf: Annotated[
+        Path | None, typer.Option(help="psf.json of the camera, for a finer registration.")
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Also write a map of d' (PNG or SVG).")
+    ] = None,
     stream: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Live: judge the images of a folder.")
+        Path | None, typer.Option(metavar="FOLDER", help="Live: judge the images in a folder.")
     ] = None,
     watch: Annotated[
-        bool, typer.Option("--watch", help="With --stream: wait for more, until Ctrl-C.")
+        bool, typer.Option("--watch", help="With --stream: wait for more images, until Ctrl-C.")
     ] = False,
     bench: Annotated[
-        Path | None, typer.Option(help="Live: judge the frames of a bench's camera (TOML).")
+        Path | None, typer.Option(help="Live: judge the camera frames of this bench file (TOML).")
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(min=1, help="Live: end after so many frames.")
+        int | None, typer.Option(min=1, help="Live: end after this many frames.")
     ] = None,
     target: Annotated[
-        str | None, typer.Option(help="Live: what lies under a simulated camera.")
+        str | None, typer.Option(help="Live: target under a simulated camera.")
     ] = None,
     settings: BenchKeys = None,
     model: CurveModel = None,
@@ -91,8 +97,8 @@ def pose(
 ) -> None:
     """Accept or reject a follow-up's pose by the d' that it allows over the frame.
 
-    Live (--stream or --bench) it follows the pose from frame to frame, and says for each one
-    whether it would do and by which margin; Ctrl-C ends it with status 130.
+    Live (--stream or --bench), it tracks the pose from frame to frame and accepts or rejects
+    each one, with the margin; Ctrl-C ends it with status 130.
     """
     check_options(context, _RULES)
     refuse_suffix(picture, "--picture", {".png", ".svg"})
@@ -130,7 +136,7 @@ def pose(
         ):
             judge_stream(source, tracker, summary, show, count=frames, is_kept=not is_bench)
     finally:
-        # Ctrl-C is how a person ends this: what was seen so far is told then, too.
+        # Ctrl-C is the normal way to end this: the summary is shown then, too.
         if summary.frames:
             _show_stream(summary, about, json=json)
 
@@ -148,7 +154,7 @@ def _frames(
 
     if stream is not None:
         if not stream.is_dir():
-            raise typer.BadParameter(f"{stream} is no folder", param_hint="--stream")
+            raise typer.BadParameter(f"{stream} is not a folder", param_hint="--stream")
         yield folder_frames(stream, is_watched=is_watched)
     if bench is not None:
         with opened_camera(read_bench(bench, settings)) as opened:
@@ -238,8 +244,8 @@ def _show_stream(summary: StreamSummary, about: dict[str, object], *, json: bool
         return
     rate = summary.frames_per_s
     say(
-        f"{summary.accepted} of {summary.frames} frames would do; whole frames searched: "
-        f"{summary.anchors}, without success: {summary.unknown}"
-        + ("" if rate is None else f"; between them {rate:.0f} frames a second")
+        f"{summary.accepted} of {summary.frames} frames accepted; full-frame searches: "
+        f"{summary.anchors}, pose not found: {summary.unknown}"
+        + ("" if rate is None else f"; tracking at {rate:.0f} frames per second")
     )
     say(f"last: {summary.last.reason}")

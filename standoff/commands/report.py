@@ -1,4 +1,4 @@
-"""``standoff report``: one page about a capture session, as HTML or PDF."""
+"""``standoff report``: a one-page report on a capture session, as HTML or PDF."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,14 +9,16 @@ from standoff.terminal import Json, note, print_json, refuse_suffix, say
 
 
 def report(
-    directory: Annotated[Path, typer.Argument(help="Session directory.", show_default=False)],
+    directory: Annotated[Path, typer.Argument(help="Session folder.", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option(help="HTML or PDF file; DIRECTORY/results/report.html by default."),
+        typer.Option(
+            help="Report to write (HTML or PDF); DIRECTORY/results/report.html by default."
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Write a report of a session and of what was worked out from it so far."""
+    """Write a report on a session and the results obtained from it so far."""
     from acquisition.session import Session, verify
     from standoff.workflows import (
         RESULTS_FOLDER,
@@ -32,8 +34,8 @@ def report(
     require_writable([page])
     if not (results / "psf.json").is_file():
         note(
-            f"{results / 'psf.json'} is not there: the report shows the captures alone; "
-            f"standoff calibrate --session {directory} --out {results / 'psf.json'} makes it"
+            f"{results / 'psf.json'} is missing: the report shows only the captures; "
+            f"standoff calibrate --session {directory} --out {results / 'psf.json'} writes it"
         )
     spoilt = [
         check
@@ -42,8 +44,8 @@ def report(
     ]
     if spoilt:
         note(
-            f"{len(spoilt)} files of the session are missing or were changed since, "
-            f"{spoilt[0].file} first: standoff verify {directory} lists them"
+            f"{len(spoilt)} files of the session are missing or changed, the first "
+            f"{spoilt[0].file}; standoff verify {directory} lists them"
         )
     write_session_report(session, page)
     if json:

@@ -1,4 +1,4 @@
-"""``standoff verify`` and ``standoff session``: check a capture session, and look after it."""
+"""``standoff verify`` and ``standoff session``: check and manage capture sessions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ if TYPE_CHECKING:
     from acquisition.session import Session, SessionCapture, SessionNotes
 
 
-Directory = Annotated[Path, typer.Argument(help="Session directory.", show_default=False)]
+Directory = Annotated[Path, typer.Argument(help="Session folder.", show_default=False)]
 Index = Annotated[int, typer.Argument(help="Index of the capture.", show_default=False, min=0)]
-Reason = Annotated[str, typer.Option(help="Why, for whoever reads the session later.")]
-Who = Annotated[str | None, typer.Option("--operator", help="Who says so; the login name.")]
+Reason = Annotated[str, typer.Option(help="Reason, recorded in the session.")]
+Who = Annotated[
+    str | None, typer.Option("--operator", help="Name of the operator; the login name by default.")
+]
 
 session = typer.Typer(
-    name="session", help="Look after capture sessions: list, show, exclude, include, note."
+    name="session", help="Manage capture sessions: list, show, exclude, include, note."
 )
 
 
@@ -51,10 +53,10 @@ def verify(directory: Directory, json: Json = False) -> None:
             if check.state != "ok":
                 say(f"{check.state:12} {check.file}{' (superseded)' * check.is_superseded}")
         good = sum(check.state == "ok" for check in report.files)
-        say(f"{good} of {len(report.files)} files are as journaled")
+        say(f"{good} of {len(report.files)} files match the journal")
         if superseded:
             say(
-                f"{len(superseded)} of the others belong to captures that were taken again since: "
+                f"{len(superseded)} of the others belong to captures that were retaken later: "
                 "nothing uses them, so they do not count"
             )
     if not report.is_ok:
@@ -67,15 +69,15 @@ def verify(directory: Directory, json: Json = False) -> None:
 @session.command("list")
 def list_sessions(
     folder: Annotated[
-        Path, typer.Argument(help="Folder with sessions in it, or one.", show_default=False)
+        Path, typer.Argument(help="Folder of sessions, or one session.", show_default=False)
     ],
     json: Json = False,
 ) -> None:
-    """List the sessions in a folder: what, who, when, how much of the plan is captured."""
+    """List the sessions in a folder: plan, captures, creation time and operator."""
     from acquisition.session import MANIFEST_NAME, Session
 
     if not folder.is_dir():
-        raise ApplicationError(f"{folder} is no folder; name the one that holds the sessions")
+        raise ApplicationError(f"{folder} is not a folder; name the one that holds the sessions")
     manifests = [*folder.glob(MANIFEST_NAME), *sorted(folder.glob(f"*/{MANIFEST_NAME}"))]
     rows: list[dict[str, Any]] = []
     for path in manifests:
@@ -108,7 +110,7 @@ def list_sessions(
 
 @session.command("show")
 def show(directory: Directory, json: Json = False) -> None:
-    """Show the captures of a session, what was decided about them, and its notes."""
+    """Show a session's captures, whether they are used, and its notes."""
     from acquisition.session import Session
 
     opened = Session(directory)
@@ -136,7 +138,7 @@ def show(directory: Directory, json: Json = False) -> None:
     facts = _summary(opened)
     print_table(
         f"{directory}: {facts['plan']}, {facts['captured']} of {facts['planned']} captured",
-        ["index", "target", "turned / deg", "height / mm", "exposure / us", "focus", "state"],
+        ["index", "target", "orientation / deg", "height / mm", "exposure / us", "focus", "state"],
         [_cells(capture) for capture in captures],
     )
     for event in notes:
@@ -152,7 +154,7 @@ def exclude(
     reason: Reason,
     who: Who = None,
 ) -> None:
-    """Keep a capture out of calibration and analysis."""
+    """Exclude a capture from calibration and analysis."""
     _notes(directory, who).exclude(index, reason)
     say(f"{directory}: capture {index} is excluded: {reason}")
 
@@ -164,18 +166,18 @@ def include(
     reason: Reason = "",
     who: Who = None,
 ) -> None:
-    """Take an excluded capture back in."""
+    """Use an excluded capture again."""
     _notes(directory, who).include(index, reason)
     say(f"{directory}: capture {index} is used again")
 
 
 @session.command("note")
 def write_note(
-    text: Annotated[str, typer.Argument(help="What to write down.", show_default=False)],
+    text: Annotated[str, typer.Argument(help="Text of the note.", show_default=False)],
     directory: Directory,
     who: Who = None,
 ) -> None:
-    """Write into the journal what a later reader should know."""
+    """Add a note to the session's journal."""
     _notes(directory, who).note(text)
     say(f"{directory}: noted")
 

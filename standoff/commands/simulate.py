@@ -49,7 +49,7 @@ _RULES = (
     needs(
         Option("transfer", ("measured",)),
         Option("model", ("lmmse",)),
-        because="a measured transfer is for model lmmse",
+        because="only model lmmse takes a measured transfer function",
     ),
     *(
         needs(option, Option("model", KERNEL_MODELS))
@@ -62,46 +62,48 @@ def simulate(
     context: typer.Context,
     image: Annotated[Path, typer.Argument(help="The reference photograph.", show_default=False)],
     *,
-    out: Annotated[Path, typer.Option(help="Where to write the follow-up: float32 TIFF.")],
+    out: Annotated[Path, typer.Option(help="Where to write the follow-up (float32 TIFF).")],
     zoom: Annotated[
         float | None,
-        typer.Option(help="How many times further away, at least 1.", callback=checked_zoom),
+        typer.Option(help="Distance ratio, at least 1.", callback=checked_zoom),
     ] = None,
     homography: Annotated[
-        Path | None, typer.Option(help="H.json: any other pose, instead of --zoom.")
+        Path | None, typer.Option(help="H.json of another pose, instead of --zoom.")
     ] = None,
     nearer: Annotated[
         Path | None,
-        typer.Option(help="PNG mask of where the follow-up would be sharper (--homography)."),
+        typer.Option(help="Also write a mask (PNG) of where the follow-up would be sharper."),
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
     model: Annotated[AnyModel, typer.Option(help="Capture model.")] = "matched",
     transfer: Annotated[
         TransferForm,
-        typer.Option(help="Take the PSF as a Gaussian, or its e-SFR from psf.json (lmmse)."),
+        typer.Option(help="Use the Gaussian PSF, or the e-SFR measured in psf.json (lmmse)."),
     ] = "gaussian",
     gaussian: Annotated[
         GaussianForm,
-        typer.Option(help="Blur by the exact transfer function, or by sampled weights."),
+        typer.Option(help="Blur by the exact transfer function, or by sampled weights (paper)."),
     ] = "transfer",
     sharpen: Annotated[
-        str | None, typer.Option(help="Sharpen like a camera: AMOUNT or AMOUNT,SIGMA_PX.")
+        str | None, typer.Option(help="Sharpen as a camera does: AMOUNT or AMOUNT,SIGMA_PX.")
     ] = None,
-    exposure: Annotated[float, typer.Option(min=0, help="Times the light of the reference.")] = 1.0,
+    exposure: Annotated[
+        float, typer.Option(min=0, help="Exposure relative to the reference.")
+    ] = 1.0,
     vignetting: Annotated[
-        float, typer.Option(help="Relative loss of light at the follow-up's corner.")
+        float, typer.Option(help="Relative loss of light at the follow-up's corners.")
     ] = 0.0,
     noise: Annotated[
-        Path | None, typer.Option(help="noise.json: give the follow-up a capture's noise.")
+        Path | None, typer.Option(help="noise.json of the camera, to add the noise of a capture.")
     ] = None,
     correct: Annotated[
         Path | None,
-        typer.Option(help="noise.json whose dark, flat and defect maps are taken off first."),
+        typer.Option(help="noise.json whose dark, flat and defect maps are applied first."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise, and of a training.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed for the noise and for training.")] = 0,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, help=f"Of a training (kernelgan); {TRAINING_STEPS} if none."),
+        typer.Option(min=1, help=f"Training steps (kernelgan); {TRAINING_STEPS} by default."),
     ] = None,
     centre_crop: Annotated[
         bool, typer.Option("--centre-crop", help="Train on the central half only (kernelgan).")
@@ -109,12 +111,14 @@ def simulate(
     sampler: Annotated[
         Sampler | None,
         typer.Option(
-            help="Sample exactly at the grid (if none), or the nearest pixel (kernelgan)."
+            help="Sample at exact grid points or nearest pixels (kernelgan); exact by default."
         ),
     ] = None,
     kernel_cache: Annotated[
         Path | None,
-        typer.Option(help=f"Folder of trained kernels; else ${CACHE_VARIABLE} or XDG's cache."),
+        typer.Option(
+            help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
+        ),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def _checked_fraction(fraction: float) -> float:
     if not (math.isfinite(fraction) and 0 <= fraction <= 1):
-        raise typer.BadParameter(f"a fraction lies in 0 to 1, got {fraction:g}")
+        raise typer.BadParameter(f"a fraction must be between 0 and 1, got {fraction:g}")
     return fraction
 
 
@@ -29,26 +29,29 @@ def sr_pairs(
     ],
     *,
     psf: Annotated[Path, typer.Option(help="psf.json of the camera.")],
-    zoom: Annotated[
-        float, typer.Option(help="How many times further away, at least 1.", callback=checked_zoom)
-    ],
-    out: Annotated[Path, typer.Option(help="Directory of the pairs, new or to be resumed.")],
+    zoom: Annotated[float, typer.Option(help="Distance ratio, at least 1.", callback=checked_zoom)],
+    out: Annotated[Path, typer.Option(help="Folder for the pairs; an existing one is resumed.")],
     model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
-    crop: Annotated[int, typer.Option(min=8, help="Side of the high-resolution crops, px.")] = 192,
+    crop: Annotated[
+        int, typer.Option(min=8, help="Side of the high-resolution crops in px.")
+    ] = 192,
     stride: Annotated[
-        int | None, typer.Option(min=1, help="Distance between crops, px; one crop by default.")
+        int | None,
+        typer.Option(min=1, help="Distance between crops in px; the side of a crop by default."),
     ] = None,
     test_fraction: Annotated[
         float,
-        typer.Option(help="Share of the images kept for testing.", callback=_checked_fraction),
+        typer.Option(
+            help="Fraction of the photographs kept for testing.", callback=_checked_fraction
+        ),
     ] = 0.1,
-    seed: Annotated[int, typer.Option(min=0, help="Chooses which images are for testing.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed for the choice of test photographs.")] = 0,
     is_float: Annotated[
         bool, typer.Option("--float", help="Write float32 TIFFs instead of rounded PNGs.")
     ] = False,
     json: Json = False,
 ) -> None:
-    """Cut photographs into crops, each with its image from ZOOM times further away."""
+    """Cut photographs into crops, each paired with its image from ZOOM times further away."""
     from standoff.workflows import (
         SrDatasetSettings,
         expanded_images,
@@ -77,13 +80,13 @@ def sr_pairs(
         _say_summary(out, summary, len(paths))
     if summary.refused:
         raise ApplicationError(
-            f"{len(summary.refused)} of {len(paths)} images gave no pairs; those of the others "
-            "are complete"
+            f"{len(summary.refused)} of {len(paths)} images gave no pairs; the pairs of the "
+            "others are complete"
         )
 
 
 def _say_summary(out: Path, summary: SrDatasetSummary, images: int) -> None:
     say(
         f"{out}: {summary.train} pairs for training, {summary.test} for testing, "
-        f"from {images} images ({summary.images_found_done} were done already)"
+        f"from {images} images ({summary.images_found_done} already done)"
     )

@@ -1,4 +1,4 @@
-"""``standoff stage``: the height stage by hand."""
+"""``standoff stage``: manual control of the height stage."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ Action = Literal["status", "home", "move", "stop", "unlock"]
 def stage(
     action: Annotated[Action, typer.Argument(help="What to do.", show_default=False)],
     height_mm: Annotated[
-        float | None, typer.Argument(help="Height to move to.", metavar="[MM]", show_default=False)
+        float | None,
+        typer.Argument(help="Height to move to, in mm.", metavar="[MM]", show_default=False),
     ] = None,
     *,
     bench: BenchFile,
@@ -35,12 +36,12 @@ def stage(
 ) -> None:
     """Show, home, move, stop or unlock the height stage.
 
-    Ctrl-C stops it under control.
+    Ctrl-C brings it to a controlled stop.
     """
     if (height_mm is None) == (action == "move"):
         raise typer.BadParameter("move takes one height in mm, the other actions take none")
     if home and action != "move":
-        raise typer.BadParameter("--home goes with move")
+        raise typer.BadParameter("--home is for move only")
     config = read_bench(bench, settings)
     with _opened(config, action) as opened:
         try:
@@ -89,8 +90,8 @@ def _opened(config: BenchConfig, action: Action) -> Iterator[Stage]:
         real = open_stage(config.stage, first=first)
     except DeviceInUseError as error:
         raise DeviceInUseError(
-            f"{error}. The stage obeys the program that has its port: press Ctrl-C there, "
-            "or the emergency stop"
+            f"{error}. The stage obeys only the program that holds its port: press Ctrl-C "
+            "there, or the emergency stop"
         ) from error
     with closing(real):
         yield real

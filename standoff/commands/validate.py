@@ -1,4 +1,4 @@
-"""``standoff validate``: simulated against captured follow-ups, as Tables I and II."""
+"""``standoff validate``: simulated against captured follow-ups, as in Tables I and II."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,33 +12,40 @@ from standoff.terminal import Json, chosen_models, print_json, say
 def validate(
     *,
     session: Annotated[Path, typer.Option(help="Capture session with textures or charts.")],
-    psf: Annotated[Path, typer.Option(help="psf.json of the camera, best of --region centre.")],
-    out: Annotated[Path, typer.Option(help="Folder of the results.")],
+    psf: Annotated[
+        Path, typer.Option(help="psf.json of the camera, best calibrated with --region centre.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
     models: Annotated[
         str | None,
         typer.Option(
             metavar="M,M",
-            help=f"Any of {', '.join(VALIDATION_MODELS)}; all but gaussian-kernelgan if none.",
+            help=f"Models: any of {', '.join(VALIDATION_MODELS)}; "
+            "all but gaussian-kernelgan by default.",
         ),
     ] = None,
     references: Annotated[
-        int, typer.Option(min=1, max=100, help="Reference poses of every target, from the nearest.")
+        int, typer.Option(min=1, max=100, help="Reference poses per target, the nearest first.")
     ] = 2,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, help=f"Of a training; {PAPER_TRAINING_STEPS} if none, as the paper."),
+        typer.Option(
+            min=1, help=f"Training steps; {PAPER_TRAINING_STEPS} by default, as in the paper."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of a training.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed for training.")] = 0,
     workers: Annotated[
-        int, typer.Option(min=1, max=1024, help="Processes that train kernels.")
+        int, typer.Option(min=1, max=1024, help="Worker processes that train kernels.")
     ] = 1,
     kernel_cache: Annotated[
         Path | None,
-        typer.Option(help=f"Folder of trained kernels; else ${CACHE_VARIABLE} or XDG's cache."),
+        typer.Option(
+            help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Say how well every model predicts the captured follow-ups of a session."""
+    """Measure how well each model predicts the captured follow-ups of a session."""
     from acquisition.session import Session
     from analysis.validation import (
         KernelBook,
@@ -56,7 +63,7 @@ def validate(
 
     chosen = default_models() if models is None else chosen_models(models)
     if not any(map(is_learned, chosen)) and (steps is not None or seed or kernel_cache):
-        raise typer.BadParameter("--steps, --seed and --kernel-cache go with a learned model")
+        raise typer.BadParameter("--steps, --seed and --kernel-cache need a learned model")
     total = read_total_psf(psf)
     settings = ValidationSettings(
         models=chosen,

@@ -1,4 +1,4 @@
-"""The doctor's checks from inside the console, which holds camera and stage itself."""
+"""The doctor's checks from inside the console, which has camera and stage open itself."""
 
 import shutil
 
@@ -19,7 +19,7 @@ from standoff.doctor import (
 
 
 def bench_checks(hub: BenchHub) -> tuple[Check, ...]:
-    """All checks; camera and stage as the console finds them, as nobody else may open them."""
+    """Run all checks; camera and stage as the console sees them, since only it may open them."""
     bench = hub.bench
     is_gige = bench.camera.driver == "aravis"
     checks = [check_libraries(needed=is_gige), check_receive_buffer()]
@@ -71,6 +71,6 @@ def bench_checks(hub: BenchHub) -> tuple[Check, ...]:
 
 def _device(name: str, status: DeviceStatus, found: str) -> Check:
     if status.is_ready:
-        return Check(name=name, status="ok", found=found or "answers")
+        return Check(name=name, status="ok", found=found or "responding")
     level = "warn" if status.state == "opening" else "fail"
     return Check(name=name, status=level, found=status.text, remedy=status.remedy)  # type: ignore[arg-type]  # of two literals

@@ -1,4 +1,4 @@
-"""The bench as the console knows it: devices, picture, session; it outlives every page."""
+"""The bench as the console sees it: devices, picture, session; it outlives every page."""
 
 import getpass
 import shutil
@@ -25,7 +25,7 @@ from standoff.console.session_library import SessionLibrary
 
 STOP_AGAIN_S = 0.3
 STOP_TRIES = 100
-"""A stop is repeated until the job has ended: it may come between two moves."""
+"""A stop is repeated until the job has ended, because it may come between two moves."""
 
 CLOSE_TIMEOUT_S = 10.0
 NOTICES = 20
@@ -34,14 +34,14 @@ DISK_PERIOD_S = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Notice:
-    """One line for everybody; numbers ascend."""
+    """One line for all pages; numbers ascend."""
 
     number: int
     text: str
 
 
 class BenchHub:
-    """Owns everything that lives on while pages come and go.
+    """Owns everything that persists while pages come and go.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ class BenchHub:
     sessions
         Folder of the sessions.
     plan_folders
-        Where plans are looked for.
+        Where to look for plans.
     make_tracker
-        For the pose; None where no curve was given.
+        Makes the pose tracker; None if no curve was given.
     """
 
     def __init__(
@@ -95,17 +95,17 @@ class BenchHub:
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """The last lines for everybody, the oldest first."""
+        """The last lines for all pages, the oldest first."""
         with self._lock:
             return tuple(self._notices)
 
     @property
     def operator(self) -> str:
-        """Who captures: whoever holds control, else the login name."""
+        """Name of the operator: whoever is in control, else the login name."""
         return self.control.operator() or getpass.getuser()
 
     def free_bytes(self) -> int:
-        """Room on the disk of the sessions, at most two seconds old."""
+        """Free bytes on the disk of the sessions, at most two seconds old."""
         asked_s, free = self._disk
         if time.monotonic() - asked_s > DISK_PERIOD_S:
             there = self.sessions.folder.resolve()
@@ -116,25 +116,25 @@ class BenchHub:
         return free
 
     def tell(self, text: str) -> None:
-        """Tell everybody something."""
+        """Show a line on all pages."""
         with self._lock:
             self._told += 1
             self._notices.append(Notice(number=self._told, text=text))
 
     def start(self) -> None:
-        """Open the devices and begin to watch, in threads."""
+        """Open the devices and start watching them, in threads."""
         for part in (self.camera, self.stage, self.picture, self.pose):
             part.start()
 
     def stop(self) -> None:
-        """Stop the stage and what is going on; returns at once, from any thread."""
+        """Stop the stage and the current job; returns at once, from any thread."""
         job = self.jobs.current
         if job is not None:
             job.ask_stop()
         Thread(target=self._stop_stage, name="stop", daemon=True).start()
 
     def close(self) -> None:
-        """Stop what is going on, and give the devices back."""
+        """Stop the current job, and release the devices."""
         job = self.jobs.current
         if job is not None:
             self.stop()

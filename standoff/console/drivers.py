@@ -1,4 +1,4 @@
-"""Opens the devices of a bench file for the console, again and again where they get lost."""
+"""Opens the devices of a bench file for the console, and reopens them when they are lost."""
 
 import time
 from collections.abc import Callable
@@ -27,12 +27,12 @@ class BenchDrivers:
     open_camera
         Opens and configures the camera.
     open_stage
-        Opens the stage; its argument says that it was open before and may still move. The
-        second one puts a question to whoever moves a manual stage.
+        Opens the stage; its first argument says that it was open before and may still move.
+        The second asks whoever moves a manual stage a question.
     laid
-        Lays a target by itself, on a bench simulated in this process; else None.
+        Places a target on a bench simulated in this process; else None.
     clock, sleep
-        Seconds in which the devices live, and what lets some pass.
+        Time in seconds that the devices run on, and a function that waits.
     """
 
     open_camera: Callable[[], Camera]
@@ -43,9 +43,9 @@ class BenchDrivers:
 
 
 def bench_drivers(config: BenchConfig) -> BenchDrivers:
-    """Return how the bench's devices are opened; opens none.
+    """Return the drivers of the bench's devices, without opening any.
 
-    A simulated bench lives in real time here, so that its moves last and can be stopped.
+    A simulated bench runs in real time here, so that its moves take time and can be stopped.
 
     Raises
     ------

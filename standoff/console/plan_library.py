@@ -11,7 +11,7 @@ PLAN_SCHEMA = "standoff.plan/1"
 
 
 class PlanLibrary:
-    """Plans by file name, in some folders; of two with one name, the first counts.
+    """Plans by file name, in several folders; of two with the same name, the first counts.
 
     Parameters
     ----------
@@ -27,14 +27,14 @@ class PlanLibrary:
         return tuple(sorted(self._files()))
 
     def load(self, name: str) -> CapturePlan:
-        """Read the plan of that name.
+        """Read the plan with that name.
 
         Raises
         ------
         ApplicationError
             If there is none.
         PlanError
-            If the file is not accepted.
+            If the file is invalid.
         """
         path = self._files().get(name)
         if path is None:
@@ -51,7 +51,7 @@ class PlanLibrary:
 
 
 def _is_plan(path: Path) -> bool:
-    """Whether a TOML file says of itself that it is a plan; its content is checked when loaded."""
+    """Whether a TOML file claims to be a plan; its content is checked when it is loaded."""
     try:
         return parse_toml(path.read_bytes()).get("schema") == PLAN_SCHEMA
     except (OSError, ValueError):

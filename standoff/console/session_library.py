@@ -1,4 +1,4 @@
-"""The sessions in one folder, and what the console shows and serves of them."""
+"""The sessions in one folder, as the console shows and serves them."""
 
 import re
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,99}")
 
 
 class UnknownSessionError(ApplicationError):
-    """There is no session of that name in the folder."""
+    """There is no session with that name in the folder."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,12 +39,12 @@ class SessionSummary:
 
 
 def is_session_name(name: str) -> bool:
-    """Whether a name may be one of a session's folder: no separators, no leading dot."""
+    """Whether a name is valid for a session's folder: no separators, no leading dot."""
     return _NAME.fullmatch(name) is not None and not name.endswith((".", " "))
 
 
 def _is_entry_name(name: str) -> bool:
-    """Whether a name can be that of an entry of a folder, and of none that is hidden."""
+    """Whether a name can be that of a folder entry that is not hidden."""
     return (
         0 < len(name.encode("utf-8", "replace")) <= LONGEST_NAME_BYTES
         and not name.startswith(".")
@@ -56,12 +56,12 @@ def _is_entry_name(name: str) -> bool:
 class SessionLibrary:
     """Reads a folder of sessions; names from outside are checked before they touch a path.
 
-    New sessions get plain names. Those that are there, made by other commands, may have any.
+    New sessions get plain names. Existing ones, made by other commands, may have any name.
 
     Parameters
     ----------
     folder
-        Where the sessions are; it need not exist yet.
+        Folder of the sessions; it need not exist yet.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -79,7 +79,7 @@ class SessionLibrary:
         return tuple(sorted(found, key=lambda each: (each.created_utc, each.name), reverse=True))
 
     def path_for(self, name: str) -> Path:
-        """Where a new session of that name would be.
+        """Path of a new session with that name.
 
         Raises
         ------
@@ -88,13 +88,13 @@ class SessionLibrary:
         """
         if not is_session_name(name):
             raise UnknownSessionError(
-                "a session's name has letters, digits, spaces and . _ + - only, and begins with "
-                "a letter or digit"
+                "a session's name has only letters, digits, spaces and . _ + -, and must begin "
+                "with a letter or digit"
             )
         return self.folder / name
 
     def path_of(self, name: str) -> Path:
-        """Where the session of that name is.
+        """Path of the session with that name.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class SessionLibrary:
         return path
 
     def open(self, name: str) -> Session:
-        """Read the session of that name.
+        """Read the session with that name.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class SessionLibrary:
         return Session(self.path_of(name))
 
     def report_of(self, name: str) -> bytes | None:
-        """The session's report, or None if none was written yet.
+        """The session's report, or None if it has not been written yet.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class SessionLibrary:
         return path.read_bytes()
 
     def report_path(self, name: str) -> Path:
-        """Where the session's report belongs.
+        """Path for the session's report.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class SessionLibrary:
         return self.path_of(name) / RESULTS_FOLDER / REPORT_NAME
 
     def _summary(self, name: str) -> SessionSummary:
-        """Read a session unless its files are as they were: a journal can be long."""
+        """Read a session only if its files have changed: a journal can be long."""
         state = _state_of(self.folder / name)
         known = self._known.get(name)
         if known is None or known[0] != state:
@@ -168,7 +168,7 @@ class SessionLibrary:
 
 
 def _state_of(path: Path) -> tuple[int, ...]:
-    """Sizes and times of the files that a summary is made of; 0 for what is not there."""
+    """Sizes and times of the files that a summary is made from; 0 for missing ones."""
     state: list[int] = []
     for file in (MANIFEST_NAME, JOURNAL_NAME, f"{RESULTS_FOLDER}/{REPORT_NAME}"):
         try:

@@ -14,24 +14,24 @@ from standoff.library.inputs import (
 
 
 def register(reference: ImageLike, followup: ImageLike, psf: PsfLike | None = None) -> Registration:
-    """Return the pose of a follow-up in its reference, as a homography.
+    """Return the pose of a follow-up relative to its reference, as a homography.
 
     Parameters
     ----------
     reference, followup
         Arrays or files; the follow-up is the one from further away.
     psf
-        Of the camera; without it the reference is simulated by ``bicubic``.
+        The camera's PSF; without it the reference is simulated by ``bicubic``.
 
     Returns
     -------
     Registration
-        ``matrix`` takes follow-up pixels ``(x, y, 1)`` to reference pixels.
+        ``matrix`` maps follow-up pixels ``(x, y, 1)`` to reference pixels.
 
     Raises
     ------
     TypeError
-        If an argument is of none of these kinds.
+        If an argument has the wrong type.
     RegistrationError
         If the two cannot be aligned; ``reason`` and ``at_fault`` say why.
     """
@@ -47,27 +47,27 @@ def find_changes(
     noise: NoiseLike | None = None,
     false_alarms: float = FALSE_ALARMS,
 ) -> ChangeResult:
-    """Say what changed between two photographs that the change of pose does not explain.
+    """Find what changed between two photographs that their poses do not explain.
 
     Parameters
     ----------
     reference, followup
         Arrays or files; the follow-up is the later one, from further away.
     psf
-        Of the camera.
+        The camera's PSF.
     noise
-        Of both captures, or the path of a noise.json; without it the noise is fitted.
+        Noise of both captures, or the path of a noise.json; without it the noise is fitted.
     false_alarms
-        Pixels flagged by chance, expected in a frame.
+        Expected number of pixels flagged by chance per frame.
 
     Raises
     ------
     TypeError
-        If an argument is of none of these kinds.
+        If an argument has the wrong type.
     RegistrationError
         If the two cannot be aligned.
     AnalysisError
-        If they share too little, or the follow-up is softer than simulated.
+        If they overlap too little, or the follow-up is softer than simulated.
     """
     near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
     options = ChangeOptions(noise=camera_noise(noise), false_alarms=false_alarms)

@@ -1,4 +1,4 @@
-"""How well a change can be found from further away, and the movement that this allows."""
+"""How well a change can be detected from further away, and the camera movement this allows."""
 
 from collections.abc import Iterable
 from os import PathLike
@@ -30,29 +30,29 @@ def d_prime_curves(
     psf: PsfLike | None = None,
     task: DetectionTask | None = None,
 ) -> DetectabilityCurves:
-    """Say how well a change can be found in photographs from different distances, at best.
+    """Measure how well a change can be detected, at best, from different distances.
 
     Parameters
     ----------
     images
         Photographs of the scene, arrays or files.
     psf
-        Of the photographs; only model ``bicubic`` needs none.
+        The camera's PSF; only model ``bicubic`` works without it.
     task
-        Zooms, noises, contrasts, models and observers, where not the usual ones.
+        Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
 
     Returns
     -------
     DetectabilityCurves
-        A curve of d' against the zoom-out for every model, observer, noise and contrast: what a
-        curves.json holds.
+        A curve of d' against the zoom-out for every model, observer, noise and contrast: the
+        content of a curves.json.
 
     Raises
     ------
     TypeError
-        If an argument is of none of these kinds.
+        If an argument has the wrong type.
     ValueError
-        If an image is too small, or a model has no PSF.
+        If an image is too small, or a model needs a PSF.
     """
     scenes = [
         grey_image(image, f"images[{number}]") for number, image in enumerate(listed_images(images))
@@ -73,20 +73,20 @@ def pose_limits(
     Parameters
     ----------
     curve
-        One of the curves of ``d_prime_curves``, or a curves.json that holds one alone.
+        One of the curves of ``d_prime_curves``, or a curves.json that holds only one.
     min_d_prime
         The threshold.
     geometry
         geometry.json of the camera.
     focal_length_px, image_size
-        Focal length and ``(width, height)`` of the camera, in place of ``geometry``.
+        Focal length and ``(width, height)`` of the camera, instead of ``geometry``.
 
     Raises
     ------
     TypeError
-        If an argument is of none of these kinds.
+        If an argument has the wrong type.
     ValueError
-        If the camera is not known, or several curves are given.
+        If the camera is unknown, or several curves are given.
     NotDetectableError
         If d' is below the threshold even at equal poses.
     """
@@ -118,7 +118,7 @@ def _camera(
         raise ValueError(
             "give focal_length_px and image_size"
             if geometry is None
-            else f"{geometry} does not tell the focal length and the frame; "
+            else f"{geometry} does not give the focal length and the frame size; "
             "give focal_length_px and image_size"
         )
     width_px, height_px = image_size

@@ -27,9 +27,9 @@ def zoom_out(
     zoom
         Ratio of the distances, at least 1.
     psf
-        Of the camera: a ``GaussianPsf``, a calibration or the path of a psf.json. ``matched``
-        takes a PSF that changes over the frame where the image is a whole frame. ``bicubic``
-        needs none.
+        The camera's PSF: a ``GaussianPsf``, a calibration or the path of a psf.json. ``matched``
+        uses a PSF that varies over the frame if the image is a whole frame. ``bicubic`` needs
+        no PSF.
     model
         ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
 
@@ -42,9 +42,9 @@ def zoom_out(
     Raises
     ------
     TypeError
-        If the image or the PSF is none.
+        If the image or the PSF has the wrong type.
     ValueError
-        If the zoom is below 1, the image too small for it, or the model needs a PSF.
+        If the zoom is below 1, the image is too small for it, or the model needs a PSF.
     """
     if model not in MODELS:
         raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
@@ -67,24 +67,24 @@ def simulate_pose(
     image
         The photograph, linear in light: an array or a file.
     homography
-        Follow-up pixel ``(x, y, 1)`` to pixel of the image: shape (3, 3), or the path of an
-        H.json.
+        Maps follow-up pixels ``(x, y, 1)`` to pixels of the image: shape (3, 3), or the path of
+        an H.json.
     psf
-        Of the camera.
+        The camera's PSF.
     size
-        ``(width, height)`` of the follow-up; that of H.json, or else of the image.
+        ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
 
     Returns
     -------
     SimulatedPose
-        The follow-up, and where it would be sharper than can be simulated or lies outside.
+        The follow-up, and masks of where it would be sharper than the image or is outside it.
 
     Raises
     ------
     TypeError
-        If an argument is not of a kind named above.
+        If an argument has the wrong type.
     ValueError
-        If the homography is none of a camera in front of the plane.
+        If no camera in front of the plane has such a homography.
     """
     planes = colour_planes(image)
     frame = planes.shape[1], planes.shape[0]

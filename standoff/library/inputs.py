@@ -1,4 +1,4 @@
-"""Arguments as a person gives them: an array or a path, a PSF or its file."""
+"""Arguments as a caller gives them: an array or a path, a PSF or its file."""
 
 from collections.abc import Iterable, Mapping
 from os import PathLike
@@ -27,12 +27,12 @@ NoiseLike: TypeAlias = CaptureNoise | FilePath
 
 
 def path_of(path: object, name: str) -> Path:
-    """Return a path, or refuse what is none.
+    """Return the argument as a path, or refuse it.
 
     Raises
     ------
     TypeError
-        If it is no path; the message holds ``name`` and the type that came.
+        If it is not a path; the message gives ``name`` and the type of the argument.
     """
     if isinstance(path, str | PathLike):
         return Path(path)
@@ -40,14 +40,14 @@ def path_of(path: object, name: str) -> Path:
 
 
 def image_file(image: ImageLike, name: str = "image") -> ImageFile:
-    """Return an image with what its file, or the type of its array, tells of its levels.
+    """Return an image with what its file, or the type of its array, says about its levels.
 
     Raises
     ------
     TypeError
         If it is neither an array nor a path.
     ImageFileError
-        If the file is none that can be read, or the array is no finite image.
+        If the file cannot be read, or the array is not a finite image.
     """
     if isinstance(image, np.ndarray):
         return ImageFile.of_pixels(Path(name), image)
@@ -62,14 +62,14 @@ def colour_planes(image: ImageLike, name: str = "image") -> AnyArray:
 
 
 def grey_image(image: ImageLike, name: str = "image") -> FloatArray:
-    """Return the grey levels of an image, shape ``(rows, cols)``; of colours their luma."""
+    """Return the grey levels of an image, shape ``(rows, cols)``; of a colour image the luma."""
     return luma_plane(image_file(image, name).colour_planes)
 
 
 def listed_images(images: object) -> list[ImageLike]:
     """Return one image or several as a list.
 
-    A three-dimensional array is one image in colour; several are a list of arrays.
+    A three-dimensional array is one colour image; pass several images as a list.
     """
     if isinstance(images, np.ndarray | str | PathLike):
         return [images]
@@ -77,7 +77,7 @@ def listed_images(images: object) -> list[ImageLike]:
         raise TypeError(f"images: expected arrays or paths of images, got {_kind(images)}")
     listed = list(images)
     if not listed:
-        raise ValueError("images: expected one image at least, got none")
+        raise ValueError("images: expected at least one image, got none")
     return listed
 
 
@@ -87,7 +87,7 @@ def total_psf(psf: PsfLike) -> GaussianPsf:
     Raises
     ------
     TypeError
-        If it is no PSF, calibration or path.
+        If it is not a PSF, calibration or path.
     PsfFileError
         If the file cannot be read, or a width is not determined.
     """
@@ -98,16 +98,16 @@ def total_psf(psf: PsfLike) -> GaussianPsf:
 
 
 def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> GaussianPsf | PsfField:
-    """Return the PSF as a model takes it: over the frame where it can, else as one Gaussian.
+    """Return the PSF in the form a model takes: a field if it can, else one Gaussian.
 
     Parameters
     ----------
     psf
-        Of the camera.
+        The camera's PSF.
     frame
-        Columns and rows of the image; None where it is not a whole frame of the camera.
+        Columns and rows of the image; None if it is not a whole frame of the camera.
     model
-        ``matched`` alone takes a PSF that changes over the frame.
+        Only ``matched`` takes a PSF that varies over the frame.
     """
     if isinstance(psf, GaussianPsf):
         return psf
@@ -119,7 +119,7 @@ def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> Gau
 
 
 def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
-    """Return the noise of a capture, read from its noise.json where a path was given."""
+    """Return the noise of a capture, read from its noise.json if a path is given."""
     if noise is None or isinstance(noise, CaptureNoise):
         return noise
     return read_noise(path_of(noise, "noise")).capture_noise

@@ -29,26 +29,26 @@ def calibrate_psf(
     Parameters
     ----------
     images
-        Arrays or files, linear in light; or a session, whose edge captures are taken.
+        Arrays or files, linear in light; or a session, whose edge captures are used.
     method
         ``all-angles`` by maximum likelihood on the raw pixels, or ``paper``: medians over
         vertical and horizontal edges.
     region
-        Part of every photograph that is used; None for all of it.
+        Part of each photograph to use; None for all of it.
     progress
         Called with the number of photographs done.
 
     Returns
     -------
     PsfCalibration
-        Total and optical PSF with standard errors; None for what the edges do not determine.
+        Total and optical PSF with standard errors; None for values the edges do not determine.
 
     Raises
     ------
     TypeError
         If an image is neither an array nor a path.
     NoEdgeError
-        If no edge is found, or none that may count; the message says why.
+        If no edge is found, or none is usable; the message says why.
     """
     return psf_of_images(
         _edge_images(images), method=method, region=lambda _: region, progress=progress
@@ -70,7 +70,7 @@ def measure_edges(
     Returns
     -------
     tuple of EdgeMeasurement
-        Those that do not count are among them, with a flag that says why.
+        Edges that are not used are included, with a flag that says why.
 
     Raises
     ------
@@ -89,9 +89,9 @@ def read_psf(path: FilePath) -> PsfCalibration:
     Raises
     ------
     TypeError
-        If it is no path.
+        If it is not a path.
     PsfFileError
-        If the file cannot be read, or is no psf.json.
+        If the file cannot be read, or is not a psf.json.
     """
     return read_psf_file(path_of(path, "path"))
 
@@ -102,7 +102,7 @@ def write_psf(path: FilePath, psf: PsfCalibration) -> None:
     Raises
     ------
     TypeError
-        If the arguments are no path and no calibration.
+        If the arguments are not a path and a calibration.
     PsfFileError
         If the file cannot be written.
     """

@@ -1,6 +1,6 @@
 """The application: registers the commands and turns errors into exit statuses.
 
-0 done, 1 a device or data error in one line, 2 wrong usage, 130 interrupted, 143 by SIGTERM.
+0 done, 1 a device or data error in one line, 2 wrong usage, 130 interrupted, 143 SIGTERM.
 """
 
 from importlib import import_module
@@ -43,14 +43,14 @@ COMMANDS = {
     "cameras": "doctor:cameras",
     "stage": "stage:stage",
 }
-"""Where each command lives, in standoff.commands, in the order of the help."""
+"""Module and function of each command in standoff.commands, in the order of the help."""
 
 
 def application(arguments: list[str]) -> typer.Typer:
     """Return the application for a command line, with the command that it names.
 
-    Only that command is imported; where the first argument names none, as for the help or a
-    misspelt name, all are there.
+    Only that command is imported. If the first argument names no command, as for the help or a
+    misspelt name, all of them are.
     """
     app = typer.Typer(
         name="standoff",
@@ -98,7 +98,7 @@ def _show_help(
         typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
     ] = False,
 ) -> None:
-    """Show the help where no command is given."""
+    """Show the help if no command is given."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(EXIT_USAGE)

@@ -1,8 +1,8 @@
 """Drops compiled code that is older than its sources.
 
-numba keeps compiled functions beside their module, and looks at that module's file alone to tell
-whether they are out of date. A function that calls one of another module holds a copy of it, which
-stays as it was when the other module changes.
+numba caches compiled functions beside their module, and checks only that module's file to decide
+whether they are out of date. A function that calls one from another module contains a copy of it,
+which is not updated when the other module changes.
 """
 
 from importlib.util import find_spec
@@ -14,7 +14,7 @@ COMPILED_PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hi
 def drop_stale_code(packages: tuple[str, ...] = COMPILED_PACKAGES) -> int:
     """Remove a package's compiled functions where any of its modules is newer; return how many.
 
-    A folder that cannot be written keeps what it has: then nobody changes its sources either.
+    A folder that cannot be written is left as it is: nobody can change its sources either.
     """
     dropped = 0
     for name in packages:

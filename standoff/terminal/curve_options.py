@@ -1,4 +1,4 @@
-"""Which curve of a curves.json a command means."""
+"""Options that choose one curve of a curves.json."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from analysis.detectability import DetectabilityCurve
 
 
-CurvesPath = Annotated[Path, typer.Option(help="curves.json of standoff detectability.")]
+CurvesPath = Annotated[Path, typer.Option(help="curves.json from standoff detectability.")]
 MinDprime = Annotated[
-    float, typer.Option("--min-dprime", help="Least d' that will do; 2 is an AUC of 0.92.")
+    float, typer.Option("--min-dprime", help="Lowest d' that is good enough; 2 is an AUC of 0.92.")
 ]
-CurveModel = Annotated[Model | None, typer.Option(help="Curve of this capture model.")]
-CurveObserver = Annotated[Observer | None, typer.Option(help="Curve of this observer.")]
-CurveNoise = Annotated[float | None, typer.Option(help="Curve of this noise in DN.")]
-CurveContrast = Annotated[float | None, typer.Option(help="Curve of this contrast in DN.")]
+CurveModel = Annotated[Model | None, typer.Option(help="Use the curve for this capture model.")]
+CurveObserver = Annotated[Observer | None, typer.Option(help="Use the curve for this observer.")]
+CurveNoise = Annotated[float | None, typer.Option(help="Use the curve for this noise in DN.")]
+CurveContrast = Annotated[float | None, typer.Option(help="Use the curve for this contrast in DN.")]
 
 
 def chosen_curve(
@@ -32,7 +32,7 @@ def chosen_curve(
     noise_dn: float | None,
     contrast_dn: float | None,
 ) -> DetectabilityCurve:
-    """Read the one curve that is meant; an ambiguous choice or threshold is wrong usage.
+    """Read the chosen curve; an ambiguous choice or a bad threshold is wrong usage.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def chosen_curve(
 
     if not 0 < min_dprime < float("inf"):
         raise typer.BadParameter(
-            f"a threshold is a number above 0, got {min_dprime:g}", param_hint="--min-dprime"
+            f"a threshold must be a number above 0, got {min_dprime:g}", param_hint="--min-dprime"
         )
     choice = CurveChoice(model=model, observer=observer, noise_dn=noise_dn, contrast_dn=contrast_dn)
     try:

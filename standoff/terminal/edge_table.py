@@ -1,4 +1,4 @@
-"""The edges of a calibration as a table of comma-separated values, one row each."""
+"""The edges of a calibration as CSV, one row per edge."""
 
 import csv
 from io import StringIO
@@ -10,10 +10,10 @@ from calibration.psf import PsfCalibration
 
 
 def edge_csv(calibration: PsfCalibration) -> str:
-    """Return the table: what psf.json holds of each edge, then its contrast by frequency.
+    """Return the table: the entries of psf.json for each edge, then its contrast by frequency.
 
     Columns ``sfr_0.05`` to ``sfr_0.50`` are the contrast left at that many cy/px, by the e-SFR.
-    An empty cell is not determined; flags stand in one cell, apart by spaces.
+    An empty cell is a value that is not determined; flags share one cell, separated by spaces.
     """
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")

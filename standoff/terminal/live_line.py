@@ -14,12 +14,12 @@ _PLAIN_INTERVAL_S = 1.0
 
 
 class LiveLine:
-    """Shows texts on stderr: in place on a terminal, else a plain line a second.
+    """Shows texts on stderr: in place on a terminal, else as one plain line per second.
 
     Parameters
     ----------
     clock
-        Seconds; texts that come faster than the eye are not drawn.
+        Seconds; texts that come faster than the eye can follow are not drawn.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:

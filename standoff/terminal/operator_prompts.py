@@ -1,4 +1,4 @@
-"""Questions to the operator at the bench, answered at the terminal or by a script's lines."""
+"""Questions to the operator at the bench, answered at the terminal or by a script."""
 
 import os
 import select
@@ -18,14 +18,14 @@ RETAKE_QUESTION = "Enter to keep it, r to take it again"
 
 
 class Operator:
-    """Whoever places targets: asks until an answer is understood.
+    """The operator who places targets; asks until it gets a valid answer.
 
     Parameters
     ----------
     answer
-        Puts a question and returns what was answered, without the end of its line.
+        Asks a question and returns the answer without its line ending.
     hidden
-        Takes the progress display away while the operator is asked.
+        Hides the progress display while the operator is asked.
     """
 
     def __init__(
@@ -37,48 +37,48 @@ class Operator:
         self.hidden = hidden
 
     def ask(self, question: str) -> str:
-        """Put a question, on stderr.
+        """Ask a question on stderr.
 
         Raises
         ------
         KeyboardInterrupt
-            If the terminal's input was ended (Ctrl-D).
+            If the terminal's input was closed (Ctrl-D).
         ApplicationError
-            If a script's answers have come to their end.
+            If a script has no answers left.
         """
         with self.hidden():
             return self._answer(question)
 
     def place(self, entry: PlanEntry) -> Placement:
-        """Have the target placed."""
+        """Ask the operator to place the target."""
         with self.hidden():
             ERRORS.print(what_to_place(entry), markup=False)
             return "skip" if self._choose(PLACE_QUESTION, "s") else "ready"
 
     def review(self, entry: PlanEntry, findings: tuple[QualityFinding, ...]) -> Verdict:
-        """Ask whether a bad capture is to be taken again; a script keeps it."""
+        """Ask whether to retake a bad capture; a script keeps it."""
         return "keep"
 
     def wait_if_asked(self) -> None:
-        """Wait between two captures if the operator wants that."""
+        """Wait between two captures if the operator asked to."""
 
     def _choose(self, question: str, letter: str) -> bool:
-        """Whether the answer is the letter, not Enter; anything else is asked again."""
+        """Whether the answer is the letter, not Enter; ask again after anything else."""
         while True:
             answer = self._answer(question).strip().lower()
             if answer in ("", letter):
                 return answer == letter
-            ERRORS.print(f"{answer!r} is no answer to that.", markup=False)
+            ERRORS.print(f"{answer!r} is not a valid answer.", markup=False)
 
 
 class TerminalOperator(Operator):
-    """The operator at this terminal; a line typed during the captures makes the next one wait."""
+    """The operator at this terminal; Enter during a capture makes the next one wait."""
 
     def __init__(self, hidden: Callable[[], AbstractContextManager[None]] = nullcontext) -> None:
         super().__init__(_typed_answer, hidden)
 
     def review(self, entry: PlanEntry, findings: tuple[QualityFinding, ...]) -> Verdict:
-        """Show the findings and ask."""
+        """Show the findings and ask whether to retake the capture."""
         with self.hidden():
             for finding in findings:
                 text = f"Capture {entry.index}: {finding.problem}: {finding.text}."
@@ -86,10 +86,10 @@ class TerminalOperator(Operator):
             return "retake" if self._choose(RETAKE_QUESTION, "r") else "keep"
 
     def wait_if_asked(self) -> None:
-        """Pause if a line was typed."""
+        """Pause if Enter was pressed."""
         if select.select([sys.stdin], [], [], 0)[0]:
             with self.hidden():
-                self._answer("Paused. Enter to go on")
+                self._answer("Paused. Enter to continue")
 
 
 class ScriptedOperator(Operator):
@@ -98,9 +98,9 @@ class ScriptedOperator(Operator):
     Parameters
     ----------
     lines
-        The answers in turn.
+        The answers in order.
     source
-        What to call them in an error.
+        Their name in an error message.
     """
 
     def __init__(self, lines: Iterator[str], source: str) -> None:
@@ -113,18 +113,18 @@ class ScriptedOperator(Operator):
         line = next(self._lines, "")
         if not line:
             raise ApplicationError(
-                f"{self._source} has no answer left to: {question}; "
-                "give one line for each question and run the same command again"
+                f"{self._source} has no answer left for: {question}; "
+                "give one line per question and run the same command again"
             )
         return line.rstrip("\r\n")
 
 
 def what_to_place(entry: PlanEntry) -> str:
-    """Say in a sentence what an entry needs under the camera."""
+    """Tell the operator in a sentence what to place for an entry."""
     if entry.kind == "dark":
-        return f"Put the lens cap on, and keep stray light off ({entry.target!r})."
+        return f"Put the lens cap on, and keep out stray light ({entry.target!r})."
     if entry.kind == "flat":
-        return f"Lens cap off. Place an even white surface, defocused: {entry.target!r}."
+        return f"Lens cap off. Place a uniform white surface, out of focus: {entry.target!r}."
     return f"Place {entry.kind} {entry.target!r} at {entry.orientation_deg:g} degrees."
 
 
@@ -138,7 +138,7 @@ def _typed_answer(question: str) -> str:
 
 
 def _forget_what_was_typed() -> None:
-    """Drop what came before the question was there: it is no answer to it."""
+    """Discard what was typed before the question: it does not answer it."""
     try:
         import termios  # Windows has none
     except ModuleNotFoundError:

@@ -1,4 +1,4 @@
-"""Which options of a command go together: rules as data, and the one function that checks them."""
+"""Which options of a command go together: rules as data, and the function that checks them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ import typer
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An option or argument of a command, named by its parameter, as given on the command line.
+    """An option or argument of a command, named by its parameter.
 
-    It is given where its value is one of ``values``; without any, where it is not the default.
+    It is given if its value is one of ``values``; without any, if it is not the default.
     """
 
     name: str
     values: tuple[object, ...] = ()
 
     def is_given(self, context: typer.Context) -> bool:
-        """Whether this command line gives it."""
+        """Whether the command line gives it."""
         value = context.params[self.name]
         if self.values:
             return value in self.values
@@ -26,7 +26,7 @@ class Option:
         return value not in (None, False, (), defaults[self.name])
 
     def text(self, context: typer.Context) -> str:
-        """Name it as the help does, with the values that are meant."""
+        """Its name as in the help, with ``values``."""
         words = {one.name: one.opts[0] for one in context.command.params}
         word = words[self.name]
         if word == self.name:  # an argument, which the help writes in capitals
@@ -37,20 +37,20 @@ class Option:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OptionRule:
-    """What a command line has to keep; ``because`` is added where it is broken."""
+    """A rule for a command line; ``because`` is added to the message about a fault."""
 
     kind: Literal["needs", "excludes", "exactly one"]
     options: tuple[Option, ...]
     because: str = ""
 
     def fault(self, context: typer.Context) -> str | None:
-        """Say in a sentence how a command line breaks the rule; None where it keeps it."""
+        """Say in a sentence how a command line breaks the rule; None if it does not."""
         first, *others = self.options
         given = [option for option in self.options if option.is_given(context)]
         if self.kind == "exactly one":
             if len(given) == 1:
                 return None
-            said = f"give one of {_listed(self.options, context, 'and')}, and only one"
+            said = f"give exactly one of {_listed(self.options, context, 'and')}"
         elif self.kind == "needs":
             if first not in given or len(given) > 1:
                 return None
@@ -58,7 +58,7 @@ class OptionRule:
         else:
             if first not in given or len(given) == 1:
                 return None
-            said = f"{first.text(context)} does not go with {_listed(given[1:], context, 'or')}"
+            said = f"{first.text(context)} cannot be used with {_listed(given[1:], context, 'or')}"
         return f"{said}: {self.because}" if self.because else said
 
 
@@ -68,17 +68,17 @@ def needs(option: str | Option, *others: str | Option, because: str = "") -> Opt
 
 
 def excludes(option: str | Option, *others: str | Option, because: str = "") -> OptionRule:
-    """Refuse an option beside any of ``others``."""
+    """Refuse an option together with any of ``others``."""
     return OptionRule(kind="excludes", options=_options(option, *others), because=because)
 
 
 def exactly_one(*options: str | Option) -> OptionRule:
-    """Refuse none of ``options``, and more than one."""
+    """Refuse a command line that does not give exactly one of ``options``."""
     return OptionRule(kind="exactly one", options=_options(*options))
 
 
 def check_options(context: typer.Context, rules: Sequence[OptionRule]) -> None:
-    """Refuse a command line that breaks a rule, the first one first."""
+    """Refuse a command line that breaks a rule; report the first that it breaks."""
     for rule in rules:
         fault = rule.fault(context)
         if fault is not None:

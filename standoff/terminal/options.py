@@ -27,12 +27,12 @@ BenchKeys = Annotated[
 
 
 def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
-    """Read a bench file with its ``--set`` overrides; an override at fault is wrong usage.
+    """Read a bench file with its ``--set`` overrides; a bad override is wrong usage.
 
     Raises
     ------
     BenchConfigError
-        If the file itself cannot be read or holds a key or value that is not accepted.
+        If the file itself cannot be read or has an invalid key or value.
     """
     from acquisition.bench import load_bench, parse_overrides
     from acquisition.errors import BenchConfigError
@@ -49,9 +49,9 @@ def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
 def place_target(
     simulated: SimulatedBench | None, target: str, orientation_deg: float = 0.0
 ) -> None:
-    """Place a target under the simulated camera, which a real one does not have."""
+    """Place a target under the simulated camera; refuse a real one."""
     if simulated is None:
-        raise typer.BadParameter("only a simulated bench is told its target", param_hint="--target")
+        raise typer.BadParameter("only a simulated bench takes a target", param_hint="--target")
     try:
         simulated.place(target, orientation_deg)
     except ValueError as error:
@@ -59,26 +59,26 @@ def place_target(
 
 
 def checked_zoom(zoom: float | None) -> float | None:
-    """Accept a zoom-out, which is finite and at least 1, or none."""
+    """Accept a zoom-out that is finite and at least 1, or None."""
     if zoom is not None and not (math.isfinite(zoom) and zoom >= 1):
-        raise typer.BadParameter(f"a zoom-out is a number of at least 1, got {zoom:g}")
+        raise typer.BadParameter(f"a zoom-out must be a number of at least 1, got {zoom:g}")
     return zoom
 
 
 def chosen_models(text: str) -> tuple[ValidationModel, ...]:
-    """Names of models, separated by commas, in the order of the tables."""
+    """Return the models named in a comma-separated list, in the order of the tables."""
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if name not in VALIDATION_MODELS]
     if unknown:
         raise typer.BadParameter(
-            f"no model {unknown[0]!r}; there are {', '.join(VALIDATION_MODELS)}",
+            f"unknown model {unknown[0]!r}; the models are {', '.join(VALIDATION_MODELS)}",
             param_hint="--models",
         )
     return tuple(model for model in VALIDATION_MODELS if model in names)
 
 
 def region_corner_and_size(text: str, expected: str) -> tuple[int, int, int, int]:
-    """Read ``X,Y,W,H`` in px; ``expected`` says in the error what there could have been."""
+    """Read ``X,Y,W,H`` in px; ``expected`` names the accepted forms in the error."""
     try:
         x, y, width, height = (int(part) for part in text.split(","))
     except ValueError as error:
@@ -89,18 +89,18 @@ def region_corner_and_size(text: str, expected: str) -> tuple[int, int, int, int
 
 
 def refuse_overwriting(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
-    """Refuse a result that would take the place of an input, or two results in one file."""
+    """Refuse a result that would overwrite an input or another result."""
     taken = {path.resolve() for path in inputs if path is not None}
     for path in outputs:
         if path is None:
             continue
         if path.resolve() in taken:
-            raise typer.BadParameter(f"{path} is read or written already; name another file")
+            raise typer.BadParameter(f"{path} is already an input or output; name another file")
         taken.add(path.resolve())
 
 
 def refuse_suffix(path: Path | None, option: str, suffixes: set[str]) -> None:
-    """Refuse a result's file name that promises another format than is written."""
+    """Refuse a file name whose suffix does not match the format that is written."""
     if path is not None and path.suffix.lower() not in suffixes:
         names = " or ".join(sorted(suffixes))
         raise typer.BadParameter(f"{path} must end in {names}", param_hint=option)

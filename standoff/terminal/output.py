@@ -26,7 +26,7 @@ _RESULTS = Console(
 
 
 class Bar:
-    """One progress bar; ``advance_to`` takes what is done so far."""
+    """One progress bar; ``advance_to`` sets how much is done."""
 
     def __init__(self, progress: Progress, description: str, total: int) -> None:
         self._progress = progress
@@ -41,7 +41,7 @@ class Bar:
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
-        """Take the bar off the screen while the operator is asked something."""
+        """Hide the bar while the operator is asked something."""
         self._progress.stop()
         try:
             yield
@@ -51,7 +51,7 @@ class Bar:
 
 @contextmanager
 def progress_bar(description: str, total: int) -> Iterator[Bar]:
-    """Show a bar on stderr while the block runs; nothing where stderr is no terminal."""
+    """Show a bar on stderr while the block runs; nothing if stderr is not a terminal."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -74,13 +74,13 @@ def say(text: str) -> None:
 
 
 def note(text: str) -> None:
-    """Print a remark on stderr: worth knowing, but no error."""
+    """Print a remark on stderr that is worth knowing but not an error."""
     ERRORS.print(f"note: {text}", markup=False)
 
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
-    """Print a table; the first column is text, which folds where room is short, others figures."""
-    # Names of files and folders may hold brackets, which are no markup.
+    """Print a table; the first column is text and wraps if space is short, the others numbers."""
+    # Names of files and folders may contain brackets, which are not markup.
     table = Table(title=Text(title), title_justify="left", title_style="bold")
     for index, column in enumerate(columns):
         if index == 0:

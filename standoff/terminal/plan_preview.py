@@ -1,4 +1,4 @@
-"""What a plan will take, for the operator: before a run and in a dry run."""
+"""What a plan will take, shown to the operator before a run and in a dry run."""
 
 import math
 import shutil
@@ -13,7 +13,7 @@ FLICKER_LIMIT = 0.01
 
 
 def frame_shape_of(bench: BenchConfig) -> tuple[int, int] | None:
-    """Rows and columns of a frame, as far as the bench file tells."""
+    """Rows and columns of a frame, or None if the bench file does not say."""
     if bench.camera.region_px is not None:
         return bench.camera.region_px[3], bench.camera.region_px[2]
     if bench.camera.driver == "simulated" and bench.simulated is not None:
@@ -28,10 +28,10 @@ def preview_lines(estimate: PlanEstimate, out: Path) -> list[str]:
     if estimate.bytes_ is None:
         disk = f"disk use depends on the camera's frame ({room})"
     else:
-        disk = f"{estimate.bytes_ / 1e6:.0f} MB on the disk ({room})"
+        disk = f"{estimate.bytes_ / 1e6:.0f} MB on disk ({room})"
     return [
         f"{estimate.captures} captures, {placing}: about {time_text(estimate.seconds)} "
-        f"and the operator's own time; {disk}"
+        f"plus the operator's own time; {disk}"
     ]
 
 
@@ -46,7 +46,7 @@ def time_text(seconds: float) -> str:
 def flicker_warnings(
     plan: CapturePlan, entries: Sequence[PlanEntry], bench: BenchConfig
 ) -> Iterator[str]:
-    """Name the exposures that are no multiple of the light's period, on a real bench."""
+    """Warn of exposures that are not a multiple of the light's period, on a real bench."""
     mains_hz = bench.capture.mains_hz
     if bench.camera.driver == "simulated":
         return
@@ -61,9 +61,9 @@ def flicker_warnings(
         if left > FLICKER_LIMIT:
             better_us = max(without_flicker(exposure_us, mains_hz), 0.5e6 / mains_hz)
             yield (
-                f"an exposure of {exposure_us:g} us is no multiple of the "
-                f"{0.5e3 / mains_hz:.3g} ms in which lamps on {mains_hz} Hz mains flicker, "
-                f"and keeps {100 * left:.0f} % of it; use {better_us:.0f} us, "
+                f"an exposure of {exposure_us:g} us is not a multiple of the "
+                f"{0.5e3 / mains_hz:.3g} ms flicker period of lamps on {mains_hz} Hz mains, "
+                f"and keeps {100 * left:.0f} % of the flicker; use {better_us:.0f} us, "
                 "or capture.mains_hz = 0 for steady light"
             )
 

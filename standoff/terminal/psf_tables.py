@@ -10,18 +10,18 @@ from standoff.terminal.output import note, print_table, say
 
 _USUAL_RHO = 0.1
 _WORTH_SAYING = 0.002
-"""Of a width: what a correlation of that size may hide."""
+"""Smallest relative error of a width, from an unknown rho, that is worth a note."""
 
 _REMARKS = {
     "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
     "and sigma comes out too small; switch sharpening off",
     "jpeg": "{n} of {total} edges are from JPEG files, whose compression adds to the error",
-    "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF: read sigma as an equivalent",
+    "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF; sigma is an equivalent width",
 }
 
 
 def print_psf(calibration: PsfCalibration) -> None:
-    """Print widths and correlation, and what they rest on."""
+    """Print widths and correlation, and what they are based on."""
     if calibration.pairs:
         print_table(
             "Pairs",
@@ -71,20 +71,20 @@ def print_psf(calibration: PsfCalibration) -> None:
         )
     if calibration.field is not None and calibration.field.worst_err is not None:
         say(
-            "the PSF changes over the frame: psf.json holds its field, no width less sure than "
-            f"{100 * calibration.field.worst_err:.1f} %"
+            "the PSF changes over the frame: psf.json holds its field, with every width known to "
+            f"{100 * calibration.field.worst_err:.1f} % or better"
         )
     if calibration.softness_px2 is not None:
         softness_px = calibration.softness_px2**0.5
-        say(f"the scene's own edges are soft by {softness_px:.2f} px on average")
+        say(f"the scene's own edges have a mean blur of {softness_px:.2f} px")
         note(
-            "one image cannot tell a soft scene from a soft lens; the intervals hold for a scene "
+            "one image cannot tell a soft scene from a soft lens; the intervals assume a scene "
             "with edges sharper than a pixel; --method two-distance does better"
         )
 
 
 def print_psf_remarks(calibration: PsfCalibration) -> None:
-    """Note what is amiss with the edges of a target, and what they do not tell."""
+    """Note what is wrong with the edges of a target, and what they do not determine."""
     used = calibration.edges_used
     for flag, text in _REMARKS.items():
         count = sum(flag in edge.flags for edge in used)
@@ -94,7 +94,7 @@ def print_psf_remarks(calibration: PsfCalibration) -> None:
         share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
         if share * _USUAL_RHO > _WORTH_SAYING:
             note(
-                f"no diagonal edges tell the correlation rho: were it {_USUAL_RHO:g}, a width "
+                f"without diagonal edges rho is unknown: if it were {_USUAL_RHO:g}, a width "
                 f"would be off by {100 * share * _USUAL_RHO:.1f} %, beyond its interval; add "
                 "diagonal edges"
             )
@@ -102,7 +102,7 @@ def print_psf_remarks(calibration: PsfCalibration) -> None:
     if trend is not None and trend.is_drift:
         note(
             f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
-            "or the target is too rough for the nearest one; calibrate at one height or refocus"
+            "or the target is too rough for the nearest height; calibrate at one height or refocus"
         )
 
 

@@ -1,4 +1,4 @@
-"""What the commands do: read, compute, write."""
+"""The work behind the commands: read, compute, write."""
 
 import lazy_loader as lazy
 

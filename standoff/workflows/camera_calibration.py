@@ -31,8 +31,8 @@ from standoff.workflows.edge_sources import (
 class CalibrationRequest:
     """Photographs or a session, how to read them, and how to get the PSF from them.
 
-    ``region`` gives the part of an image to use, None for all of it; ``zoom`` is the ratio of two
-    photographs' distances where it is known.
+    ``region`` returns the part of an image to use, None for all of it; ``zoom`` is the distance
+    ratio of two photographs, if it is known.
     """
 
     images: tuple[Path, ...]
@@ -45,7 +45,7 @@ class CalibrationRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedCamera:
-    """The PSF, the camera it is of, and the photographs of an edge target where it is from one."""
+    """The PSF, the camera it belongs to, and the photographs of the edge target, if any."""
 
     calibration: PsfCalibration
     origin: PsfOrigin
@@ -54,7 +54,7 @@ class CalibratedCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Scenes:
-    """Photographs by scene, the nearest of each first, and what is known of the camera."""
+    """Photographs by scene, each with the nearest first, and what is known about the camera."""
 
     series: tuple[tuple[EdgeImage, ...], ...]
     origin: PsfOrigin
@@ -66,17 +66,17 @@ class _Scenes:
 
     @property
     def pairs(self) -> int:
-        """Number of pairs of the nearest photograph of a scene with a further one."""
+        """Number of pairs of a scene's nearest photograph and a further one."""
         return sum(len(scene) - 1 for scene in self.series)
 
 
 def calibrate_camera(request: CalibrationRequest) -> CalibratedCamera:
-    """Measure the PSF, with a bar on stderr.
+    """Measure the PSF, with a progress bar on stderr.
 
     Raises
     ------
     CalibrationError
-        If the photographs do not tell it.
+        If the photographs do not determine it.
     """
     calibrate = _METHODS[request.method]
     try:
@@ -125,7 +125,7 @@ def _from_scene(request: CalibrationRequest) -> CalibratedCamera:
 def _from_distances(request: CalibrationRequest) -> CalibratedCamera:
     scenes = _scenes(request)
     if any(scene[0].noise is None for scene in scenes.series):
-        note("the noise of the photographs is not known and reads as blur; give --noise")
+        note("the noise of the photographs is unknown and counts as blur; give --noise")
     with progress_bar("comparing distances", scenes.pairs) as bar:
         calibration = calibrate_from_distances(
             scenes.series, zoom=request.zoom, region=request.region, progress=bar.advance_to

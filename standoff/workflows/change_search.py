@@ -1,4 +1,4 @@
-"""Finds what changed between two photograph files, and writes the maps of it."""
+"""Finds what changed between two photograph files, and writes maps of the changes."""
 
 from pathlib import Path
 

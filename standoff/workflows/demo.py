@@ -1,4 +1,4 @@
-"""The whole chain on the simulated bench, and how close it comes to the bench's truth."""
+"""The whole chain on the simulated bench, compared with the bench's truth."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +24,7 @@ from standoff.workflows.validation_run import session_validation
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthRow:
-    """One measured value beside the truth of the simulated bench."""
+    """One measured value with the true value of the simulated bench."""
 
     name: str
     truth: float
@@ -32,7 +32,7 @@ class TruthRow:
 
     @property
     def error(self) -> float:
-        """Measured less true."""
+        """Measured minus true value."""
         return self.estimate.value - self.truth
 
     @property
@@ -80,12 +80,12 @@ class DemoResult:
 def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     """Capture, calibrate, simulate, compare and report, below the directory ``out``.
 
-    A demo that was interrupted goes on where it stopped.
+    An interrupted demo resumes where it stopped.
 
     Raises
     ------
     ApplicationError, AnalysisError, CalibrationError, DeviceError, SessionError
-        If a step fails; what the steps before it made stays.
+        If a step fails; the results of the steps before it are kept.
     """
     session_path = out / "session"
     make_folder(out)

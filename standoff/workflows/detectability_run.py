@@ -25,10 +25,10 @@ from standoff.workflows.psf_files import read_total_psf
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurvesRequest:
-    """The photographs, what is to be found in them, and who does the work.
+    """The photographs, the change to detect in them, and the workers.
 
-    ``noise`` is that of a camera, in place of the task's: then the one at the mean level of the
-    photographs counts.
+    ``noise`` is a camera's noise, instead of the task's; its value at the mean level of the
+    photographs is used.
     """
 
     images: tuple[Path, ...]
@@ -39,9 +39,9 @@ class CurvesRequest:
 
 
 def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves:
-    """Measure the photographs and work out the curves, with bars on stderr.
+    """Measure the photographs and compute the curves, with progress bars on stderr.
 
-    ``results`` takes what was measured on each; an interrupted run goes on from it.
+    The measurements of each are written to ``results``; an interrupted run resumes from there.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves
         levels = np.array([cell.mean_dn for cell in cells])
         noise_dn = math.sqrt(float(request.noise.variance_dn2(levels).mean()))
         task = replace(task, noises_dn=(noise_dn,))
-    with progress_bar("working out d'", len(task.models)) as bar:
+    with progress_bar("computing d'", len(task.models)) as bar:
         return curves_of(cells, plan, task, bar.advance_to)
 
 

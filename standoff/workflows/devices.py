@@ -22,11 +22,10 @@ from hil_mocks import SimulatedBench
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenBench:
-    """Camera and stage, opened; ``simulated`` is the bench behind them where it is simulated.
+    """Camera and stage, opened; ``simulated`` is the bench behind them if it is simulated.
 
-    ``clock`` gives the seconds in which both live, and ``sleep`` lets some pass: the bench's own
-    where it is simulated.
-    ``warnings`` are what the operator should know, one line each.
+    ``clock`` returns the time in seconds that both run on, and ``sleep`` waits: those of the
+    bench if it is simulated. ``warnings`` are for the operator, one line each.
     """
 
     camera: Camera
@@ -48,13 +47,13 @@ def open_bench(
     config
         The bench.
     ask
-        Puts a question to whoever moves a manual stage; at the terminal if None.
+        Asks whoever moves a manual stage a question; at the terminal if None.
 
     Raises
     ------
     BenchConfigError
-        If a driver is named that this version does not have, or the simulated camera and
-        stage are not used together.
+        If this version lacks a driver, or the simulated camera and stage are not used
+        together.
     DeviceError
         If a device cannot be opened.
     """
@@ -65,17 +64,17 @@ def open_bench(
 
 
 def refuse_half_simulated(config: BenchConfig) -> None:
-    """Do nothing, unless one device of a bench is simulated in process and the other is not.
+    """Refuse a bench of which only one device is simulated in process.
 
     Raises
     ------
     BenchConfigError
-        Then.
+        If camera or stage is simulated and the other is not.
     """
     if [config.camera.driver, config.stage.driver].count("simulated") == 1:
         raise BenchConfigError(
             f"camera.driver {config.camera.driver!r} with stage.driver {config.stage.driver!r}: "
-            "the simulated camera sees the simulated stage only; use 'simulated' for both or none"
+            "a simulated camera needs a simulated stage; use 'simulated' for both or neither"
         )
 
 
@@ -117,9 +116,9 @@ def open_camera(config: CameraConfig) -> AravisCamera:
     Raises
     ------
     BenchConfigError
-        If its driver is not one for a real camera.
+        If its driver is not for a real camera.
     DeviceError
-        If it cannot be opened or set.
+        If it cannot be opened or configured.
     """
     if config.driver != "aravis":
         raise BenchConfigError(
@@ -135,7 +134,7 @@ def open_stage(
     first: Literal["nothing", "stop", "reset"] = "nothing",
     ask: Callable[[str], str] | None = None,
 ) -> MotorStage | ManualStage:
-    """Open the real stage that a bench file names; moves nothing.
+    """Open the real stage that a bench file names, without moving it.
 
     Parameters
     ----------
@@ -143,14 +142,14 @@ def open_stage(
         The stage's section.
     first
         What to send before the dialogue begins: ``stop`` ends a move that another program left
-        running, ``reset`` ends a state in which a Grbl controller answers no question.
+        running, ``reset`` ends a state in which a Grbl controller does not answer.
     ask
-        Puts a question to whoever moves a manual stage; at the terminal if None.
+        Asks whoever moves a manual stage a question; at the terminal if None.
 
     Raises
     ------
     BenchConfigError
-        If its driver is not one for a real stage.
+        If its driver is not for a real stage.
     DeviceError
         If it cannot be opened.
     """
@@ -173,9 +172,9 @@ def _ask_operator(question: str) -> str:
 
 
 def place_in_simulation(bench: SimulatedBench) -> Callable[[PlanEntry], Placement]:
-    """Return what lays the planned target under the simulated camera.
+    """Return a callback that places the planned target under the simulated camera.
 
-    It raises ``PlanError`` where the bench has no such target.
+    It raises ``PlanError`` if the bench has no such target.
     """
 
     def place(entry: PlanEntry) -> Placement:

@@ -31,9 +31,9 @@ _CLIPPED_FROM = 0.995  # of the saturation level
 class Reading:
     """How pixels become a plane linear in light.
 
-    Of a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
-    ``correction`` are maps of the sensor to take off, ``frame_noise`` the noise of a frame for
-    photographs that do not tell it.
+    In a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
+    ``correction`` holds the correction maps of the sensor, ``frame_noise`` the noise of a frame
+    for photographs whose noise is unknown.
     """
 
     is_srgb: bool = False
@@ -45,7 +45,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EdgeSources:
-    """The photographs, read one at a time, and how to read one again by its name."""
+    """The photographs, read one at a time, and a way to read one again by name."""
 
     count: int
     images: Iterator[EdgeImage]
@@ -60,7 +60,7 @@ def from_session(session: Session, reading: Reading) -> EdgeSources:
     Raises
     ------
     NoEdgeError
-        If it has none.
+        If it has no edge captures.
     """
     records = {record.file: record for record in edge_records(session)}
 
@@ -83,13 +83,13 @@ def from_session(session: Session, reading: Reading) -> EdgeSources:
 
 
 def from_files(paths: Sequence[Path], reading: Reading) -> EdgeSources:
-    """Return photographs of edges, each read when its turn comes."""
+    """Return photographs of edges, each read when it is needed."""
 
     def images() -> Iterator[EdgeImage]:
         for path in paths:
             file = read_image(path)
             if reading.channel == "luma" and file.is_colour:
-                note(f"{path}: colour read as Rec. 601 luma; --channel picks one colour")
+                note(f"{path}: colour read as Rec. 601 luma; --channel chooses one colour")
             yield edge_image(file, reading)
 
     def load(name: str) -> NDArray[np.floating[Any]]:
@@ -135,7 +135,7 @@ def edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
             saturation = float(srgb_to_linear(np.array([saturation]), full_scale)[0])
     if reading.pattern is not None and file.is_colour:
         raise CalibrationError(
-            f"{file.path}: a colour photograph is no raw mosaic; leave --bayer out"
+            f"{file.path}: a colour photograph is not a raw mosaic; leave out --bayer"
         )
     channel = "luma" if reading.pattern is not None else reading.channel
     try:
@@ -145,7 +145,9 @@ def edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
     clipped = None
     if reading.correction is not None:
         if file.is_colour:
-            raise CalibrationError(f"{file.path}: the maps are of a grey camera, this is in colour")
+            raise CalibrationError(
+                f"{file.path}: a colour image, but the maps are of a grey camera"
+            )
         clipped = None if saturation is None else plane >= saturation
         try:
             plane = reading.correction.correct(plane)
@@ -161,14 +163,14 @@ def edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
     )
     if channel != "luma" or not file.is_colour or file.saturation_dn is None:
         return source
-    # One clipped colour bends the luma, though the luma itself stays below the top.
+    # One clipped colour distorts the luma, though the luma itself is below saturation.
     colours = file.colour_planes.astype(np.float64)
     clipped = (colours >= _CLIPPED_FROM * file.saturation_dn) | (colours <= 0)
     return replace(source, clipped=np.asarray(clipped.any(axis=2)))
 
 
 def _shown(image: NDArray[np.floating[Any]], reading: Reading) -> NDArray[np.floating[Any]]:
-    """The image as figures show it: of a mosaic the pixels of one colour, NaN elsewhere."""
+    """The image as figures show it: for a mosaic the pixels of one colour, NaN elsewhere."""
     if reading.pattern is None:
         return image
     shown = np.full(image.shape, np.nan)

@@ -9,7 +9,7 @@ from standoff.workflows.reports import write_file
 
 
 def write_figure(path: Path, figure: Figure) -> None:
-    """Write a figure: as SVG where the file's suffix says so, else as PNG.
+    """Write a figure: as SVG if the file's suffix says so, else as PNG.
 
     Raises
     ------

@@ -35,7 +35,7 @@ _ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ fal
 class SweepRequest:
     """A sweep: lowest and highest height, how many heights, and frames at each.
 
-    ``heights_mm`` None is the whole travel; with ``ends_at_peak`` the stage moves there at the end.
+    If ``heights_mm`` is None, the whole travel; ``ends_at_peak`` moves the stage there at the end.
     """
 
     heights_mm: tuple[float, float] | None
@@ -60,7 +60,7 @@ class FocusSweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenCamera:
-    """A camera without its stage, which the live aid does not need; see ``OpenBench``."""
+    """A camera without a stage, for the live aid; see ``OpenBench``."""
 
     camera: Camera
     clock: Callable[[], float]
@@ -92,12 +92,12 @@ def watch_focus(
 ) -> FocusReading:
     """Show the focus value until Ctrl-C, or for a number of readings; return the last one.
 
-    Ctrl-C is how a person ends this, so it is no error once a value was shown.
+    Ctrl-C is the normal way to end this, so it is not an error once a value has been shown.
 
     Raises
     ------
     KeyboardInterrupt
-        If it came before the first value.
+        If Ctrl-C came before the first value.
     """
     trace = FocusTrace(smoothed=smoothed, window=max(12, smoothed))
     last: FocusReading | None = None
@@ -133,7 +133,7 @@ def _reading_text(reading: FocusReading) -> str:
 def run_sweep(
     opened: OpenBench, config: BenchConfig, options: FocusOptions, request: SweepRequest
 ) -> FocusSweep:
-    """Sweep from one height to another; without heights the whole travel first, then the best.
+    """Sweep between two heights; without them, the whole travel, then the range about the best.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _positions(config: BenchConfig, low_mm: float, high_mm: float, steps: int) -
 
 
 def _about_the_best(points: tuple[FocusPoint, ...]) -> tuple[float, float]:
-    """The range of two steps on either side of the sharpest position."""
+    """Range of two steps on either side of the sharpest position."""
     ordered = sorted(points, key=lambda point: point.height_mm)
     best = max(range(len(ordered)), key=lambda index: ordered[index].value)
     low = ordered[max(best - _REFINED_STEPS, 0)].height_mm

@@ -1,4 +1,4 @@
-"""A simulated follow-up with what a camera adds to it: light, noise, sharpening, in this order."""
+"""A simulated follow-up with the camera's effects: light, noise, sharpening, in this order."""
 
 from dataclasses import dataclass
 from math import inf
@@ -30,8 +30,8 @@ from simulation.resampling import reference_shape
 class CaptureOptions:
     """What the follow-up's camera does beyond the capture model.
 
-    ``exposure`` is times the light of the reference, ``vignetting`` the relative loss of light
-    at the corner, ``sharpening`` an amount and a width in px, ``noise`` that of a capture.
+    ``exposure`` is relative to the reference, ``vignetting`` the relative loss of light at the
+    corner, ``sharpening`` an amount and a width in px, ``noise`` that of a capture.
     """
 
     exposure: float = 1.0
@@ -42,25 +42,27 @@ class CaptureOptions:
 
     def __post_init__(self) -> None:
         if not (0 <= self.exposure < inf):
-            raise ValueError(f"an exposure factor is a number from 0, got {self.exposure}")
+            raise ValueError(
+                f"an exposure factor must be a number of at least 0, got {self.exposure}"
+            )
         if not 0 <= self.vignetting < 1:
-            raise ValueError(f"a corner fall-off lies in [0, 1), got {self.vignetting}")
+            raise ValueError(f"a corner fall-off must be in [0, 1), got {self.vignetting}")
         if self.sharpening is not None:
             amount, sigma_px = self.sharpening
             if not (0 <= amount < inf and 0 < sigma_px < inf):
                 raise ValueError(
-                    "sharpening is an amount from 0 and a width in px above 0, "
+                    "sharpening needs an amount of at least 0 and a width in px above 0, "
                     f"got {amount:g},{sigma_px:g}"
                 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FollowUp:
-    """What the capture model gives, before the camera adds its own.
+    """The output of the capture model, before the camera's own effects.
 
-    ``own_variance_dn2`` is what the reference's noise left in it, of the image's shape; None
-    where no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows, cols), for
-    another pose only. ``is_field`` says that the PSF changed over the frame.
+    ``own_variance_dn2`` is the variance that the reference's noise left in it, with the image's
+    shape; None if no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows,
+    cols), for another pose only. ``is_field`` says that the PSF varied over the frame.
     """
 
     image: FloatImage
@@ -79,12 +81,12 @@ def zoomed_out(
     *,
     gaussian: GaussianForm = "transfer",
 ) -> FollowUp:
-    """Follow-up from ``zoom`` times further away; the reference is taken to have ``noise``.
+    """Follow-up from ``zoom`` times further away; the reference is assumed to have ``noise``.
 
     Raises
     ------
     ValueError
-        As ``zoom_out``; or if a field is given to another model than ``matched``.
+        As ``zoom_out``; or if a field is given to a model other than ``matched``.
     """
     shape = reference.shape[0], reference.shape[1]
     grid = SamplingGrid.centred(shape, zoom)
@@ -108,7 +110,7 @@ def zoomed_out_as_measured(
     transfer: CameraTransfer,
     noise: CaptureNoise | None = None,
 ) -> FollowUp:
-    """Follow-up by model ``lmmse`` with the transfer functions that edges showed.
+    """Follow-up by model ``lmmse`` with the transfer functions measured on edges.
 
     Raises
     ------
@@ -142,9 +144,9 @@ def from_pose(
     *,
     origin_px: tuple[float, float] | None = None,
 ) -> FollowUp:
-    """Follow-up from any pose; the reference is taken to have ``noise``.
+    """Follow-up from any pose; the reference is assumed to have ``noise``.
 
-    ``origin_px`` is that of the follow-up in the camera's frame, as ``simulate_pose`` takes it.
+    ``origin_px`` is the origin of the follow-up in the camera's frame, as for ``simulate_pose``.
 
     Raises
     ------
@@ -161,7 +163,7 @@ def from_pose(
         gain = pose_noise_gain(
             matrix, shape, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
         )
-        # At an edge the reference's variance is taken as that of the blurred level.
+        # At an edge the reference's variance is taken to be that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
         own = planes * noise.variance_dn2(simulated.image)
     return FollowUp(

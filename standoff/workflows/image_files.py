@@ -1,4 +1,4 @@
-"""Read photographs and write simulated ones: the only image formats the commands know."""
+"""Reads photographs and writes simulated ones, in the image formats that the commands know."""
 
 import logging
 import struct
@@ -31,8 +31,8 @@ _ADC_BITS = (10, 12, 14)
 class ImageFile:
     """A photograph: shape ``(rows, cols)`` or ``(rows, cols, channels)``, as stored.
 
-    ``full_scale_dn`` is the largest level its numbers can hold, None for float files;
-    ``saturation_dn`` the level at which the sensor clips, as far as the file tells.
+    ``full_scale_dn`` is the largest level of its integer type, None for float files;
+    ``saturation_dn`` the level at which the sensor clips, if the file shows it.
     """
 
     path: Path
@@ -43,12 +43,12 @@ class ImageFile:
 
     @classmethod
     def of_pixels(cls, path: Path, pixels: NDArray[Any], *, is_jpeg: bool = False) -> Self:
-        """Return the pixels of a file, with what their type and values tell of the clipping.
+        """Return the pixels of a file, with what their type and values say about clipping.
 
         Raises
         ------
         ImageFileError
-            If they are no image, or hold values that are not finite.
+            If they are not an image, or hold values that are not finite.
         """
         if pixels.ndim not in (2, 3) or 0 in pixels.shape:
             raise ImageFileError(f"{path}: expected one image, got an array of {pixels.shape}")
@@ -72,7 +72,7 @@ class ImageFile:
 
     @property
     def colour_planes(self) -> AnyArray:
-        """The pixels without an opacity plane, as a type that the capture model takes."""
+        """The pixels without an opacity plane, in a type that the capture model takes."""
         pixels = self.pixels
         if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
             pixels = pixels[:, :, :-1]
@@ -84,12 +84,12 @@ class ImageFile:
 
 
 def read_image(path: Path) -> ImageFile:
-    """Read a TIFF, PNG, JPEG or anything else that Pillow opens; of several pages the first.
+    """Read a TIFF, PNG, JPEG or any file that Pillow opens; of several pages the first.
 
     Raises
     ------
     ImageFileError
-        If the file is missing, no image, cut short, or holds values that are not finite.
+        If the file is missing, not an image, cut short, or holds values that are not finite.
     """
     try:
         data = path.read_bytes()
@@ -101,7 +101,7 @@ def read_image(path: Path) -> ImageFile:
 
 
 def read_grey(path: Path) -> FloatArray:
-    """Read the grey levels of an image; a colour image as Rec. 601 luma.
+    """Read the grey levels of an image, a colour image as Rec. 601 luma.
 
     Raises
     ------
@@ -112,12 +112,12 @@ def read_grey(path: Path) -> FloatArray:
 
 
 def expanded_images(paths: Sequence[Path]) -> list[Path]:
-    """Replace folders by the images that lie in them, in the order of their names.
+    """Replace each folder by the images in it, sorted by name.
 
     Raises
     ------
     ApplicationError
-        If a folder holds none, or cannot be read.
+        If a folder holds no image, or cannot be read.
     """
     files: list[Path] = []
     for path in paths:
@@ -132,12 +132,12 @@ def expanded_images(paths: Sequence[Path]) -> list[Path]:
 
 
 def image_files_in(folder: Path) -> list[Path]:
-    """Return the images that lie in a folder, in the order of their names.
+    """Return the images in a folder, sorted by name.
 
     Raises
     ------
     ApplicationError
-        If the folder cannot be read: it may be taken away while it is watched.
+        If the folder cannot be read: it may be removed while it is watched.
     """
     try:
         return sorted(path for path in folder.iterdir() if path.suffix.lower() in _IMAGE_SUFFIXES)
@@ -188,7 +188,7 @@ def tiff_bytes(image: Float32Array, description: str) -> bytes:
 
 
 def _saturation(pixels: AnyArray, full_scale: float | None) -> float | None:
-    """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows."""
+    """Clipping level: of the file's type, or of a narrower ADC whose plateau shows."""
     if full_scale is None:
         return None
     top = float(np.max(pixels.astype(np.float64)))
@@ -203,7 +203,7 @@ def _tiff_pixels(data: bytes, path: Path) -> NDArray[Any]:
     try:
         pixels = read_tiff(data, first_alone=True).images[0]
     except TiffDamageError as error:
-        raise ImageFileError(f"{path}: not a whole TIFF image: {error}") from error
+        raise ImageFileError(f"{path}: not a complete TIFF image: {error}") from error
     if pixels.ndim == 3 and pixels.shape[0] in (3, 4) and pixels.shape[2] > 4:
         pixels = np.moveaxis(pixels, 0, -1)  # planar configuration: colours come first
     return pixels
@@ -232,7 +232,7 @@ def _pillow_pixels(data: bytes, path: Path) -> NDArray[Any]:
         struct.error,
         zlib.error,
     ) as error:
-        raise ImageFileError(f"{path}: not a whole image: {_brief(error)}") from error
+        raise ImageFileError(f"{path}: not a complete image: {_brief(error)}") from error
 
 
 def _brief(error: BaseException) -> str:

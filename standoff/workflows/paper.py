@@ -27,9 +27,9 @@ _BORDER_PX = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperResult:
-    """What the experiment gave; ``registration_errors_px`` are by the bench's truth, a pair each.
+    """Results of the experiment; ``registration_errors_px`` has one error per pair.
 
-    An error is the median over the frame, in reference px.
+    An error is the median over the frame, in reference px, against the bench's truth.
     """
 
     validation: Validation
@@ -37,7 +37,7 @@ class PaperResult:
 
 
 def short_bench(config: BenchConfig) -> BenchConfig:
-    """Return the bench with fewer and larger pixels: the same field of view in a ninth of them."""
+    """Return the bench with a ninth of the pixels, each larger, and the same field of view."""
     assert config.simulated is not None
     pitch_um = config.optics.pixel_pitch_um * config.simulated.width_px / SHORT_WIDTH_PX
     return config.model_copy(
@@ -55,12 +55,12 @@ def run_paper(
 ) -> PaperResult:
     """Capture, calibrate for the centre, and validate, below the directory ``out``.
 
-    Interrupted, the same command goes on where it stopped.
+    After an interruption, the same command resumes where it stopped.
 
     Raises
     ------
     AnalysisError, ApplicationError, CalibrationError, DeviceError, SessionError
-        If a step fails; what the steps before it made stays.
+        If a step fails; the results of the steps before it are kept.
     """
     make_folder(out)
     session_path = out / "session"
@@ -92,21 +92,21 @@ def run_paper(
 def place_errors_px(
     pose: DistortedPose, truth: BenchTruth, near_mm: float, far_mm: float
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Distance in the reference between where pixels lie and where a pose puts them.
+    """Distance in the reference between true pixel positions and those given by a pose.
 
     Parameters
     ----------
     pose
-        Of a follow-up in its reference, both by an upright camera.
+        Pose of a follow-up relative to its reference, both from an upright camera.
     truth
-        Of the bench.
+        Truth of the bench.
     near_mm, far_mm
         Heights of reference and follow-up.
 
     Returns
     -------
     ndarray of float64, shape (n,)
-        Of every fifth follow-up pixel along both axes that the reference shows.
+        For every fifth follow-up pixel along both axes that the reference shows.
     """
     rows, cols = pose.followup_shape
     y, x = np.mgrid[0:rows:_TRUTH_STEP_PX, 0:cols:_TRUTH_STEP_PX].astype(np.float64)

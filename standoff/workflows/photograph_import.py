@@ -1,4 +1,4 @@
-"""Makes a capture session of photographs that another program took."""
+"""Makes a capture session from photographs taken by another program."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from standoff.workflows.image_files import ImageFile, read_image
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportSettings:
-    """What the photographs have in common; ``height_mm`` None is recorded as 0."""
+    """Settings common to all photographs; a ``height_mm`` of None is recorded as 0."""
 
     kind: CaptureKind
     height_mm: float | None
@@ -29,12 +29,12 @@ class ImportSettings:
 
 
 def import_into_session(out: Path, images: Sequence[Path], settings: ImportSettings) -> int:
-    """Write the photographs that the session at ``out`` does not hold yet; return how many.
+    """Write the photographs that the session at ``out`` does not have yet; return how many.
 
     Raises
     ------
     ApplicationError
-        If two photographs have one name, or one cannot be read.
+        If two photographs have the same name, or one cannot be read.
     SessionError
         If ``out`` is another session, or cannot be written.
     """
@@ -42,7 +42,7 @@ def import_into_session(out: Path, images: Sequence[Path], settings: ImportSetti
     for path in images:  # a bad file is named before anything is written
         _plane(read_image(path), is_srgb=settings.is_srgb)
     if settings.height_mm is None:
-        note("the height is not given and is recorded as 0 mm; geometry and validate need it")
+        note("no height given, so 0 mm is recorded; geometry and validate need the true height")
     with (
         SessionWriter(
             out, plan=plan, bench=None, devices={}, operator=settings.operator
@@ -71,7 +71,7 @@ def import_into_session(out: Path, images: Sequence[Path], settings: ImportSetti
 def _plan_of(images: Sequence[Path], settings: ImportSettings) -> CapturePlan:
     twice = [name for name, count in Counter(p.name for p in images).items() if count > 1]
     if twice:
-        raise ApplicationError(f"two photographs are called {twice[0]}; rename one of them")
+        raise ApplicationError(f"two photographs are named {twice[0]}; rename one of them")
     return parse_plan(
         {
             "schema": "standoff.plan/1",
@@ -100,7 +100,7 @@ def _plane(file: ImageFile, *, is_srgb: bool) -> FloatArray:
 
 
 def _top_dn(file: ImageFile, plane: FloatArray, *, is_srgb: bool) -> float:
-    """Level at which the file clips; a float file tells nothing, and counts none as clipped."""
+    """Level at which the file clips; a float file gives none, and nothing counts as clipped."""
     if file.saturation_dn is None:
         return float(np.nextafter(np.float32(plane.max()), np.float32(np.inf)))
     if is_srgb:

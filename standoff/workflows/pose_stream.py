@@ -1,4 +1,4 @@
-"""Live guidance: frames of a folder or a camera, each with a verdict on its pose."""
+"""Live guidance: frames from a folder or a camera, each with a verdict on its pose."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ _POLL_S = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NamedFrame:
-    """One image of a stream; the name is that of its file, or the frame's number."""
+    """One image of a stream, named after its file or its frame number."""
 
     name: str
     image: AnyArray
@@ -27,7 +27,7 @@ class NamedFrame:
 
 @dataclass(slots=True)
 class StreamSummary:
-    """What a stream came to."""
+    """Summary of a stream."""
 
     frames: int = 0
     accepted: int = 0
@@ -38,7 +38,7 @@ class StreamSummary:
     verdicts: list[dict[str, object]] = field(default_factory=list)
 
     def add(self, name: str, verdict: PoseVerdict, busy_s: float, *, is_kept: bool) -> None:
-        """Count a verdict; those of a folder are kept one by one."""
+        """Count a verdict, and keep it if ``is_kept``."""
         self.frames += 1
         self.accepted += verdict.accepted
         self.unknown += verdict.dprime is None
@@ -51,13 +51,13 @@ class StreamSummary:
 
     @property
     def frames_per_s(self) -> float | None:
-        """Frames per second between two anchors, of computing alone; None without any."""
+        """Frames per second between anchors, computing time only; None without any."""
         followed = self.frames - self.anchors
         return followed / self.followed_s if followed else None
 
 
 def verdict_facts(verdict: PoseVerdict) -> dict[str, object]:
-    """Content of a verdict for a JSON document."""
+    """A verdict for a JSON document."""
     return {
         "is_accepted": verdict.accepted,
         "dprime_decisive": verdict.dprime,
@@ -71,7 +71,7 @@ def verdict_facts(verdict: PoseVerdict) -> dict[str, object]:
 
 
 def verdict_line(name: str, verdict: PoseVerdict) -> str:
-    """One line for the operator: what to do, by how much, why."""
+    """One line for the operator: verdict, margin and reason."""
     word = "accept" if verdict.accepted else "reject" if verdict.dprime is not None else "lost"
     margin = "" if verdict.margin is None else f"{100 * verdict.margin:+6.1f} %"
     return f"{name:<12} {word:<6} {margin:>8}  {verdict.reason}"
@@ -81,14 +81,14 @@ def verdict_line(name: str, verdict: PoseVerdict) -> str:
 def verdict_display(
     *, is_live: bool, is_silent: bool
 ) -> Iterator[Callable[[str, PoseVerdict], None]]:
-    """What shows the verdicts of a stream, by the frame's name and the verdict.
+    """Yield a callback that shows a verdict of a stream, given the frame's name and the verdict.
 
     Parameters
     ----------
     is_live
-        A camera's: on stderr, no faster than the eye. A folder's: every one, on stdout.
+        A camera's verdicts go to stderr, no faster than the eye; a folder's all go to stdout.
     is_silent
-        Nothing is shown, as stdout belongs to a JSON document; a camera's go to stderr still.
+        Show nothing on stdout, which is for a JSON document; a camera's still go to stderr.
     """
     if is_live:
         with LiveLine(time.monotonic) as line:
@@ -110,12 +110,12 @@ def judge_stream(
     count: int | None,
     is_kept: bool,
 ) -> None:
-    """Judge frame after frame, until they end, ``count`` were judged or Ctrl-C.
+    """Judge frame after frame, until they end, ``count`` are judged or Ctrl-C.
 
     Raises
     ------
     ApplicationError
-        If a frame is none that can be judged.
+        If a frame cannot be judged.
     """
     for frame in frames:
         begin_s = time.perf_counter()
@@ -131,19 +131,19 @@ def judge_stream(
 
 @contextmanager
 def camera_frames(opened: OpenCamera) -> Iterator[Iterator[NamedFrame]]:
-    """Frames of a camera, always the newest one; the stream ends with the block."""
+    """Yield frames of a camera, always the newest; the stream ends with the block."""
     with closing(newest_frames(opened.camera)) as frames:
         yield (NamedFrame(f"frame {frame.frame_id}", frame.image_dn) for frame in frames)
 
 
 def folder_frames(folder: Path, *, is_watched: bool) -> Iterator[NamedFrame]:
-    """Images of a folder in the order of their names; then, if watched, those that come.
+    """Yield the images of a folder by name; then, if it is watched, new ones as they come.
 
     Raises
     ------
     ImageFileError
-        If an image cannot be read. In a watched folder one that is not whole yet is waited for,
-        until it no longer grows.
+        If an image cannot be read. In a watched folder, an incomplete image is waited for until
+        it no longer grows.
     ApplicationError
         If the folder cannot be read, or holds no image and is not watched.
     """

@@ -1,4 +1,4 @@
-"""What a person types at the running practice bench: targets, heights and faults."""
+"""Commands typed at a running practice bench: targets, heights and faults."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,9 +12,9 @@ TRUTH_VALUES = {"true": True, "yes": True, "1": True, "false": False, "no": Fals
 
 
 class PracticeCommandError(ApplicationError):
-    """A line that the practice bench does not understand; nothing was done.
+    """The practice bench does not understand a line; nothing was done.
 
-    ``word`` is the part of the line that is at fault.
+    ``word`` is the part of the line that is wrong.
     """
 
     def __init__(self, text: str, word: str) -> None:
@@ -23,7 +23,7 @@ class PracticeCommandError(ApplicationError):
 
 
 class PracticeConsole:
-    """Carries out one line at a time on a practice bench.
+    """Executes one line at a time on a practice bench.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class PracticeConsole:
         }
 
     def execute(self, line: str) -> str:
-        """Do what a line says, and say what was done.
+        """Execute a line and return what was done.
 
         Raises
         ------
@@ -57,7 +57,7 @@ class PracticeConsole:
         command = self._commands.get(name)
         if command is None:
             raise PracticeCommandError(
-                f"unknown command {name}; there are {', '.join(self._commands)}", name
+                f"unknown command {name}; the commands are {', '.join(self._commands)}", name
             )
         return command(words)
 
@@ -76,7 +76,9 @@ class PracticeConsole:
         if len(words) != 1:
             raise PracticeCommandError("expected: height MM", "height")
         if not isinstance(self._stage, HandStage):
-            raise PracticeCommandError("this bench's stage is moved over its serial port", "height")
+            raise PracticeCommandError(
+                "the stage of this bench is moved through its serial port", "height"
+            )
         try:
             self._stage.move_to(_number(words[0]))
         except ValueError as error:
@@ -96,7 +98,7 @@ class PracticeConsole:
 
     def _drop_control(self, _: list[str]) -> str:
         self._bench.camera.drop_control()
-        return "nobody holds control of the camera"
+        return "the camera is not under anyone's control"
 
     def _status(self, _: list[str]) -> str:
         bench = self._bench
@@ -112,12 +114,12 @@ class PracticeConsole:
 
 
 def faults_from_words(faults: GigeFaults, words: list[str]) -> GigeFaults:
-    """Return the faults with some set anew: ``packet_loss_rate=0.01 is_stalled=true``.
+    """Return the faults with new values: ``packet_loss_rate=0.01 is_stalled=true``.
 
     Raises
     ------
     PracticeCommandError
-        If there is no such fault or its value is not accepted.
+        If there is no such fault or its value is invalid.
     """
     if not words:
         raise PracticeCommandError(
@@ -142,14 +144,14 @@ def faults_from_words(faults: GigeFaults, words: list[str]) -> GigeFaults:
 def _value(name: str, text: str, like: object) -> bool | int | float | frozenset[str]:
     if isinstance(like, bool):
         if text.lower() not in TRUTH_VALUES:
-            raise ValueError(f"{name} is true or false, got {text}")
+            raise ValueError(f"{name} must be true or false, got {text}")
         return TRUTH_VALUES[text.lower()]
     if isinstance(like, frozenset):
         return frozenset(part for part in text.split(",") if part)
     value = _number(text)
     if isinstance(like, int):
         if not value.is_integer():
-            raise ValueError(f"{name} is a whole number, got {text}")
+            raise ValueError(f"{name} must be a whole number, got {text}")
         return int(value)
     return value
 

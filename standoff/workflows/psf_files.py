@@ -1,4 +1,4 @@
-"""What a command takes from a psf.json, with a note on what is left aside."""
+"""Reads what a command needs from a psf.json, with a note on what it does not use."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from standoff.terminal import note
 
 
 def read_total_psf(path: Path) -> GaussianPsf:
-    """Read the total PSF of a psf.json, with a note where its correlation is taken as none.
+    """Read the total PSF of a psf.json, with a note if its correlation is taken as 0.
 
     Raises
     ------
@@ -20,14 +20,14 @@ def read_total_psf(path: Path) -> GaussianPsf:
 
 
 def frame_psf(path: Path, frame: tuple[int, int] | None, model: Model) -> GaussianPsf | PsfField:
-    """Read the PSF of a psf.json: its field where the model and the frames allow it.
+    """Read the PSF of a psf.json: its field if the model and the frames allow it.
 
     Parameters
     ----------
     path
         The file.
     frame
-        Width and height in px of photograph and follow-up; None where they differ.
+        Width and height in px of photograph and follow-up; None if they differ.
     model
         The capture model that takes the PSF.
 
@@ -41,11 +41,11 @@ def frame_psf(path: Path, frame: tuple[int, int] | None, model: Model) -> Gaussi
     if field is None:
         return _total_psf(stored, path)
     if model != "matched":
-        note(f"{path}: model {model} takes the PSF of the whole frame, not its field")
+        note(f"{path}: model {model} uses one PSF for the whole frame, not the field")
     elif frame != (field.width_px, field.height_px):
         note(
             f"{path}: its field belongs to frames of {field.width_px} x {field.height_px} px; "
-            "the PSF of the whole frame is taken"
+            "one PSF for the whole frame is used"
         )
     else:
         return field
@@ -55,5 +55,5 @@ def frame_psf(path: Path, frame: tuple[int, int] | None, model: Model) -> Gaussi
 def _total_psf(stored: PsfCalibration, path: Path) -> GaussianPsf:
     total = stored.total_psf(str(path))
     if stored.rho is None:
-        note(f"{path}: rho is null (no diagonal edges); taken as 0, an axis-aligned PSF")
+        note(f"{path}: rho is null (no diagonal edges); taken as 0 (an axis-aligned PSF)")
     return total

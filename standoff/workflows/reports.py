@@ -30,7 +30,7 @@ from standoff.errors import ApplicationError
 
 
 def require_pdf() -> None:
-    """Check that PDF files can be made.
+    """Check that PDF files can be written.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def pdf_bytes(page: str) -> bytes:
 _HASHES_LISTED = 50
 
 RESULTS_FOLDER = "results"
-"""Folder of a session that holds what was worked out from it."""
+"""Folder of a session for the results obtained from it."""
 
 
 def write_calibration_report(
@@ -78,13 +78,13 @@ def write_calibration_report(
     Parameters
     ----------
     path
-        The file; its suffix says which.
+        The file; its suffix chooses the format.
     psf
         The calibration.
     load_image
-        Gives the linear image of a name that stands in the calibration.
+        Returns the linear image for an image name in the calibration.
     session
-        The session it was made from; its captures, noise and stage are reported too.
+        The session of the calibration, if any; its captures, noise and stage are reported too.
 
     Raises
     ------
@@ -126,30 +126,30 @@ def write_calibration_report(
 
 
 def write_page(path: Path, page: str) -> None:
-    """Write one page: as PDF where the file's suffix says so, else as HTML.
+    """Write one page: as PDF if the file's suffix says so, else as HTML.
 
     Raises
     ------
     ApplicationError
-        If the file cannot be written, or PDF cannot be made here.
+        If the file cannot be written, or the PDF extra is missing.
     """
     is_pdf = path.suffix.lower() == ".pdf"
     write_file(path, pdf_bytes(page) if is_pdf else page.encode("utf-8"))
 
 
 def require_writable(paths: Iterable[Path | None]) -> None:
-    """Check, before long work, that results have a folder to go to and that PDF can be made.
+    """Check, before long work, that results have a folder and that PDF can be written.
 
     Raises
     ------
     ApplicationError
-        If one has not; the message names it.
+        If a result cannot be written; the message names it.
     """
     for path in paths:
         if path is None:
             continue
         if not path.parent.is_dir():
-            raise ApplicationError(f"cannot write {path}: {path.parent} is no folder")
+            raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
         if path.is_dir():
             raise ApplicationError(f"cannot write {path}: it is a folder")
         if path.suffix.lower() == ".pdf":
@@ -157,17 +157,17 @@ def require_writable(paths: Iterable[Path | None]) -> None:
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder for results, unless it is there.
+    """Make a folder for results, unless it exists.
 
     Raises
     ------
     ApplicationError
-        If it cannot be made.
+        If it cannot be created.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ApplicationError(f"cannot make the folder {path}: {error.strerror}") from error
+        raise ApplicationError(f"cannot create the folder {path}: {error.strerror}") from error
     return path
 
 

@@ -15,11 +15,11 @@ from standoff.workflows.validation_run import session_validation
 
 
 def write_session_report(session: Session, path: Path) -> None:
-    """Write the report of a session, from what its results folder holds.
+    """Write the report of a session, from the contents of its results folder.
 
-    Where the PSF is known and a target was captured at several heights, the captures are
-    compared with their simulations: by ``results/validation.json``, which is written where it is
-    missing or out of date.
+    If the PSF is known and a target was captured at several heights, the captures are compared
+    with their simulations, using ``results/validation.json``, which is written if it is missing
+    or out of date.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def write_session_report(session: Session, path: Path) -> None:
         try:
             validation = _validation(session, psf, psf_path)
         except (AnalysisError, PsfFileError) as error:
-            remarks = (f"The comparison of captured with simulated follow-ups: {error}.",)
+            remarks = (f"No comparison of captured with simulated follow-ups: {error}.",)
             note(f"the report leaves out the comparison of heights: {error}")
     write_page(path, render_session_report(session, psf, validation, remarks))
 

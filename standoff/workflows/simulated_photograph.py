@@ -1,4 +1,4 @@
-"""A photograph file's follow-up, by whichever model and with whatever the camera adds."""
+"""The follow-up of a photograph file, by any model and with the camera's effects."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,9 +39,9 @@ from standoff.workflows.psf_files import frame_psf
 class FollowUpRequest:
     """A photograph, the pose of its follow-up and how to simulate it.
 
-    The pose is ``zoom`` or the H.json ``homography``. The PSF is taken as a Gaussian, or as the
-    transfer function that edges showed (``is_measured``). ``correct`` is the noise.json whose maps
-    are taken off the photograph first. The last four are for models that learn their kernel.
+    The pose is ``zoom`` or the H.json ``homography``. The PSF is a Gaussian, or the transfer
+    function measured on edges (``is_measured``). ``correct`` is the noise.json whose maps correct
+    the photograph first. The last four are for models that learn their kernel.
     """
 
     image: Path
@@ -70,7 +70,7 @@ class FoundKernel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimulatedPhotograph:
-    """The image as the camera delivers it, what it was made from, and the learned kernel."""
+    """The image as the camera delivers it, the follow-up behind it, and the learned kernel."""
 
     image: Float32Array
     followup: FollowUp
@@ -83,7 +83,7 @@ def simulate_photograph(request: FollowUpRequest) -> SimulatedPhotograph:
     Raises
     ------
     ApplicationError
-        If an image cannot be read, the model does not allow the pose, or the levels leave float32.
+        If an image cannot be read, the model does not allow the pose, or levels exceed float32.
     CalibrationError
         If the PSF, the homography or the maps cannot be read.
     """
@@ -104,7 +104,7 @@ def simulate_photograph(request: FollowUpRequest) -> SimulatedPhotograph:
         raise ApplicationError(f"{request.homography or request.image}: {error}") from error
     if not np.all(np.isfinite(image)):
         raise ApplicationError(
-            f"{request.image}: the follow-up's levels leave float32; lower --exposure"
+            f"{request.image}: the follow-up's levels exceed float32; lower --exposure"
         )
     return SimulatedPhotograph(image=image, followup=followup, kernel=kernel)
 
@@ -114,7 +114,7 @@ def _reference(image: Path, correct: Path | None) -> AnyArray:
     if correct is None:
         return file.colour_planes
     if file.is_colour:
-        raise ApplicationError(f"{image}: the maps are of a grey camera, this is in colour")
+        raise ApplicationError(f"{image}: a colour image, but the maps are of a grey camera")
     maps = read_correction(correct)
     try:
         return maps.correct(file.colour_planes)
@@ -123,7 +123,7 @@ def _reference(image: Path, correct: Path | None) -> AnyArray:
 
 
 def _kernel(reference: AnyArray, request: FollowUpRequest, model: KernelModel) -> FoundKernel:
-    """Return the kernel of a photograph, trained with a bar on stderr unless it is stored."""
+    """Return the kernel of a photograph; unless stored, train it with a bar on stderr."""
     settings = KernelGanSettings(
         zoom=_zoom(request),
         model=model,

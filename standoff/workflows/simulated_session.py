@@ -1,4 +1,4 @@
-"""Runs a whole capture plan on the simulated bench, with a bar and nobody asked."""
+"""Runs a whole capture plan on the simulated bench, without an operator."""
 
 from pathlib import Path
 
@@ -13,16 +13,16 @@ from standoff.workflows.devices import open_bench, place_in_simulation
 def capture_simulated(
     path: Path, config: BenchConfig, plan: CapturePlan, *, operator: str, what: str
 ) -> None:
-    """Capture a session at ``path``, or what is missing of it.
+    """Capture a session at ``path``, or what it still lacks.
 
     Raises
     ------
     ApplicationError
-        If the bench is a real one; ``what`` names who needs it simulated.
+        If the bench is a real one; ``what`` names the work that needs a simulated one.
     DeviceError, SessionError
-        If a capture fails; the session resumes.
+        If a capture fails; the session can be resumed.
     """
-    if config.camera.driver != "simulated":  # before a real one is opened and set
+    if config.camera.driver != "simulated":  # before a real one is opened and configured
         raise ApplicationError(f"{what} runs on the simulated bench only")
     with (
         open_bench(config) as devices,

@@ -1,4 +1,4 @@
-"""A folder of super-resolution pairs with its manifest: written image by image, resumable."""
+"""A folder of super-resolution pairs with its manifest, written image by image and resumable."""
 
 import hashlib
 import json
@@ -27,10 +27,10 @@ Split = Literal["train", "test"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SrDatasetSettings:
-    """What all pairs of a dataset have in common.
+    """Settings common to all pairs of a dataset.
 
     ``test_fraction`` of the *images*, chosen by content and ``seed``, is the test split: crops
-    of one image never stand on both sides. With ``is_float`` both images are float32 TIFFs;
+    of one image are never in both splits. With ``is_float`` both images are float32 TIFFs;
     otherwise low resolution is rounded to the type of the photograph and both are PNGs.
     """
 
@@ -50,9 +50,9 @@ class SrDatasetSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SrDatasetSummary:
-    """How many pairs a dataset holds, and how many images were there from an earlier run.
+    """How many pairs a dataset holds, and how many images an earlier run had done.
 
-    ``refused`` says of each image without pairs why it has none.
+    ``refused`` says for each image without pairs why it has none.
     """
 
     train: int
@@ -67,7 +67,7 @@ def write_sr_dataset(
     settings: SrDatasetSettings,
     progress: Callable[[int], None] = lambda _: None,
 ) -> SrDatasetSummary:
-    """Write the pairs of every image below ``out``; a second run goes on with what is missing.
+    """Write the pairs of every image below ``out``; a second run writes what is missing.
 
     An image that cannot be read, or is too small for a crop, is left out and named in the
     summary.
@@ -75,7 +75,7 @@ def write_sr_dataset(
     Raises
     ------
     ApplicationError
-        If ``out`` holds pairs of other settings, or cannot be written.
+        If ``out`` holds pairs with other settings, or cannot be written.
     """
     try:
         lines = manifest_lines(out)
@@ -109,7 +109,7 @@ def write_sr_dataset(
 
 
 def split_of(digest: str, settings: SrDatasetSettings) -> Split:
-    """Split of an image: by its content, so that adding images moves no other."""
+    """Split of an image, from its content, so that adding images does not move others."""
     draw = hashlib.sha256(f"{settings.seed}:{digest}".encode()).digest()
     share = int.from_bytes(draw[:8], "big") / 2**64
     return "test" if share < settings.test_fraction else "train"
@@ -131,9 +131,10 @@ def _prepare(out: Path, settings: SrDatasetSettings, *, is_empty: bool) -> None:
 
 
 def manifest_lines(out: Path) -> list[dict[str, Any]]:
-    """Read the lines of the manifest whose files are there.
+    """Read the lines of the manifest whose files exist.
 
-    A line cut short by a power cut is taken off, and all of an image with a file missing.
+    A line cut short by a power cut is removed, and so are all lines of an image with a file
+    missing.
     """
     path = out / MANIFEST_NAME
     if not path.is_file():
@@ -179,7 +180,7 @@ def _write_image(
         model=settings.model,
     )
     for number, pair in enumerate(pairs):
-        # The digest keeps photographs of one name from different folders apart.
+        # The digest tells apart photographs with the same name from different folders.
         stem = f"{path.stem}_{digest[:8]}_{number:05d}"
         files = _write_pair(out / split, stem, pair, settings.is_float)
         lines.append(

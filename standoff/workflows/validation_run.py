@@ -1,4 +1,4 @@
-"""Validates a session and writes everything that comes of it."""
+"""Validates a session and writes all the results."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,10 +30,12 @@ _FILE = "validation.json"
 
 
 def default_models() -> tuple[ValidationModel, ...]:
-    """Return the paper's models and ours; KernelGAN only where PyTorch is installed."""
+    """Return the paper's models and ours; KernelGAN only if PyTorch is installed."""
     models = [model for model in VALIDATION_MODELS if model != "gaussian-kernelgan"]
     if find_spec("torch") is None:
-        note("PyTorch is not installed: model kernelgan is left out; the extra kernelgan has it")
+        note(
+            "PyTorch is not installed: model kernelgan is left out; the extra kernelgan installs it"
+        )
         models = [model for model in models if not is_learned(model)]
     return tuple(models)
 
@@ -43,12 +45,12 @@ def run_validation(
 ) -> Validation:
     """Validate a session, and write tables, figures, report and JSON into the folder ``out``.
 
-    Interrupted, the same command goes on with the kernels that were trained.
+    After an interruption, the same command resumes with the kernels already trained.
 
     Raises
     ------
     AnalysisError, ApplicationError, SessionError
-        If the captures do not allow it or a file cannot be read or written.
+        If the captures cannot be validated, or a file cannot be read or written.
     """
     if any(map(is_learned, settings.models)) and find_spec("torch") is None:
         raise ApplicationError(
@@ -66,22 +68,21 @@ def run_validation(
         write_file(out / f"{name}.png", png_bytes(figure))
         write_file(out / f"{name}.svg", svg_bytes(figure))
     write_page(out / "report.html", render_validation(session, validation, shown))
-    # Last, so that who finds it finds the rest.
+    # Last, so that if it exists, so do the others.
     write_results(out / _FILE, validation)
     return validation
 
 
 def session_validation(session: Session, psf: GaussianPsf, psf_name: str) -> Validation:
-    """Return the validation among a session's results, made first where there is none.
+    """Return the validation among a session's results, after making it if needed.
 
-    One that is there is taken as long as it is of this PSF and no older than the session's
-    journal. What is made here has the models that need no training, and its tables are written
-    beside it.
+    An existing one is used if it has this PSF and is no older than the session's journal. A new
+    one has the models that need no training, and its tables are written beside it.
 
     Raises
     ------
     AnalysisError, ApplicationError, SessionError
-        If the captures do not allow it or a file cannot be read or written.
+        If the captures cannot be validated, or a file cannot be read or written.
     """
     results = session.path / RESULTS_FOLDER
     stored = _stored_validation(session, psf)

@@ -142,7 +142,7 @@ def test_a_stage_port_is_there_and_may_be_opened(tmp_path: Path) -> None:
     assert check_stage_port(missing).status == "fail"
     (tmp_path / "file").write_text("")
     assert (
-        "no serial port"
+        "not a serial port"
         in check_stage_port(stage.model_copy(update={"port": str(tmp_path / "file")})).found
     )
     assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
@@ -261,7 +261,10 @@ def test_a_bench_without_real_devices_has_a_computer_and_a_disk_to_check(tmp_pat
 def test_a_port_in_the_network_is_tried_when_it_is_used() -> None:
     stage = bench_of().stage.model_copy(update={"port": "socket://127.0.0.1:7777"})
     check = check_stage_port(stage)
-    assert (check.status, check.found) == ("ok", "socket://127.0.0.1:7777: tried when it is used")
+    assert (check.status, check.found) == (
+        "ok",
+        "socket://127.0.0.1:7777: not checked until it is used",
+    )
 
 
 def test_missing_libraries_are_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

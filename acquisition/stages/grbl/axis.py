@@ -34,21 +34,21 @@ STATES: dict[str, StageState] = {
     "Alarm": "alarm",
 }
 UNLOCK_NEEDS_HOMING = (45, 46)
-"""grblHAL refuses to unlock where homing is the only way on."""
+"""grblHAL refuses to unlock where homing is the only way out."""
 
 
 class GrblAxis(GrblMotion):
     """A `MotorAxis` that moves with jogs.
 
-    A height is the controller's position, turned to point up, plus ``home_offset_mm``.
+    A height is the controller's position, counted upwards, plus ``home_offset_mm``.
     `connect` begins the dialogue; the constructor sends nothing.
 
     Attributes
     ----------
     reference_error_mm
-        True height less the one read, as the last homing found it; None where not measured.
+        True height minus the height read, as found by the last homing; None if not measured.
     warnings
-        What the operator should know; anew with each homing.
+        What the operator should know; renewed at each homing.
     """
 
     traits = AxisTraits(
@@ -63,7 +63,7 @@ class GrblAxis(GrblMotion):
     _setup: GrblSetup | None = None
 
     def connect(self, *, reset: bool = False) -> None:
-        """Get in step with the controller and check its settings; moves nothing.
+        """Synchronise with the controller and check its settings; moves nothing.
 
         A controller that gives evidence that it is homed is believed: grblHAL's ``H:`` field,
         unless it keeps that through resets (``$22`` bit 7). Grbl 1.1 gives none.
@@ -71,7 +71,7 @@ class GrblAxis(GrblMotion):
         Parameters
         ----------
         reset
-            Reset it first: for a controller in a state in which it answers no question.
+            Reset it first: for a controller in a state in which it answers no queries.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class GrblAxis(GrblMotion):
     def ready_height_mm(self) -> float:
         """See `MotorAxis.ready_height_mm`."""
         report = self.controller.status()
-        # Where homing is required, Grbl is in alarm from the start, with nothing to clear.
+        # Where homing is required, Grbl starts in alarm, with nothing to clear.
         is_start = report.state == "Alarm" and self.controller.alarm is None
         if not self.is_position_known and (report.state == "Idle" or is_start):
             raise StageNotHomedError(f"{self.name} must be homed before it moves")
@@ -151,7 +151,7 @@ class GrblAxis(GrblMotion):
         self._setup = self._read_setup()
         if not self._setup.is_homing_enabled:
             raise DeviceSettingsError(
-                f"{self.name} cannot home, as homing is not enabled; set $22=1 in a terminal",
+                f"{self.name} cannot home because homing is not enabled; set $22=1 in a terminal",
                 settings=("$22",),
             )
         self.reference_error_mm, self.warnings = None, ()
@@ -159,8 +159,8 @@ class GrblAxis(GrblMotion):
     def check_reference(self, deadline: float, stop: Event) -> None:
         """See `MotorAxis.check_reference`.
 
-        A stage that believes it is homed creeps to where its switch should be; what it finds
-        there is `reference_error_mm`. Beyond what a switch repeats to, it is a warning.
+        A stage that believes it is homed creeps to where its switch should be; the error it
+        finds is `reference_error_mm`. One beyond the repeatability of a switch is a warning.
         """
         if not self.is_position_known or self._home_mm is None or self._setup is None:
             return
@@ -170,8 +170,8 @@ class GrblAxis(GrblMotion):
         self.reference_error_mm = error_mm
         if error_mm is not None and abs(error_mm) > SWITCH_TOLERANCE_MM:
             self.warnings = (
-                f"the home switch answered {abs(error_mm):.2f} mm from where it should: the stage "
-                "has lost steps, and heights since the homing before are wrong",
+                f"the home switch triggered {abs(error_mm):.2f} mm from where it should: the stage "
+                "has lost steps, and heights since the previous homing are wrong",
             )
 
     def find_reference(self, deadline: float) -> None:
@@ -190,7 +190,7 @@ class GrblAxis(GrblMotion):
         """See `MotorAxis.refresh_warnings`; Grbl has none of its own."""
 
     def clear_alarm(self) -> None:
-        """See `MotorAxis.clear_alarm`: a reset and an unlock. The position is void: home next."""
+        """See `MotorAxis.clear_alarm`: a reset and an unlock. The position is lost: home next."""
         self.controller.reset()
         report = self.controller.status()
         if report.state == "Alarm":
@@ -209,7 +209,8 @@ class GrblAxis(GrblMotion):
 
     def _refused(self, refusal: ErrorReply) -> DeviceRefusalError:
         return DeviceRefusalError(
-            f"{self.name} refuses with {refusal.text}; nothing moved", code=refusal.code
+            f"{self.name} refuses the command with {refusal.text}; nothing moved",
+            code=refusal.code,
         )
 
 
@@ -221,10 +222,10 @@ def open_grbl_stage(
     Parameters
     ----------
     config
-        The stage's section.
+        The ``[stage]`` section.
     first
-        What to send before anything is asked: ``stop`` cancels a jog that another program left
-        running, ``reset`` ends a state in which the controller answers no question.
+        What to send before any query: ``stop`` cancels a jog that another program left
+        running, ``reset`` ends a state in which the controller answers no queries.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The dialogue with a Grbl controller: questions, answers, and what comes unasked."""
+"""The dialogue with a Grbl controller: queries, answers and unsolicited messages."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ from acquisition.stages.serial_link import SerialLink
 
 ANSWER_TIMEOUT_S = 2.0
 STATUS_TIMEOUT_S = 0.7
-"""Grbl reports within 20 ms; a settings memory that is being written delays it."""
+"""Grbl reports within 20 ms; writing to the settings memory delays it."""
 STATUS_TRIES = 3
 
 QUIET_S = 0.2
@@ -46,7 +46,7 @@ NOT_IDLE = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrblFirmware:
-    """What ``$I`` says."""
+    """What ``$I`` reports."""
 
     family: Literal["Grbl", "grblHAL"]
     version: str
@@ -56,7 +56,7 @@ class GrblFirmware:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrblAnswer:
-    """What came before the ``ok``, or the error in its place."""
+    """What came before the ``ok``, or the error instead of it."""
 
     error: ErrorReply | None
     settings: tuple[Setting, ...]
@@ -64,9 +64,9 @@ class GrblAnswer:
 
 
 class GrblController:
-    """One controller on an open link; it asks and listens, and decides nothing.
+    """One controller on an open link; this asks and listens, and decides nothing.
 
-    `is_position_known` is set by whoever homes, and voided here by a greeting or an alarm.
+    `is_position_known` is set by the code that homes, and reset here by a greeting or an alarm.
     One exchange at a time; a stop may come from another thread.
     """
 
@@ -83,11 +83,11 @@ class GrblController:
 
     @property
     def name(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return self._link.name
 
     def lose_step(self) -> None:
-        """Trust no further answer before `get_in_step`."""
+        """Trust no further answers until `get_in_step`."""
         self._is_in_step = False
 
     def send_realtime(self, byte: bytes) -> None:
@@ -95,14 +95,14 @@ class GrblController:
         self._link.write(byte)
 
     def get_in_step(self, timeout_s: float = BOOT_TIMEOUT_S, *, may_boot: bool = False) -> None:
-        """Find the beginning of the dialogue: silence, ``$I``, an answer with ``[VER:``.
+        """Synchronise the dialogue: silence, ``$I``, an answer with ``[VER:``.
 
         Parameters
         ----------
         timeout_s
-            For all of it.
+            For the whole procedure.
         may_boot
-            Whether a greeting is expected: after opening and after a reset of ours.
+            Whether a greeting is expected: after opening and after our own reset.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class GrblController:
         DeviceProtocolError
             If what answers is not a Grbl controller.
         StageAlarmError
-            If it stands in a state in which it answers no questions.
+            If it is in a state in which it answers no queries.
         DeviceResetError
             If it greeted unexpectedly.
         """
@@ -151,7 +151,7 @@ class GrblController:
         Raises
         ------
         DeviceTimeoutError, DeviceProtocolError
-            If the answer was lost or spoilt; what was sent may have been obeyed.
+            If the answer was lost or garbled; what was sent may have been obeyed.
         StageAlarmError, DeviceResetError
             If an alarm or a greeting came.
         """
@@ -166,7 +166,7 @@ class GrblController:
             return answer
 
     def status(self, *, full: bool = False) -> StatusReport:
-        """Ask where it is and what it does; reports need no ``ok`` and are asked for again.
+        """Ask for its position and state; reports need no ``ok``, so the query is repeated.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class GrblController:
             raise AssertionError("unreachable")
 
     def hear_unasked(self) -> None:
-        """Take note of what came by itself.
+        """Process unsolicited messages.
 
         Raises
         ------
@@ -207,7 +207,7 @@ class GrblController:
                 self._take(message)
 
     def reset(self) -> None:
-        """Reset the controller and get in step again; the position is void.
+        """Reset the controller and synchronise again; the position is lost.
 
         Raises
         ------
@@ -234,8 +234,8 @@ class GrblController:
             answer = self.command("$$")  # a question may be asked twice
         if answer.error is not None:
             raise DeviceRefusalError(
-                f"{self.name} refuses its settings with {answer.error.text}; restore them with "
-                "$RST=$ in a terminal, then enter those of this stage",
+                f"{self.name} refuses to list its settings with {answer.error.text}; restore them "
+                "with $RST=$ in a terminal, then enter those of this stage",
                 code=answer.error.code,
             )
         return {setting.number: setting.value for setting in answer.settings}
@@ -277,7 +277,7 @@ class GrblController:
         return message
 
     def _take(self, message: GrblMessage) -> None:
-        """Raise what makes the position void; keep the offset."""
+        """Raise what invalidates the position; keep the offset."""
         if isinstance(message, Banner):
             self._void()
             self._is_in_step = False
@@ -302,11 +302,11 @@ class GrblController:
     def _was_reset(self) -> DeviceResetError:
         self._link.remark("unexpected greeting")
         return DeviceResetError(
-            f"{self.name} was reset or lost power meanwhile; its position is void: home it again"
+            f"{self.name} was reset or lost power; its position is no longer known: home it again"
         )
 
     def _hush(self) -> tuple[bool, bytes]:
-        """Wait for silence; whether a greeting was heard, and some line that is not Grbl's."""
+        """Wait for silence; return whether a greeting came, and a line that is not Grbl's."""
         return self._sift(self._link.drain(QUIET_S, NOISE_TIMEOUT_S))
 
     def _sift(self, lines: list[bytes]) -> tuple[bool, bytes]:
@@ -324,7 +324,7 @@ class GrblController:
         return booted, garbage
 
     def _listen_for_version(self) -> tuple[GrblAnswer | None, bool, bytes]:
-        """What came after ``[VER:`` up to the ok; stale answers before it are passed over."""
+        """What came after ``[VER:`` up to the ok; stale answers before it are skipped."""
         booted, garbage = False, b""
         feedback: list[Feedback] = []
         refusal: ErrorReply | None = None
@@ -348,7 +348,7 @@ class GrblController:
                 return answer, booted, garbage
 
     def _refuse_endless_state(self, refusal: ErrorReply) -> None:
-        """In hold, door and sleep ``$I`` is refused for ever; in motion, until it ends."""
+        """In hold, door and sleep ``$I`` is refused for ever; in motion, until that ends."""
         if refusal.code != NOT_IDLE:
             return
         report = self.status()
@@ -362,11 +362,11 @@ class GrblController:
     def _no_version(self, answer: GrblAnswer | None, garbage: bytes) -> Exception:
         if answer is not None and answer.error is not None and answer.error.code == NOT_IDLE:
             return DeviceTimeoutError(
-                f"{self.name} is still moving; stop it, or wait until it stands"
+                f"{self.name} is still moving; stop it, or wait until it has stopped"
             )
         if answer is not None and answer.error is not None:
             return DeviceProtocolError(
-                f"{self.name} refuses to say its version: {answer.error.text}"
+                f"{self.name} refuses to report its version: {answer.error.text}"
                 + ("" if answer.error.code in ERROR_TEXTS else "; is it a Grbl controller?")
             )
         if garbage:
@@ -376,7 +376,7 @@ class GrblController:
             )
         if self.alarm is not None:
             return StageAlarmError(
-                f"{self.name} answers nothing since {self.alarm.text}; clear the alarm, then home",
+                f"{self.name} has not answered since {self.alarm.text}; clear the alarm, then home",
                 code=self.alarm.code,
             )
         return DeviceTimeoutError(

@@ -35,9 +35,9 @@ class GrblMotion:
     config
         Axis, feed, tolerance.
     controller
-        In step, or not: a move gets it in step.
+        In step or not: a move synchronises it first.
     clock, sleep
-        Seconds, and how to let them pass.
+        Time in seconds, and a function that waits.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class GrblMotion:
 
     @property
     def name(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return self.controller.name
 
     @property
@@ -80,17 +80,17 @@ class GrblMotion:
             return
         if refusal.code == TARGET_BEYOND_TRAVEL:
             raise StageLimitError(
-                f"{self.name} refuses the height with {refusal.text}; limits_mm or home_offset_mm "
-                "in the bench file do not fit its settings. Nothing moved",
+                f"{self.name} refuses the height with {refusal.text}; nothing moved. limits_mm or "
+                "home_offset_mm in the bench file does not match its settings",
                 height_mm=height_mm,
                 limits_mm=None,
             )
         raise DeviceRefusalError(
-            f"{self.name} refuses with {refusal.text}; nothing moved", code=refusal.code
+            f"{self.name} refuses the move with {refusal.text}; nothing moved", code=refusal.code
         )
 
     def wait_until_still(self, height_mm: float, deadline: float) -> float:
-        """See `MotorAxis.wait_until_still`: two reports in turn have to agree."""
+        """See `MotorAxis.wait_until_still`: two consecutive reports have to agree."""
         still_since: float | None = None
         last_mm: float | None = None
         while True:
@@ -147,7 +147,7 @@ class GrblMotion:
             self.controller.lose_step()
 
     def reported_mm(self, report: StatusReport) -> float:
-        """Height in a report; from work positions with the offset.
+        """Height in a report; work positions are converted with the offset.
 
         Raises
         ------
@@ -164,18 +164,18 @@ class GrblMotion:
             self.sleep(POLL_S)
             report = self.controller.status()
         raise DeviceProtocolError(
-            f"{self.name} reports no machine position of {self.scale.letter}; "
+            f"{self.name} reports no machine position for {self.scale.letter}; "
             "set $10=1 in a terminal"
         )
 
     def not_ready(self, report: StatusReport) -> DeviceError:
-        """Say why a controller in this state takes no move."""
+        """Return the error that says why a controller in this state accepts no move."""
         if report.state in MOVING_STATES:
             return DeviceError(f"{self.name} is moving; stop it or wait")
         self.is_position_known = False
         if report.state != "Alarm":
             return StageAlarmError(
-                f"{self.name} is in state {report.state}, in which it does not move; close its "
+                f"{self.name} is in state {report.state}, in which it cannot move; close its "
                 "door or release its hold, then clear the alarm and home",
                 code=report.state,
             )

@@ -1,4 +1,4 @@
-"""Finds lost steps by comparing where the home switch answers with where it should."""
+"""Detects lost steps by comparing where the home switch triggers with where it should."""
 
 from threading import Event
 
@@ -9,7 +9,7 @@ from acquisition.stages.grbl.setup import GrblSetup
 from acquisition.stages.motor import halt, travel
 
 SWITCH_TOLERANCE_MM = 0.1
-"""What a mechanical switch repeats to, and what the creep towards it resolves."""
+"""Repeatability of a mechanical switch, and resolution of the creep towards it."""
 
 HARD_LIMIT = 1
 IDLE_REPORTS = 2
@@ -19,35 +19,35 @@ LEAVE_STEPS = 20
 def reference_error_mm(
     axis: GrblMotion, setup: GrblSetup, *, home_mm: float, deadline: float, stop: Event
 ) -> float | None:
-    """Height error of a homed stage: true height less the one it reads.
+    """Height error of a homed stage: true height minus the height it reads.
 
     The stage goes to where the last homing left it, watching the switch, then creeps at homing
-    speed to where the switch answered then, and no further: what is found is a switch that
-    answers early. A stage that lost steps *away* from its switch does not reach it, and is not
+    speed to where the switch triggered then, and no further: this detects a switch that
+    triggers early. A stage that lost steps *away* from its switch does not reach it, and is not
     measured.
 
     Parameters
     ----------
     axis, setup
-        Of a stage that stands and believes it is homed.
+        Those of a stage that is at rest and believes it is homed.
     home_mm
         Height after the last homing.
     deadline
-        On the clock of the axis.
+        Time on the clock of the axis.
     stop
-        Set by whoever wants the check to end.
+        Set to end the check.
 
     Returns
     -------
     float or None
-        None where the switch did not answer, or the firmware keeps off it.
+        None if the switch did not trigger, or the firmware keeps moves away from it.
 
     Raises
     ------
     DeviceTimeoutError
-        If it takes too long; the stage was stopped.
+        If it takes too long; the stage has been stopped.
     DeviceError
-        If the stage fails otherwise. A hard limit is no failure: it is what is looked for.
+        If the stage fails otherwise. A hard limit is no failure: it is what the check looks for.
     """
     pull_off_mm = axis.scale.sign * setup.towards_switch * setup.pull_off_mm
     switch_mm = home_mm + pull_off_mm
@@ -74,12 +74,12 @@ def reference_error_mm(
 def _seek(
     axis: GrblMotion, target_mm: float, feed_mm_per_min: float, deadline: float
 ) -> float | None:
-    """Height at which the switch answers on the way; None if it does not.
+    """Height at which the switch triggers on the way; None if it does not.
 
     Raises
     ------
     StageLimitError
-        If the firmware keeps its jogs off the switch, as grblHAL does with hard limits.
+        If the firmware keeps jogs away from the switch, as grblHAL does with hard limits.
     """
     axis.jog(target_mm, feed_mm_per_min)
     idle_reports = 0

@@ -12,12 +12,12 @@ KEEP_HOMED_ON_RESET = 7
 """Bit of grblHAL's ``$22``."""
 
 ABSENT = {REPORT_INCHES: 0.0, HOMING_INVERTED: 0.0, LOCATE_FEED: 25.0, PULL_OFF: 1.0}
-"""Grbl's defaults, where a grblHAL with settings per axis does not list one."""
+"""Grbl's defaults, where a grblHAL with settings per axis does not list a value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightAxis:
-    """How heights and machine positions of one axis belong together."""
+    """Conversion between heights and machine positions of one axis."""
 
     letter: str
     sign: float
@@ -29,7 +29,7 @@ class HeightAxis:
         return AXES.index(self.letter)
 
     def height_mm(self, machine_mm: float) -> float:
-        """Height at a machine position, without the noise of binary fractions."""
+        """Height at a machine position, without binary rounding noise."""
         return round(self.sign * machine_mm + self.offset_mm, 6)
 
     def machine_mm(self, height_mm: float) -> float:
@@ -41,7 +41,7 @@ class HeightAxis:
 class GrblSetup:
     """The settings that homing depends on.
 
-    ``towards_switch`` is the sign of the machine direction in which the home switch lies.
+    ``towards_switch`` is the sign of the machine direction towards the home switch.
     """
 
     is_homing_enabled: bool
@@ -52,7 +52,7 @@ class GrblSetup:
 
 
 def height_axis(config: StageConfig) -> HeightAxis:
-    """Return the axis that the bench file names."""
+    """Return the axis given in the bench file."""
     return HeightAxis(
         letter=config.axis,
         sign=1.0 if config.direction == "up" else -1.0,
@@ -61,14 +61,14 @@ def height_axis(config: StageConfig) -> HeightAxis:
 
 
 def check_settings(settings: dict[int, str], config: StageConfig, *, name: str) -> GrblSetup:
-    """Read what homing needs, and compare with the bench file.
+    """Read the settings that homing needs, and compare with the bench file.
 
     Raises
     ------
     DeviceSettingsError
-        If the controller reports inches, or settings are not as expected.
+        If the controller reports inches, or settings differ from the expected ones.
     DeviceProtocolError
-        If a setting is missing or no number.
+        If a setting is missing or not a number.
     """
     if _number(settings, REPORT_INCHES, name) != 0:
         raise DeviceSettingsError(
@@ -86,8 +86,8 @@ def check_settings(settings: dict[int, str], config: StageConfig, *, name: str) 
             faults[f"${digits}"] = f"${digits} is {found or 'missing'}, expected {expected:g}"
     if faults:
         raise DeviceSettingsError(
-            f"{name} is not set as the bench file expects: {'; '.join(faults.values())}. "
-            "Enter the settings in a terminal, or correct expected_settings",
+            f"{name} does not have the settings of the bench file: {'; '.join(faults.values())}. "
+            "Enter them in a terminal, or correct expected_settings",
             settings=tuple(faults),
         )
     homing = int(_number(settings, HOMING, name))

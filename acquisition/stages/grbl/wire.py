@@ -14,7 +14,7 @@ from acquisition.errors import DeviceProtocolError
 
 STATUS_QUERY = b"?"
 FULL_STATUS_QUERY = b"\x87"
-"""grblHAL only: a report with every field, the homed one too. Grbl 1.1 drops the byte."""
+"""grblHAL only: a report with every field, the homed one included. Grbl 1.1 drops the byte."""
 JOG_CANCEL = b"\x85"
 SOFT_RESET = b"\x18"
 AXES = "XYZABCUVW"
@@ -25,12 +25,12 @@ MAX_LINE_CHARS = 80
 ALARM_TEXTS = {
     1: "a limit switch was hit and the motor stopped at once",
     2: "a target beyond the travel of the firmware",
-    3: "reset in mid-move",
-    4: "the probe was touched before it should",
-    5: "the probe touched nothing",
+    3: "reset during a move",
+    4: "the probe was already triggered",
+    5: "the probe was not triggered",
     6: "reset while homing",
     7: "the door was opened while homing",
-    8: "the home switch was not released when pulling off",
+    8: "the home switch was not released on pull-off",
     9: "the home switch was not found",
     10: "emergency stop",
     11: "homing is required",
@@ -58,7 +58,7 @@ ERROR_TEXTS = {
 
 @dataclass(frozen=True, slots=True)
 class Ok:
-    """``ok``: the line was understood and planned, not done."""
+    """``ok``: the line was accepted and queued, not yet done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class ErrorReply:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """``ALARM:n``, which comes unasked."""
+    """``ALARM:n``, which comes unsolicited."""
 
     code: int
 
@@ -119,7 +119,7 @@ class StartupLine:
 class StatusReport:
     """``<Idle|MPos:..|..>``; positions in the unit of ``$13``, in the order of `AXES`.
 
-    Grbl sends machine or work positions (``$10``), and the offset between them now and then.
+    Grbl sends machine or work positions (``$10``), and occasionally the offset between them.
     """
 
     state: str
@@ -157,7 +157,7 @@ def encode_line(text: str) -> bytes:
     Raises
     ------
     ValueError
-        If Grbl would not take it as one line.
+        If Grbl would not accept it as one line.
     """
     if len(text) >= MAX_LINE_CHARS or not (text.isascii() and text.isprintable()):
         raise ValueError(f"not a Grbl line: {text!r}")
@@ -165,7 +165,7 @@ def encode_line(text: str) -> bytes:
 
 
 def jog_command(axis: str, position_mm: float, feed_mm_per_min: float) -> str:
-    """Return the command of an absolute jog in mm and machine coordinates.
+    """Return the command for an absolute jog in mm and machine coordinates.
 
     ``G53`` makes it independent of work offsets that another program may have left.
 
@@ -182,12 +182,12 @@ def jog_command(axis: str, position_mm: float, feed_mm_per_min: float) -> str:
 def parse_line(line: bytes) -> GrblMessage:
     """Parse one line without its end.
 
-    A greeting or an alarm is recognised even behind noise: both mean that the position is void.
+    A greeting or an alarm is recognised even after noise: both invalidate the position.
 
     Raises
     ------
     DeviceProtocolError
-        If it is none of Grbl's messages.
+        If it is not a Grbl message.
     """
     try:
         text = line.decode("ascii").strip()
@@ -195,7 +195,7 @@ def parse_line(line: bytes) -> GrblMessage:
         text = line.decode("latin-1").strip()
     message = _urgent(text) or _answer(text) or _pushed(text)
     if message is None:
-        raise DeviceProtocolError(f"this is not a message of Grbl: {line[:80]!r}")
+        raise DeviceProtocolError(f"not a Grbl message: {line[:80]!r}")
     return message
 
 

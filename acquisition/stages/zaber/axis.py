@@ -30,7 +30,7 @@ DRIVER_OFF = ("FD", "FO", "FH")
 class ZaberAxis:
     """A `MotorAxis` that moves to absolute positions in microsteps.
 
-    A height is the position times ``microstep_um``, turned to point up, plus
+    A height is the position times ``microstep_um``, counted upwards, plus
     ``home_offset_mm``. `connect` begins the dialogue; the constructor sends nothing.
 
     Parameters
@@ -38,9 +38,9 @@ class ZaberAxis:
     config
         Microstep, offset, limits, feed, tolerance.
     device
-        One axis of it, on an open link.
+        One axis of the device, on an open link.
     clock, sleep
-        Seconds, and how to let them pass.
+        Time in seconds, and a function that waits.
 
     Attributes
     ----------
@@ -64,10 +64,10 @@ class ZaberAxis:
         self.is_position_known = False
         self.warnings: tuple[str, ...] = ()
         self.traits = AxisTraits(
-            # An encoder trembles by a few counts.
+            # An encoder jitters by a few counts.
             repeat_mm=config.tolerance_mm / 2,
             is_homing_cancellable=True,
-            # After a reset the device takes moves from a position that is none.
+            # After a reset the device accepts moves from a meaningless position.
             may_move_after=(DeviceTimeoutError, DeviceProtocolError, DeviceResetError),
         )
         self._config = config
@@ -78,15 +78,15 @@ class ZaberAxis:
         self._info = DeviceInfo(vendor="", model="", serial_number="", firmware="", driver="zaber")
 
     def connect(self) -> None:
-        """Ask who it is, compare its settings and set its speed; moves nothing.
+        """Read its identity, compare its settings and set its speed; moves nothing.
 
-        Without the warnings ``WR`` and ``WH`` the device says that it knows its position; that
-        is believed.
+        Without the warnings ``WR`` and ``WH`` the device claims to know its position; that is
+        trusted.
 
         Raises
         ------
         DeviceError
-            If it does not answer, is no Zaber device, or is not set as the bench file expects.
+            If it does not answer, is not a Zaber device, or does not have the expected settings.
         """
         self._device.connect()
         model = self._device.number("device.id", axis=0)
@@ -105,7 +105,7 @@ class ZaberAxis:
 
     @property
     def name(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return self._device.name
 
     @property
@@ -126,7 +126,7 @@ class ZaberAxis:
         return self.height_mm() if self.is_position_known else None
 
     def travel_height_mm(self) -> float | None:
-        """See `TravellingStage`; messages have identities, so that asking disturbs no move."""
+        """See `TravellingStage`; messages have ids, so that a query disturbs no move."""
         return self.height_mm()
 
     def ready_height_mm(self) -> float:
@@ -146,8 +146,8 @@ class ZaberAxis:
             self._watch(reply.warning)
         elif reply.data == "BADDATA":
             raise StageLimitError(
-                f"{self.name} refuses {steps} microsteps as out of range; limits_mm, "
-                "microstep_um or home_offset_mm in the bench file do not fit it. Nothing moved",
+                f"{self.name} refuses {steps} microsteps as out of range; nothing moved. "
+                "limits_mm, microstep_um or home_offset_mm in the bench file does not match it",
                 height_mm=height_mm,
                 limits_mm=None,
             )
@@ -192,7 +192,7 @@ class ZaberAxis:
         self._device.check_settings(self._config.expected_settings)
 
     def check_reference(self, deadline: float, stop: Event) -> None:
-        """See `MotorAxis.check_reference`; the device finds a stall by itself."""
+        """See `MotorAxis.check_reference`; the device detects a stall by itself."""
 
     def find_reference(self, deadline: float) -> None:
         """See `MotorAxis.find_reference`."""
@@ -208,7 +208,7 @@ class ZaberAxis:
         self._has_reference()
 
     def clear_alarm(self) -> None:
-        """See `MotorAxis.clear_alarm`. After a fault the position is void: home next."""
+        """See `MotorAxis.clear_alarm`. After a fault the position is lost: home next."""
         flags = self._device.warnings()
         if any(flag.startswith("F") for flag in flags):
             self.is_position_known = False
@@ -223,17 +223,17 @@ class ZaberAxis:
     def _wait_until_idle(self, deadline: float) -> None:
         while self._is_busy():
             if self._clock() >= deadline:
-                raise DeviceTimeoutError(f"it moves, now at {self.height_mm():.3f} mm")
+                raise DeviceTimeoutError(f"it is moving, now at {self.height_mm():.3f} mm")
             self._sleep(POLL_S)
 
     def _is_busy(self) -> bool:
-        """As `is_moving`, but with an eye on faults and resets."""
+        """As `is_moving`, but faults and resets are checked."""
         reply = self._device.ask("")
         self._watch(reply.warning)
         return reply.is_busy
 
     def _has_reference(self) -> bool:
-        """Whether no flag says otherwise; the others become `warnings`."""
+        """Whether no flag denies it; the other flags become `warnings`."""
         flags = self._device.warnings()
         self.warnings = tuple(
             f"{flag}: {WARNING_TEXTS.get(flag, 'see the protocol manual')}"
@@ -243,7 +243,7 @@ class ZaberAxis:
         return not any(flag in NO_REFERENCE for flag in flags)
 
     def _watch(self, flag: str | None) -> None:
-        """Raise what a reply's flag says about the position."""
+        """Raise the error that a reply's flag implies."""
         if flag is None:
             return
         if flag.startswith("F"):
@@ -255,7 +255,7 @@ class ZaberAxis:
         if flag in NO_REFERENCE and self.is_position_known:
             self.is_position_known = False
             raise DeviceResetError(
-                f"{self.name} was reset or lost power meanwhile; its position is void: "
+                f"{self.name} was reset or lost power; its position is no longer known: "
                 "home it again"
             )
 
@@ -272,9 +272,9 @@ def open_zaber_stage(
     Parameters
     ----------
     config
-        The stage's section.
+        The ``[stage]`` section.
     first
-        ``stop`` ends a move that another program left running before anything else is asked.
+        ``stop`` ends a move that another program left running before anything else is sent.
 
     Raises
     ------

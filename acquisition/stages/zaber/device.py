@@ -29,7 +29,7 @@ MAXSPEED_PER_MICROSTEP_PER_S = 1.6384
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZaberScale:
-    """How heights and microsteps belong together; ``mm_per_step`` is negative downwards."""
+    """Conversion between heights and microsteps; ``mm_per_step`` is negative downwards."""
 
     mm_per_step: float
     offset_mm: float
@@ -37,7 +37,7 @@ class ZaberScale:
 
     @classmethod
     def of(cls, config: StageConfig) -> Self:
-        """Return the scale of a bench file.
+        """Return the scale for a bench file.
 
         Raises
         ------
@@ -46,7 +46,8 @@ class ZaberScale:
         """
         if config.microstep_um is None:
             raise BenchConfigError(
-                "stage.microstep_um: the zaber driver needs it", keys=("stage.microstep_um",)
+                "stage.microstep_um is missing; driver 'zaber' requires it",
+                keys=("stage.microstep_um",),
             )
         sign = 1 if config.direction == "up" else -1
         return cls(
@@ -56,7 +57,7 @@ class ZaberScale:
         )
 
     def height_mm(self, steps: float) -> float:
-        """Height at a position, without the noise of binary fractions."""
+        """Height at a position, without binary rounding noise."""
         return round(steps * self.mm_per_step + self.offset_mm, 6)
 
     def steps(self, height_mm: float) -> int:
@@ -75,7 +76,7 @@ class ZaberScale:
 
 
 ANSWER_TIMEOUT_S = 1.0
-"""A device answers within some ms; a chain of many, within a tenth of a second."""
+"""A device answers within a few ms; a chain of many, within a tenth of a second."""
 
 READ_TRIES = 3
 QUIET_S = 0.1
@@ -83,7 +84,7 @@ NOISE_TIMEOUT_S = 3.0
 
 
 class ZaberDevice:
-    """One axis on an open link; every command has its own id, so a stale reply answers nothing.
+    """One axis on an open link; every command has its own id, so stale replies are ignored.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ class ZaberDevice:
     device, axis
         Address in the chain and number of the axis.
     clock
-        Seconds.
+        Time in seconds.
     """
 
     def __init__(
@@ -108,7 +109,7 @@ class ZaberDevice:
 
     @property
     def name(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return self._link.name
 
     def connect(self) -> None:
@@ -143,7 +144,7 @@ class ZaberDevice:
         Raises
         ------
         DeviceTimeoutError, DeviceProtocolError
-            If the reply was lost or spoilt; the command may have been obeyed.
+            If the reply was lost or garbled; the command may have been obeyed.
         """
         with self._lock:
             message_id = self._next_id
@@ -163,7 +164,7 @@ class ZaberDevice:
                 return message
 
     def ask(self, text: str, *, axis: int | None = None) -> ZaberReply:
-        """Send a command that changes nothing, again where its reply was lost.
+        """Send a command that changes nothing, and repeat it if its reply was lost.
 
         Raises
         ------
@@ -183,7 +184,7 @@ class ZaberDevice:
         Raises
         ------
         DeviceProtocolError
-            If it is no number.
+            If it is not a number.
         DeviceRefusalError
             If the device does not know the setting.
         """
@@ -191,9 +192,11 @@ class ZaberDevice:
         try:
             value = float(data.split()[0])
         except (ValueError, IndexError) as error:
-            raise DeviceProtocolError(f"{self.name}: {setting} is {data!r}, no number") from error
+            raise DeviceProtocolError(
+                f"{self.name}: {setting} is {data!r}, not a number"
+            ) from error
         if not isfinite(value):
-            raise DeviceProtocolError(f"{self.name}: {setting} is {data!r}, no number")
+            raise DeviceProtocolError(f"{self.name}: {setting} is {data!r}, not a number")
         return value
 
     def check_settings(self, expected: Mapping[str, float]) -> None:
@@ -211,20 +214,20 @@ class ZaberDevice:
         }
         if faults:
             raise DeviceSettingsError(
-                f"{self.name} is not set as the bench file expects: {'; '.join(faults.values())}. "
-                "Correct the device or expected_settings",
+                f"{self.name} does not have the settings of the bench file: "
+                f"{'; '.join(faults.values())}. Correct the device or expected_settings",
                 settings=tuple(faults),
             )
 
     def warnings(self) -> tuple[str, ...]:
-        """All warning flags, the gravest first."""
+        """All warning flags, the most serious first."""
         count, *flags = self.ask("warnings").data.split()
         if count != f"{len(flags):02d}":
             raise DeviceProtocolError(f"{self.name}: {count} warnings announced, {flags} sent")
         return tuple(flags)
 
     def rejected(self, text: str, reply: ZaberReply) -> DeviceRefusalError:
-        """Say why a command was rejected."""
+        """Return the error that says why a command was rejected."""
         reason = REJECTIONS.get(reply.data, "see the protocol manual")
         return DeviceRefusalError(
             f"{self.name} rejects {text!r}: {reply.data} ({reason}); nothing moved",

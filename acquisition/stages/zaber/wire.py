@@ -47,17 +47,17 @@ WARNING_TEXTS = {
     "FS": "stalled and stopped",
     "FB": "stream bounds error",
     "FP": "left the interpolated path",
-    "FE": "limit error: an end switch was not where it should be",
-    "FT": "twisted too far",
-    "WL": "an end switch was hit unexpectedly",
+    "FE": "limit error: a limit switch was not where it should be",
+    "FT": "excessive twist",
+    "WL": "a limit switch was hit unexpectedly",
     "WV": "supply voltage low or high",
     "WT": "controller hot",
     "WS": "stalled and recovered",
-    "WM": "moved while standing still",
+    "WM": "displaced while stationary",
     "WP": "invalid calibration",
     "WR": "no reference position",
     "WH": "not homed",
-    "NC": "moved by the knob",
+    "NC": "moved with the knob",
     "NI": "movement interrupted",
     "ND": "stream discontinuity",
     "NR": "value rounded",
@@ -84,7 +84,7 @@ class ZaberReply:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZaberAlert:
-    """``!01 1 IDLE --``: the device says unasked that its state changed."""
+    """``!01 1 IDLE --``: an unsolicited message that the device's state changed."""
 
     device: int
     axis: int
@@ -95,7 +95,7 @@ class ZaberAlert:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZaberInfo:
-    """``#01 1 07 text``: more lines to a reply."""
+    """``#01 1 07 text``: further lines of a reply."""
 
     device: int
     axis: int
@@ -112,7 +112,7 @@ _CHECKSUM = re.compile(r"(.+):([0-9A-Fa-f]{2})", re.DOTALL)
 
 
 def checksum(text: str) -> int:
-    """Longitudinal redundancy check of what stands between the first character and the colon.
+    """Longitudinal redundancy check of the text between the first character and the colon.
 
     ``1 1 07 move abs 40000`` gives 0xB6.
     """
@@ -120,12 +120,12 @@ def checksum(text: str) -> int:
 
 
 def encode_command(device: int, axis: int, message_id: int, command: str) -> bytes:
-    """Encode a command with its id and checksum; an empty one asks for the state.
+    """Encode a command with its id and checksum; an empty one queries the state.
 
     Raises
     ------
     ValueError
-        If the device would not take it as one command.
+        If the device would not accept it as one command.
     """
     body = f"{device} {axis} {message_id:02d}" + (f" {command}" if command else "")
     is_clean = command.isascii() and command.isprintable() and not set(command) & set("/:\\@!#")
@@ -136,12 +136,12 @@ def encode_command(device: int, axis: int, message_id: int, command: str) -> byt
 
 
 def parse_message(line: bytes) -> ZaberMessage:
-    """Parse one line without its end; a checksum that is there must be right.
+    """Parse one line without its end; a checksum, if present, must be correct.
 
     Raises
     ------
     DeviceProtocolError
-        If it is no message of the protocol, or its checksum is wrong.
+        If it is not a message of the protocol, or its checksum is wrong.
     """
     try:
         text = line.decode("ascii").strip()

@@ -1,4 +1,4 @@
-"""Owns the camera: streams all the time, lends it to a run, and opens it again when lost."""
+"""Owns the camera: streams all the time, lends it to a run, and reopens it when lost."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -25,27 +25,26 @@ CLOSE_TIMEOUT_S = 5.0
 TURN_S = 0.005
 
 LOST_REMEDY = (
-    "Check the camera's power and network cable. The console keeps trying; nothing has to be "
-    "restarted."
+    "Check the camera's power and network cable. The console keeps trying; no restart is needed."
 )
 ABSENT_REMEDY = (
-    "Check the camera's power, its cable and its address, and that no other program uses it; "
-    "the Doctor page tells more. The console keeps trying."
+    "Check the camera's power, cable and address, and that no other program is using it; "
+    "the Doctor page says more. The console keeps trying."
 )
 DRIVER_REMEDY = "Install it, then start the console again."
 
 
 class CameraService:
-    """The camera's one thread; it publishes every frame to the broadcaster.
+    """The camera's only thread; it publishes every frame to the broadcaster.
 
     Parameters
     ----------
     open_camera
-        Opens and configures it; tried again until it succeeds.
+        Opens and configures it; repeated until it succeeds.
     broadcaster
-        Where every frame is shown.
+        Where every frame is published.
     report
-        Is told of settings that the camera did not take.
+        Called with one line when the camera rejects a setting.
     clock
         Monotonic time in seconds.
     """
@@ -76,17 +75,17 @@ class CameraService:
 
     @property
     def status(self) -> DeviceStatus:
-        """Whether it delivers, and what to do if not."""
+        """Whether it delivers frames, and what to do if not."""
         return self._status
 
     @property
     def settings(self) -> CameraSettings | None:
-        """As read back; None until it was opened for the first time."""
+        """Settings as read back; None until it is first opened."""
         return self._settings
 
     @property
     def info(self) -> DeviceInfo | None:
-        """Who it is; None until it was opened for the first time."""
+        """Identity of the camera; None until it is first opened."""
         return self._info
 
     @property
@@ -96,40 +95,40 @@ class CameraService:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the operator should know of network and settings."""
+        """Warnings for the operator about network and settings."""
         return tuple(getattr(self._camera, "warnings", ()))
 
     def start(self) -> None:
-        """Begin to stream, in a thread."""
+        """Start streaming, in a thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the stream and give the camera back, within some seconds."""
+        """End the stream and release the camera, within a few seconds."""
         self._is_closing.set()
         if self._thread.is_alive():
             self._thread.join(CLOSE_TIMEOUT_S)
 
     def set_exposure_us(self, exposure_us: float) -> None:
-        """Have the exposure set before the next frame; the settings tell what became of it."""
+        """Set the exposure before the next frame; `settings` shows the result."""
         self._requests.put(("exposure_us", exposure_us))
 
     def set_gain_db(self, gain_db: float) -> None:
-        """Have the gain set before the next frame."""
+        """Set the gain before the next frame."""
         self._requests.put(("gain_db", gain_db))
 
     @contextmanager
     def lent(self, check: Callable[[], None] = lambda: None) -> Iterator[Camera]:
-        """Lend the camera; between a stop and the next start the live stream goes on.
+        """Lend the camera; between a stop and the next start the live stream continues.
 
         Parameters
         ----------
         check
-            Is called before each frame and may raise, to end what the borrower does.
+            Called before each frame; may raise to end the borrower's work.
 
         Raises
         ------
         DeviceDisconnectedError
-            If there is none now.
+            If no camera is connected.
         """
         camera = self._camera
         if camera is None or not self._status.is_ready:
@@ -140,7 +139,7 @@ class CameraService:
         finally:
             lent.give_back()
 
-    # What follows is for the lent camera and the thread.
+    # The methods below are for the lent camera and the thread.
 
     def take_turn(self) -> None:
         """End the live stream and hold the camera until `give_turn`."""
@@ -148,22 +147,22 @@ class CameraService:
         self._turn.acquire()
 
     def give_turn(self) -> None:
-        """Let the live stream go on."""
+        """Let the live stream continue."""
         self._is_wished.clear()
         self._turn.release()
 
     def saw(self, frame: Frame, camera: Camera) -> None:
-        """Show a frame, whoever fetched it."""
+        """Publish a frame, whoever fetched it."""
         self._broadcaster.publish(frame, camera.settings)
 
     def began(self, camera: Camera) -> None:
-        """The stream runs."""
+        """Note that the stream is running."""
         self._settings, self._info = camera.settings, camera.info
         self._broadcaster.stream_began()
         self._status = DeviceStatus(state="ready")
 
     def lost(self, error: DeviceError) -> None:
-        """The stream broke off."""
+        """Note that the stream was lost."""
         remedy = LOST_REMEDY if self._settings is not None else ABSENT_REMEDY
         if isinstance(error, DriverMissingError):
             remedy = DRIVER_REMEDY
@@ -178,7 +177,7 @@ class CameraService:
                 try:
                     self._live()
                 except StreamInterruptedError as error:
-                    self.lost(error)  # the next start opens it anew, with the settings it had
+                    self.lost(error)  # the next start reopens it with its settings
                 except DeviceError as error:
                     self.lost(error)
                     self._drop()
@@ -188,7 +187,7 @@ class CameraService:
             self._drop()
 
     def _live(self) -> None:
-        """Stream until somebody wishes for the camera."""
+        """Stream until somebody wants the camera."""
         camera = self._opened()
         camera.start()
         self.began(camera)
@@ -251,12 +250,12 @@ class CameraService:
         except DeviceDisconnectedError:
             raise
         except DeviceError as error:
-            self._report(f"The camera did not take that: {error}")
+            self._report(f"The camera rejected the setting: {error}")
         self._settings = camera.settings
 
 
 class _LentCamera:
-    """The `Camera` that a run is handed: the same, seen by everybody, and stoppable."""
+    """The `Camera` lent to a run: its frames reach all viewers, and it can be stopped."""
 
     def __init__(self, service: CameraService, camera: Camera, check: Callable[[], None]) -> None:
         self._service = service
@@ -321,11 +320,11 @@ class _LentCamera:
         return self._camera.statistics()
 
     def close(self) -> None:
-        """Give it back; the service goes on with it."""
+        """Give it back to the service."""
         self.give_back()
 
     def give_back(self) -> None:
-        """Let the live stream go on; harmless twice."""
+        """Let the live stream continue; calling it twice is harmless."""
         if self._has_turn:
             self._has_turn = False
             self._service.give_turn()

@@ -1,4 +1,4 @@
-"""Whether a device can be used, and what the operator should do where it cannot."""
+"""Whether a device can be used, and what the operator should do if it cannot."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceStatus:
-    """``text`` says what is the matter, ``remedy`` what to do; both are empty when ready."""
+    """``text`` says what is wrong, ``remedy`` what to do; both are empty when ready."""
 
     state: Literal["opening", "ready", "lost"]
     text: str = ""
@@ -14,5 +14,5 @@ class DeviceStatus:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the device answers."""
+        """Whether the device responds."""
         return self.state == "ready"

@@ -1,4 +1,4 @@
-"""The newest frame of the camera, for whoever looks; nobody who looks holds up the camera."""
+"""The newest frame of the camera, for any number of viewers, none of which delays the camera."""
 
 import time
 from collections import deque
@@ -9,14 +9,14 @@ from threading import Condition
 from acquisition.devices import CameraSettings, Frame, FrameImage
 
 LAST_FRAME_ID = 65535
-"""Block ids of GigE Vision are 16 bit; 0 is left out."""
+"""Block ids of GigE Vision have 16 bits; 0 is not used."""
 
 RATED_FRAMES = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LiveFrame:
-    """A complete frame, numbered from 1 in order of arrival, with the settings it came with.
+    """A complete frame, numbered from 1 in order of arrival, with its camera settings.
 
     ``received_s`` is Unix time.
     """
@@ -41,7 +41,7 @@ class FrameCounts:
 
 
 class FrameBroadcaster:
-    """Takes every frame from the thread that owns the camera and shows the newest.
+    """Takes every frame from the thread that owns the camera and provides the newest.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class FrameBroadcaster:
 
     @property
     def counts(self) -> FrameCounts:
-        """Frames until now, and the rate of the last ones."""
+        """Frames so far, and the rate of the last ones."""
         with self._changed:
             arrivals_s = list(self._arrivals_s)
             rate_hz = 0.0
@@ -80,13 +80,13 @@ class FrameBroadcaster:
             )
 
     def stream_began(self) -> None:
-        """The camera was started: its ids begin anew."""
+        """Note that the camera was started: its ids restart."""
         with self._changed:
             self._last_id = None
             self._arrivals_s.clear()
 
     def publish(self, frame: Frame, settings: CameraSettings) -> None:
-        """Count a frame, and show it where it is complete."""
+        """Count a frame, and publish it if it is complete."""
         with self._changed:
             if self._last_id is not None:
                 self._lost += _ids_between(self._last_id, frame.frame_id)
@@ -118,7 +118,7 @@ class FrameBroadcaster:
         return latest if latest is not None and latest.sequence > sequence else None
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
-        """Have ``listener`` called at each frame, in the camera's thread; it must not wait.
+        """Call ``listener`` at each frame, in the camera's thread; it must not block.
 
         Returns
         -------
@@ -137,6 +137,6 @@ class FrameBroadcaster:
 
 
 def _ids_between(last: int, this: int) -> int:
-    """Frame ids that were left out between two frames; an id that goes back counts as none."""
+    """Number of frame ids missing between two frames; 0 if the id goes backwards."""
     step = (this - last) % LAST_FRAME_ID
     return step - 1 if 1 <= step < LAST_FRAME_ID // 2 else 0

@@ -1,4 +1,4 @@
-"""A frame as the page is sent it: a short header and one byte a pixel."""
+"""A frame as it is sent to a page: a short header and one byte per pixel."""
 
 import struct
 from threading import Lock
@@ -16,11 +16,11 @@ HEADER = struct.Struct("<4sIdHH4x")
 MAGIC = b"SOF1"
 
 SATURATED = 255
-"""Means at the largest level; every other pixel is at most one less."""
+"""A pixel at the largest level; every other pixel is at most one less."""
 
 
 def levels_8bit(image_dn: FrameImage, max_level_dn: int) -> NDArray[np.uint8]:
-    """Levels from 0 to 254 in proportion, and 255 for what is saturated; shape kept."""
+    """Scale levels to 0 to 254, with 255 for saturated pixels; the shape is kept."""
     scaled = cv2.convertScaleAbs(image_dn, alpha=(SATURATED - 1) / max_level_dn)
     shown = np.minimum(scaled, SATURATED - 1, dtype=np.uint8)
     np.putmask(shown, image_dn >= max_level_dn, SATURATED)
@@ -36,7 +36,7 @@ class PictureEncoder:
         self._data = b""
 
     def encode(self, frame: LiveFrame) -> bytes:
-        """Header and pixels of a frame."""
+        """Return header and pixels of a frame."""
         with self._lock:
             if frame.sequence != self._sequence:
                 rows, cols = frame.image_dn.shape

@@ -1,4 +1,4 @@
-"""What the console says about the picture: focus with its trace, levels and saturation."""
+"""What the console shows about the picture: focus with its trace, levels and saturation."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFra
 
 BINS = 128
 PERIOD_S = 0.04
-"""At most 25 pictures a second are looked at: more than an eye follows."""
+"""At most 25 pictures per second are measured: more than the eye can follow."""
 
 TRACE_STEP_S = 0.1
 TRACE_VALUES = 300
@@ -24,7 +24,7 @@ TRACE_VALUES = 300
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Levels:
-    """Counts of the levels, ``BINS`` bins from 0 to ``max_level_dn``, and the share clipped."""
+    """Histogram in ``BINS`` bins from 0 to ``max_level_dn``, and the saturated fraction."""
 
     counts: IntArray
     max_level_dn: int
@@ -34,9 +34,9 @@ class Levels:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PictureFacts:
-    """What is known of the newest picture that was looked at.
+    """Measurements of the newest picture.
 
-    ``trace`` holds focus values, the oldest first, ten a second.
+    ``trace`` holds focus values, the oldest first, ten per second.
     """
 
     region: Region | None = None
@@ -60,12 +60,12 @@ def levels_of(image_dn: FrameImage, max_level_dn: int) -> Levels:
 
 
 class PictureMonitor:
-    """Looks at the newest frame in a thread of its own, and leaves out what it has no time for.
+    """Measures the newest frame in its own thread, and skips frames it has no time for.
 
     Parameters
     ----------
     broadcaster
-        Where the frames are.
+        Source of the frames.
     """
 
     def __init__(self, broadcaster: FrameBroadcaster) -> None:
@@ -81,11 +81,11 @@ class PictureMonitor:
 
     @property
     def facts(self) -> PictureFacts:
-        """What is known now."""
+        """The newest measurements."""
         return self._facts
 
     def start(self) -> None:
-        """Begin to look, in a thread."""
+        """Start measuring, in a thread."""
         self._thread.start()
 
     def close(self) -> None:
@@ -95,22 +95,22 @@ class PictureMonitor:
             self._thread.join()
 
     def look_at(self, region: Region | None) -> None:
-        """Measure the focus there; everywhere if None. The peak is forgotten."""
+        """Measure the focus in a region, or in the whole frame if None; the peak is reset."""
         with self._lock:
             self._begin(replace(self._facts, region=region))
 
     def measure_by(self, measure: FocusMeasure) -> None:
-        """Measure the focus so. The peak is forgotten."""
+        """Use another focus measure; the peak is reset."""
         with self._lock:
             self._begin(replace(self._facts, measure=measure))
 
     def forget_peak(self) -> None:
-        """Begin the trace anew."""
+        """Restart the trace."""
         with self._lock:
             self._begin(self._facts)
 
     def look(self, frame: LiveFrame) -> None:
-        """Take one frame in."""
+        """Measure one frame."""
         with self._lock:
             facts = self._facts
             settings, image_dn = frame.settings, frame.image_dn

@@ -14,16 +14,16 @@ TrackerMaker = Callable[[AnyArray], PoseTracker]
 """Makes the tracker of a reference image of shape ``(rows, cols)``."""
 
 PERIOD_S = 0.1
-"""Ten verdicts a second at most; a search of the whole frame takes longer."""
+"""At most ten verdicts per second; a search of the whole frame takes longer."""
 
 STALE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseView:
-    """The pose now: ``reference`` names the reference, empty where none is chosen.
+    """The current pose: ``reference`` names the reference, empty if none is chosen.
 
-    ``is_possible`` is False where the console was started without curves.
+    ``is_possible`` is False if the console was started without curves.
     """
 
     is_possible: bool
@@ -32,16 +32,16 @@ class PoseView:
 
 
 class PoseMonitor:
-    """Follows the pose in a thread of its own, as fast as it can, once a reference is chosen.
+    """Tracks the pose in its own thread, as fast as it can, once a reference is chosen.
 
     Parameters
     ----------
     broadcaster
-        Where the frames are.
+        Source of the frames.
     make_tracker
-        None where no detectability curve says what is good enough.
+        None if no detectability curve says what is good enough.
     report
-        Is told in one line why it ends by itself.
+        Called with one line when tracking ends by itself.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class PoseMonitor:
 
     @property
     def view(self) -> PoseView:
-        """The pose now."""
+        """The current pose."""
         return self._view
 
     def choose(self, name: str, image: AnyArray) -> None:
@@ -81,19 +81,19 @@ class PoseMonitor:
         try:
             tracker = self._make(image)
         except CalibrationError as error:
-            raise ApplicationError(f"{name} cannot be followed: {error}") from error
+            raise ApplicationError(f"{name} cannot be used as a reference: {error}") from error
         with self._lock:
             self._tracker = tracker
             self._view = PoseView(is_possible=True, reference=name)
 
     def clear(self) -> None:
-        """Judge nothing any more."""
+        """Stop judging the pose."""
         with self._lock:
             self._tracker = None
             self._view = PoseView(is_possible=self._make is not None)
 
     def start(self) -> None:
-        """Begin to follow, in a thread."""
+        """Start tracking, in a thread."""
         self._thread.start()
 
     def close(self) -> None:
@@ -114,8 +114,8 @@ class PoseMonitor:
                 seen = frame.sequence
                 try:
                     verdict = tracker.update(frame.image_dn)
-                except ValueError as error:  # the frames changed their size
-                    self._report(f"The pose is judged no more: {error}")
+                except ValueError as error:  # the frame size changed
+                    self._report(f"The pose is no longer judged: {error}")
                     self.clear()
                     continue
             with self._lock:

@@ -1,4 +1,4 @@
-"""Makes the tracker that follows the pose against a reference."""
+"""Makes the tracker of the pose relative to a reference."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from standoff.console.devices.pose_monitor import TrackerMaker
 
 
 def tracker_maker(curve: DetectabilityCurve, min_dprime: float) -> TrackerMaker:
-    """Return what makes a tracker of a reference image, judged by this curve."""
+    """Return a function that makes a tracker for a reference image, using this curve."""
 
     def make(image: AnyArray) -> PoseTracker:
         reference: Any = image

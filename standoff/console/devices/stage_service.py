@@ -1,4 +1,4 @@
-"""Owns the stage: reads it while nobody moves it, lends it to one job, opens it again when lost."""
+"""Owns the stage: reads it while nobody moves it, lends it to one job, reopens it when lost."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,20 +19,20 @@ RETRY_S = 1.0
 CLOSE_TIMEOUT_S = 3.0
 
 LOST_REMEDY = (
-    "Watch the stage: without its cable it runs on to its target; use the emergency stop on it if "
-    "that is dangerous. Check cable and power. It is opened again by itself; home it then."
+    "Watch the stage: without its cable it continues to its target; use its emergency stop if "
+    "that is dangerous. Check cable and power. It reconnects automatically; then home it."
 )
 ABSENT_REMEDY = (
-    "Switch it on, check its cable and the port in the bench file, and that no other program has "
-    "it open. The console keeps trying."
+    "Switch the stage on, and check its cable, the port in the bench file, and that no other "
+    "program has it open. The console keeps trying."
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageView:
-    """What the stage shows: ``height_mm`` is None where it is not known.
+    """The state of the stage: ``height_mm`` is None if it is unknown.
 
-    ``target_mm`` is where it was sent, while it is on its way.
+    ``target_mm`` is the height it is moving to, None at rest.
     """
 
     status: DeviceStatus
@@ -46,15 +46,15 @@ class StageView:
 
 
 class StageService:
-    """The stage, read five times a second; a job borrows it, a stop comes from any thread.
+    """The stage, read five times a second; a job borrows it, and any thread may stop it.
 
     Parameters
     ----------
     open_stage
-        Opens it and moves nothing; its argument says that it was open before and may still
-        move, so that it is to be stopped first.
+        Opens it without moving it; its argument says that it was open before and may still be
+        moving, so that it must be stopped first.
     limits_mm
-        Of the bench file.
+        Limits of the bench file.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class StageService:
 
     @property
     def view(self) -> StageView:
-        """What it shows now."""
+        """The current state."""
         stage = self._stage
         return StageView(
             status=self._status,
@@ -91,26 +91,26 @@ class StageService:
 
     @property
     def status(self) -> DeviceStatus:
-        """Whether it answers, and what to do if not."""
+        """Whether it responds, and what to do if not."""
         return self._status
 
     def start(self) -> None:
-        """Open it and begin to read, in a thread."""
+        """Open it and start reading, in a thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Give the port back, within some seconds; a stage in mid-move is stopped first."""
+        """Release the port, within a few seconds; a moving stage is stopped first."""
         self._is_closing.set()
         if self._thread.is_alive():
             self._thread.join(CLOSE_TIMEOUT_S)
 
     def stop(self) -> None:
-        """Stop under control, at once, from any thread, whoever moves it.
+        """Stop in a controlled way, at once, from any thread, whoever moves it.
 
         Raises
         ------
         DeviceError
-            If it cannot be told: the message says so.
+            If the stage cannot be told to stop; the message says so.
         """
         stage = self._stage
         if stage is None:
@@ -125,12 +125,12 @@ class StageService:
         Parameters
         ----------
         check
-            Is called before and after each move and may raise, to end what the borrower does.
+            Called before and after each move; may raise to end the borrower's work.
 
         Raises
         ------
         DeviceDisconnectedError
-            If there is none now.
+            If no stage is connected.
         """
         if self._stage is None or not self._status.is_ready:
             raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
@@ -138,7 +138,7 @@ class StageService:
 
     @contextmanager
     def turn(self) -> Iterator[None]:
-        """Speak with the stage; the reading in between waits. A stage that is gone is let go."""
+        """Talk to the stage while polling waits; a stage that is disconnected is dropped."""
         with self._turn:
             try:
                 yield
@@ -148,7 +148,7 @@ class StageService:
 
     @contextmanager
     def doing(self, state: StageState, target_mm: float | None) -> Iterator[None]:
-        """Show that a job homes or moves it."""
+        """Show that a job is homing or moving it."""
         with self.turn():
             self._state, self._target_mm = state, target_mm
             try:
@@ -215,7 +215,7 @@ class StageService:
 
 
 class _LentStage:
-    """The `Stage` that a job is handed: the same, shown to everybody, and stoppable."""
+    """The `Stage` lent to a job: its state reaches all viewers, and it can be stopped."""
 
     def __init__(self, service: StageService, stage: Stage, check: Callable[[], None]) -> None:
         self._service = service
@@ -272,11 +272,11 @@ class _LentStage:
             self._stage.clear_alarm()
 
     def close(self) -> None:
-        """The service goes on with it."""
+        """Leave it open: the service keeps it."""
 
     @contextmanager
     def _stoppable(self) -> Iterator[None]:
-        """Turn what a move raises because it was stopped into the stop itself."""
+        """Turn the error of a move that was stopped into the stop itself."""
         self._check()
         try:
             yield

@@ -1,4 +1,4 @@
-"""Who holds control: one viewer at a time, the others watch; taking it over is explicit."""
+"""Who is in control: one viewer at a time, while the others watch; taking over is explicit."""
 
 from dataclasses import dataclass
 from threading import Lock
@@ -8,8 +8,8 @@ from threading import Lock
 class ControlView:
     """Control as one viewer sees it.
 
-    ``holder`` is a name, empty where nobody holds control; ``is_away`` says that the holder's
-    page is not connected now.
+    ``holder`` is a name, empty if nobody is in control; ``is_away`` says that the holder's
+    page is not connected at the moment.
     """
 
     is_mine: bool
@@ -19,7 +19,7 @@ class ControlView:
 
 
 class ControlArbiter:
-    """Keeps who is there and who holds control; a page that is lost keeps what it held."""
+    """Knows who is connected and who is in control; a lost page keeps its control."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -28,35 +28,35 @@ class ControlArbiter:
         self._holder_name = ""
 
     def join(self, viewer: str, name: str) -> None:
-        """A page is connected; the first one where nobody holds control is given it."""
+        """Connect a page; it gets control if nobody has it."""
         with self._lock:
             self._present[viewer] = name
             if self._holder is None:
                 self._hold(viewer)
 
     def leave(self, viewer: str) -> None:
-        """A page is gone; control stays where it was until somebody takes it."""
+        """Disconnect a page; it keeps control until somebody takes over."""
         with self._lock:
             self._present.pop(viewer, None)
 
     def take(self, viewer: str) -> None:
-        """Take control over, from whoever holds it."""
+        """Take control from whoever has it."""
         with self._lock:
             if viewer in self._present:
                 self._hold(viewer)
 
     def release(self, viewer: str) -> None:
-        """Give control away; nobody holds it then."""
+        """Give up control; then nobody has it."""
         with self._lock:
             if self._holder == viewer:
                 self._holder, self._holder_name = None, ""
 
     def is_holder(self, viewer: str) -> bool:
-        """Whether this page holds control."""
+        """Whether this page is in control."""
         return self._holder == viewer
 
     def operator(self) -> str:
-        """Name of whoever holds control; empty if nobody does."""
+        """Name of whoever is in control; empty if nobody is."""
         return self._holder_name
 
     def view(self, viewer: str) -> ControlView:

@@ -8,15 +8,15 @@ from standoff.errors import REPORTED_ERRORS, ApplicationError
 
 
 class BusyError(ApplicationError):
-    """Something else is going on at the bench: ``job`` is its name."""
+    """Another job is running on the bench; ``job`` is its name."""
 
     def __init__(self, job: str, text: str = "") -> None:
-        super().__init__(text or f"Not now: {job} is going on. Wait, or stop it.")
+        super().__init__(text or f"Busy: {job} is still running. Wait, or stop it.")
         self.job = job
 
 
 class Job:
-    """One job: what it does, whether it is to stop, and how it ended."""
+    """One job: its name, whether it has been told to stop, and whether it has ended."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -25,32 +25,32 @@ class Job:
 
     @property
     def is_stopping(self) -> bool:
-        """Whether it was told to stop."""
+        """Whether it has been told to stop."""
         return self._is_stop_wanted.is_set()
 
     def ask_stop(self) -> None:
-        """Have the next `check` raise."""
+        """Make the next `check` raise."""
         self._is_stop_wanted.set()
 
     def check(self) -> None:
-        """Do nothing, unless it was told to stop.
+        """Raise if the job has been told to stop.
 
         Raises
         ------
         OperatorStopError
-            Then.
+            If so.
         """
         if self._is_stop_wanted.is_set():
             raise OperatorStopError("stopped by the operator")
 
 
 class JobRunner:
-    """Runs each job in a thread of its own, never two at once.
+    """Runs each job in its own thread, never two at once.
 
     Parameters
     ----------
     report
-        Is told in one line how a job failed.
+        Called with one line when a job stops or fails.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
@@ -60,17 +60,17 @@ class JobRunner:
 
     @property
     def current(self) -> Job | None:
-        """The job that is going on."""
+        """The job that is running, if any."""
         job = self._job
         return None if job is None or job.ended.is_set() else job
 
     def begin(self, name: str, work: Callable[[Job], None]) -> Job:
-        """Begin a job.
+        """Start a job.
 
         Raises
         ------
         BusyError
-            If another one is going on.
+            If another one is running.
         """
         with self._lock:
             busy = self.current
@@ -89,7 +89,7 @@ class JobRunner:
         except REPORTED_ERRORS as error:
             self._report(f"{job.name[:1].upper()}{job.name[1:]} failed: {error}")
         except BaseException:
-            self._report(f"{job.name[:1].upper()}{job.name[1:]} broke off: see the terminal.")
+            self._report(f"{job.name[:1].upper()}{job.name[1:]} crashed; see the terminal.")
             raise
         finally:
             job.ended.set()

@@ -1,4 +1,4 @@
-"""Questions to the operator, asked by a job and answered by whoever holds control."""
+"""Questions to the operator, asked by a job and answered by whoever is in control."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prompt:
-    """A question; ``wants_text`` asks for a line besides the choice."""
+    """A question; ``wants_text`` asks for a line of text besides the choice."""
 
     number: int
     text: str
@@ -35,7 +35,7 @@ class PromptQueue:
     Parameters
     ----------
     check
-        Is called while waiting and may raise, to end the wait.
+        Called while waiting; may raise to end the wait.
     """
 
     def __init__(self, check: Callable[[], None]) -> None:
@@ -47,11 +47,11 @@ class PromptQueue:
 
     @property
     def current(self) -> Prompt | None:
-        """The question that waits for an answer."""
+        """The question that is waiting for an answer."""
         return self._prompt
 
     def answer(self, number: int, choice: str, text: str = "") -> bool:
-        """Answer a question; False where it is not the one that waits, or has no such choice."""
+        """Answer a question; False if it is not the one waiting, or has no such choice."""
         with self._changed:
             prompt = self._prompt
             if prompt is None or prompt.number != number:
@@ -63,26 +63,26 @@ class PromptQueue:
         return True
 
     def place(self, entry: PlanEntry) -> Placement:
-        """Have a target placed.
+        """Ask the operator to place a target.
 
         Raises
         ------
         OperatorStopError
-            If the job is stopped meanwhile; so for all questions.
+            If the job is stopped meanwhile, as for all questions.
         """
-        choices = (Choice(key="ready", label="It lies there"), Choice(key="skip", label="Skip it"))
+        choices = (Choice(key="ready", label="It is in place"), Choice(key="skip", label="Skip it"))
         choice, _ = self._ask(what_to_place(entry), choices)
         return "skip" if choice == "skip" else "ready"
 
     def review(self, entry: PlanEntry, findings: tuple[QualityFinding, ...]) -> Verdict:
-        """Ask whether a bad capture is to be taken again."""
+        """Ask whether to retake a bad capture."""
         found = "; ".join(f"{finding.problem}: {finding.text}" for finding in findings)
-        choices = (Choice(key="retake", label="Take it again"), Choice(key="keep", label="Keep it"))
+        choices = (Choice(key="retake", label="Retake it"), Choice(key="keep", label="Keep it"))
         choice, _ = self._ask(f"Capture {entry.index} of {entry.target!r}: {found}.", choices)
         return "retake" if choice == "retake" else "keep"
 
     def ask(self, question: str) -> str:
-        """Put a question that is answered by a line; an empty one confirms."""
+        """Ask a question that is answered by a line of text; an empty one confirms."""
         _, text = self._ask(question, (Choice(key="ok", label="Confirm"),), wants_text=True)
         return text
 

@@ -1,4 +1,4 @@
-"""A capture session under way: the runner in a job, the plan as a table, pause and retake."""
+"""A running capture session: the runner in a job, the plan as a table, pause and retake."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ PAUSE_CHECK_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanRow:
-    """One entry of the plan and what became of it; ``note`` is what was found wrong."""
+    """One entry of the plan and its result; ``note`` says what was found wrong."""
 
     entry: PlanEntry
     state: RowState = "pending"
@@ -37,9 +37,9 @@ class PlanRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunView:
-    """The session at work, or the last one.
+    """The running session, or the last one.
 
-    ``revision`` grows whenever a row changed.
+    ``revision`` increases whenever a row changes.
     """
 
     session: str = ""
@@ -57,7 +57,7 @@ class RunView:
 
 
 def rows_of(path: Path, plan: CapturePlan) -> tuple[PlanRow, ...]:
-    """The plan as a table, with what the session at ``path`` has already.
+    """The plan as a table, with the captures that the session at ``path`` already has.
 
     Raises
     ------
@@ -85,9 +85,9 @@ def rows_of(path: Path, plan: CapturePlan) -> tuple[PlanRow, ...]:
 
 
 def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig:
-    """The bench that a session runs with: exposure and gain as it began, or as they are set now.
+    """The bench that a session runs with: its initial exposure and gain, or the current ones.
 
-    Everything else is the bench file's, and the session refuses what differs.
+    Everything else comes from the bench file, and the session refuses differences.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig
 
 
 class SessionRun:
-    """Runs one session at a time; `view` tells how far it is.
+    """Runs one session at a time; `view` shows its progress.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class SessionRun:
     prompts
         Asks the operator.
     drivers
-        Lay a simulated bench's targets, and tell the time in which the devices live.
+        Place a simulated bench's targets, and provide the clock that the devices run on.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class SessionRun:
 
     @property
     def view(self) -> RunView:
-        """How far it is."""
+        """The session's progress."""
         return self._view
 
     def prepare(self, path: Path, plan: CapturePlan) -> None:
@@ -166,7 +166,7 @@ class SessionRun:
         )
 
     def pause(self) -> None:
-        """Wait before the next capture; the stage is at rest then."""
+        """Wait before the next capture, with the stage at rest."""
         self._may_go_on.clear()
 
     def go_on(self) -> None:
@@ -175,31 +175,31 @@ class SessionRun:
 
     @property
     def is_pause_wanted(self) -> bool:
-        """Whether it waits, or will before the next capture."""
+        """Whether it is paused, or will be before the next capture."""
         return not self._may_go_on.is_set()
 
     def retake(self, index: int) -> None:
-        """Take a capture again; the run under way begins anew with it.
+        """Retake a capture; the current run restarts with it.
 
         Raises
         ------
         ApplicationError
-            If it was not captured yet.
+            If it has not been captured yet.
         """
         with self._lock:
             if index not in {row.entry.index for row in self._view.rows if row.state == "done"}:
-                raise ApplicationError(f"Capture {index} was not taken yet.")
+                raise ApplicationError(f"Capture {index} has not been taken yet.")
             self._retakes.append(index)
 
     def work(
         self, job: Job, path: Path, plan: CapturePlan, operator: str, retake: Sequence[int] = ()
     ) -> None:
-        """Capture what is missing, until it is all there or somebody stops it.
+        """Capture what is missing, until the plan is complete or somebody stops it.
 
         Raises
         ------
         OperatorStopError, DeviceError, SessionError
-            As `run_plan` does; the view tells why it ended, too.
+            As `run_plan`; the view also says why it ended.
         """
         wanted = list(retake)
         try:
@@ -214,19 +214,19 @@ class SessionRun:
                 else:
                     break
         except OperatorStopError:
-            text = "Stopped. What was captured is kept: resume it."
+            text = "Stopped. The captures so far are kept; resume to go on."
             self._show(state="stopped", message=text, seconds_left=None)
             raise
         except (DeviceError, SessionError) as error:
             self._fail(str(error))
             raise
-        text = f"{skipped} captures were skipped: resume to take them." if skipped else ""
+        text = f"{skipped} captures were skipped; resume to take them." if skipped else ""
         self._show(state="finished", message=text, seconds_left=None)
 
     def _run(
         self, job: Job, path: Path, plan: CapturePlan, operator: str, retake: Sequence[int]
     ) -> int:
-        """Run the plan once; gives how many captures were skipped."""
+        """Run the plan once; return how many captures were skipped."""
         with self._camera.lent(job.check) as camera:
             stage = self._stage.lent(job.check)
             bench = session_bench(path, self._bench, camera)
@@ -258,7 +258,7 @@ class SessionRun:
                 try:
                     _set_exposure_back(camera, bench)
                 except DeviceError as left:
-                    error.add_note(f"the exposure could not be set back: {left}")
+                    error.add_note(f"the exposure could not be restored: {left}")
                 raise
             _set_exposure_back(camera, bench)
         return summary.skipped
@@ -282,7 +282,7 @@ class SessionRun:
 
     def _break_off_for_retakes(self) -> None:
         if self._retakes:
-            raise OperatorStopError("broken off to take captures again")
+            raise OperatorStopError("interrupted to retake captures")
 
     def _taken_retakes(self) -> list[int]:
         with self._lock:
@@ -325,7 +325,7 @@ class SessionRun:
 
 
 def _set_exposure_back(camera: Camera, bench: BenchConfig) -> None:
-    """Undo the exposure of the last capture: the next session begins with the live picture's."""
+    """Restore the live picture's exposure, with which the next session begins."""
     if camera.settings.exposure_us != bench.camera.exposure_us:
         camera.set_exposure_us(bench.camera.exposure_us)
 

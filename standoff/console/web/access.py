@@ -1,4 +1,4 @@
-"""Who may see the console: this computer, or whoever knows the token; no foreign web page."""
+"""Who may open the console: this computer, or whoever has the token; no other web page."""
 
 import hashlib
 import hmac
@@ -21,20 +21,20 @@ def is_loopback_host(host: str) -> bool:
 
 
 class Access:
-    """Decides about requests; knows no connection.
+    """Decides about requests, independently of any connection.
 
-    Without a token only this computer is served, under a name of this computer alone, so that
-    no web page of elsewhere can pass its own name off as ours. With one, everybody needs it.
+    Without a token only this computer is served, and only under a loopback name, so that no web
+    page from elsewhere can pass its own name off as ours. With a token, everybody needs it.
 
     Parameters
     ----------
     token
-        None where only this computer is served.
+        None if only this computer is served.
     """
 
     def __init__(self, token: str | None) -> None:
         self._token = token
-        # The cookie proves knowledge of the token and is void with the next start.
+        # The cookie proves knowledge of the token and becomes invalid at the next start.
         key = secrets.token_bytes(32)
         # Consoles on other ports of the same host share its cookies.
         self.cookie_name = f"standoff_console_{secrets.token_hex(4)}"
@@ -42,7 +42,7 @@ class Access:
 
     @property
     def needs_token(self) -> bool:
-        """Whether there is one."""
+        """Whether there is a token."""
         return self._token is not None
 
     def is_token(self, text: str) -> bool:
@@ -55,7 +55,7 @@ class Access:
         Parameters
         ----------
         peer
-            Address it came from; None where that is not known.
+            Address it came from; None if unknown.
         host
             Its ``Host`` header.
         cookies

@@ -1,4 +1,4 @@
-"""In front of every page: the access check, and headers that keep a page to itself."""
+"""Middleware in front of every page: the access check, and headers that isolate a page."""
 
 from collections.abc import MutableMapping
 from typing import Any
@@ -17,10 +17,10 @@ REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'none'; sandbox allow-popups"
 )
-"""Of a report: one file with its styles and figures in it, which runs no script."""
+"""Policy of a report: one file that contains its styles and figures and runs no script."""
 
 OPEN_PATHS = ("/login", "/static/console.css", "/static/icon.svg")
-"""What the page that asks for the token needs."""
+"""Paths that the page asking for the token needs."""
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -34,16 +34,16 @@ FORBIDDEN, NOT_OURS = 4401, 4403
 
 
 class AccessMiddleware:
-    """ASGI middleware: lets in whom `Access` lets in.
+    """ASGI middleware that admits whom `Access` admits.
 
     Parameters
     ----------
     app
-        What is behind it.
+        The application behind it.
     access
-        Decides.
+        Decides who may enter.
     refusal
-        Page for whom it does not let in.
+        Page for those not admitted.
     """
 
     def __init__(self, app: ASGIApp, *, access: Access, refusal: str) -> None:

@@ -1,4 +1,4 @@
-"""The console's pages and its one websocket; everything that matters happens behind them."""
+"""The console's pages and its one websocket; the work is done behind them."""
 
 import asyncio
 import getpass
@@ -47,7 +47,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
     hub
         The bench.
     token
-        Whoever knows it is let in from any computer; None lets in this computer alone.
+        Whoever has it is let in from any computer; None lets in only this computer.
     """
     access = Access(token)
     pages = _Pages(hub, access)
@@ -68,7 +68,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
 
 
 class _Pages:
-    """Every page, rendered here; what moves on it comes over the websocket."""
+    """Renders every page; what changes on it comes over the websocket."""
 
     def __init__(self, hub: BenchHub, access: Access) -> None:
         self._hub = hub
@@ -120,7 +120,7 @@ class _Pages:
         return self._page("doctor.html", checks=checks)
 
     async def login(self, request: Request) -> Response:
-        """Take the token, once, and hand out the cookie that stands for it."""
+        """Take the token once, and return a cookie in its place."""
         if request.method == "GET":
             token = request.query_params.get("token", "")
         else:
@@ -165,7 +165,7 @@ class _Sockets:
         self._state = StateCache(hub)
         self._viewers: dict[str, Viewer] = {}
         self._sockets: dict[str, WebSocket] = {}
-        # One after the other, and never in the loop that sends the pictures.
+        # One at a time, and never in the loop that sends the pictures.
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="commands")
 
     async def serve(self, socket: WebSocket) -> None:
@@ -179,7 +179,7 @@ class _Sockets:
         except messages.MessageError:
             hello = None
         if not isinstance(hello, messages.Hello):
-            await socket.close(code=1008, reason="say hello first")
+            await socket.close(code=1008, reason="send hello first")
             return
         await self._replace(hello.viewer)
         viewer = Viewer(
@@ -202,7 +202,7 @@ class _Sockets:
                 self._hub.control.leave(hello.viewer)
 
     async def _replace(self, identity: str) -> None:
-        """A page that was opened again takes the place of the old one."""
+        """Close the old connection of a page that was opened again."""
         old = self._sockets.get(identity)
         if old is not None:
             del self._viewers[identity], self._sockets[identity]
@@ -215,7 +215,7 @@ class _Sockets:
             except (WebSocketDisconnect, RuntimeError):
                 return
             except KeyError:
-                viewer.reply({"type": "refused", "text": "a message is text"})
+                viewer.reply({"type": "refused", "text": "a message must be text"})
                 continue
             await self._take(text, viewer)
 

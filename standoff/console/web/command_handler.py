@@ -1,4 +1,4 @@
-"""Carries out what the holder of control asks for; a stop may come from anybody."""
+"""Executes the commands of whoever is in control; anybody may stop."""
 
 import getpass
 from collections.abc import Callable
@@ -22,11 +22,11 @@ LEAST_REGION_PX = 8
 
 
 class NotInControlError(ApplicationError):
-    """Somebody else holds control; nothing was done."""
+    """Somebody else is in control; nothing was done."""
 
 
 class CommandHandler:
-    """Carries out one message of a page after the other.
+    """Executes the messages of a page, one after the other.
 
     Parameters
     ----------
@@ -58,14 +58,14 @@ class CommandHandler:
         }
 
     def carry_out(self, viewer: str, message: messages.Message) -> dict[str, Any] | None:
-        """Do what a page asks for; gives what is to be sent to that page alone.
+        """Execute a message; return what to send to that page alone, if anything.
 
         Raises
         ------
         NotInControlError
-            If somebody else holds control.
+            If somebody else is in control.
         ApplicationError, DeviceError, SessionError
-            If it cannot be done; the message says why.
+            If it cannot be executed; the error says why.
         """
         match message:
             case messages.Stop():
@@ -79,7 +79,7 @@ class CommandHandler:
                 self._hub.control.release(viewer)
                 return None
         if not isinstance(message, messages.Preview) and not self._hub.control.is_holder(viewer):
-            raise NotInControlError("Somebody else holds control: take it over first.")
+            raise NotInControlError("You are not in control: take control first.")
         command = self._commands.get(type(message))
         return None if command is None else command(message)
 
@@ -97,7 +97,9 @@ class CommandHandler:
             return
         x_px, y_px, width_px, height_px = message.region
         if min(width_px, height_px) < LEAST_REGION_PX:
-            raise ApplicationError(f"A region is at least {LEAST_REGION_PX} pixels wide and high.")
+            raise ApplicationError(
+                f"A region must be at least {LEAST_REGION_PX} pixels wide and high."
+            )
         self._hub.picture.look_at(
             Region(x_px=x_px, y_px=y_px, width_px=width_px, height_px=height_px)
         )
@@ -111,7 +113,7 @@ class CommandHandler:
         if message.is_relative:
             now_mm = self._hub.stage.view.height_mm
             if now_mm is None:
-                raise ApplicationError("The stage does not know its height: home it first.")
+                raise ApplicationError("The stage does not know its height; home it first.")
             height_mm = round(now_mm + height_mm, 3)
         refuse_beyond_limits(height_mm, self._hub.bench.stage.limits_mm)
         timeout_s = move_timeout_s(self._hub.bench.stage)
@@ -148,7 +150,7 @@ class CommandHandler:
         path = self._hub.sessions.path_for(message.session)
         if path.exists():
             raise ApplicationError(
-                f"There is a session {message.session!r} already: resume it, or choose another name"
+                f"There is already a session {message.session!r}: resume it, or choose another name"
             )
         self._begin(path, plan, ())
 
@@ -183,7 +185,7 @@ class CommandHandler:
 
     def _answer(self, message: messages.Answer) -> None:
         if not self._hub.prompts.answer(message.number, message.choice, message.text):
-            raise ApplicationError("That question was answered already.")
+            raise ApplicationError("That question has already been answered.")
 
     def _write_report(self, message: messages.WriteReport) -> None:
         session = self._hub.sessions.open(message.session)
@@ -192,7 +194,7 @@ class CommandHandler:
         def work(_: Job) -> None:
             make_folder(path.parent)
             write_session_report(session, path)
-            self._hub.tell(f"The report of {message.session} is written.")
+            self._hub.tell(f"The report of {message.session} has been written.")
 
         self._hub.jobs.begin(f"writing the report of {message.session}", work)
 

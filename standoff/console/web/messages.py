@@ -1,4 +1,4 @@
-"""What a page may say to the console: one JSON object a message, checked key by key."""
+"""The messages that a page may send to the console: one JSON object each, fully checked."""
 
 from typing import Annotated, Literal
 
@@ -19,7 +19,7 @@ Positive = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
 
 
 class MessageError(ApplicationError, ValueError):
-    """A page sent what is no message; nothing was done."""
+    """A page sent something that is not a message; nothing was done."""
 
 
 class _Message(BaseModel):
@@ -43,26 +43,26 @@ class Acknowledge(_Message):
 
 
 class TakeControl(_Message):
-    """Take control over; ``name`` is the operator's, for the journal."""
+    """Take over control; ``name`` is the operator's, for the journal."""
 
     do: Literal["take"]
     name: Person = ""
 
 
 class Release(_Message):
-    """Give control away."""
+    """Give up control."""
 
     do: Literal["release"]
 
 
 class Stop(_Message):
-    """Stop the stage and what is going on."""
+    """Stop the stage and the current job."""
 
     do: Literal["stop"]
 
 
 class SetExposure(_Message):
-    """Expose the live picture so."""
+    """Set the exposure of the live picture."""
 
     do: Literal["exposure"]
     exposure_us: Positive
@@ -76,21 +76,21 @@ class SetGain(_Message):
 
 
 class LookAt(_Message):
-    """Measure the focus in a region, or in the whole frame where it is absent."""
+    """Measure the focus in a region, or in the whole frame if it is null."""
 
     do: Literal["region"]
     region: tuple[Pixels, Pixels, Pixels, Pixels] | None
 
 
 class FocusMetric(_Message):
-    """Measure the focus by another measure."""
+    """Choose another focus measure."""
 
     do: Literal["metric"]
     metric: FocusMeasure
 
 
 class ForgetPeak(_Message):
-    """Begin the focus trace anew."""
+    """Restart the focus trace."""
 
     do: Literal["forget-peak"]
 
@@ -102,7 +102,7 @@ class Home(_Message):
 
 
 class Move(_Message):
-    """Move the stage to a height, or by one."""
+    """Move the stage to a height, or by a distance."""
 
     do: Literal["move"]
     height_mm: Finite
@@ -131,7 +131,7 @@ class Run(_Message):
 
 
 class Resume(_Message):
-    """Go on with a session, by its own plan."""
+    """Resume a session with its own plan."""
 
     do: Literal["resume"]
     session: Name
@@ -150,7 +150,7 @@ class GoOn(_Message):
 
 
 class Retake(_Message):
-    """Take a capture of the session again."""
+    """Retake a capture of the session."""
 
     do: Literal["retake"]
     session: Name
@@ -158,7 +158,7 @@ class Retake(_Message):
 
 
 class Answer(_Message):
-    """Answer the question that waits."""
+    """Answer the question that is waiting."""
 
     do: Literal["answer"]
     number: Index
@@ -174,7 +174,7 @@ class WriteReport(_Message):
 
 
 class PoseReference(_Message):
-    """Judge the pose against a capture, or against the present picture where none is named."""
+    """Judge the pose against a capture, or against the current picture if none is named."""
 
     do: Literal["pose-reference"]
     session: Name | None = None
@@ -182,7 +182,7 @@ class PoseReference(_Message):
 
 
 class PoseClear(_Message):
-    """Judge no pose any more."""
+    """Stop judging the pose."""
 
     do: Literal["pose-clear"]
 
@@ -222,10 +222,10 @@ def parse_message(text: str) -> Message:
     Raises
     ------
     MessageError
-        If it is none, with the reason in one line.
+        If it is not a message; the error gives the reason in one line.
     """
     if len(text) > MAX_MESSAGE_CHARS:
-        raise MessageError(f"a message has at most {MAX_MESSAGE_CHARS} characters")
+        raise MessageError(f"a message may have at most {MAX_MESSAGE_CHARS} characters")
     try:
         return _ADAPTER.validate_json(text)
     except ValidationError as error:

@@ -13,26 +13,26 @@ from standoff.console.web.messages import MAX_MESSAGE_CHARS
 from standoff.errors import ApplicationError
 
 GRACE_S = 2
-"""How long pages are waited for at the end."""
+"""How long to wait for pages at the end."""
 
 KEEP_ALIVE_S = 10.0
 
 
 def open_socket(host: str, port: int) -> socket.socket:
-    """Bind the address; port 0 takes a free one.
+    """Bind the address; port 0 picks a free port.
 
     Raises
     ------
     ApplicationError
-        If it cannot be had.
+        If the address cannot be bound.
     """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM
         )[0]
         opened = socket.socket(family, kind, protocol)
-    except UnicodeError as error:  # what no domain name may be, as a label of 64 characters
-        raise ApplicationError(f"cannot listen on {host}: it is no name of a computer") from error
+    except UnicodeError as error:  # not a valid domain name, such as a label of 64 characters
+        raise ApplicationError(f"cannot listen on {host}: it is not a host name") from error
     except OSError as error:
         raise _refused(host, port, error) from error
     try:
@@ -47,8 +47,8 @@ def open_socket(host: str, port: int) -> socket.socket:
 
 def _refused(host: str, port: int, error: OSError) -> ApplicationError:
     return ApplicationError(
-        f"cannot listen on {host}, port {port}: {error.strerror or error}; is a console running "
-        "there already? --port takes another"
+        f"cannot listen on {host}, port {port}: {error.strerror or error}; is a console already "
+        "running there? --port chooses another port"
     )
 
 
@@ -58,13 +58,13 @@ def serve(app: ASGIApp, bound: socket.socket, *, ready: Callable[[], None]) -> N
     Parameters
     ----------
     ready
-        Is called once the first request would be answered.
+        Called once requests are answered.
     """
     asyncio.run(_serve(server_of(app), bound, ready))
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
-    """Return a server of the application, which leaves the signals alone."""
+    """Return a server of the application that leaves the signals alone."""
     config = uvicorn.Config(
         app,
         loop="asyncio",
@@ -85,11 +85,11 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
 
 
 class _Server(uvicorn.Server):
-    """A server whose signals are ours."""
+    """A server that leaves the signals to us."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave the signals alone: Ctrl-C is how a console ends, and no error."""
+        """Leave the signals alone: Ctrl-C is the normal end of a console, not an error."""
         yield
 
 

@@ -21,7 +21,7 @@ def session_document(library: SessionLibrary, name: str) -> dict[str, Any]:
     Raises
     ------
     UnknownSessionError
-        If there is none of that name.
+        If there is no session with that name.
     SessionError
         If it cannot be read.
     """
@@ -50,7 +50,7 @@ def session_document(library: SessionLibrary, name: str) -> dict[str, Any]:
 
 
 def _calibrate_command(path: Path) -> str:
-    """What to type for the PSF."""
+    """Command that calibrates the PSF."""
     out = path / RESULTS_FOLDER / "psf.json"
     return f"standoff calibrate --session {quote(str(path))} --out {quote(str(out))}"
 
@@ -59,7 +59,7 @@ def _capture(capture: SessionCapture) -> dict[str, Any]:
     record = capture.record
     state = "used"
     if capture.is_superseded:
-        state = "taken again"
+        state = "superseded"
     elif capture.excluded_because is not None:
         state = f"excluded: {capture.excluded_because}"
     return {
@@ -85,7 +85,7 @@ def _note(facts: Mapping[str, Any]) -> str:
 
 
 def _psf(session: Session) -> list[dict[str, str]]:
-    """Headline figures of the session's psf.json, as far as it has one that can be read."""
+    """Headline figures of the session's psf.json, if it has a readable one."""
     path = session.path / RESULTS_FOLDER / "psf.json"
     try:
         if path.is_symlink() or path.stat().st_size > MAX_RESULT_BYTES:

@@ -13,7 +13,7 @@ LEVELS_S = 0.15
 
 
 class StateCache:
-    """JSON texts, each at most as old as the page is sent it anyway.
+    """JSON texts, each no older than the interval at which pages are sent it.
 
     Parameters
     ----------

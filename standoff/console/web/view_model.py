@@ -1,4 +1,4 @@
-"""What the pages show, as plain JSON objects: figures rounded, units said, states in words."""
+"""What the pages show, as plain JSON objects: rounded figures, units, states in words."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -27,14 +27,14 @@ STAGE_WORDS = {
     "hold": "held",
     "door": "door open",
     "alarm": "ALARM",
-    "unknown": "not known",
+    "unknown": "unknown",
 }
 
 Document = dict[str, Any]
 
 
 def state_document(hub: BenchHub) -> Document:
-    """All that changes from moment to moment, the same for every page."""
+    """Everything that changes from moment to moment, the same for every page."""
     job = hub.jobs.current
     return {
         "camera": camera_document(
@@ -57,7 +57,7 @@ def state_document(hub: BenchHub) -> Document:
 
 
 def control_document(view: ControlView) -> Document:
-    """Who holds control, as one page sees it."""
+    """Who is in control, as one page sees it."""
     if view.is_mine:
         text = "You are in control as"
     elif not view.holder:
@@ -98,7 +98,7 @@ def camera_document(
 
 
 def stage_document(view: StageView) -> Document:
-    """The stage's state in words, its height and what may be done."""
+    """The stage's state in words, its height and its limits."""
     is_ready = view.status.is_ready
     height = "–" if view.height_mm is None else f"{view.height_mm:.3f}"
     low_mm, high_mm = view.limits_mm
@@ -109,7 +109,7 @@ def stage_document(view: StageView) -> Document:
         "motion_text": STAGE_WORDS[view.state] if is_ready else "not connected",
         "height": height,
         "height_mm": view.height_mm,
-        "target": "" if view.target_mm is None else f"on the way to {view.target_mm:.3f} mm",
+        "target": "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm",
         "is_homed": view.is_homed,
         "homed_text": "homed" if view.is_homed else "not homed",
         "limits_mm": [low_mm, high_mm],
@@ -155,7 +155,7 @@ def focus_document(facts: PictureFacts) -> Document:
 
 
 def levels_document(facts: PictureFacts) -> Document | None:
-    """Histogram and focus trace; they are sent less often. None before the first picture."""
+    """Histogram and focus trace, which are sent less often; None before the first picture."""
     levels = facts.levels
     if levels is None:
         return None
@@ -179,7 +179,7 @@ def saturation_text(levels: Levels) -> str:
 
 
 def run_document(view: RunView, *, is_pause_wanted: bool) -> Document:
-    """How far the session is; its table is a document of its own."""
+    """Progress of the session; its table is a separate document."""
     left = view.seconds_left
     return {
         "session": view.session,
@@ -213,7 +213,7 @@ def preview_document(
     *,
     free_bytes: int,
 ) -> Document:
-    """What a plan will take, before it is run."""
+    """What a plan will take, before it runs."""
     disk = "depends on the frame" if estimate.bytes_ is None else f"{estimate.bytes_ / 1e6:.0f} MB"
     return {
         "type": "preview",
@@ -230,7 +230,7 @@ def preview_document(
 
 
 def prompt_document(prompt: Prompt | None) -> Document | None:
-    """The question that waits, with its buttons."""
+    """The question that is waiting, with its buttons."""
     if prompt is None:
         return None
     return {
@@ -264,7 +264,7 @@ def pose_document(view: PoseView) -> Document:
 
 
 def disk_document(free_bytes: int) -> Document:
-    """Room on the disk, and whether it is scarce."""
+    """Free space on the disk, and whether it is low."""
     level = "ok"
     if free_bytes < SCARCE_BYTES:
         level = "fail" if free_bytes < TOO_FEW_BYTES else "warn"

@@ -1,4 +1,4 @@
-"""One page's connection: sends what is newest, and drops what the page has no time for."""
+"""One page's connection: sends the newest data, and drops what the page cannot keep up with."""
 
 import asyncio
 import json
@@ -16,10 +16,10 @@ from standoff.console.web.view_model import control_document
 
 PICTURE_PERIOD_S = 1 / 30
 IN_FLIGHT = 2
-"""Pictures that may be on their way: the next one goes when the page has drawn the last but one."""
+"""Pictures in flight: the next is sent when the page has drawn the last but one."""
 
 ACK_TIMEOUT_S = 2.0
-"""After that a picture counts as drawn, so that a page that was asleep gets on."""
+"""After this time a picture counts as drawn, so that a page that was asleep recovers."""
 
 STATE_PERIOD_S = 0.1
 LEVELS_PERIOD_S = 0.2
@@ -33,13 +33,13 @@ class Viewer:
     socket
         Accepted connection.
     identity
-        Of the page, by which the control arbiter knows it.
+        The page's identity for the control arbiter.
     hub
         The bench.
     encoder
         Shared with the other viewers.
     state
-        Gives the state document, shared with the other viewers.
+        Returns the state document, shared with the other viewers.
     wants_pictures
         Whether the page has a live picture.
     """
@@ -72,7 +72,7 @@ class Viewer:
         self._wake.set()
 
     def acknowledge(self, message: messages.Acknowledge) -> None:
-        """The page has drawn a picture, and with it all before."""
+        """Note that the page has drawn a picture, and all before it."""
         while self._in_flight and self._in_flight[0] <= message.sequence:
             self._in_flight.popleft()
         self._wake.set()
@@ -135,7 +135,7 @@ class Viewer:
             return False
         if now_s - sent_s > ACK_TIMEOUT_S:
             self._in_flight.clear()
-        # A little less than the period: frames come at times of their own.
+        # A little less than the period, because frames arrive at times of their own.
         return len(self._in_flight) < IN_FLIGHT and now_s - sent_s >= 0.9 * PICTURE_PERIOD_S
 
     async def _send_picture(self) -> None:

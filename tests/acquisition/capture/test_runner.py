@@ -303,7 +303,7 @@ def test_a_capture_whose_stream_broke_off_is_begun_once_more_from_its_first_fram
     error = next(event for event in session.events if event.kind == "error")
     assert error.facts["index"] == 1
     assert error.facts["error"] == "StreamInterruptedError"
-    assert "begun once more" in str(error.facts["message"])
+    assert "the capture is restarted" in str(error.facts["message"])
     # Nothing of the broken average is in the new one: its frames were at 4000.
     assert (session.records[1].min_dn, session.records[1].max_dn) == (1000, 1000)
     assert verify(path).is_ok
@@ -367,7 +367,7 @@ def test_where_even_the_journal_cannot_be_written_the_first_error_is_the_one_rai
 
     with pytest.raises(DeviceError) as caught:
         run(path, place=place)
-    assert caught.value.__notes__ == ["journaling this failed too: journal full"]
+    assert caught.value.__notes__ == ["this could not be journaled: journal full"]
 
 
 def test_a_complete_session_touches_no_device(path: Path) -> None:

@@ -164,7 +164,7 @@ def test_a_file_without_a_journal_line_does_not_exist_but_is_told(path: Path) ->
         "captures/stray.tif",
     ]
     assert report.remarks == (
-        "captures/0001.tif.part was being written when a run was killed; delete it",
+        "captures/0001.tif.part is left from a run that was killed while writing; delete it",
     )
 
 

@@ -70,7 +70,7 @@ def test_a_frame_of_another_size_is_searched_as_a_whole() -> None:
 def test_a_threshold_above_the_curve_is_told_to_be_beyond_any_pose() -> None:
     verdict = tracker(40.0).update(seen_from(scene(), pose(1.05)))
     assert not verdict.accepted
-    assert verdict.reason.startswith("no pose will do with this curve: d′ ")
+    assert verdict.reason.startswith("no pose is good enough with this curve: d′ ")
     assert verdict.reason.endswith("threshold 40")
 
 

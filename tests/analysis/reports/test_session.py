@@ -80,7 +80,7 @@ def test_edges_of_other_photographs_are_left_out_of_the_drawings(
     # The list of all edges names it, no figure is drawn of it.
     assert "photo.tif" in page.texts
     assert page.tags.count("img") == 1
-    assert "1 edges of this psf.json are on photographs that are not at hand here" in page.text
+    assert "1 edges of this psf.json are on photographs that are not available here" in page.text
 
 
 def test_what_is_left_out_stands_first_with_its_reason(

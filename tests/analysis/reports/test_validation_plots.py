@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from acquisition.session.reader import Session
+from analysis.choices import VALIDATION_MODELS
+from analysis.detectability.plot import MODEL_COLOURS
 from analysis.reports.validation_plots import plot_curves, plot_furthest
 from analysis.validation.document import METRICS, Validation
 from analysis.validation.shown import ShownPair, drawn_procedure, furthest_pair
@@ -11,6 +13,11 @@ from simulation import MODELS
 @pytest.fixture(scope="module")
 def furthest(session: Session, validation: Validation) -> ShownPair:
     return furthest_pair(session, validation)
+
+
+def test_every_model_that_can_be_validated_has_a_colour_of_its_own() -> None:
+    colours = {MODEL_COLOURS[model] for model in VALIDATION_MODELS}
+    assert len(colours) == len(VALIDATION_MODELS)
 
 
 def test_every_model_has_a_line_of_each_metric_over_zoom(validation: Validation) -> None:

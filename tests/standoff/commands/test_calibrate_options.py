@@ -68,7 +68,7 @@ def test_a_colour_photograph_is_no_mosaic(command: Command, tmp_path: Path) -> N
     Image.fromarray(np.dstack([image] * 3)).save(tmp_path / "c.png")
     done = command("calibrate", tmp_path / "c.png", "--bayer", "RGGB", "--out", tmp_path / "p.json")
     assert done.status == 1
-    assert "c.png: a colour photograph is no raw mosaic; leave --bayer out" in done.err
+    assert "c.png: a colour photograph is not a raw mosaic; leave out --bayer" in done.err
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_a_folder_that_is_not_there_is_said_before_any_work(
     outputs = ("--out", nowhere) if option == "--out" else ("--out", psf, option, nowhere)
     done = command("calibrate", edge_file, *outputs)
     assert done.status == 1
-    assert f"cannot write {nowhere}: {nowhere.parent} is no folder" in done.err
+    assert f"cannot write {nowhere}: {nowhere.parent} is not a folder" in done.err
     assert not psf.exists()
 
 
@@ -133,7 +133,7 @@ def test_a_region_outside_is_named_as_it_was_typed(
 ) -> None:
     done = command("calibrate", edge_file, "--region", "0,0,400,90", "--out", tmp_path / "psf.json")
     assert done.status == 1
-    assert "region 0,0,400,90 does not lie inside" in done.err
+    assert "region 0,0,400,90 is not within" in done.err
 
 
 def test_one_clipped_colour_rejects_the_edge_though_its_luma_is_below_the_top(

@@ -113,7 +113,7 @@ def test_a_region_beyond_the_nearest_photograph_is_named_as_it_was_typed(
     words = ("--method", "two-distance", "--zoom", 1.5, "--region", region, "--out", out)
     done = command("calibrate", *photographs[:2], *words)
     assert done.status == 1
-    inside = f"region {region} does not lie inside {photographs[0]} (320x240)"
+    inside = f"region {region} is not within {photographs[0]} (320x240)"
     assert inside in done.err.splitlines()[-1]
     assert not out.exists()
 

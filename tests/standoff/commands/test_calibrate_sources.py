@@ -79,7 +79,7 @@ def test_maps_of_another_camera_are_refused_by_the_photographs_name(
     Image.fromarray(np.zeros((60, 91, 3), np.uint8)).save(tmp_path / "colour.png")
     colour = command("calibrate", tmp_path / "colour.png", *words)
     assert colour.status == 1
-    assert "colour.png: the maps are of a grey camera, this is in colour" in colour.err
+    assert "colour.png: a colour image, but the maps are of a grey camera" in colour.err
     assert not (tmp_path / "psf.json").exists()
 
 
@@ -128,7 +128,7 @@ def test_maps_and_noise_are_for_linear_levels(
     words = ("calibrate", edge_file, "--out", tmp_path / "psf.json", "--srgb")
     done = command(*words, option, noise_file)
     assert done.status == 2
-    assert "--noise and --correct are for linear, grey levels" in done.err
+    assert "--noise and --correct apply to linear grey levels" in done.err
 
 
 @pytest.mark.slow
@@ -161,7 +161,7 @@ def test_one_image_of_a_scene_is_told_to_be_a_guess(command: Command, tmp_path: 
     )
     assert done.status == 0, done.err
     assert "edges are clear enough" in done.out
-    assert "the scene's own edges are soft by" in done.out
+    assert "the scene's own edges have a mean blur of" in done.out
     assert "--method two-distance does better" in done.err
 
 

@@ -56,7 +56,7 @@ def stop_short(bench: SimulatedBench) -> None:
         (raise_an_alarm, "hard limit"),
         (unplug_the_stage, "stage"),
         (never_settle, "stage"),
-        (stop_short, "it stands at 299.500 mm"),
+        (stop_short, "it is at 299.500 mm"),
     ],
 )
 def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
@@ -121,7 +121,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
         patch.setattr("acquisition.session.writer.atomic_write_hashed", fill_up)
         done = command(*words, "--yes")
     assert done.status == 1
-    assert "No space left on device; see to the disk and run the same command again" in done.err
+    assert "No space left on device; check the disk and run the same command again" in done.err
     assert len(Session(tmp_path / "s").records) == 2
     assert json.loads(command(*words, "--yes", "--json").out)["captured"] == 4
 
@@ -206,7 +206,7 @@ def test_at_a_terminal_the_operator_answers_pauses_and_goes_on(
                 answered += 1
                 time.sleep(0.05)
                 os.write(controller, b"\n" if answered != 2 else b"\nstop\n")
-            if seen.count(b"Enter to go on") > paused:
+            if seen.count(b"Enter to continue") > paused:
                 paused += 1
                 time.sleep(0.05)
                 os.write(controller, b"\n")

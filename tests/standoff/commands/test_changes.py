@@ -42,7 +42,7 @@ def test_changes_are_registered_found_and_written(
     assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
     told = command(*asked, "--noise", noise, "--out", tmp_path / "again")
     assert told.out.startswith(
-        f"{document['changed_px']} of {document['compared_px']} pixels changed, beyond "
+        f"{document['changed_px']} of {document['compared_px']} pixels changed by more than "
     )
     assert told.out.endswith(f"wrote {tmp_path / 'again'}\n")
     mask = np.asarray(Image.open(out / "changes.png")) > 0

@@ -82,8 +82,8 @@ def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("count", "options", "message"),
     [
-        (1, (), "give two psf.json, got 1; or use --history"),
-        (3, (), "give two psf.json, got 3"),
+        (1, (), "give two psf.json files, got 1; or use --history"),
+        (3, (), "give two psf.json files, got 3"),
         (2, ("--report", "r.html"), "--report needs --history"),
         (2, ("--history", "--report", "r.png"), "must end in"),
     ],

@@ -42,7 +42,7 @@ def test_a_port_that_is_taken_is_an_error_in_one_line(command: Command) -> None:
         taken.listen()
         done = command("console", *BENCH, "--port", taken.getsockname()[1])
     assert done.status == 1
-    assert "--port takes another" in done.err
+    assert "--port chooses another port" in done.err
     assert len(done.err.strip().splitlines()) == 1
 
 
@@ -52,7 +52,7 @@ def test_a_host_that_no_computer_can_be_called_is_an_error_in_one_line(
 ) -> None:
     done = command("console", *BENCH, "--host", host, "--token", "long enough to be one")
     assert done.status == 1
-    assert f"cannot listen on {host}: it is no name of a computer" in done.err
+    assert f"cannot listen on {host}: it is not a host name" in done.err
     assert len(done.err.strip().splitlines()) == 1
 
 

@@ -89,13 +89,13 @@ def test_noise_of_a_camera_and_a_patch_as_signal(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--zooms", "0.5"), "numbers from 1, got 0.5"),
+        (("--zooms", "0.5"), "numbers of at least 1, got 0.5"),
         (("--noise", "0"), "numbers above 0, got 0"),
         (("--noise", "x"), "expected numbers, got x"),
-        (("--observer", "ideal"), "'ideal' is none of npw, hotelling, cho"),
-        (("--model", "best"), "'best' is none of"),
+        (("--observer", "ideal"), "'ideal' is not one of npw, hotelling, cho"),
+        (("--model", "best"), "'best' is not one of"),
         (("--window", "16"), "odd"),
-        (("--signal-sigma", "9"), "wider than the window"),
+        (("--signal-sigma", "9"), "exceeds the window"),
     ],
 )
 def test_wrong_usage_is_one_line(
@@ -159,8 +159,8 @@ def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_pa
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ((), "2 curves fit; choose by --observer (hotelling, npw)"),
-        (("--observer", "cho"), "no curve fits"),
+        ((), "2 curves match; choose by --observer (hotelling, npw)"),
+        (("--observer", "cho"), "no curve matches"),
         (("--observer", "npw", "--at-tilt", "5"), "--at-tilt needs --at-zoom"),
     ],
 )
@@ -182,14 +182,14 @@ def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
     assert "contrasts from" not in done.out  # no pose was asked about
     twice = command(*asked, "--geometry", tmp_path / "geometry.json")
     assert twice.status == 2
-    assert "give one of --geometry and --focal-length-px" in twice.err
+    assert "give exactly one of --geometry and --focal-length-px" in twice.err
 
 
 @pytest.mark.parametrize(
     ("focal_length_px", "size", "message"),
     [
-        ("800", "640xabc", "--image-size is WxH in px, such as 780x580, not 640xabc"),
-        ("800", "640", "--image-size is WxH in px"),
+        ("800", "640xabc", "--image-size must be WxH in px, such as 780x580, got 640xabc"),
+        ("800", "640", "--image-size must be WxH in px"),
         ("-1", "640x480", "--focal-length-px -1"),
         ("800", "8x8", "a frame of at least 16 x 16 px"),
     ],
@@ -206,10 +206,10 @@ def test_a_camera_that_cannot_be_is_wrong_usage(
 def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:
     done = command("limits", "--curves", curves_file, "--min-dprime", 3)
     assert done.status == 2
-    assert "give one of --geometry and --focal-length-px" in done.err
+    assert "give exactly one of --geometry and --focal-length-px" in done.err
     done = command("limits", "--curves", curves_file, "--min-dprime", 0, *LIMITS)
     assert done.status == 2
-    assert "a threshold is a number above 0" in done.err
+    assert "a threshold must be a number above 0" in done.err
 
 
 @pytest.mark.slow

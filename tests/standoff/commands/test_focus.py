@@ -164,7 +164,7 @@ def test_a_peak_surer_than_the_stage_stands_is_told_as_such(command: Command, be
     coarse = ("--set", "stage.tolerance_mm=2.0")
     done = command("focus", "--bench", bench, *SMALL_FRAME, *keys, *coarse)
     assert done.status == 0, done.err
-    assert done.out.splitlines()[1:] == ["surer than the stage stands (2 mm)"]
+    assert done.out.splitlines()[1:] == ["more precise than the stage's tolerance (2 mm)"]
 
 
 def test_a_saturated_sweep_is_told_with_the_remedy(command: Command, bench: Path) -> None:
@@ -173,7 +173,7 @@ def test_a_saturated_sweep_is_told_with_the_remedy(command: Command, bench: Path
     longer = ("--set", "camera.exposure_us=40000")
     done = command("focus", "--bench", bench, *SMALL_FRAME, *keys, *longer)
     assert "parts of the picture are saturated" in done.err
-    assert "expose shorter" in done.err
+    assert "use a shorter exposure" in done.err
 
 
 REAL_CAMERA = """
@@ -210,5 +210,5 @@ def test_the_live_aid_needs_a_real_camera_alone_and_tells_its_warnings(
         assert "camera.frame_rate_hz" in done.err  # 500 Hz are more than the link carries
         refused = command("focus", "--bench", path, "--readings", 3, "--target", "coins")
         assert refused.status == 2
-        assert "only a simulated bench is told its target" in refused.err
+        assert "only a simulated bench takes a target" in refused.err
         assert practice.camera.controller is None

@@ -190,7 +190,7 @@ def test_whole_numbered_faults_and_a_lost_controller_are_set_by_lines() -> None:
         assert bench.camera.faults == GigeFaults(missing_rows=3)
         client.start()
         assert bench.camera.controller is not None
-        assert console.execute("drop-control") == "nobody holds control of the camera"
+        assert console.execute("drop-control") == "the camera is not under anyone's control"
         assert bench.camera.controller is None
         assert client.set("Gain", 2) == GvcpStatus.ACCESS_DENIED
         assert console.execute("status").startswith("target edge at 0 degrees")

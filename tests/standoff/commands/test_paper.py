@@ -37,7 +37,7 @@ def test_the_short_experiment_puts_the_models_in_the_papers_order(
     before = {path: path.stat().st_mtime_ns for path in (out / "session").rglob("*.tif")}
     again = command("paper", "--short", "--out", out, "--models", "bicubic")
     assert again.status == 0, again.err
-    assert "alignment beside the bench's truth" in again.out
+    assert "alignment against the bench's truth" in again.out
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 

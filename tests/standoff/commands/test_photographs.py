@@ -38,7 +38,7 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
     Image.fromarray(np.full((20, 30, 3), 188, np.uint8)).save(path)
     done = command("import", path, "--kind", "texture", "--srgb", "--out", tmp_path / "s")
     assert done.status == 0
-    assert "recorded as 0 mm" in done.err
+    assert "0 mm is recorded" in done.err
     session = Session(tmp_path / "s")
     mean_dn = session.load(session.records[0]).mean_dn
     # IEC 61966-2-1: ((188 / 255 + 0.055) / 1.055)^2.4 = 0.50289 of 255.
@@ -49,7 +49,7 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
     ("words", "status", "fault"),
     [
         (["absent.tif", "--kind", "edge"], 1, "absent.tif"),
-        (["edge.tif", "edge.tif", "--kind", "edge"], 1, "two photographs are called edge.tif"),
+        (["edge.tif", "edge.tif", "--kind", "edge"], 1, "two photographs are named edge.tif"),
         (["edge.tif", "--kind", "lens"], 2, "kind"),
         (["edge.tif", "--kind", "edge", "--scale", "0"], 2, "px/mm"),
         (["edge.tif", "--kind", "edge", "--height-mm", "nan"], 2, "finite"),
@@ -80,7 +80,7 @@ def test_another_import_does_not_go_into_the_same_session(
     assert command(*words, 100).status == 0
     done = command(*words, 200)
     assert done.status == 1
-    assert "made otherwise" in done.err
+    assert "made with other settings" in done.err
 
 
 def test_a_float_photograph_tells_no_level_at_which_it_clips(

@@ -74,11 +74,11 @@ def test_a_dry_run_lists_the_captures_and_writes_nothing(
     shown = command(*arguments).out
     assert "orientation" in shown
     assert "6 captures, 3 placements: about" in shown
-    assert "MB on the disk" in shown
+    assert "MB on disk" in shown
     assert not out.exists()
     out.mkdir()
     (out / "session.json").write_text("{}")
-    assert "is a session already" in command(*arguments).err
+    assert "already holds a session" in command(*arguments).err
 
 
 def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(
@@ -93,7 +93,7 @@ def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(
     summary = json.loads(done.out)
     assert (summary["captured"], summary["skipped"]) == (4, 2)
     assert "Place edge 'edge' at 50 degrees." in done.err
-    assert "'what?' is no answer" in done.err
+    assert "'what?' is not a valid answer" in done.err
 
 
 def test_ctrl_c_leaves_a_session_that_resumes(
@@ -204,7 +204,7 @@ def test_answers_that_end_too_early_are_named_and_the_session_resumes(
     words = capture_words(bench_file, plan_file, tmp_path / "s", "--answers", answers, "--json")
     done = command(*words)
     assert (done.status, done.out) == (1, "")
-    assert "answers.txt has no answer left to: Enter to capture" in done.err
+    assert "answers.txt has no answer left for: Enter to capture" in done.err
     resumed = json.loads(command(*words).out)
     assert (resumed["captured"], resumed["already_captured"]) == (2, 4)
 
@@ -234,7 +234,7 @@ def test_a_capture_is_retaken_shown_and_verified_with_its_reason(
     assert [c["superseded"] for c in shown["captures"] if c["index"] == 2] == [True, False]
     absent = command(*capture_words(bench_file, plan_file, session_dir, "--yes", "--retake", 77))
     assert absent.status == 1
-    assert "no capture of index 77" in absent.err
+    assert "no capture with index 77" in absent.err
 
 
 def test_captures_are_excluded_and_included_with_a_reason_and_notes_are_kept(
@@ -275,7 +275,7 @@ def test_a_real_bench_is_warned_of_the_flicker_of_its_lamps(
     words = capture_words(bench_file, plan_file, tmp_path / "s", "--dry-run", *REAL_BENCH)
     words += ["--set", "stage.driver=manual"]
     warned = command(*words).err
-    assert "12000 us is no multiple of the 10 ms" in warned
+    assert "12000 us is not a multiple of the 10 ms" in warned
     assert "use 10000 us" in warned
     assert command(*words, "--set", "capture.mains_hz=0").err == ""
     assert command(*words, "--set", "camera.exposure_us=20000").err == ""
@@ -340,9 +340,9 @@ def test_the_report_says_which_files_of_a_session_are_gone_or_changed(
     command: Command, session_dir: Path
 ) -> None:
     files = sorted((session_dir / "captures").glob("*.tif"))
-    assert "missing or were changed" not in command("report", session_dir).err
+    assert "missing or changed" not in command("report", session_dir).err
     files[0].write_bytes(files[0].read_bytes() + b"x")
     done = command("report", session_dir)
     assert done.status == 1  # a capture that the page needs
-    assert f"missing or were changed since, captures/{files[0].name} first" in done.err
+    assert f"missing or changed, the first captures/{files[0].name}" in done.err
     assert "standoff verify" in done.err

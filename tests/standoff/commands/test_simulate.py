@@ -232,4 +232,4 @@ def test_a_measured_transfer_goes_with_lmmse_alone(
     words = ("simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", tmp_path / "f.tif")
     done = command(*words, "--transfer", "measured")
     assert done.status == 2
-    assert "a measured transfer is for model lmmse" in done.err
+    assert "only model lmmse takes a measured transfer function" in done.err

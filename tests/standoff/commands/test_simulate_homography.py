@@ -39,8 +39,8 @@ def test_a_lens_that_distorts_bends_both_images(
         ("much", "distortion_k1: 'much' is not a number"),
         (True, "distortion_k1: True is not a number"),
         (10**400, "distortion_k1: 1000"),
-        (0.5, "k1 must lie between"),
-        (-0.15, "k1 must lie between"),
+        (0.5, "k1 must be between"),
+        (-0.15, "k1 must be between"),
     ],
 )
 def test_a_distortion_at_fault_is_named(

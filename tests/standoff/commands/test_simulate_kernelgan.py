@@ -95,7 +95,7 @@ def test_an_image_too_small_for_a_training_is_one_line(command: Command, tmp_pat
     tifffile.imwrite(image, TEXTURE[:40, :40])
     done = command(*_arguments(image, tmp_path))
     assert done.status == 1
-    assert "take a larger image" in done.err
+    assert "use a larger image" in done.err
 
 
 def test_the_settings_reach_the_training(

@@ -55,7 +55,7 @@ def test_the_field_of_a_psf_file_is_used_where_it_fits(
     np.testing.assert_array_equal(with_field, zoomed_out(pixels, 1.5, field, "matched").image)
     for source, options, message in (
         (other, (), "belongs to frames of 120 x 90 px"),
-        (image, ("--model", "paper"), "model paper takes the PSF of the whole frame"),
+        (image, ("--model", "paper"), "model paper uses one PSF for the whole frame"),
     ):
         is_field, notes, plain = simulate(source, field_file, *options)
         assert not is_field

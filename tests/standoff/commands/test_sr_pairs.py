@@ -207,7 +207,7 @@ def test_colours_keep_their_order_and_people_read_a_line(
     done = command(*words, "--out", out, "--test-fraction", 0)
     assert done.status == 0, done.err
     assert done.out == (
-        f"{out}: 4 pairs for training, 0 for testing, from 1 images (0 were done already)\n"
+        f"{out}: 4 pairs for training, 0 for testing, from 1 images (0 already done)\n"
     )
     first = next(path for path in sorted((out / "train" / "high").iterdir()))
     np.testing.assert_array_equal(read_image(first).pixels, pixels[:48, :48])

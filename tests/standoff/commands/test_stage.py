@@ -106,7 +106,7 @@ def test_a_port_in_use_says_how_to_stop_the_stage(command: Command, serve: Serve
     done = command("stage", "stop", *options("zaber", served))
     port.close()
     assert done.status == 1
-    assert "another program uses it" in done.err
+    assert "is in use by another program" in done.err
     assert "press Ctrl-C there" in done.err
 
 

@@ -185,8 +185,8 @@ def test_without_pytorch_the_learned_model_is_left_out_or_refused_by_name(
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        (("--models", "sharper"), "no model 'sharper'; there are bicubic, kernelgan"),
-        (("--models", "paper", "--steps", "9"), "go with a learned model"),
+        (("--models", "sharper"), "unknown model 'sharper'; the models are bicubic, kernelgan"),
+        (("--models", "paper", "--steps", "9"), "need a learned model"),
         (("--references", "0"), "--references"),
         (("--workers", "0"), "--workers"),
     ],
@@ -206,7 +206,7 @@ def test_what_cannot_be_read_or_written_is_one_line(
     for session, calibration, out, message in (
         (tmp_path, psf, tmp_path / "v", "is not a capture session"),
         (series, tmp_path / "none.json", tmp_path / "v", "none.json"),
-        (series, psf, tmp_path / "file" / "v", "cannot make the folder"),
+        (series, psf, tmp_path / "file" / "v", "cannot create the folder"),
     ):
         done = command(
             "validate", "--session", session, "--psf", calibration, "--out", out,

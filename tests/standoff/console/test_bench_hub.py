@@ -162,7 +162,7 @@ def test_a_stop_ends_a_move_whoever_says_so(tmp_path: Path) -> None:
         ada.wait_idle()
         ada.say(do="move", height_mm=600.0)
         wait_for(lambda: (hub.stage.view.height_mm or 0) > 150.0, "under way")
-        assert state_document(hub)["stage"]["target"] == "on the way to 600.000 mm"
+        assert state_document(hub)["stage"]["target"] == "moving to 600.000 mm"
         with pytest.raises(NotInControlError):
             ben.say(do="move", height_mm=200.0)
         ben.say(do="stop")

@@ -42,7 +42,7 @@ def test_a_bad_capture_is_shown_and_kept_or_taken_again(
     assert TerminalOperator().review(ENTRY, (BLURRED,)) == verdict
     shown = capsys.readouterr().err
     assert "Capture 3: motion: it trembled by 0.4 px." in shown
-    assert ("'well' is no answer to that." in shown) is (verdict == "retake")
+    assert ("'well' is not a valid answer." in shown) is (verdict == "retake")
 
 
 def test_a_line_typed_during_the_captures_makes_the_next_one_wait(
@@ -53,13 +53,13 @@ def test_a_line_typed_during_the_captures_makes_the_next_one_wait(
     assert "Paused" not in capsys.readouterr().err
     os.write(typed, b"wait\n")
     operator.wait_if_asked()
-    assert "Paused. Enter to go on" in capsys.readouterr().err
+    assert "Paused. Enter to continue" in capsys.readouterr().err
 
 
 def test_the_end_of_the_terminals_input_is_ctrl_c(typed: int) -> None:
     os.close(typed)
     with pytest.raises(KeyboardInterrupt):
-        TerminalOperator().ask("Height that the scale shows, in mm")
+        TerminalOperator().ask("Height shown on the scale, in mm")
 
 
 def test_where_nothing_can_be_dropped_a_question_is_answered_all_the_same(
@@ -67,7 +67,7 @@ def test_where_nothing_can_be_dropped_a_question_is_answered_all_the_same(
 ) -> None:
     monkeypatch.setitem(sys.modules, "termios", None)  # as on Windows
     os.write(typed, b"251.5\n")
-    assert TerminalOperator().ask("Height that the scale shows, in mm") == "251.5"
+    assert TerminalOperator().ask("Height shown on the scale, in mm") == "251.5"
 
 
 def test_a_script_keeps_what_was_captured_and_waits_for_nobody(
@@ -86,8 +86,8 @@ def test_a_script_keeps_what_was_captured_and_waits_for_nobody(
     ("kind", "sentence"),
     [
         ("edge", "Place edge 'card [A]' at 50 degrees."),
-        ("dark", "Put the lens cap on, and keep stray light off ('card [A]')."),
-        ("flat", "Lens cap off. Place an even white surface, defocused: 'card [A]'."),
+        ("dark", "Put the lens cap on, and keep out stray light ('card [A]')."),
+        ("flat", "Lens cap off. Place a uniform white surface, out of focus: 'card [A]'."),
     ],
 )
 def test_the_operator_is_told_what_to_place(kind: str, sentence: str) -> None:

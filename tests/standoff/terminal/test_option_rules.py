@@ -56,10 +56,10 @@ def test_options_that_exclude_each_other_are_named_with_the_reason() -> None:
     rule = excludes("images", "keys", "is_quick", because="they are slow")
     assert said(rule, "a.tif") is None
     assert said(rule, "--set", "a=1", "--quick") is None
-    assert said(rule, "a.tif", "--quick") == "IMAGES does not go with --quick: they are slow"
+    assert said(rule, "a.tif", "--quick") == "IMAGES cannot be used with --quick: they are slow"
     assert (
         said(rule, "a.tif", "--set", "a=1", "--quick")
-        == "IMAGES does not go with --set or --quick: they are slow"
+        == "IMAGES cannot be used with --set or --quick: they are slow"
     )
 
 
@@ -68,7 +68,7 @@ def test_neither_none_nor_two_of_the_options_will_do() -> None:
     assert said(rule, "a.tif") is None
     assert said(rule, "--session", "s") is None
     assert said(rule) == said(rule, "a.tif", "--session", "s")
-    assert said(rule) == "give one of IMAGES and --session, and only one"
+    assert said(rule) == "give exactly one of IMAGES and --session"
 
 
 @pytest.mark.parametrize("arguments", [("--count", "1"), ("--mode", "plain"), ()])

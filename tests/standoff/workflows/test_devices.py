@@ -85,7 +85,7 @@ def test_a_capture_on_a_real_bench_tells_its_warnings_and_asks_for_target_and_he
     assert done.status == 0, done.err
     assert "note: " in done.err
     assert "camera.frame_rate_hz" in done.err
-    assert "4000 us is no multiple of the 10 ms" in done.err
+    assert "4000 us is not a multiple of the 10 ms" in done.err
     assert "Place edge 'edge' at 5 degrees." in done.err
     [record] = Session(tmp_path / "s").records
     assert "That is +0.300 mm off." in done.err

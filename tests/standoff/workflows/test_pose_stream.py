@@ -59,7 +59,7 @@ def test_every_image_of_a_folder_has_its_verdict(
         ["frame-1.tif", "accept"],
         ["frame-2.tif", "reject"],
     ]
-    assert lines[3].startswith("2 of 3 frames would do; whole frames searched: 1")
+    assert lines[3].startswith("2 of 3 frames accepted; full-frame searches: 1")
 
 
 def test_the_summary_is_one_json_document(
@@ -129,8 +129,8 @@ def test_the_newest_frame_is_given_and_incomplete_ones_are_left_out(bench_file: 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "give one of FOLLOWUP, --stream and --bench"),
-        (("--stream", "no-such"), "no-such is no folder"),
+        ((), "give exactly one of FOLLOWUP, --stream and --bench"),
+        (("--stream", "no-such"), "no-such is not a folder"),
         (("far.tif", "--frames", 3), "--frames needs --stream or --bench"),
         (("far.tif", "--watch"), "--watch needs --stream"),
         (("far.tif", "--target", "coins"), "--target needs --bench"),
@@ -175,7 +175,7 @@ def test_an_image_that_stays_broken_in_a_watched_folder_ends_the_watch(
     (folder / "frame-9.tif").write_bytes(b"II*\0half")  # and grows no more
     done = command(*asked, "--stream", folder, "--watch", "--json")
     assert done.status == 1
-    assert "frame-9.tif: not a whole TIFF image" in done.err
+    assert "frame-9.tif: not a complete TIFF image" in done.err
     assert json.loads(done.out)["frames"] == 3  # those that were whole were judged
 
 
@@ -223,7 +223,7 @@ def test_a_real_cameras_frames_are_judged_by_their_numbers(
         words = (*asked, "--bench", path, "--frames", 2)
         refused = command(*words, "--target", "coins")
         assert refused.status == 2
-        assert "only a simulated bench is told its target" in refused.err
+        assert "only a simulated bench takes a target" in refused.err
         # Frames of 96 x 64 px are too small to be followed: the first one is named.
         done = command(*words)
         assert "camera.frame_rate_hz" in done.err

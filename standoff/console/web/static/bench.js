@@ -100,7 +100,7 @@ function stage_(stage, isMine) {
 function pose_(pose, isMine) {
   setText("pose-verdict", pose.verdict || "–");
   byId("pose-verdict").className = `verdict ${pose.verdict === "GO" ? "go" : pose.verdict === "NO GO" ? "no" : ""}`;
-  const help = pose.is_possible ? "choose a reference: this picture, or a capture of a session" : "start the console with --curves to have poses judged";
+  const help = pose.is_possible ? "choose a reference: this picture, or a capture of a session" : "to judge poses, start the console with --curves";
   setText("pose-reason", pose.reference ? pose.reason : help);
   setText("pose-reference", pose.reference ? `${pose.margin && `margin ${pose.margin} · `}against ${pose.reference}` : "");
   enable(isMine && pose.is_possible, "pose-here", "pose-clear");
@@ -134,8 +134,8 @@ connection.addEventListener("plan", ({ detail }) => { if (detail.rows.length) ta
 connection.addEventListener("preview", ({ detail }) => {
   if (isPlanRunning) return;
   const placing = detail.placements === 1 ? "1 placement" : `${detail.placements} placements`;
-  const room = detail.is_room ? "" : " — NOT ENOUGH ROOM ON THE DISK";
-  setText("preview", [`${detail.captures} captures, ${placing}, about ${detail.time} and your own time, ${detail.disk} on the disk${room}`, ...detail.warnings].join(" · "));
+  const room = detail.is_room ? "" : " — NOT ENOUGH DISK SPACE";
+  setText("preview", [`${detail.captures} captures, ${placing}, about ${detail.time} plus your own time, ${detail.disk} on disk${room}`, ...detail.warnings].join(" · "));
   if (!state || state.run.state === "idle" || planShown === "preview") table(detail.rows, "");
 });
 

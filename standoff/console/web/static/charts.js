@@ -1,4 +1,4 @@
-// The two small charts: histogram, and focus of the last half minute.
+// The two small charts: histogram, and focus over the last half minute.
 
 const TRACE_VALUES = 300;
 
@@ -12,7 +12,7 @@ function begin(canvas) {
   return { context, width, height, ratio, style: getComputedStyle(document.documentElement) };
 }
 
-// Square roots of the counts, so that few bright pixels are seen beside many dark ones.
+// Square roots of the counts, so that a few bright pixels show beside many dark ones.
 export function drawHistogram(canvas, counts, isSaturated) {
   const { context, width, height, style } = begin(canvas);
   const highest = Math.sqrt(Math.max(1, ...counts));
@@ -36,9 +36,9 @@ export function drawTrace(canvas, values, peak, isPast) {
   const down = (value) => 3 * ratio + (highest - value) / span * (height - 6 * ratio);
   context.fillRect(0, down(peak), width, ratio);
   if (values.length < 2) return;
-  const right = (place) => width * (1 - (values.length - 1 - place) / (TRACE_VALUES - 1));
+  const right = (index) => width * (1 - (values.length - 1 - index) / (TRACE_VALUES - 1));
   context.beginPath();
-  values.forEach((value, place) => context.lineTo(right(place), down(value)));
+  values.forEach((value, index) => context.lineTo(right(index), down(value)));
   context.strokeStyle = style.getPropertyValue(isPast ? "--past" : "--trace");
   context.lineWidth = 2 * ratio;
   context.lineJoin = "round";

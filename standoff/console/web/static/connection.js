@@ -1,4 +1,4 @@
-// The one websocket of a page: says hello, hands on what comes, connects again when lost.
+// The one websocket of a page: says hello, passes messages on, reconnects when lost.
 
 const REPLACED = 4001;
 const RETRY_MS = 1000;
@@ -43,7 +43,7 @@ export class Connection extends EventTarget {
     socket.onclose = ({ code }) => {
       if (this.socket !== socket) return;
       this.isOpen = false;
-      // This tab was copied: it goes on as a page of its own.
+      // This tab was duplicated: it continues as a page of its own.
       if (code === REPLACED) sessionStorage.removeItem("viewer");
       this.dispatchEvent(new CustomEvent("lost"));
       setTimeout(() => this.open(), RETRY_MS);

@@ -1,4 +1,4 @@
-// The live picture: one byte a pixel to the canvas, and the region that is drawn on it.
+// The live picture: one byte per pixel to the canvas, and the region drawn on it.
 
 const HEADER_BYTES = 24;
 const MAGIC = 0x31464f53; // "SOF1"
@@ -46,7 +46,7 @@ export class LivePicture {
     }
     const levels = new Uint8Array(buffer, HEADER_BYTES, width * height);
     const { pixels, colours } = this;
-    for (let place = 0; place < levels.length; place++) pixels[place] = colours[levels[place]];
+    for (let index = 0; index < levels.length; index++) pixels[index] = colours[levels[index]];
     this.context.putImageData(this.image, 0, 0);
     this.acknowledge(sequence);
     this.drawn += 1;

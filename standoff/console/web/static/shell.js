@@ -1,4 +1,4 @@
-// What every page has: devices, control, stop, questions, notices.
+// Common to every page: devices, control, stop, questions, notices.
 
 import { Connection, operator } from "./connection.js";
 
@@ -17,7 +17,7 @@ let seenNotice = null;
 let promptShown = null;
 
 export function command(what, fields = {}) {
-  if (!connection.send(what, fields)) tell("The console does not answer.");
+  if (!connection.send(what, fields)) tell("The console is not responding.");
 }
 
 export function tell(text) {
@@ -58,12 +58,12 @@ function prompt(question, isMine) {
   line.hidden = !question.wants_text;
   line.value = "";
   const choices = byId("prompt-choices");
-  choices.replaceChildren(...question.choices.map(({ key, label }, place) => {
+  choices.replaceChildren(...question.choices.map(({ key, label }, index) => {
     const button = document.createElement("button");
-    button.type = place === 0 ? "submit" : "button";
+    button.type = index === 0 ? "submit" : "button";
     button.textContent = label;
     button.dataset.choice = key;
-    if (place === 0) button.className = "primary";
+    if (index === 0) button.className = "primary";
     button.disabled = !isMine;
     button.onclick = (event) => {
       event.preventDefault();
@@ -84,7 +84,7 @@ function takeControl() {
 export function stop() {
   byId("stop").classList.add("pressed");
   setTimeout(() => byId("stop").classList.remove("pressed"), 400);
-  if (!connection.send("stop")) tell("STOP was not sent: the console does not answer. Use the emergency stop.");
+  if (!connection.send("stop")) tell("STOP was not sent: the console is not responding. Use the emergency stop.");
 }
 
 connection.addEventListener("open", () => show("alert-connection", false));
@@ -97,7 +97,7 @@ connection.addEventListener("refused", ({ detail }) => tell(detail.text));
 connection.addEventListener("state", ({ detail: state }) => {
   device("camera", state.camera);
   device("stage", state.stage);
-  chip("chip-disk", state.disk.text, state.disk.level, "room for sessions");
+  chip("chip-disk", state.disk.text, state.disk.level, "disk space for sessions");
   setText("control-text", state.control.text);
   byId("control-text").title = `${state.control.viewers} page(s) connected`;
   show("rename", state.control.is_mine);
@@ -117,7 +117,7 @@ byId("take-control").onclick = takeControl;
 byId("rename").onclick = takeControl;
 byId("release-control").onclick = () => command("release");
 byId("prompt").onsubmit = (event) => event.preventDefault();
-// Escape is the stop key everywhere, in a text field too, and before anything else hears of it.
+// Escape is the stop key everywhere, even in a text field, before any other handler.
 window.addEventListener("keydown", (event) => { if (event.key === "Escape") { event.preventDefault(); stop(); } }, true);
 
 export function onKey(key, act) {

@@ -125,7 +125,7 @@ def test_an_alarm_is_shown_and_cleared(hub: BenchHub) -> None:
 
 @pytest.mark.parametrize(
     ("name", "remedy"),
-    [("camera", "its cable and its address"), ("stage", "the port in the bench")],
+    [("camera", "power, cable and address"), ("stage", "the port in the bench")],
 )
 def test_without_a_device_no_session_begins_and_the_remedy_is_told(
     tmp_path: Path, name: str, remedy: str
@@ -244,7 +244,7 @@ def test_the_pose_is_judged_no_more_when_the_frames_change_their_size(tmp_path: 
         wait_for(lambda: hub.pose.view.reference == "", "given up")
         wait_for(lambda: bool(hub.notices), "a notice")
         assert hub.notices[-1].text == (
-            "The pose is judged no more: the frames changed from (480, 640) to (48, 64)"
+            "The pose is no longer judged: the frames changed from (480, 640) to (48, 64)"
         )
     finally:
         hub.close()
@@ -388,6 +388,6 @@ def test_a_job_that_breaks_off_unforeseen_is_told_and_frees_the_bench(
     hub.jobs.begin("measuring", broken)
     wait_for(lambda: bool(shown), "the terminal")
     assert hub.jobs.current is None
-    assert [notice.text for notice in hub.notices] == ["Measuring broke off: see the terminal."]
+    assert [notice.text for notice in hub.notices] == ["Measuring crashed; see the terminal."]
     assert shown == ["unforeseen"]
     assert hub.run.view == RunView()

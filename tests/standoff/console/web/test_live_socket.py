@@ -62,7 +62,7 @@ def test_a_page_that_does_not_say_hello_first_is_closed(hub: BenchHub, first: st
         with pytest.raises(WebSocketDisconnect) as closed:
             socket.receive_json()
     assert closed.value.code == 1008
-    assert closed.value.reason == "say hello first"
+    assert closed.value.reason == "send hello first"
 
 
 def test_a_page_that_leaves_before_its_hello_leaves_nothing_behind(hub: BenchHub) -> None:
@@ -122,11 +122,11 @@ def test_what_is_not_understood_is_told_to_that_page_alone(hub: BenchHub) -> Non
             socket.send_json({"do": "hello", "viewer": viewer})
             received(socket, "state")
         mine.send_bytes(b"\x00")
-        assert received(mine, "refused")["text"] == "a message is text"
+        assert received(mine, "refused")["text"] == "a message must be text"
         mine.send_json({"do": "jump"})
         assert received(mine, "refused")["text"].startswith("not understood")
         theirs.send_json({"do": "home"})
-        assert "Somebody else holds control" in received(theirs, "refused")["text"]
+        assert "You are not in control" in received(theirs, "refused")["text"]
         theirs.send_json({"do": "stop"})  # from anybody
         wait_for(lambda: bool(hub.notices), "the stop")
 

@@ -121,7 +121,7 @@ def test_a_page_that_talks_nonsense_is_told_so_and_stays_connected(tmp_path: Pat
             socket.send_text(text)
             assert answer_to(socket)["type"] == "refused"
         socket.send_bytes(b"\x00\xff")
-        assert answer_to(socket)["text"] == "a message is text"
+        assert answer_to(socket)["text"] == "a message must be text"
         socket.send_json({"do": "preview", "plan": "two"})
         assert answer_to(socket)["captures"] == 2
 

@@ -106,7 +106,7 @@ def test_the_doctor_says_what_to_do_about_a_lost_camera(tmp_path: Path) -> None:
     ("address", "status", "found"),
     [
         ("127.0.0.1", "ok", "127.0.0.1 through"),
-        ("camera-7", "fail", "the host name 'camera-7' is not known"),
+        ("camera-7", "fail", "the host name 'camera-7' cannot be resolved"),
     ],
 )
 def test_the_doctor_tells_the_way_to_a_network_camera(
@@ -153,7 +153,7 @@ def test_only_plans_are_offered_and_the_first_of_a_name_counts(tmp_path: Path) -
 def test_a_question_with_a_line_is_answered_by_it() -> None:
     queue = PromptQueue(lambda: None)
     answers: list[str] = []
-    asking = Thread(target=lambda: answers.append(queue.ask("Height that the scale shows, in mm")))
+    asking = Thread(target=lambda: answers.append(queue.ask("Height shown on the scale, in mm")))
     asking.start()
     wait_for(lambda: queue.current is not None, "the question")
     prompt = queue.current

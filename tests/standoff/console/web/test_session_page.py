@@ -28,7 +28,7 @@ def test_a_capture_taken_again_is_shown_beside_the_one_that_took_its_place(
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", session_dir, "--yes")
     assert command(*words, "--retake", 2).status == 0
     taken = [c for c in shown(session_dir)["captures"] if c["index"] == 2]
-    assert [c["state"] for c in taken] == ["taken again", "used"]
+    assert [c["state"] for c in taken] == ["superseded", "used"]
     assert [(c["is_current"], c["is_used"]) for c in taken] == [(False, False), (True, True)]
 
 
@@ -45,7 +45,7 @@ def test_notes_skips_and_errors_are_told_with_the_capture_they_are_about(
         "capture 2: stopped or skipped by the operator",
         "capture 3: stopped or skipped by the operator",
     ]
-    assert "has no answer left to" in told[2]
+    assert "has no answer left for" in told[2]
     assert told[3] == "lamp changed"
 
 

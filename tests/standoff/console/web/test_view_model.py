@@ -100,7 +100,7 @@ def test_a_stage_on_its_way_says_where_to() -> None:
     view = StageView(status=READY, state="moving", height_mm=200.5, target_mm=300.0, is_homed=True)
     shown = stage_document(view)
     assert (shown["height"], shown["motion_text"]) == ("200.500", "moving")
-    assert shown["target"] == "on the way to 300.000 mm"
+    assert shown["target"] == "moving to 300.000 mm"
 
 
 def test_a_lost_stage_is_not_at_rest() -> None:
