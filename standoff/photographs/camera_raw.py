@@ -77,7 +77,7 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
         format="camera raw",
         count=1,
         page=lambda _: levels,
-        marked=(LINEAR, "camera raw"),
+        marked=lambda: (LINEAR, "camera raw"),
         facts=facts,
         white_dn=white,
         saturation_dn=white,

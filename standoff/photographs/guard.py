@@ -22,6 +22,9 @@ LARGEST_LEVEL = 1e9
 _SMALL_BYTES = 32 << 20  # what decodes to so little is no danger
 _LARGEST_RATIO = 200.0
 _MOST_CHANNELS = 4
+TOO_LARGE = (
+    f"at most {LARGEST_IMAGE_PX / 1e6:g} million pixels are read; cut out the part that matters"
+)
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISCHR, "a device"),
@@ -81,10 +84,7 @@ def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int)
     rows, cols = shape[:2]
     decoded = int(np.prod([int(length) for length in shape], dtype=object)) * bytes_per_sample
     if rows * cols > LARGEST_IMAGE_PX:
-        raise GiantImageError(
-            f"an image of {cols} x {rows} pixels; at most {LARGEST_IMAGE_PX // 1_000_000} million "
-            "are read: cut out the part that matters"
-        )
+        raise GiantImageError(f"an image of {cols} x {rows} pixels: {TOO_LARGE}")
     if decoded > _SMALL_BYTES and decoded > _LARGEST_RATIO * file_bytes:
         raise GiantImageError(
             f"an image of {cols} x {rows} pixels in {_size(file_bytes)}, which is no "

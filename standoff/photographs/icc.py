@@ -11,6 +11,7 @@ import numpy as np
 
 from simulation.arrays import FloatArray
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding, srgb_to_linear
+from standoff.photographs.stored import DecodingError
 
 _SAMPLES = 4096
 _SAME_CURVE = 1e-3  # of white
@@ -19,8 +20,11 @@ _CURVE_TAGS = {b"RGB ": (b"rTRC", b"gTRC", b"bTRC"), b"GRAY": (b"kTRC",)}
 _PARAMETERS = (1, 3, 4, 5, 7)
 
 
-class ProfileError(ValueError):
+class ProfileError(DecodingError):
     """Bytes are no ICC profile, or one whose channels have no tone curve."""
+
+    def __init__(self, fault: str) -> None:
+        super().__init__(f"{fault}; say with --encoding what its levels are")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

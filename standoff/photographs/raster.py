@@ -7,6 +7,7 @@ import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from io import BytesIO
 from typing import Any
 
@@ -17,8 +18,8 @@ from PIL import Image, UnidentifiedImageError
 
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import PhotographFacts, is_srgb
-from standoff.photographs.guard import refuse_giant
-from standoff.photographs.icc import ProfileError, read_profile
+from standoff.photographs.guard import TOO_LARGE, refuse_giant
+from standoff.photographs.icc import read_profile
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
 _FORMATS = ("PNG", "JPEG", "BMP", "DIB", "GIF", "PPM", "WEBP", "JPEG2000", "AVIF")
@@ -54,7 +55,7 @@ def read_raster_image(data: bytes) -> StoredImage:
             format=name,
             count=count,
             page=lambda index: _pixels(data, index),
-            marked=_marked(image, tags, data),
+            marked=partial(_marked, image.info.get("icc_profile"), tags, data),
             unmarked=(LINEAR if is_deep else SRGB, f"{depth}{name}"),
             facts=PhotographFacts.of_tags(tags, image.width),
             is_jpeg=is_jpeg,
@@ -65,7 +66,7 @@ def read_raster_image(data: bytes) -> StoredImage:
 def _opened(data: bytes) -> Iterator[Image.Image]:
     Image.init()  # else the formats are unknown by name
     with (
-        decoding("image", Image.DecompressionBombError, cv2.error),
+        decoding("image", cv2.error),
         warnings.catch_warnings(),
     ):
         # The size is checked here, by more than one limit.
@@ -74,6 +75,8 @@ def _opened(data: bytes) -> Iterator[Image.Image]:
             image = Image.open(BytesIO(data), formats=_FORMATS)
         except UnidentifiedImageError as error:
             raise DecodingError(_unknown(data)) from error
+        except Image.DecompressionBombError as error:
+            raise DecodingError(TOO_LARGE) from error
         with image:
             yield image
 
@@ -111,7 +114,7 @@ def _tags(image: Image.Image) -> dict[int, object]:
 
 
 def _marked(
-    image: Image.Image, tags: dict[int, object], data: bytes
+    profile: bytes | None, tags: dict[int, object], data: bytes
 ) -> tuple[Encoding, str] | None:
     """The encoding a file states: by cICP, a profile, PNG's sRGB and gAMA, or Exif, in this order.
 
@@ -120,12 +123,8 @@ def _marked(
     transfer = _chunk(data, b"cICP")
     if transfer is not None and len(transfer) == 4 and transfer[1] in _PNG_TRANSFER:
         return _PNG_TRANSFER[transfer[1]], "its cICP chunk"
-    profile = image.info.get("icc_profile")
     if profile:
-        try:
-            found = read_profile(bytes(profile))
-        except ProfileError as error:
-            raise DecodingError(str(error)) from error
+        found = read_profile(bytes(profile))
         return found.encoding, f"its ICC profile {found.name}".rstrip()
     if _chunk(data, b"sRGB") is not None:
         return SRGB, "its sRGB chunk"

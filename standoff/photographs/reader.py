@@ -68,11 +68,8 @@ def read_image(path: Path, options: ReadOptions = ReadOptions()) -> Photograph:
         refuse_unusable(pixels, shown)
         encoding, encoding_from = _encoding(stored, options)
         white = stored.white_dn or full_scale_dn(pixels)
-        if not encoding.is_linear and white is None and float(pixels.max()) > _WHITE_OF_FLOATS:
-            raise DecodingError(
-                f"{encoding.name} levels in floating point run from 0 to 1, these to "
-                f"{float(pixels.max()):.3g}: give --encoding linear, or scale them"
-            )
+        if white is None and not encoding.is_linear:
+            _refuse_levels_beyond_white(float(pixels.max()), encoding)
         saturation = stored.saturation_dn or saturation_dn(pixels, white)
         variance, frames = stored.variance_dn2, stored.frames
         if options.is_mean and stored.count > 1:
@@ -115,6 +112,14 @@ def _stored(data: bytes, path: Path) -> StoredImage:
     return read_raster_image(data)
 
 
+def _refuse_levels_beyond_white(highest: float, encoding: Encoding) -> None:
+    if highest > _WHITE_OF_FLOATS:
+        raise DecodingError(
+            f"{encoding.name} levels in floating point run from 0 to 1, these to {highest:.3g}: "
+            "give --encoding linear, or scale them"
+        )
+
+
 def _page_number(stored: StoredImage, options: ReadOptions) -> int:
     """The page that is asked for, from 0; the first one of several where their mean is."""
     if options.page is not None and options.page > stored.count:
@@ -154,7 +159,8 @@ def _mean(
 def _encoding(stored: StoredImage, options: ReadOptions) -> tuple[Encoding, str]:
     if options.encoding is not None:
         return options.encoding, "--encoding"
-    if stored.marked is not None:
-        return stored.marked
+    marked = stored.marked()
+    if marked is not None:
+        return marked
     encoding, kind = stored.unmarked
     return encoding, f"usual for {kind} without a mark"

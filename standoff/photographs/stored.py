@@ -30,7 +30,8 @@ class StoredImage:
     page
         Reads one of them, from 0, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
     marked
-        Encoding that the file states, with where it does; None where it states none.
+        Gives the encoding that the file states, with where it does; None where it states none.
+        Raises DecodingError where it cannot be read, which does not matter if nobody asks.
     unmarked
         Encoding of such files where nothing is stated, with the kind of file as text.
     white_dn
@@ -46,7 +47,7 @@ class StoredImage:
     format: str
     count: int
     page: Callable[[int], NDArray[Any]] = field(repr=False)
-    marked: tuple[Encoding, str] | None = None
+    marked: Callable[[], tuple[Encoding, str] | None] = field(default=lambda: None, repr=False)
     unmarked: tuple[Encoding, str] = (LINEAR, "")
     facts: PhotographFacts = field(default_factory=PhotographFacts)
     is_jpeg: bool = False

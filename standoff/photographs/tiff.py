@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from typing import Any
 
@@ -16,7 +17,7 @@ from calibration.choices import Pattern
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import PhotographFacts, is_srgb
 from standoff.photographs.guard import refuse_giant
-from standoff.photographs.icc import ProfileError, read_profile
+from standoff.photographs.icc import read_profile
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
 MOST_PAGES = 10_000
@@ -56,12 +57,11 @@ def read_tiff_image(data: bytes) -> StoredImage:
         stack = _stack(tiff, len(data))
         first = stack.first
         tags = _tags(first)
-        marked = _marked(first, tags)
     return StoredImage(
         format="TIFF",
         count=stack.count,
         page=stack.page,
-        marked=marked,
+        marked=partial(_marked, first, tags),
         unmarked=(LINEAR, "TIFF"),
         facts=PhotographFacts.of_tags(tags, first.imagewidth),
         is_jpeg=int(first.compression) in _JPEG,
@@ -101,7 +101,7 @@ def _capture(data: bytes, tiff: tifffile.TiffFile) -> StoredImage | None:
         format="TIFF",
         count=1,
         page=lambda _: capture.mean_dn,
-        marked=(LINEAR, "its record of the capture"),
+        marked=lambda: (LINEAR, "its record of the capture"),
         saturation_dn=capture.record.max_level_dn,
         variance_dn2=None if variance is None else variance.astype(np.float64),
         frames=capture.record.frames_used,
@@ -215,10 +215,7 @@ def _tags(page: tifffile.TiffPage) -> dict[int, object]:
 def _marked(page: tifffile.TiffPage, tags: dict[int, object]) -> tuple[Encoding, str] | None:
     tag = page.tags.get(_ICC_TAG)
     if tag is not None and isinstance(tag.value, bytes):
-        try:
-            profile = read_profile(tag.value)
-        except ProfileError as error:
-            raise DecodingError(str(error)) from error
+        profile = read_profile(tag.value)
         return profile.encoding, f"its ICC profile {profile.name}".rstrip()
     return (SRGB, "its Exif") if is_srgb(tags) else None
 
