@@ -144,7 +144,7 @@ def test_a_field_that_is_none_is_left_out_with_its_fault(psf: PsfCalibration) ->
 def test_a_drift_of_the_focus_is_said_in_words(psf: PsfCalibration) -> None:
     trend = psf.height_trend
     assert trend is not None
-    assert "No change of the width" in widths_section(psf).text[0]
+    assert "change of the width with the height is not significant" in widths_section(psf).text[0]
     drifting = trend.model_copy(update={"is_drift": True, "p_value": 1e-6})
     text = widths_section(psf.model_copy(update={"height_trend": drifting})).text[0]
     assert "the focus drifts" in text
@@ -155,7 +155,7 @@ def test_how_it_was_measured_is_said(psf: PsfCalibration) -> None:
     other = PsfCalibration(sigma_x_px=0.8, method="paper", region="centre", channel="green")
     text = " ".join(calibration_sections(other, lambda _: np.zeros((2, 2)))[0].text)
     assert "biased by +5 % at 0.5 px" in text
-    assert "Only the part centre of the frame was used." in text
+    assert "Only the region centre of the frame was used." in text
     assert "Colour: green." in text
     colours = psf.model_copy(update={"channels": {"red": psf, "green": psf}})
     table = calibration_sections(colours.model_copy(update={"edges": []}), lambda _: np.zeros(1))[
