@@ -8,6 +8,7 @@ from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field,
 
 from analysis.errors import ResultsFileError
 from calibration.documents import write_document
+from calibration.provenance import Provenance
 
 InfiniteAsNull = Annotated[
     float,
@@ -31,6 +32,7 @@ class ResultsDocument(StoredValues):
     """A whole document; subclasses state its schema, with a default."""
 
     schema_name: str = Field(alias="schema")
+    provenance: Provenance | None = None
 
 
 def write_results(path: Path, document: ResultsDocument) -> None:

@@ -41,7 +41,10 @@ class Take:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Photograph:
-    """A single image from another camera; None for what it does not state."""
+    """An image from another camera, or the mean of ``frames`` of them with their variance.
+
+    None stands for what it does not state.
+    """
 
     image_dn: NDArray[np.float32]
     pixel_format: str
@@ -50,3 +53,5 @@ class Photograph:
     exposure_us: float | None = None
     gain_db: float | None = None
     scale_px_per_mm: float | None = None
+    variance_dn2: NDArray[np.float32] | None = None
+    frames: int = 1

@@ -171,7 +171,7 @@ class SessionWriter:
         return self._store(record, averaged.mean_dn, averaged.variance_dn2, take.raw_frames)
 
     def add_photograph(self, entry: PlanEntry, photograph: Photograph) -> CaptureRecord:
-        """Store a photograph as a capture of one frame, without a variance.
+        """Store a photograph as a capture of one frame, or of as many as it is the mean of.
 
         Its height is the entry's, as stated by whoever imports it.
 
@@ -185,7 +185,7 @@ class SessionWriter:
         record = CaptureRecord(
             **self._identity(entry),
             height_mm=entry.height_mm,
-            frames_used=1,
+            frames_used=photograph.frames,
             incomplete_frames=0,
             resent_packets=0,
             saturated_pixels=int(np.count_nonzero(image_dn >= photograph.max_level_dn)),
@@ -204,7 +204,7 @@ class SessionWriter:
             scale_px_per_mm=photograph.scale_px_per_mm,
             frames_file=None,
         )
-        return self._store(record, image_dn, None, ())
+        return self._store(record, image_dn, photograph.variance_dn2, ())
 
     def close(self) -> None:
         """Release the session; closing twice is harmless."""

@@ -121,6 +121,7 @@ def render_noise_report(noise: NoiseMeasurement, source: str) -> str:
             ("pixel format", known.pixel_format or "unknown"),
             ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
         ),
+        origin=known.provenance,
     )
 
 

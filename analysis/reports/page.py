@@ -14,6 +14,8 @@ from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from calibration.provenance import Provenance
+
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -29,6 +31,7 @@ _STYLE: Any = {
     "svg.fonttype": "path",
 }
 _PNG_DPI = 110
+_INPUTS_LISTED = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,9 +128,22 @@ def render_report(
     verdicts: tuple[Verdict, ...],
     sections: tuple[ReportSection, ...],
     provenance: tuple[tuple[str, str], ...],
+    origin: Provenance | None = None,
     written: datetime | None = None,
 ) -> str:
-    """Return the report as one HTML document that needs no other file and no network."""
+    """Return the report as one HTML document that needs no other file and no network.
+
+    Parameters
+    ----------
+    title, subtitle, verdicts, sections
+        The content, in the order of the page.
+    provenance
+        Names and values for the table at the end.
+    origin
+        Provenance of the document that is reported; in the header, its files in the table.
+    written
+        Time of the report; now by default.
+    """
     template = Environment(
         loader=PackageLoader("analysis.reports", "templates"),
         autoescape=True,
@@ -140,6 +156,22 @@ def render_report(
         subtitle=subtitle,
         verdicts=verdicts,
         sections=sections,
-        provenance=provenance,
+        provenance=(*_inputs(origin), *provenance),
+        origin=origin,
+        encodings=_encodings(origin),
         written=moment,
     )
+
+
+def _inputs(origin: Provenance | None) -> tuple[tuple[str, str], ...]:
+    files = () if origin is None else origin.inputs
+    rows = [(file.path, f"sha256 {file.sha256}") for file in files[:_INPUTS_LISTED]]
+    if len(files) > _INPUTS_LISTED:
+        rows.append(("and more", f"{len(files) - _INPUTS_LISTED} files, listed in the JSON file"))
+    return tuple(rows)
+
+
+def _encodings(origin: Provenance | None) -> str:
+    if origin is None:
+        return ""
+    return origin.encoding if isinstance(origin.encoding, str) else ", ".join(origin.encoding)

@@ -27,6 +27,7 @@ from analysis.reports.psf import (
 from analysis.reports.validation_plots import plot_curves, plot_furthest
 from analysis.validation import ShownPair, Validation, furthest_pair
 from calibration.edges import EdgeMeasurement
+from calibration.provenance import Provenance
 from calibration.psf import PsfCalibration
 
 
@@ -35,6 +36,7 @@ def render_session_report(
     psf: PsfCalibration | None,
     validation: Validation | None,
     remarks: tuple[str, ...] = (),
+    origin: Provenance | None = None,
 ) -> str:
     """Return the report of a session as one HTML document.
 
@@ -47,6 +49,8 @@ def render_session_report(
         figure.
     remarks
         What the report leaves out, and why.
+    origin
+        Provenance of the report.
 
     Raises
     ------
@@ -77,6 +81,7 @@ def render_session_report(
         verdicts=verdicts,
         sections=tuple(sections),
         provenance=(*device_rows(session), *versions()),
+        origin=origin,
     )
 
 

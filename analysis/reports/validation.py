@@ -71,6 +71,7 @@ def render_validation(session: Session, validation: Validation, shown: Sequence[
             *device_rows(session),
             *versions(),
         ),
+        origin=validation.provenance,
     )
 
 

@@ -4,6 +4,8 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from calibration.provenance import Provenance
+
 GEOMETRY_SCHEMA: Final = "standoff.geometry/1"
 
 ScaleSource = Literal["board", "given", "bench"]
@@ -130,6 +132,7 @@ class GeometryCalibration(_Stored):
     excluded: tuple[ExcludedCapture, ...] = ()
     undetermined: dict[str, str] = {}
     notes: tuple[str, ...] = ()
+    provenance: Provenance | None = None
 
     def zoom(self, near_mm: float, far_mm: float) -> float:
         """True zoom-out between two heights: the ratio of the distances from the entrance pupil."""

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ from calibration.noise.photon_transfer import (
     fit_photon_transfer,
     is_in_fit_range,
 )
+from calibration.provenance import Provenance
 from simulation.arrays import BoolArray
 
 _BINS = 512
@@ -102,6 +103,11 @@ class NoiseMeasurement:
     transfer: PhotonTransfer
     maps: CorrectionMaps
     nonuniformity: Nonuniformity
+
+    def with_provenance(self, provenance: Provenance) -> "NoiseMeasurement":
+        """Return the measurement with the provenance of its document."""
+        known = self.calibration.model_copy(update={"provenance": provenance})
+        return replace(self, calibration=known)
 
     def __repr__(self) -> str:
         return f"NoiseMeasurement({self.calibration!r})"

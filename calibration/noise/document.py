@@ -15,6 +15,7 @@ from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps, Nonuniformity
 from calibration.noise.photon_transfer import LevelSample, PhotonTransfer
+from calibration.provenance import Provenance
 from simulation.capture_noise import CaptureNoise
 
 NOISE_SCHEMA: Final = "standoff.noise/1"
@@ -82,6 +83,7 @@ class NoiseCalibration(BaseModel):
     notes: tuple[str, ...] = ()
     maps: dict[str, MapFile] | None = None
     levels: tuple[LevelSample, ...] = ()
+    provenance: Provenance | None = None
 
     @field_validator(
         "gain_e_per_dn", "read_noise_e", "black_level_dn", "frames_averaged", mode="before"

@@ -23,7 +23,7 @@ from .document import (
 )
 from .field import FieldFit as FieldFit
 from .height_trend import HeightGroup as HeightGroup, HeightTrend as HeightTrend
-from .linearise import luma_plane as luma_plane, srgb_to_linear as srgb_to_linear
+from .linearise import REC601_LUMA as REC601_LUMA, luma_plane as luma_plane
 from .plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,
     draw_mtf as draw_mtf,
@@ -33,6 +33,7 @@ from .plot import (
 __all__ = [
     "ORIENTATION_COLOURS",
     "PSF_SCHEMA",
+    "REC601_LUMA",
     "CameraIdentity",
     "ColourPsf",
     "Estimate",
@@ -56,5 +57,4 @@ __all__ = [
     "luma_plane",
     "scene_records",
     "share_of_correlation",
-    "srgb_to_linear",
 ]

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
+from calibration.provenance import Provenance
 from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
@@ -190,7 +191,8 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     ``field`` is null if, as far as the edges show, one PSF holds for the whole frame.
     ``channels`` holds the PSF of each colour of a mosaic. ``pairs`` are the pairs of photographs of
     a two-distance calibration, ``softness_px2`` is the mean variance that the scene adds in a
-    single-image calibration. Files that give only the total values are accepted.
+    single-image calibration. ``photograph`` is what the files of the photographs say alike of their
+    taking: camera, lens, exposure. Files that give only the total values are accepted.
     """
 
     field: FieldFit | None = None
@@ -205,6 +207,8 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     pairs: tuple[PairWidths, ...] = ()
     softness_px2: float | None = None
     edges: tuple[EdgeMeasurement, ...] = ()
+    photograph: dict[str, str | float] | None = None
+    provenance: Provenance | None = None
 
     @property
     def edges_used(self) -> tuple[EdgeMeasurement, ...]:

@@ -37,22 +37,3 @@ def luma_plane(image: AnyArray, channel: Channel = "luma") -> FloatArray:
     if channel == "luma":
         return np.asarray(colours @ np.array(REC601_LUMA))
     return np.asarray(colours[:, :, ("red", "green", "blue").index(channel)])
-
-
-def srgb_to_linear(image: AnyArray, full_scale: float) -> FloatArray:
-    """Undo the sRGB transfer curve (IEC 61966-2-1:1999, section 5.2); the scale is kept.
-
-    Raises
-    ------
-    ValueError
-        If ``full_scale`` is not positive.
-    """
-    if not full_scale > 0:
-        raise ValueError(f"full_scale must be positive, got {full_scale}")
-    encoded = np.asarray(image, dtype=np.float64) / full_scale
-    linear = np.where(
-        encoded <= 0.04045,
-        encoded / 12.92,
-        ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4,
-    )
-    return linear * full_scale

@@ -5,6 +5,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
 
+from calibration.provenance import Provenance
 from simulation.arrays import FloatArray
 
 HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
@@ -53,6 +54,7 @@ class Homography(BaseModel):
     ]
     size: tuple[Annotated[int, Field(strict=True, gt=0)], Annotated[int, Field(strict=True, gt=0)]]
     distortion_k1: Annotated[float, BeforeValidator(_distortion)] = 0.0
+    provenance: Provenance | None = None
 
     def __repr__(self) -> str:
         width, height = self.size

@@ -11,13 +11,19 @@ import typer
 
 from calibration.choices import CalibrationMethod, Channel, Pattern
 from standoff.terminal import (
+    EncodingName,
     Json,
+    Mean,
     Option,
+    Page,
+    ShortEncoding,
     check_options,
     checked_zoom,
+    command_line,
     exactly_one,
     excludes,
     needs,
+    photograph_inputs,
     print_json,
     refuse_overwriting,
     refuse_suffix,
@@ -75,9 +81,10 @@ def calibrate(
             help="Part of the image to use: centre, or X,Y,W,H in px; all of it by default."
         ),
     ] = None,
-    srgb: Annotated[
-        bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take levels as linear.")
-    ] = False,
+    encoding: EncodingName = "auto",
+    srgb: ShortEncoding = None,
+    page: Page = None,
+    mean: Mean = False,
     channel: Annotated[
         Channel | None,
         typer.Option(help="Channel of colour photographs; luma by default, green with --bayer."),
@@ -128,8 +135,10 @@ def calibrate(
     )
 
     require_writable([out, csv, report])
+    inputs = photograph_inputs(encoding, page, mean, srgb)
+    for path in (noise, correct):
+        inputs.add(path)
     reading = Reading(
-        is_srgb=srgb,
         channel=channel or ("luma" if bayer is None else "green"),
         pattern=bayer,
         correction=None if correct is None else read_correction(correct),
@@ -140,12 +149,19 @@ def calibrate(
             images=tuple(images or ()),
             session=session,
             reading=reading,
+            inputs=inputs,
             method=method,
             region=rule,
             zoom=zoom,
         )
     )
-    calibration = found.calibration.with_origin(replace(found.origin, region=region))
+    origin = replace(found.origin, region=region)
+    calibration = found.calibration.with_origin(origin).model_copy(
+        update={
+            "photograph": found.photograph,
+            "provenance": inputs.provenance(command_line()),
+        }
+    )
     write_psf(out, calibration)
     if csv is not None:
         write_file(csv, edge_csv(calibration).encode("utf-8"))

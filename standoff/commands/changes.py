@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from analysis.choices import FALSE_ALARMS
-from standoff.terminal import Json, print_json, say
+from standoff.terminal import (
+    EncodingName,
+    Json,
+    Mean,
+    Page,
+    command_line,
+    photograph_inputs,
+    print_json,
+    say,
+)
 
 
 def changes(
@@ -23,9 +32,13 @@ def changes(
     false_alarms: Annotated[
         float, typer.Option(min=1e-6, max=1e4, help="Pixels flagged by chance per frame.")
     ] = FALSE_ALARMS,
+    encoding: EncodingName = "auto",
+    page: Page = None,
+    mean: Mean = False,
     json: Json = False,
 ) -> None:
     """Find what changed between two photographs that their poses do not explain."""
+    from acquisition.untrusted import on_one_line
     from analysis.changes import ChangeOptions
     from analysis.results_file import write_results
     from calibration.documents import json_object
@@ -37,15 +50,22 @@ def changes(
         write_change_pictures,
     )
 
+    inputs = photograph_inputs(encoding, page, mean)
     options = ChangeOptions(
         noise=None if noise is None else read_noise(noise).capture_noise,
         false_alarms=false_alarms,
     )
-    found = find_changes_of_files(reference, followup, read_total_psf(psf), options)
+    for path in (psf, noise):
+        inputs.add(path)
+    found = find_changes_of_files(reference, followup, read_total_psf(psf), options, inputs)
     make_folder(out)
     write_change_pictures(out, followup.name, found)
     summary = found.summary.model_copy(
-        update={"reference": str(reference), "followup": str(followup)}
+        update={
+            "reference": on_one_line(reference),
+            "followup": on_one_line(followup),
+            "provenance": inputs.provenance(command_line()),
+        }
     )
     write_results(out / "changes.json", summary)
     if json:

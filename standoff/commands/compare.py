@@ -114,7 +114,7 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
         render_report,
         versions,
     )
-    from standoff.workflows import require_writable, write_page
+    from standoff.workflows import files_provenance, require_writable, write_page
 
     require_writable([report])
     found = ordered_history(_calibrations(files))
@@ -125,10 +125,12 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
             verdicts=(),
             sections=history_sections(found),
             provenance=versions(),
+            origin=files_provenance(*files),
         )
         write_page(report, page)
     if json:
-        print_json(history_document(found))
+        provenance = files_provenance(*files).model_dump(mode="json")
+        print_json({**history_document(found), "provenance": provenance})
         return
     for section in history_sections(found):
         table = section.tables[0]

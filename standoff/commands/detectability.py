@@ -12,8 +12,13 @@ from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX
 from simulation.choices import MODELS, Model
 from standoff.errors import ApplicationError
 from standoff.terminal import (
+    EncodingName,
     Json,
+    Mean,
+    Page,
     checked_zoom,
+    command_line,
+    photograph_inputs,
     print_json,
     print_table,
     refuse_overwriting,
@@ -23,6 +28,7 @@ from standoff.terminal import (
 
 if TYPE_CHECKING:
     from analysis.detectability import ChangeSignal, DetectabilityCurve
+    from standoff.photographs import Inputs
 
 
 _Name = TypeVar("_Name", bound=str)
@@ -69,6 +75,9 @@ def detectability(
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler, tcp://HOST:PORT, instead of --workers.")
     ] = None,
+    encoding: EncodingName = "auto",
+    page: Page = None,
+    mean: Mean = False,
     json: Json = False,
 ) -> None:
     """Measure how well a change can be detected, at best, from different distances."""
@@ -83,7 +92,8 @@ def detectability(
         raise typer.BadParameter(f"the window must be odd, got {window}", param_hint="--window")
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
-    change = _change(signal, signal_sigma)
+    inputs = photograph_inputs(encoding, page, mean)
+    change = _change(signal, signal_sigma, inputs)
     if 2 * change.reach_px / reference_zoom > window:
         raise typer.BadParameter(
             f"the change exceeds the window of {window} px; widen it", param_hint="--window"
@@ -116,10 +126,15 @@ def detectability(
         ),
         noise=read_noise(Path(noise)).capture_noise if noises is None else None,
         workers=SweepWorkers(count=workers, scheduler=scheduler),
+        inputs=inputs,
     )
+    for path in (psf, Path(noise) if noises is None else None):
+        inputs.add(path)
     found = measure_curves(request, out.with_suffix(".cells.jsonl"))
+    update: dict[str, object] = {"provenance": inputs.provenance(command_line())}
     if signal is not None:
-        found = found.model_copy(update={"signal": signal.name})
+        update["signal"] = signal.name
+    found = found.model_copy(update=update)
     curves = found.curves
     write_results(out, found)
     figures = curve_figures(out, curves, contrasts[0])
@@ -133,14 +148,13 @@ def detectability(
     say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
 
 
-def _change(patch: Path | None, sigma_px: float) -> ChangeSignal:
+def _change(patch: Path | None, sigma_px: float, inputs: Inputs) -> ChangeSignal:
     from analysis.detectability import GaussianSignal, PatchSignal
-    from standoff.workflows import read_grey
 
     if patch is None:
         return GaussianSignal(sigma_px=sigma_px)
     try:
-        return PatchSignal(levels_dn=read_grey(patch))
+        return PatchSignal(levels_dn=inputs.grey(patch))
     except ValueError as error:
         raise ApplicationError(f"{patch}: {error}") from error
 

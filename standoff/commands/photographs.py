@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from acquisition.choices import CaptureKind
-from standoff.terminal import Json, print_json, say
+from standoff.terminal import (
+    EncodingName,
+    Json,
+    Mean,
+    Page,
+    ShortEncoding,
+    photograph_inputs,
+    print_json,
+    say,
+)
 
 
 def import_photographs(
@@ -24,9 +33,10 @@ def import_photographs(
     scale: Annotated[
         float | None, typer.Option(help="Scale in the plane of the target in px/mm.")
     ] = None,
-    srgb: Annotated[
-        bool, typer.Option("--srgb/--linear", help="Undo the sRGB curve, or take levels as linear.")
-    ] = False,
+    encoding: EncodingName = "auto",
+    srgb: ShortEncoding = None,
+    page: Page = None,
+    mean: Mean = False,
     operator: Annotated[
         str | None, typer.Option(help="Name of the operator; the login name by default.")
     ] = None,
@@ -46,10 +56,10 @@ def import_photographs(
         kind=kind,
         height_mm=height_mm,
         scale_px_per_mm=scale,
-        is_srgb=srgb,
         operator=operator or getpass.getuser(),
     )
-    imported = import_into_session(out, images, settings)
+    inputs = photograph_inputs(encoding, page, mean, srgb)
+    imported = import_into_session(out, images, settings, inputs)
     if json:
         print_json({"session": str(out), "imported": imported, "photographs": len(images)})
         return

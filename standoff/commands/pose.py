@@ -18,13 +18,18 @@ from standoff.terminal import (
     CurveNoise,
     CurveObserver,
     CurvesPath,
+    EncodingName,
     Json,
+    Mean,
     MinDprime,
+    Page,
     check_options,
     chosen_curve,
+    command_line,
     exactly_one,
     needs,
     note,
+    photograph_inputs,
     place_target,
     print_json,
     read_bench,
@@ -34,10 +39,8 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from analysis.detectability import DetectabilityCurve
-    from analysis.pose import PoseQuality
-    from calibration.registration import Registration
-    from simulation.arrays import FloatArray
+    from analysis.pose import PoseQuality, PoseSummary
+    from standoff.photographs import Inputs
     from standoff.workflows import NamedFrame, StreamSummary
 
 
@@ -93,6 +96,9 @@ def pose(
     observer: CurveObserver = None,
     noise: CurveNoise = None,
     contrast: CurveContrast = None,
+    encoding: EncodingName = "auto",
+    page: Page = None,
+    mean: Mean = False,
     json: Json = False,
 ) -> None:
     """Accept or reject a follow-up's pose by the d' that it allows over the frame.
@@ -103,11 +109,14 @@ def pose(
     check_options(context, _RULES)
     refuse_suffix(picture, "--picture", {".png", ".svg"})
     refuse_overwriting([picture], [reference, followup, curves, psf])
-    from standoff.workflows import read_grey, require_writable
+    from standoff.workflows import require_writable
 
+    inputs = photograph_inputs(encoding, page, mean)
+    for path in (curves, psf):
+        inputs.add(path)
     require_writable([picture])
     curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
-    near = read_grey(reference)
+    near = inputs.grey(reference)
     about: dict[str, object] = {
         "criterion": criterion,
         "min_dprime": min_dprime,
@@ -115,10 +124,29 @@ def pose(
         "is_upper_bound": True,
     }
     if followup is not None:
-        found, quality = _judged(near, followup, psf, curve, min_dprime, criterion)
+        from analysis.pose import judge_pose
+        from analysis.reports import plot_pose
+        from calibration.registration import register
+        from standoff.workflows import read_total_psf, write_figure
+
+        far = inputs.grey(followup)
+        total = None if psf is None else read_total_psf(psf)
+        try:
+            found = register(near, far, total)
+        except CalibrationError as error:
+            raise CalibrationError(f"{followup}: {error}") from error
+        sizes = (far.shape[1], far.shape[0]), (near.shape[1], near.shape[0])
+        quality = judge_pose(found.matrix, *sizes, curve, min_dprime, criterion)
         if picture is not None:
-            _draw(picture, followup, quality)
-        _show_one(found, quality, picture, json=json)
+            write_figure(picture, plot_pose(far, quality))
+        judged = quality.summary.model_copy(
+            update={
+                "registration_correlation": found.correlation,
+                "picture": None if picture is None else str(picture),
+                "provenance": inputs.provenance(command_line()),
+            }
+        )
+        _show_one(quality, judged, json=json)
         return
     from analysis.pose import PoseTracker
     from standoff.workflows import StreamSummary, judge_stream, verdict_display
@@ -131,19 +159,21 @@ def pose(
     is_bench = bench is not None
     try:
         with (
-            _frames(stream, bench, settings, target, is_watched=watch) as source,
+            _frames(stream, inputs, bench, settings, target, is_watched=watch) as source,
             verdict_display(is_live=is_bench, is_silent=json) as show,
         ):
             judge_stream(source, tracker, summary, show, count=frames, is_kept=not is_bench)
     finally:
         # Ctrl-C is the normal way to end this: the summary is shown then, too.
         if summary.frames:
+            about["provenance"] = inputs.provenance(command_line()).model_dump(mode="json")
             _show_stream(summary, about, json=json)
 
 
 @contextmanager
 def _frames(
     stream: Path | None,
+    inputs: Inputs,
     bench: Path | None,
     settings: list[str] | None,
     target: str | None,
@@ -155,7 +185,7 @@ def _frames(
     if stream is not None:
         if not stream.is_dir():
             raise typer.BadParameter(f"{stream} is not a folder", param_hint="--stream")
-        yield folder_frames(stream, is_watched=is_watched)
+        yield folder_frames(stream, inputs, is_watched=is_watched)
     if bench is not None:
         with opened_camera(read_bench(bench, settings)) as opened:
             for warning in opened.warnings:
@@ -166,50 +196,13 @@ def _frames(
                 yield source
 
 
-def _judged(
-    near: FloatArray,
-    followup: Path,
-    psf: Path | None,
-    curve: DetectabilityCurve,
-    min_dprime: float,
-    criterion: Criterion,
-) -> tuple[Registration, PoseQuality]:
-    from analysis.pose import judge_pose
-    from calibration.registration import register
-    from standoff.workflows import read_grey, read_total_psf
-
-    total = None if psf is None else read_total_psf(psf)
-    far = read_grey(followup)
-    try:
-        found = register(near, far, total)
-    except CalibrationError as error:
-        raise CalibrationError(f"{followup}: {error}") from error
-    sizes = (far.shape[1], far.shape[0]), (near.shape[1], near.shape[0])
-    return found, judge_pose(found.matrix, *sizes, curve, min_dprime, criterion)
-
-
-def _draw(picture: Path, followup: Path, quality: PoseQuality) -> None:
-    from analysis.reports import plot_pose
-    from standoff.workflows import read_grey, write_figure
-
-    write_figure(picture, plot_pose(read_grey(followup), quality))
-
-
-def _show_one(
-    found: Registration, quality: PoseQuality, picture: Path | None, *, json: bool
-) -> None:
+def _show_one(quality: PoseQuality, summary: PoseSummary, *, json: bool) -> None:
     curve = quality.curve
     if quality.beyond_curve:
         note(
             f"{100 * quality.beyond_curve:.0f} % of the overlap lies beyond the curve's zoom of "
             f"{curve.zoom[-1]:g}; its d' is taken as 0"
         )
-    summary = quality.summary.model_copy(
-        update={
-            "registration_correlation": found.correlation,
-            "picture": None if picture is None else str(picture),
-        }
-    )
     if json:
         print_json(summary.model_dump(mode="json"))
         return

@@ -18,12 +18,17 @@ from simulation.choices import (
     Sampler,
 )
 from standoff.terminal import (
+    EncodingName,
     Json,
+    Mean,
     Option,
+    Page,
     check_options,
     checked_zoom,
+    command_line,
     exactly_one,
     needs,
+    photograph_inputs,
     print_json,
     refuse_overwriting,
     refuse_suffix,
@@ -120,6 +125,9 @@ def simulate(
             help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
         ),
     ] = None,
+    encoding: EncodingName = "auto",
+    page: Page = None,
+    mean: Mean = False,
     json: Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
@@ -134,9 +142,13 @@ def simulate(
         write_mask,
     )
 
+    inputs = photograph_inputs(encoding, page, mean)
+    for path in (psf, noise, homography, correct):
+        inputs.add(path)
     simulated = simulate_photograph(
         FollowUpRequest(
             image=image,
+            inputs=inputs,
             model=model,
             camera=_camera(exposure, vignetting, sharpen, noise, seed),
             zoom=zoom,
@@ -172,6 +184,7 @@ def simulate(
                 "max": float(written.max()),
                 **masks,
                 **_kernel_facts(simulated.kernel),
+                "provenance": inputs.provenance(command_line()).model_dump(mode="json"),
             }
         )
         return

@@ -11,7 +11,18 @@ import typer
 
 from simulation.choices import Model
 from standoff.errors import ApplicationError
-from standoff.terminal import Json, checked_zoom, note, print_json, progress_bar, say
+from standoff.terminal import (
+    EncodingName,
+    Json,
+    Mean,
+    Page,
+    checked_zoom,
+    note,
+    photograph_inputs,
+    print_json,
+    progress_bar,
+    say,
+)
 
 if TYPE_CHECKING:
     from standoff.workflows import SrDatasetSummary
@@ -49,6 +60,9 @@ def sr_pairs(
     is_float: Annotated[
         bool, typer.Option("--float", help="Write float32 TIFFs instead of rounded PNGs.")
     ] = False,
+    encoding: EncodingName = "auto",
+    page: Page = None,
+    mean: Mean = False,
     json: Json = False,
 ) -> None:
     """Cut photographs into crops, each paired with its image from ZOOM times further away."""
@@ -68,6 +82,7 @@ def sr_pairs(
         test_fraction=test_fraction,
         seed=seed,
         is_float=is_float,
+        reading=photograph_inputs(encoding, page, mean).options,
     )
     paths = expanded_images(images)
     with progress_bar("cutting pairs", len(paths)) as bar:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.files import read_noise, read_psf
-from calibration.psf import PsfCalibration, luma_plane
+from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, Model, PsfField
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
-from standoff.workflows import ImageFile, read_image
+from standoff.photographs import Photograph, read_image
 
 FilePath: TypeAlias = str | PathLike[str]
 ImageLike: TypeAlias = NDArray[Any] | FilePath
@@ -39,7 +39,7 @@ def path_of(path: object, name: str) -> Path:
     raise TypeError(f"{name}: expected a path, got {_kind(path)}")
 
 
-def image_file(image: ImageLike, name: str = "image") -> ImageFile:
+def photograph(image: ImageLike, name: str = "image") -> Photograph:
     """Return an image with what its file, or the type of its array, says about its levels.
 
     Raises
@@ -50,7 +50,7 @@ def image_file(image: ImageLike, name: str = "image") -> ImageFile:
         If the file cannot be read, or the array is not a finite image.
     """
     if isinstance(image, np.ndarray):
-        return ImageFile.of_pixels(Path(name), image)
+        return Photograph.of_array(name, image)
     if isinstance(image, str | PathLike):
         return read_image(Path(image))
     raise TypeError(f"{name}: expected an array or the path of an image, got {_kind(image)}")
@@ -58,12 +58,12 @@ def image_file(image: ImageLike, name: str = "image") -> ImageFile:
 
 def colour_planes(image: ImageLike, name: str = "image") -> AnyArray:
     """Return the levels of an image without an opacity plane, grey or in colour."""
-    return image_file(image, name).colour_planes
+    return photograph(image, name).colour_planes
 
 
 def grey_image(image: ImageLike, name: str = "image") -> FloatArray:
     """Return the grey levels of an image, shape ``(rows, cols)``; of a colour image the luma."""
-    return luma_plane(image_file(image, name).colour_planes)
+    return photograph(image, name).grey_dn
 
 
 def listed_images(images: object) -> list[ImageLike]:

@@ -13,7 +13,7 @@ from calibration.edges import (
 from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
 from calibration.psf import PsfCalibration, calibrate_psf as psf_of_images, edge_images
 from simulation import GaussianPsf as GaussianPsf
-from standoff.library.inputs import FilePath, ImageLike, image_file, listed_images, path_of
+from standoff.library.inputs import FilePath, ImageLike, listed_images, path_of, photograph
 from standoff.workflows import Reading, edge_image
 
 
@@ -77,7 +77,7 @@ def measure_edges(
     TypeError
         If the image is neither an array nor a path.
     """
-    source = edge_image(image_file(image), Reading())
+    source = edge_image(photograph(image), Reading())
     if region is not None:
         source.refuse_beyond_frame(region)
     return tuple(measured_edges(source, region, method))
@@ -116,4 +116,4 @@ def _edge_images(images: ImageLike | Iterable[ImageLike] | Session) -> Iterator[
         yield from edge_images(images)
         return
     for number, image in enumerate(listed_images(images)):
-        yield edge_image(image_file(image, f"images[{number}]"), Reading())
+        yield edge_image(photograph(image, f"images[{number}]"), Reading())

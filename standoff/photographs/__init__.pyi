@@ -1,14 +1,24 @@
 from .encoding import LINEAR as LINEAR, SRGB as SRGB, Encoding as Encoding
-from .exif import PhotographFacts as PhotographFacts
+from .exif import PhotographFacts as PhotographFacts, shared_facts as shared_facts
+from .inputs import Inputs as Inputs
 from .photograph import Photograph as Photograph
-from .reader import ReadOptions as ReadOptions, read_image as read_image
+from .raster import marked_png as marked_png
+from .reader import (
+    IMAGE_SUFFIXES as IMAGE_SUFFIXES,
+    ReadOptions as ReadOptions,
+    read_image as read_image,
+)
 
 __all__ = [
+    "IMAGE_SUFFIXES",
     "LINEAR",
     "SRGB",
     "Encoding",
+    "Inputs",
     "Photograph",
     "PhotographFacts",
     "ReadOptions",
+    "marked_png",
     "read_image",
+    "shared_facts",
 ]

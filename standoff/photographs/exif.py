@@ -4,7 +4,7 @@ Exif 3.0 (CIPA DC-008-2023), sections 4.6.4 to 4.6.6. A tag that is damaged or a
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -94,6 +94,18 @@ class PhotographFacts:
             (self.pixel_pitch_um, lambda value: f"pixels of {value:.3g} µm"),
         )
         return ", ".join(text(value) for value, text in shown if value is not None)
+
+
+def shared_facts(photographs: Sequence[PhotographFacts]) -> dict[str, Any]:
+    """What several photographs say alike, by name: not their times, nor how they were turned."""
+    if not photographs:
+        return {}
+    first, *others = [each.to_json() for each in photographs]
+    return {
+        name: value
+        for name, value in first.items()
+        if name not in ("taken", "orientation") and all(each.get(name) == value for each in others)
+    }
 
 
 def exposure_text(exposure_s: float) -> str:

@@ -52,7 +52,7 @@ def read_file(path: Path) -> bytes:
             status = os.fstat(number)
             if not stat.S_ISREG(status.st_mode):
                 raise ImageFileError(
-                    f"{shown}: {_kind(status.st_mode)}, not a file; save the image to a file first"
+                    f"{shown}: {_kind(status.st_mode)}, not a file; save it to one first"
                 )
             if status.st_size > LARGEST_FILE_BYTES:
                 raise ImageFileError(

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from acquisition.untrusted import on_one_line
 from calibration.choices import Pattern
-from calibration.psf import luma_plane
+from calibration.psf import REC601_LUMA, luma_plane
 from simulation.arrays import AnyArray, BoolArray, FloatArray
+from standoff.errors import ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import refuse_unusable
@@ -21,46 +22,69 @@ _CLIPPED_FROM = 0.995  # of the saturation level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Photograph:
-    """One photograph as it was stored, and its levels linear in light.
+class PhotographHead:
+    """What is known of a photograph without its pixels.
 
     Parameters
     ----------
     path
         The file; the argument's name where an array was given.
-    stored
-        Levels as the file holds them, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
     encoding
         From light to the stored levels.
     encoding_from
         What decided the encoding, as a noun: ``its ICC profile sRGB``, ``--encoding``.
-    full_scale_dn
-        Level of white: the largest that the stored numbers can hold; None for floats.
-    saturation_dn
-        Linear level at which the sensor clips, as far as the file tells.
-    variance_dn2, frames
-        Temporal variance of one frame and the number of them, for the mean of a stack.
+    facts
+        Camera, lens and exposure.
+    pattern
+        Colours of a raw mosaic.
     sha256
         Of the file; None for an array.
     """
 
     path: Path
-    stored: AnyArray = field(repr=False)
     encoding: Encoding = LINEAR
     encoding_from: str = ""
-    full_scale_dn: float | None = None
-    saturation_dn: float | None = None
-    is_jpeg: bool = False
-    pattern: Pattern | None = None
     facts: PhotographFacts = field(default_factory=PhotographFacts)
-    variance_dn2: FloatArray | None = field(default=None, repr=False)
-    frames: int = 1
+    pattern: Pattern | None = None
     sha256: str | None = None
 
     @property
     def name(self) -> str:
         """The path on one line, with what a terminal would obey escaped."""
         return on_one_line(self.path)
+
+    @property
+    def encoding_sentence(self) -> str:
+        """Which encoding was taken, why, and what decides it."""
+        if self.encoding_from == "--encoding":
+            return f"levels taken as {self.encoding.name} (--encoding)"
+        return f"levels taken as {self.encoding.name} ({self.encoding_from}); --encoding overrides this"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Photograph(PhotographHead):
+    """One photograph as it was stored, and its levels linear in light.
+
+    Parameters
+    ----------
+    stored
+        Levels as the file holds them, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
+    full_scale_dn
+        Level of white: the largest that the stored numbers can hold; None for floats.
+    saturation_dn
+        Linear level at which the sensor clips, as far as the file tells.
+    is_jpeg
+        Whether the levels were compressed as JPEG does.
+    variance_dn2, frames
+        Temporal variance of one frame and the number of them, for the mean of a stack.
+    """
+
+    stored: AnyArray = field(repr=False)
+    full_scale_dn: float | None = None
+    saturation_dn: float | None = None
+    is_jpeg: bool = False
+    variance_dn2: FloatArray | None = field(default=None, repr=False)
+    frames: int = 1
 
     @classmethod
     def of_array(cls, name: str, pixels: NDArray[Any]) -> Self:
@@ -82,12 +106,22 @@ class Photograph:
         )
 
     @property
+    def encoding_sentence(self) -> str:
+        """Which encoding was taken, why, and what decides it."""
+        if self.encoding_from == "--encoding":
+            return f"levels taken as {self.encoding.name} (--encoding)"
+        return (
+            f"levels taken as {self.encoding.name}, {self.encoding_from}; --encoding decides "
+            "otherwise"
+        )
+
+    @property
     def is_colour(self) -> bool:
         """Whether there are red, green and blue planes."""
         return self.stored.ndim == 3 and self.stored.shape[2] >= 3
 
     @property
-    def colour_planes(self) -> AnyArray:
+    def linear_planes(self) -> AnyArray:
         """Linear levels without an opacity plane, as a type that the capture model takes.
 
         Of a linear file they are the stored numbers, in their type.
@@ -104,9 +138,39 @@ class Photograph:
         return pixels.astype(np.float64)
 
     @property
+    def colour_planes(self) -> AnyArray:
+        """``linear_planes`` of a photograph whose pixels all have the same colours.
+
+        Raises
+        ------
+        ImageFileError
+            If it is a raw mosaic.
+        """
+        if self.pattern is not None:
+            raise ImageFileError(
+                f"{self.name}: a raw mosaic, whose PSF calibrate measures; develop it to a linear "
+                "TIFF for anything else"
+            )
+        return self.linear_planes
+
+    @property
     def grey_dn(self) -> FloatArray:
-        """Linear grey levels, shape ``(rows, cols)``; of colours their Rec. 601 luma."""
+        """Linear grey levels, shape ``(rows, cols)``; of colours their Rec. 601 luma.
+
+        Raises
+        ------
+        ImageFileError
+            If it is a raw mosaic.
+        """
         return luma_plane(self.colour_planes)
+
+    @property
+    def grey_variance_dn2(self) -> FloatArray | None:
+        """Temporal variance of the grey levels of one frame, where the file is a capture."""
+        if self.variance_dn2 is None or self.variance_dn2.ndim == 2:
+            return self.variance_dn2
+        weights = np.square(REC601_LUMA)
+        return np.asarray(self.variance_dn2[:, :, :3] @ weights)
 
     @property
     def white_dn(self) -> float:
@@ -118,7 +182,7 @@ class Photograph:
         """Pixels at which the file clips in any colour; None where it does not tell."""
         if self.saturation_dn is None:
             return None
-        planes = np.asarray(self.colour_planes, dtype=np.float64)
+        planes = np.asarray(self.linear_planes, dtype=np.float64)
         at_the_top = planes >= _CLIPPED_FROM * self.saturation_dn
         return np.asarray(at_the_top.any(axis=2) if planes.ndim == 3 else at_the_top)
 

@@ -5,6 +5,7 @@ Only formats without programs or scripts inside are tried: an EPS by another nam
 
 import struct
 import warnings
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -28,6 +29,7 @@ _WITHOUT_LUMA = {"CMYK": "CMYK", "LAB": "CIE L*a*b*", "HSV": "HSV"}
 _WITH_A_PALETTE = ("P", "PA", "YCbCr")
 _PNG_TRANSFER = {8: LINEAR, 13: SRGB}  # ITU-T H.273 in the cICP chunk
 _PNG_GAMMA_OF_SRGB = 45455
+_PNG_AFTER_HEADER = 33  # signature and IHDR
 
 
 def read_raster_image(data: bytes) -> StoredImage:
@@ -136,6 +138,22 @@ def _marked(
     if is_srgb(tags):
         return SRGB, "its Exif"
     return None
+
+
+def marked_png(data: bytes, encoding: Encoding) -> bytes:
+    """Return a PNG file that states its encoding, so that every reader takes the same one.
+
+    PNG specification, third edition, 11.3.2: gAMA and sRGB. A profile's own curve is not stated.
+    """
+    if encoding.name == "srgb":
+        name, content = b"sRGB", b"\0"
+    elif encoding.is_linear or encoding.gamma is not None:
+        name, content = b"gAMA", round(100_000 / (encoding.gamma or 1.0)).to_bytes(4, "big")
+    else:
+        return data
+    chunk = name + content
+    whole = len(content).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    return data[:_PNG_AFTER_HEADER] + whole + data[_PNG_AFTER_HEADER:]
 
 
 def _gamma_encoding(hundred_thousandths: int) -> Encoding | None:

@@ -9,12 +9,13 @@ import numpy as np
 from acquisition.untrusted import on_one_line
 from simulation.arrays import FloatArray
 from standoff.errors import ImageFileError
-from standoff.photographs.camera_raw import is_camera_raw, read_camera_raw
+from standoff.photographs.camera_raw import RAW_SUFFIXES, is_camera_raw, read_camera_raw
 from standoff.photographs.encoding import Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import read_file, refuse_unusable
 from standoff.photographs.photograph import (
     Photograph,
+    PhotographHead,
     as_numbers,
     full_scale_dn,
     saturation_dn,
@@ -23,6 +24,12 @@ from standoff.photographs.raster import read_raster_image
 from standoff.photographs.scientific import is_exr, is_fits, read_exr_image, read_fits_image
 from standoff.photographs.stored import DecodingError, StoredImage
 from standoff.photographs.tiff import is_tiff, read_tiff_image, tiff_facts
+
+IMAGE_SUFFIXES = frozenset(
+    """.avif .bmp .exr .fit .fits .fts .gif .jp2 .jpeg .jpg .pgm .png .ppm .tif .tiff
+    .webp""".split()  # noqa: SIM905 - a list is longer
+) | (RAW_SUFFIXES - {".raw"})
+"""Of the files of a folder that are taken for photographs."""
 
 _WHITE_OF_FLOATS = 1.5  # encoded floats run from 0 to 1, and little beyond
 
@@ -50,7 +57,10 @@ class ReadOptions:
             raise ValueError("a page or the mean of all pages, not both")
 
 
-def read_image(path: Path, options: ReadOptions = ReadOptions()) -> Photograph:
+_AS_STATED = ReadOptions()
+
+
+def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
     """Read a photograph: TIFF, PNG, JPEG, camera raw, OpenEXR, FITS and what else Pillow opens.
 
     Raises
@@ -93,6 +103,31 @@ def read_image(path: Path, options: ReadOptions = ReadOptions()) -> Photograph:
         facts=stored.facts,
         variance_dn2=variance,
         frames=frames,
+        sha256=sha256(data).hexdigest(),
+    )
+
+
+def read_head(path: Path, options: ReadOptions = _AS_STATED) -> PhotographHead:
+    """Read what a photograph's file says of it, without decoding its pixels.
+
+    Raises
+    ------
+    ImageFileError
+        If the file is missing, no image, or too large. Damaged pixels are not found.
+    """
+    data = read_file(path)
+    try:
+        stored = _stored(data, path)
+        _page_number(stored, options)
+        encoding, encoding_from = _encoding(stored, options)
+    except DecodingError as error:
+        raise ImageFileError(f"{on_one_line(path)}: {error}") from error
+    return PhotographHead(
+        path=path,
+        encoding=encoding,
+        encoding_from=encoding_from,
+        facts=stored.facts,
+        pattern=stored.pattern,
         sha256=sha256(data).hexdigest(),
     )
 

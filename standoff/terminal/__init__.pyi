@@ -10,6 +10,14 @@ from .curve_options import (
     chosen_curve as chosen_curve,
 )
 from .edge_table import edge_csv as edge_csv
+from .image_options import (
+    EncodingName as EncodingName,
+    Mean as Mean,
+    Page as Page,
+    ShortEncoding as ShortEncoding,
+    photograph_inputs as photograph_inputs,
+)
+from .invocation import command_line as command_line
 from .live_line import LiveLine as LiveLine
 from .operator_prompts import (
     Operator as Operator,
@@ -44,6 +52,7 @@ from .output import (
     print_table as print_table,
     progress_bar as progress_bar,
     say as say,
+    say_error as say_error,
 )
 from .plan_preview import (
     flicker_warnings as flicker_warnings,
@@ -64,18 +73,23 @@ __all__ = [
     "CurveNoise",
     "CurveObserver",
     "CurvesPath",
+    "EncodingName",
     "Json",
     "LiveLine",
+    "Mean",
     "MinDprime",
     "Operator",
     "Option",
+    "Page",
     "ScriptedOperator",
+    "ShortEncoding",
     "TerminalOperator",
     "application",
     "check_options",
     "checked_zoom",
     "chosen_curve",
     "chosen_models",
+    "command_line",
     "drop_stale_code",
     "edge_csv",
     "exactly_one",
@@ -84,6 +98,7 @@ __all__ = [
     "frame_shape_of",
     "needs",
     "note",
+    "photograph_inputs",
     "place_target",
     "preview_lines",
     "print_json",
@@ -98,6 +113,7 @@ __all__ = [
     "region_corner_and_size",
     "run_application",
     "say",
+    "say_error",
     "time_text",
     "what_to_place",
 ]

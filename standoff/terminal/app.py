@@ -11,7 +11,8 @@ from typer.exceptions import TyperException
 
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS
-from standoff.terminal.output import ERRORS
+from standoff.terminal.invocation import remembered
+from standoff.terminal.output import say_error
 
 EXIT_REPORTED = 1
 EXIT_USAGE = 2
@@ -107,15 +108,16 @@ def _show_help(
 def run_application(app: typer.Typer, arguments: list[str]) -> int:
     """Run one command line and return its exit status; errors are one line on stderr."""
     try:
-        status = app(arguments, standalone_mode=False, prog_name="standoff")
+        with remembered(arguments):
+            status = app(arguments, standalone_mode=False, prog_name="standoff")
     except TyperException as error:
-        ERRORS.print(f"standoff: {' '.join(error.format_message().split())}", markup=False)
+        say_error(" ".join(error.format_message().split()))
         return EXIT_USAGE
     except REPORTED_ERRORS as error:
-        ERRORS.print(f"standoff: {error}", markup=False)
+        say_error(error)
         return EXIT_REPORTED
     except (typer.Abort, KeyboardInterrupt):
         status = EXIT_INTERRUPTED
     if status == EXIT_INTERRUPTED:
-        ERRORS.print("standoff: interrupted; run the same command again", markup=False)
+        say_error("interrupted; run the same command again")
     return status or 0

@@ -18,6 +18,8 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from acquisition.untrusted import on_one_line
+
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 _WITHOUT_A_TERMINAL = 10_000
 _RESULTS = Console(
@@ -70,12 +72,17 @@ def print_json(document: object) -> None:
 
 def say(text: str) -> None:
     """Print one line of a result for people."""
-    _RESULTS.print(text, markup=False)
+    _RESULTS.print(on_one_line(text), markup=False)
 
 
 def note(text: str) -> None:
     """Print a remark on stderr that is worth knowing but not an error."""
-    ERRORS.print(f"note: {text}", markup=False)
+    ERRORS.print(f"note: {on_one_line(text)}", markup=False)
+
+
+def say_error(text: object) -> None:
+    """Print why the command ends, in one line on stderr."""
+    ERRORS.print(f"standoff: {on_one_line(text)}", markup=False)
 
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
@@ -91,5 +98,5 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
                 Text(column), justify="right", no_wrap=True, min_width=max(widest, len(column))
             )
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*(Text(on_one_line(cell)) for cell in row))
     _RESULTS.print(table)

@@ -36,10 +36,7 @@ from .followup import (
     zoomed_out as zoomed_out,
 )
 from .image_files import (
-    ImageFile as ImageFile,
     expanded_images as expanded_images,
-    read_grey as read_grey,
-    read_image as read_image,
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
 )
@@ -64,6 +61,10 @@ from .pose_stream import (
 from .practice import (
     PracticeCommandError as PracticeCommandError,
     PracticeConsole as PracticeConsole,
+)
+from .provenance import (
+    files_provenance as files_provenance,
+    session_provenance as session_provenance,
 )
 from .psf_files import read_total_psf as read_total_psf
 from .reports import (
@@ -101,7 +102,6 @@ __all__ = [
     "FollowUp",
     "FollowUpRequest",
     "FoundKernel",
-    "ImageFile",
     "ImportSettings",
     "NamedFrame",
     "OpenBench",
@@ -119,6 +119,7 @@ __all__ = [
     "default_models",
     "edge_image",
     "expanded_images",
+    "files_provenance",
     "find_changes_of_files",
     "folder_frames",
     "import_into_session",
@@ -131,8 +132,6 @@ __all__ = [
     "opened_camera",
     "place_errors_px",
     "place_in_simulation",
-    "read_grey",
-    "read_image",
     "read_total_psf",
     "refuse_half_simulated",
     "require_writable",
@@ -140,6 +139,7 @@ __all__ = [
     "run_paper",
     "run_sweep",
     "run_validation",
+    "session_provenance",
     "short_bench",
     "simulate_photograph",
     "verdict_display",

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from acquisition.session import Session
 from calibration.blind import calibrate_from_distances, calibrate_from_scene
@@ -17,6 +18,7 @@ from calibration.psf import (
     capture_images,
     scene_records,
 )
+from standoff.photographs import Inputs, shared_facts
 from standoff.terminal import note, progress_bar
 from standoff.workflows.edge_sources import (
     EdgeSources,
@@ -32,13 +34,14 @@ class CalibrationRequest:
     """Photographs or a session, how to read them, and how to get the PSF from them.
 
     ``region`` returns the part of an image to use, None for all of it; ``zoom`` is the distance
-    ratio of two photographs, if it is known.
+    ratio of two photographs, if it is known. ``inputs`` reads the photographs.
     """
 
     images: tuple[Path, ...]
     session: Path | None
     reading: Reading
     method: CalibrationMethod
+    inputs: Inputs
     region: Callable[[EdgeImage], Region | None]
     zoom: float | None = None
 
@@ -50,6 +53,7 @@ class CalibratedCamera:
     calibration: PsfCalibration
     origin: PsfOrigin
     edges: EdgeSources | None = None
+    photograph: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,12 +91,12 @@ def calibrate_camera(request: CalibrationRequest) -> CalibratedCamera:
 
 def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
     assert request.method == "all-angles" or request.method == "paper"
-    reading = request.reading
     sources = (
-        from_files(request.images, reading)
+        from_files(request.images, request.reading, request.inputs)
         if request.session is None
-        else from_session(Session(request.session), reading)
+        else from_session(_session(request), request.reading)
     )
+    reading = sources.reading
     with progress_bar("measuring edges", sources.count) as bar:
         if reading.pattern is None:
             calibration = calibrate_psf(
@@ -110,7 +114,12 @@ def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
                 region=request.region,
                 progress=bar.advance_to,
             )
-    return CalibratedCamera(calibration=calibration, origin=sources.origin, edges=sources)
+    return CalibratedCamera(
+        calibration=calibration,
+        origin=sources.origin,
+        edges=sources,
+        photograph=shared_facts(sources.taken) or None,
+    )
 
 
 def _from_scene(request: CalibrationRequest) -> CalibratedCamera:
@@ -136,9 +145,13 @@ def _from_distances(request: CalibrationRequest) -> CalibratedCamera:
 def _scenes(request: CalibrationRequest) -> _Scenes:
     reading = request.reading
     if request.session is None:
-        sources = from_files(request.images, reading)
+        sources = from_files(request.images, reading, request.inputs)
+        if sources.reading.pattern is not None:
+            raise CalibrationError(
+                "of raw mosaics the edges alone are measured: --method all-angles or paper"
+            )
         return _Scenes(series=(tuple(sources.images),), origin=sources.origin)
-    session = Session(request.session)
+    session = _session(request)
     records = scene_records(session)
     series = tuple(
         tuple(
@@ -150,6 +163,13 @@ def _scenes(request: CalibrationRequest) -> _Scenes:
     )
     origin = origin_of(session, [record for scene in records for record in scene])
     return _Scenes(series=series, origin=origin)
+
+
+def _session(request: CalibrationRequest) -> Session:
+    assert request.session is not None
+    session = Session(request.session)
+    request.inputs.add_session(session)
+    return session
 
 
 _METHODS: dict[CalibrationMethod, Callable[[CalibrationRequest], CalibratedCamera]] = {

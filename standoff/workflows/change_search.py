@@ -9,8 +9,9 @@ from analysis.errors import AnalysisError
 from analysis.reports import plot_changes
 from calibration.errors import CalibrationError
 from simulation import GaussianPsf
+from standoff.photographs import Inputs
 from standoff.workflows.figure_files import write_figure
-from standoff.workflows.image_files import read_grey, write_float_tiff, write_mask
+from standoff.workflows.image_files import write_float_tiff, write_mask
 
 
 def find_changes_of_files(
@@ -18,6 +19,7 @@ def find_changes_of_files(
     followup: Path,
     psf: GaussianPsf,
     options: ChangeOptions,
+    inputs: Inputs,
 ) -> ChangeResult:
     """Align two photographs and compare them.
 
@@ -28,7 +30,7 @@ def find_changes_of_files(
     AnalysisError, CalibrationError
         If they cannot be compared or aligned; the message names the follow-up.
     """
-    near, far = read_grey(reference), read_grey(followup)
+    near, far = inputs.grey(reference), inputs.grey(followup)
     try:
         return find_changes(near, far, psf, options)
     except CalibrationError as error:

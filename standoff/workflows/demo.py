@@ -16,6 +16,7 @@ from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images
 from hil_mocks import BenchTruth
 from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
+from standoff.workflows.provenance import session_provenance
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file
 from standoff.workflows.session_report import write_session_report
 from standoff.workflows.simulated_session import capture_simulated
@@ -74,6 +75,7 @@ class DemoResult:
                 model: mean.mse_dn2
                 for model, mean in self.validation.means("followup-grid").items()
             },
+            "provenance": session_provenance(Session(self.session)).model_dump(mode="json"),
         }
 
 
@@ -93,6 +95,7 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     session = Session(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
     calibration = _calibrate(session).with_origin(from_session(session, Reading()).origin)
+    calibration = calibration.model_copy(update={"provenance": session_provenance(session)})
     psf_path = results / "psf.json"
     write_psf(psf_path, calibration)
     name = str(psf_path)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ from analysis.detectability import (
     sweep_images,
 )
 from analysis.reports import plot_detectability
+from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
+from standoff.photographs import Inputs, ReadOptions, read_image
 from standoff.terminal import progress_bar
 from standoff.workflows.figure_files import write_figure
-from standoff.workflows.image_files import read_grey
 from standoff.workflows.psf_files import read_total_psf
 
 
@@ -28,7 +30,7 @@ class CurvesRequest:
     """The photographs, the change to detect in them, and the workers.
 
     ``noise`` is a camera's noise, instead of the task's; its value at the mean level of the
-    photographs is used.
+    photographs is used. ``inputs`` reads the photographs; its list of them is filled here.
     """
 
     images: tuple[Path, ...]
@@ -36,6 +38,7 @@ class CurvesRequest:
     task: DetectionTask
     noise: CaptureNoise | None
     workers: SweepWorkers
+    inputs: Inputs
 
 
 def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves:
@@ -51,10 +54,12 @@ def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves
     task = request.task
     psf = None if request.psf is None else read_total_psf(request.psf)
     plan = task.plan(psf, len(request.images))
+    for image in request.images:
+        request.inputs.add_photograph(image)
     with progress_bar("measuring images", len(request.images)) as bar:
         cells = sweep_images(
             request.images,
-            read_grey,
+            partial(_grey, request.inputs.options),
             plan,
             results=results,
             workers=request.workers,
@@ -66,6 +71,10 @@ def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves
         task = replace(task, noises_dn=(noise_dn,))
     with progress_bar("computing d'", len(task.models)) as bar:
         return curves_of(cells, plan, task, bar.advance_to)
+
+
+def _grey(options: ReadOptions, path: Path) -> FloatArray:
+    return read_image(path, options).grey_dn
 
 
 def curve_figures(

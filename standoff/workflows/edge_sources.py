@@ -9,34 +9,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import CaptureRecord, Session
+from acquisition.untrusted import on_one_line
 from calibration.choices import Channel, Pattern
 from calibration.edges import EdgeImage, plane_places
 from calibration.errors import CalibrationError
-from calibration.noise import CorrectionMaps, LevelNoise
+from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
 from calibration.psf import (
     CameraIdentity,
     PsfOrigin,
     edge_images,
     edge_records,
     luma_plane,
-    srgb_to_linear,
 )
+from standoff.photographs import Inputs, Photograph, PhotographFacts
 from standoff.terminal import note
-from standoff.workflows.image_files import ImageFile, read_image
 
 _CLIPPED_FROM = 0.995  # of the saturation level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """How pixels become a plane linear in light.
+    """How the planes of a photograph become the one that is measured.
 
-    In a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
-    ``correction`` holds the correction maps of the sensor, ``frame_noise`` the noise of a frame
-    for photographs whose noise is unknown.
+    Of a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
+    ``correction`` are maps of the sensor to apply, ``frame_noise`` is the noise of a frame for
+    photographs that do not tell it.
     """
 
-    is_srgb: bool = False
     channel: Channel = "luma"
     pattern: Pattern | None = None
     correction: CorrectionMaps | None = None
@@ -51,7 +50,9 @@ class EdgeSources:
     images: Iterator[EdgeImage]
     load: Callable[[str], NDArray[np.floating[Any]]]
     origin: PsfOrigin
+    reading: Reading
     session: Session | None = None
+    taken: Sequence[PhotographFacts] = ()
 
 
 def from_session(session: Session, reading: Reading) -> EdgeSources:
@@ -78,26 +79,48 @@ def from_session(session: Session, reading: Reading) -> EdgeSources:
             origin_of(session, list(records.values())),
             channel=reading.channel if reading.pattern else None,
         ),
+        reading=reading,
         session=session,
     )
 
 
-def from_files(paths: Sequence[Path], reading: Reading) -> EdgeSources:
-    """Return photographs of edges, each read when it is needed."""
+def from_files(paths: Sequence[Path], reading: Reading, inputs: Inputs) -> EdgeSources:
+    """Return photographs of edges, each read when its turn comes.
+
+    Camera raw files state the pattern of their mosaic; the first file decides for all.
+
+    Raises
+    ------
+    ImageFileError
+        If the first file cannot be read.
+    """
+    first = inputs.photograph(paths[0])
+    if reading.pattern is None and first.pattern is not None:
+        channel: Channel = "green" if reading.channel == "luma" else reading.channel
+        reading = replace(reading, pattern=first.pattern, channel=channel)
+    taken: list[PhotographFacts] = []
 
     def images() -> Iterator[EdgeImage]:
-        for path in paths:
-            file = read_image(path)
-            if reading.channel == "luma" and file.is_colour:
-                note(f"{path}: colour read as Rec. 601 luma; --channel chooses one colour")
-            yield edge_image(file, reading)
+        for number, path in enumerate(paths):
+            photograph = first if number == 0 else inputs.photograph(path)
+            taken.append(photograph.facts)
+            if reading.channel == "luma" and photograph.is_colour:
+                note(f"{photograph.name}: colour read as Rec. 601 luma; --channel picks one colour")
+            yield edge_image(photograph, reading)
+
+    by_name = {on_one_line(path): path for path in paths}
 
     def load(name: str) -> NDArray[np.floating[Any]]:
-        return _shown(edge_image(read_image(Path(name)), reading).image_dn, reading)
+        return _shown(edge_image(inputs.photograph(by_name[name]), reading).image_dn, reading)
 
-    channel = reading.channel if reading.pattern or reading.channel != "luma" else None
+    channel_read = reading.channel if reading.pattern or reading.channel != "luma" else None
     return EdgeSources(
-        count=len(paths), images=images(), load=load, origin=PsfOrigin(channel=channel)
+        count=len(paths),
+        images=images(),
+        load=load,
+        origin=PsfOrigin(channel=channel_read),
+        reading=reading,
+        taken=taken,
     )
 
 
@@ -119,54 +142,67 @@ def _text(snapshot: Mapping[str, object], key: str) -> str | None:
     return None if value in (None, "") else str(value)
 
 
-def edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
+def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
     """Return a photograph of edges as a plane linear in light, with its clipped pixels.
 
     Raises
     ------
     CalibrationError
-        If the photograph is not of the kind that ``reading`` asks for.
+        If the photograph is not of the kind that ``reading`` requires.
     """
-    pixels, saturation = file.pixels, file.saturation_dn
-    full_scale = file.full_scale_dn or 1.0
-    if reading.is_srgb:
-        pixels = srgb_to_linear(pixels, full_scale)
-        if saturation is not None:
-            saturation = float(srgb_to_linear(np.array([saturation]), full_scale)[0])
-    if reading.pattern is not None and file.is_colour:
-        raise CalibrationError(
-            f"{file.path}: a colour photograph is not a raw mosaic; leave out --bayer"
-        )
+    _refuse_other_mosaic(photograph, reading)
     channel = "luma" if reading.pattern is not None else reading.channel
+    saturation = photograph.saturation_dn
     try:
-        plane = luma_plane(pixels, channel)
+        plane = luma_plane(photograph.linear_planes, channel)
+        noise = _noise_of(photograph, channel) or reading.frame_noise
     except ValueError as error:
-        raise CalibrationError(f"{file.path}: {error}") from error
+        raise CalibrationError(f"{photograph.name}: {error}") from error
     clipped = None
     if reading.correction is not None:
-        if file.is_colour:
+        if photograph.is_colour:
             raise CalibrationError(
-                f"{file.path}: a colour image, but the maps are of a grey camera"
+                f"{photograph.name}: a colour photograph, but the maps are of a grey camera"
             )
         clipped = None if saturation is None else plane >= saturation
         try:
             plane = reading.correction.correct(plane)
         except ValueError as error:
-            raise CalibrationError(f"{file.path}: {error}") from error
-    source = EdgeImage(
-        name=str(file.path),
+            raise CalibrationError(f"{photograph.name}: {error}") from error
+    elif channel == "luma" and photograph.is_colour and saturation is not None:
+        # One clipped colour bends the luma, though the luma itself stays below the top.
+        colours = np.asarray(photograph.linear_planes, dtype=np.float64)
+        clipped = np.asarray(((colours >= _CLIPPED_FROM * saturation) | (colours <= 0)).any(axis=2))
+    return EdgeImage(
+        name=photograph.name,
         image_dn=plane,
-        noise=reading.frame_noise,
+        noise=noise,
         saturation_dn=saturation,
-        is_jpeg=file.is_jpeg,
+        is_jpeg=photograph.is_jpeg,
         clipped=clipped,
     )
-    if channel != "luma" or not file.is_colour or file.saturation_dn is None:
-        return source
-    # One clipped colour distorts the luma, though the luma itself is below saturation.
-    colours = file.colour_planes.astype(np.float64)
-    clipped = (colours >= _CLIPPED_FROM * file.saturation_dn) | (colours <= 0)
-    return replace(source, clipped=np.asarray(clipped.any(axis=2)))
+
+
+def _refuse_other_mosaic(photograph: Photograph, reading: Reading) -> None:
+    if reading.pattern is not None and photograph.is_colour:
+        raise CalibrationError(
+            f"{photograph.name}: a colour photograph is not a raw mosaic; leave --bayer out"
+        )
+    if photograph.pattern not in (None, reading.pattern):
+        raise CalibrationError(
+            f"{photograph.name}: a raw mosaic of pattern {photograph.pattern}, where "
+            f"{reading.pattern or 'no mosaic'} is expected"
+        )
+
+
+def _noise_of(photograph: Photograph, channel: Channel) -> LevelNoise | None:
+    """The noise of the mean that a stack or a capture holds; None for a single frame."""
+    variance = photograph.grey_variance_dn2
+    if variance is None or channel != "luma":
+        return None
+    top = photograph.saturation_dn or np.inf
+    single = fit_level_noise(luma_plane(photograph.linear_planes), variance, top)
+    return single.averaged(photograph.frames)
 
 
 def _shown(image: NDArray[np.floating[Any]], reading: Reading) -> NDArray[np.floating[Any]]:

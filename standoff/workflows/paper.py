@@ -16,6 +16,7 @@ from calibration.registration import DistortedPose
 from hil_mocks import BenchTruth, CameraPose
 from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
+from standoff.workflows.provenance import session_provenance
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder
 from standoff.workflows.simulated_session import capture_simulated
 from standoff.workflows.validation_run import run_validation
@@ -129,4 +130,5 @@ def _calibrate_centre(session: Session, path: Path) -> None:
     with progress_bar("measuring edges", len(edge_records(session))) as bar:
         calibration = calibrate_psf(edge_images(session), region=centre, progress=bar.advance_to)
     origin = replace(from_session(session, Reading()).origin, region="centre")
-    write_psf(path, calibration.with_origin(origin))
+    calibration = calibration.with_origin(origin)
+    write_psf(path, calibration.model_copy(update={"provenance": session_provenance(session)}))

@@ -10,11 +10,9 @@ import numpy as np
 from acquisition.choices import CaptureKind
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.session import Photograph, SessionWriter
-from calibration.psf import luma_plane, srgb_to_linear
-from simulation.arrays import FloatArray
-from standoff.errors import ApplicationError, ImageFileError
+from standoff.errors import ApplicationError
+from standoff.photographs import Inputs, Photograph as ReadPhotograph, PhotographFacts, shared_facts
 from standoff.terminal import note, progress_bar
-from standoff.workflows.image_files import ImageFile, read_image
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,48 +22,45 @@ class ImportSettings:
     kind: CaptureKind
     height_mm: float | None
     scale_px_per_mm: float | None
-    is_srgb: bool
     operator: str
 
 
-def import_into_session(out: Path, images: Sequence[Path], settings: ImportSettings) -> int:
-    """Write the photographs that the session at ``out`` does not have yet; return how many.
+def import_into_session(
+    out: Path, images: Sequence[Path], settings: ImportSettings, inputs: Inputs
+) -> int:
+    """Write the photographs that the session at ``out`` does not hold yet; return how many.
 
     Raises
     ------
     ApplicationError
-        If two photographs have the same name, or one cannot be read.
+        If two photographs have one name, or one cannot be read.
     SessionError
         If ``out`` is another session, or cannot be written.
     """
     plan = _plan_of(images, settings)
-    for path in images:  # a bad file is named before anything is written
-        _plane(read_image(path), is_srgb=settings.is_srgb)
+    # A bad file is named before anything is written.
+    facts = [_checked(inputs.photograph(path)).facts for path in images]
     if settings.height_mm is None:
-        note("no height given, so 0 mm is recorded; geometry and validate need the true height")
+        note("no --height-mm: the height is recorded as 0 mm; geometry and validate need it")
     with (
         SessionWriter(
-            out, plan=plan, bench=None, devices={}, operator=settings.operator
+            out, plan=plan, bench=None, devices=_devices(facts), operator=settings.operator
         ) as session,
         progress_bar("importing", len(images)) as bar,
     ):
         pending = session.pending_entries()
         for done, entry in enumerate(pending, start=len(images) - len(pending) + 1):
-            file = read_image(images[entry.index])
-            if file.is_colour:
-                note(f"{file.path}: colour stored as Rec. 601 luma")
-            plane = _plane(file, is_srgb=settings.is_srgb)
-            session.add_photograph(
-                entry,
-                Photograph(
-                    image_dn=plane.astype(np.float32),
-                    pixel_format=f"Mono{8 * file.pixels.dtype.itemsize}",
-                    max_level_dn=_top_dn(file, plane, is_srgb=settings.is_srgb),
-                    scale_px_per_mm=settings.scale_px_per_mm,
-                ),
-            )
+            read = inputs.photograph(images[entry.index])
+            if read.is_colour:
+                note(f"{read.name}: colour stored as Rec. 601 luma")
+            session.add_photograph(entry, _stored(read, settings.scale_px_per_mm))
             bar.advance_to(done)
     return len(pending)
+
+
+def _checked(photograph: ReadPhotograph) -> ReadPhotograph:
+    photograph.colour_planes  # noqa: B018 - refuses a raw mosaic
+    return photograph
 
 
 def _plan_of(images: Sequence[Path], settings: ImportSettings) -> CapturePlan:
@@ -89,20 +84,29 @@ def _plan_of(images: Sequence[Path], settings: ImportSettings) -> CapturePlan:
     )
 
 
-def _plane(file: ImageFile, *, is_srgb: bool) -> FloatArray:
-    pixels = file.pixels
-    if is_srgb:
-        pixels = srgb_to_linear(pixels, file.full_scale_dn or 1.0)
-    try:
-        return luma_plane(pixels)
-    except ValueError as error:
-        raise ImageFileError(f"{file.path}: {error}") from error
+def _devices(facts: Sequence[PhotographFacts]) -> dict[str, dict[str, object]]:
+    """What all photographs say alike of their camera and lens."""
+    camera: dict[str, object] = shared_facts(facts)
+    keys = ("lens", "focal_length_mm", "f_number")
+    lens = {key: camera.pop(key) for key in keys if key in camera}
+    if "camera" in camera:
+        camera["DeviceModelName"] = camera.pop("camera")
+    return {name: values for name, values in (("camera", camera), ("lens", lens)) if values}
 
 
-def _top_dn(file: ImageFile, plane: FloatArray, *, is_srgb: bool) -> float:
-    """Level at which the file clips; a float file gives none, and nothing counts as clipped."""
-    if file.saturation_dn is None:
-        return float(np.nextafter(np.float32(plane.max()), np.float32(np.inf)))
-    if is_srgb:
-        return float(srgb_to_linear(np.array(file.saturation_dn), file.full_scale_dn or 1.0))
-    return file.saturation_dn
+def _stored(read: ReadPhotograph, scale_px_per_mm: float | None) -> Photograph:
+    grey = read.grey_dn.astype(np.float32)
+    variance = read.grey_variance_dn2
+    exposure_s = read.facts.exposure_s
+    top_dn = read.saturation_dn
+    if top_dn is None:  # a float file tells nothing, and counts none as clipped
+        top_dn = float(np.nextafter(grey.max(), np.float32(np.inf)))
+    return Photograph(
+        image_dn=grey,
+        pixel_format=f"Mono{8 * read.stored.dtype.itemsize}",
+        max_level_dn=top_dn,
+        exposure_us=None if exposure_s is None else 1e6 * exposure_s,
+        scale_px_per_mm=scale_px_per_mm,
+        variance_dn2=None if variance is None else variance.astype(np.float32),
+        frames=read.frames if variance is not None else 1,
+    )

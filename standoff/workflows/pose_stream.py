@@ -10,9 +10,10 @@ from acquisition.focus import newest_frames
 from analysis.pose import PoseTracker, PoseVerdict
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
+from standoff.photographs import Inputs
 from standoff.terminal import LiveLine, say
 from standoff.workflows.focus_runs import OpenCamera
-from standoff.workflows.image_files import image_files_in, read_grey
+from standoff.workflows.image_files import image_files_in
 
 _POLL_S = 0.2
 
@@ -136,7 +137,7 @@ def camera_frames(opened: OpenCamera) -> Iterator[Iterator[NamedFrame]]:
         yield (NamedFrame(f"frame {frame.frame_id}", frame.image_dn) for frame in frames)
 
 
-def folder_frames(folder: Path, *, is_watched: bool) -> Iterator[NamedFrame]:
+def folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:
     """Yield the images of a folder by name; then, if it is watched, new ones as they come.
 
     Raises
@@ -156,7 +157,7 @@ def folder_frames(folder: Path, *, is_watched: bool) -> Iterator[NamedFrame]:
         for path in files:
             size = path.stat().st_size if path.exists() else 0
             try:
-                image = read_grey(path)
+                image = inputs.grey(path)
             except ImageFileError:
                 if is_watched and sizes.get(path) != size:
                     sizes[path] = size

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, atomic_write, file_sha256
+from acquisition.session import MANIFEST_NAME, Session, atomic_write, file_sha256
 from analysis.reports import (
     ReportSection,
     calibration_sections,
@@ -61,8 +61,6 @@ def pdf_bytes(page: str) -> bytes:
     return bytes(weasyprint.HTML(string=page).write_pdf())
 
 
-_HASHES_LISTED = 50
-
 RESULTS_FOLDER = "results"
 """Folder of a session for the results obtained from it."""
 
@@ -100,16 +98,15 @@ def write_calibration_report(
     before: list[ReportSection] = []
     after: list[ReportSection] = []
     if session is None:
-        hashes = [(name, f"sha256 {file_sha256(Path(name))}") for name in names[:_HASHES_LISTED]]
+        rows: tuple[tuple[str, str], ...] = ()
     else:
         subtitle = f"Session {session.plan.name}: {subtitle}"
         before = [captures_section(session)]
         after = [s for s in (noise_section(session, psf), stage_section(session)) if s]
-        hashes = [
+        rows = (
             ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
-            ("journal", f"sha256 {file_sha256(session.path / JOURNAL_NAME)}"),
             *device_rows(session),
-        ]
+        )
     page = render_report(
         title="PSF calibration",
         subtitle=subtitle,
@@ -120,9 +117,17 @@ def write_calibration_report(
             *after,
             edge_table_section(psf),
         ),
-        provenance=(("method", psf.method or ""), *hashes, *versions()),
+        provenance=(("method", psf.method or ""), *_taken_with(psf), *rows, *versions()),
+        origin=psf.provenance,
     )
     write_page(path, page)
+
+
+def _taken_with(psf: PsfCalibration) -> tuple[tuple[str, str], ...]:
+    """What the photographs' files say alike of camera, lens and exposure."""
+    return tuple(
+        (name.replace("_", " "), str(value)) for name, value in (psf.photograph or {}).items()
+    )
 
 
 def write_page(path: Path, page: str) -> None:
@@ -199,5 +204,6 @@ def write_geometry_report(path: Path, geometry: GeometryCalibration, subtitle: s
         verdicts=geometry_verdicts(geometry),
         sections=geometry_sections(geometry),
         provenance=versions(),
+        origin=geometry.provenance,
     )
     write_page(path, page)

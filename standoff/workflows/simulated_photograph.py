@@ -21,6 +21,7 @@ from simulation.kernelgan import (
 )
 from simulation.resampling import reference_shape
 from standoff.errors import ApplicationError
+from standoff.photographs import Inputs
 from standoff.terminal import note, progress_bar
 from standoff.workflows.followup import (
     CaptureOptions,
@@ -31,7 +32,6 @@ from standoff.workflows.followup import (
     zoomed_out,
     zoomed_out_as_measured,
 )
-from standoff.workflows.image_files import read_image
 from standoff.workflows.psf_files import frame_psf
 
 
@@ -39,12 +39,14 @@ from standoff.workflows.psf_files import frame_psf
 class FollowUpRequest:
     """A photograph, the pose of its follow-up and how to simulate it.
 
-    The pose is ``zoom`` or the H.json ``homography``. The PSF is a Gaussian, or the transfer
-    function measured on edges (``is_measured``). ``correct`` is the noise.json whose maps correct
-    the photograph first. The last four are for models that learn their kernel.
+    ``inputs`` reads the photograph. The pose is ``zoom`` or the H.json ``homography``. The PSF is
+    a Gaussian, or the transfer function measured on edges (``is_measured``). ``correct`` is the
+    noise.json whose maps correct the photograph first. The last four are for models that learn
+    their kernel.
     """
 
     image: Path
+    inputs: Inputs
     model: Model | KernelModel
     camera: CaptureOptions
     zoom: float | None = None
@@ -88,7 +90,7 @@ def simulate_photograph(request: FollowUpRequest) -> SimulatedPhotograph:
         If the PSF, the homography or the maps cannot be read.
     """
     pose = None if request.homography is None else read_homography(request.homography)
-    reference = _reference(request.image, request.correct)
+    reference = _reference(request)
     kernel = None
     try:
         if request.model == "kernelgan" or request.model == "gaussian-kernelgan":
@@ -109,8 +111,9 @@ def simulate_photograph(request: FollowUpRequest) -> SimulatedPhotograph:
     return SimulatedPhotograph(image=image, followup=followup, kernel=kernel)
 
 
-def _reference(image: Path, correct: Path | None) -> AnyArray:
-    file = read_image(image)
+def _reference(request: FollowUpRequest) -> AnyArray:
+    image, correct = request.image, request.correct
+    file = request.inputs.photograph(image)
     if correct is None:
         return file.colour_planes
     if file.is_colour:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +17,8 @@ from acquisition.untrusted import parse_json
 from simulation import GaussianPsf, Model
 from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.workflows.image_files import read_image, tiff_bytes
+from standoff.photographs import Photograph, ReadOptions, marked_png, read_image
+from standoff.workflows.image_files import tiff_bytes
 
 DATASET_SCHEMA = "standoff.sr-pairs/1"
 MANIFEST_NAME = "manifest.jsonl"
@@ -42,10 +43,20 @@ class SrDatasetSettings:
     test_fraction: float
     seed: int
     is_float: bool
+    reading: ReadOptions = field(default_factory=ReadOptions)
 
     def document(self) -> dict[str, Any]:
         """Return the settings as plain numbers."""
-        return {"schema": DATASET_SCHEMA, **asdict(self)}
+        encoding, page = self.reading.encoding, self.reading.page
+        return {
+            "schema": DATASET_SCHEMA,
+            **asdict(replace(self, reading=ReadOptions())),
+            "reading": {
+                "encoding": "auto" if encoding is None else encoding.name,
+                "page": page,
+                "is_mean": self.reading.is_mean,
+            },
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +179,8 @@ def _append(path: Path, lines: list[dict[str, Any]]) -> None:
 def _write_image(
     out: Path, path: Path, digest: str, settings: SrDatasetSettings
 ) -> list[dict[str, Any]]:
-    pixels = read_image(path).colour_planes
+    photograph = read_image(path, settings.reading)
+    pixels = photograph.colour_planes
     split = split_of(digest, settings)
     lines = []
     pairs = sr_pairs(
@@ -182,7 +194,7 @@ def _write_image(
     for number, pair in enumerate(pairs):
         # The digest tells apart photographs with the same name from different folders.
         stem = f"{path.stem}_{digest[:8]}_{number:05d}"
-        files = _write_pair(out / split, stem, pair, settings.is_float)
+        files = _write_pair(out / split, stem, pair, photograph, settings.is_float)
         lines.append(
             {
                 "split": split,
@@ -190,6 +202,7 @@ def _write_image(
                 "low": f"{split}/{files[1]}",
                 "image": path.name,
                 "image_sha256": digest,
+                "encoding": photograph.encoding.name,
                 "top_px": pair.top_px,
                 "left_px": pair.left_px,
             }
@@ -197,13 +210,19 @@ def _write_image(
     return lines
 
 
-def _write_pair(folder: Path, stem: str, pair: SrPair, is_float: bool) -> tuple[str, str]:
+def _write_pair(
+    folder: Path, stem: str, pair: SrPair, photograph: Photograph, is_float: bool
+) -> tuple[str, str]:
+    """Write both images: PNGs in the photograph's own encoding, or linear float32 TIFFs."""
+    stored = photograph.stored.dtype
     names = []
     for side, image in (("high", pair.high), ("low", pair.low)):
-        if is_float or pair.high.dtype.kind != "u":
+        if is_float or stored.kind != "u":
             name, data = f"{side}/{stem}.tif", tiff_bytes(image.astype(np.float32), "")
         else:
-            name, data = f"{side}/{stem}.png", _png(image, pair.high.dtype)
+            encoded = photograph.encoding.encode(image, photograph.white_dn)
+            name = f"{side}/{stem}.png"
+            data = marked_png(_png(encoded, stored), photograph.encoding)
         atomic_write(folder / name, data)
         names.append(name)
     return names[0], names[1]

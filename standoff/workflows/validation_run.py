@@ -24,6 +24,7 @@ from analysis.validation import (
 from simulation import GaussianPsf
 from standoff.errors import ApplicationError
 from standoff.terminal import note, progress_bar
+from standoff.workflows.provenance import session_provenance
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file, write_page
 
 _FILE = "validation.json"
@@ -116,6 +117,7 @@ def _stored_validation(session: Session, psf: GaussianPsf) -> Validation | None:
 def _validated(
     session: Session, psf: GaussianPsf, psf_name: str, settings: ValidationSettings
 ) -> Validation:
+    provenance = session_provenance(session, Path(psf_name))
     total = registrations_at_most(session, settings.references)
     with progress_bar("aligning", total) as bar:
         screening = screen(session, psf, references=settings.references, progress=bar.advance_to)
@@ -128,7 +130,7 @@ def _validated(
         with progress_bar("training kernels", len(needed)) as bar:
             settings.kernels.train_all(session, needed, settings.workers, bar.advance_to)
     with progress_bar("comparing", len(screening.pairs)) as bar:
-        return validate(
+        validation = validate(
             session,
             psf,
             settings,
@@ -136,6 +138,7 @@ def _validated(
             psf_name=psf_name,
             progress=bar.advance_to,
         )
+    return validation.model_copy(update={"provenance": provenance})
 
 
 def _write_tables(out: Path, validation: Validation) -> None:

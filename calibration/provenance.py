@@ -1,0 +1,49 @@
+"""Where a document comes from: program, time, command, and the files that were read."""
+
+from datetime import UTC, datetime
+
+from pydantic import BaseModel, ConfigDict
+
+
+class InputFile(BaseModel):
+    """A file that was read, with the SHA-256 of its bytes.
+
+    Of a capture session it is the journal, which holds the hashes of all its captures.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    path: str
+    sha256: str
+
+
+class Provenance(BaseModel):
+    """How a document was made.
+
+    Parameters
+    ----------
+    version
+        Of standoff.
+    created
+        In UTC, as ISO 8601.
+    command
+        The command line, or the function of the library.
+    inputs
+        Every file that the result depends on.
+    encoding
+        How the levels of the photographs follow from light: ``linear``, ``srgb``, ``gamma:G`` or
+        ``icc``; a list where they differ. Captures of a session are linear.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    version: str
+    created: str
+    command: str
+    inputs: tuple[InputFile, ...] = ()
+    encoding: str | tuple[str, ...] = "linear"
+
+
+def utc_now() -> str:
+    """Return the time in UTC to the second, as ISO 8601."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
