@@ -58,7 +58,10 @@ class PhotographHead:
         """Which encoding was taken, why, and what decides it."""
         if self.encoding_from == "--encoding":
             return f"levels taken as {self.encoding.name} (--encoding)"
-        return f"levels taken as {self.encoding.name} ({self.encoding_from}); --encoding overrides this"
+        return (
+            f"levels taken as {self.encoding.name} ({self.encoding_from}); "
+            "--encoding overrides this"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

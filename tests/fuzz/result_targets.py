@@ -30,7 +30,7 @@ from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.workflows.image_files import read_image
+from standoff.photographs import read_image
 from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 from simulation import GaussianPsf
-from standoff.workflows.image_files import read_image
+from standoff.photographs import read_image
 from standoff.workflows.sr_dataset import SrDatasetSettings, split_of
 from tests.standoff.conftest import Command, Outcome
 
@@ -56,11 +56,11 @@ def test_every_pair_of_the_manifest_is_there_and_fits(
     summary = json.loads(done.out)
     assert summary["train"] + summary["test"] == len(lines)
     for line in lines:
-        high, low = (read_image(out / line[side]).pixels for side in ("high", "low"))
+        high, low = (read_image(out / line[side]).stored for side in ("high", "low"))
         assert high.shape == (48, 48)
         assert low.shape == (24, 24)
         assert high.dtype == low.dtype
-        original = read_image(folder / line["image"]).pixels
+        original = read_image(folder / line["image"]).stored
         top, left = line["top_px"], line["left_px"]
         np.testing.assert_array_equal(high, original[top : top + 48, left : left + 48])
 
@@ -210,7 +210,7 @@ def test_colours_keep_their_order_and_people_read_a_line(
         f"{out}: 4 pairs for training, 0 for testing, from 1 images (0 already done)\n"
     )
     first = next(path for path in sorted((out / "train" / "high").iterdir()))
-    np.testing.assert_array_equal(read_image(first).pixels, pixels[:48, :48])
+    np.testing.assert_array_equal(read_image(first).stored, pixels[:48, :48])
 
 
 def test_a_file_in_the_way_of_the_pairs_is_named(
