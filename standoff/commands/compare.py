@@ -47,7 +47,7 @@ def compare(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Say whether the PSF has changed between two calibrations, or show it over time."""
+    """Test whether the PSF has changed between two calibrations, or show it over time."""
     check_options(context, _RULES)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     refuse_overwriting([report], files)

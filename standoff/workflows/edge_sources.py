@@ -146,7 +146,8 @@ def edge_image(file: ImageFile, reading: Reading) -> EdgeImage:
     if reading.correction is not None:
         if file.is_colour:
             raise CalibrationError(
-                f"{file.path}: a colour image, but the maps are of a grey camera"
+                f"{file.path}: a colour image, but the maps are of a grey camera; "
+                "leave out --correct"
             )
         clipped = None if saturation is None else plane >= saturation
         try:

@@ -42,7 +42,9 @@ def import_into_session(out: Path, images: Sequence[Path], settings: ImportSetti
     for path in images:  # a bad file is named before anything is written
         _plane(read_image(path), is_srgb=settings.is_srgb)
     if settings.height_mm is None:
-        note("no height given, so 0 mm is recorded; geometry and validate need the true height")
+        note(
+            "no --height-mm given, so 0 mm is recorded; geometry and validate need the true height"
+        )
     with (
         SessionWriter(
             out, plan=plan, bench=None, devices={}, operator=settings.operator
