@@ -32,7 +32,7 @@ _DAMAGE = (
 
 
 class TiffDamageError(ValueError):
-    """Bytes are not a TIFF file, or a damaged one; the message is one short line."""
+    """The bytes are not a TIFF file, or a damaged one; the message is one short line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
