@@ -131,7 +131,7 @@ class OpticsConfig(_Section):
 
 
 class CaptureConfig(_Section):
-    """``[capture]``: how a capture is averaged."""
+    """``[capture]``: how many frames a capture averages, and the mains frequency."""
 
     frames_per_capture: int = Field(10, ge=2, le=1000)
     mains_hz: Literal[0, 50, 60] = Field(
@@ -271,7 +271,7 @@ def validation_lines(error: ValidationError) -> str:
 
 
 def validation_keys(error: ValidationError) -> tuple[str, ...]:
-    """The dotted key of each fault; empty where the whole is at fault."""
+    """The dotted key of each fault; empty where the table as a whole is at fault."""
     return tuple(".".join(str(part) for part in fault["loc"]) for fault in error.errors())
 
 

@@ -35,7 +35,7 @@ TIFF_DAMAGE = (
 
 
 class TiffDamageError(ValueError):
-    """Bytes are not a TIFF file, or a damaged one; the message is one short line."""
+    """The bytes are not a TIFF file, or a damaged one; the message is one short line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

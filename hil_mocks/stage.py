@@ -143,7 +143,8 @@ class SimulatedStage:
         low, high = self.limits_mm
         if not (isfinite(height_mm) and low <= height_mm <= high):
             raise StageLimitError(
-                f"{height_mm} mm is outside the travel of the simulated stage, {low} to {high} mm",
+                f"the simulated stage travels from {low:g} to {high:g} mm, "
+                f"not to {height_mm:g} mm; nothing moved",
                 height_mm=height_mm,
                 limits_mm=self.limits_mm,
             )

@@ -255,7 +255,7 @@ def _check_grid(shape: tuple[int, int], grid: SamplingGrid) -> None:
     ):
         outermost = max(-positions[0], positions[-1] - (size - 1))
         if outermost > 0.5 + _BORDER_SLACK_PX:
-            raise ValueError(f"the grid's {name} are outside the reference by {outermost:.3g} px")
+            raise ValueError(f"the grid's {name} extend beyond the reference by {outermost:.3g} px")
 
 
 def _without_faint_ends(terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]) -> SeparableSum:

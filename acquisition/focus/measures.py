@@ -67,7 +67,9 @@ class Region:
 
     def __post_init__(self) -> None:
         if self.x_px < 0 or self.y_px < 0 or self.width_px < 2 or self.height_px < 2:
-            raise ValueError(f"region must start at 0 or more and span 2 x 2 pixels, got {self}")
+            raise ValueError(
+                f"region must start at 0 or more and span at least 2 x 2 pixels, got {self}"
+            )
 
     def cut(self, image: Levels) -> Levels:
         """View of the region in an image of shape ``(rows, cols)``.

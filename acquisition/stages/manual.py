@@ -84,7 +84,9 @@ class ManualStage:
         refuse_beyond_limits(height_mm, self.limits_mm)
         self._check_ready()
         if self._height_mm is None:
-            raise StageNotHomedError("state the height of the stage before it is moved")
+            raise StageNotHomedError(
+                "the height of the stage is not known: home it before it moves"
+            )
         self._height_mm = None
         side = "below" if self._config.approach == "from_below" else "above"
         wish = (
@@ -113,7 +115,7 @@ class ManualStage:
         if not self._is_open:
             raise DeviceDisconnectedError("the manual stage is closed")
         if self._height_mm is None:
-            raise StageNotHomedError("nobody has stated the height of the stage")
+            raise StageNotHomedError("the height of the stage has not been stated: home it")
         return self._height_mm
 
     def stop(self) -> None:

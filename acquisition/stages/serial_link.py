@@ -142,7 +142,7 @@ class SerialLink:
                 self._lines.clear()
             if self._clock() >= deadline:
                 raise DeviceProtocolError(
-                    f"{self.name} sends unrequested data without end; "
+                    f"{self.name} sends unsolicited data without end; "
                     "is this the right port and baud rate?"
                 )
         if self._partial:

@@ -225,7 +225,8 @@ def _simulated(
     )
     if int(valid.sum()) < _LEAST_PIXELS:
         raise OverlapError(
-            "the images overlap too little where the reference resolves as well as the follow-up",
+            "the images overlap too little where the reference resolves at least as finely as the "
+            "follow-up; retake the follow-up with more overlap or from further away",
             shared_px=int(valid.sum()),
         )
     return np.asarray(simulated.image, dtype=np.float64), np.asarray(valid)

@@ -73,7 +73,9 @@ class DetectabilityCurve(StoredValues):
     def _check(self) -> Self:
         for name in ("dprime", "dprime_low", "dprime_high", "auc"):
             if len(getattr(self, name)) != len(self.zoom):
-                raise ValueError(f"{name} and zoom differ in their number of values")
+                raise ValueError(
+                    f"{name} has {len(getattr(self, name))} values, zoom {len(self.zoom)}"
+                )
         if self.zoom[0] < 1 or any(np.diff(self.zoom) <= 0):
             raise ValueError("zoom must increase and start at 1 or more")
         if min(*self.dprime, *self.dprime_low, *self.dprime_high) < 0:
@@ -214,8 +216,11 @@ class DetectabilityCurves(ResultsDocument):
             f"--{name.removesuffix('_dn')} ({', '.join(map(_shown, values))})"
             for name, values in open_choices.items()
         ]
+        remedy = (
+            f"choose by {' and '.join(told)}" if told else "they do not differ; use another file"
+        )
         message = (
-            f"{len(fitting)} curves match; choose by {' and '.join(told) or 'another file'}"
+            f"{len(fitting)} curves match; {remedy}"
             if fitting
             else f"no curve matches; there are {'; '.join(curve.name for curve in self.curves[:8])}"
         )

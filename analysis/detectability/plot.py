@@ -38,7 +38,7 @@ _NAMES = {"noise_dn": "noise", "contrast_dn": "contrast"}
 
 
 def draw_curve(axes: Axes, curve: "DetectabilityCurve", colour: str) -> Line2D:
-    """Draw d' and its interval as they are read; the line's markers are the zooms computed."""
+    """Draw d' and its interval, interpolated between the zooms computed, which have markers."""
     zoom = np.union1d(curve.zoom, np.linspace(curve.zoom[0], curve.zoom[-1], _DRAWN))
     low, d_prime, high = (
         curve.between(values, zoom)

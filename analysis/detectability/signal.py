@@ -18,7 +18,7 @@ class ChangeSignal(Protocol):
 
     @property
     def reach_px(self) -> float:
-        """Distance from its centre beyond which it is nothing, in px of c."""
+        """Distance from its centre beyond which it is negligible, in px of c."""
         ...
 
     @property
@@ -32,7 +32,7 @@ class ChangeSignal(Protocol):
         ...
 
     def image(self, side_px: int, offset_px: tuple[int, int]) -> FloatArray:
-        """Signal of contrast 1 in a square image, ``(y, x)`` off its middle pixel."""
+        """Signal of contrast 1 in a square image, offset ``(y, x)`` from its middle pixel."""
         ...
 
 
@@ -54,7 +54,7 @@ class GaussianSignal:
 
     @property
     def reach_px(self) -> float:
-        """Distance from its centre beyond which it is nothing, in px of c."""
+        """Distance from its centre beyond which it is negligible, in px of c."""
         return float(_REACH_SIGMAS * self.sigma_px)
 
     @property
@@ -63,7 +63,7 @@ class GaussianSignal:
         return "gaussian"
 
     def image(self, side_px: int, offset_px: tuple[int, int]) -> FloatArray:
-        """Signal of contrast 1 in a square image, ``(y, x)`` off its middle pixel."""
+        """Signal of contrast 1 in a square image, offset ``(y, x)`` from its middle pixel."""
         position = np.arange(side_px) - side_px // 2
         along_y, along_x = (
             np.exp(-0.5 * ((position - offset) / self.sigma_px) ** 2) for offset in offset_px
@@ -96,12 +96,12 @@ class PatchSignal:
 
     @property
     def reach_px(self) -> float:
-        """Distance from its centre beyond which it is nothing, in px of c."""
+        """Distance from its centre beyond which it is negligible, in px of c."""
         return float(ceil(max(self.levels_dn.shape) / 2) + 1)
 
     @property
     def sigma_px(self) -> float | None:
-        """Width in px of c: none."""
+        """None: a patch has no such width."""
         return None
 
     @property
@@ -110,7 +110,7 @@ class PatchSignal:
         return "patch"
 
     def image(self, side_px: int, offset_px: tuple[int, int]) -> FloatArray:
-        """Signal of contrast 1 in a square image, ``(y, x)`` off its middle pixel."""
+        """Signal of contrast 1 in a square image, offset ``(y, x)`` from its middle pixel."""
         rows, cols = self.levels_dn.shape
         top = side_px // 2 + offset_px[0] - rows // 2
         left = side_px // 2 + offset_px[1] - cols // 2

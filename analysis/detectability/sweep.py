@@ -54,7 +54,7 @@ class SweepPlan:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SceneStatistics:
-    """What one image gave: its mean level and the artefact for every model and zoom.
+    """Statistics of one image: its mean level, and the artefact for every model and zoom.
 
     ``products_dn2`` has the shape (models, zooms, tiles, n, 2 n - 1), the rows of lags from
     -(n - 1) to 0; ``pixels`` the shape (models, zooms, tiles).

@@ -10,7 +10,7 @@ from simulation.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowupPose:
-    """Where a follow-up is taken from, beside its reference; both look at the plane's origin.
+    """Where a follow-up is taken from, relative to its reference; both look at the plane's origin.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ def captures_section(session: Session) -> ReportSection:
         "capture",
         "kind",
         "target",
-        "turn / deg",
+        "orientation / deg",
         "requested / mm",
         "height / mm",
         "frames",
@@ -241,8 +241,8 @@ def _averaging(psf: PsfCalibration | None, frames: int) -> tuple[str, ...]:
     return (
         f"Averaging {frames} frames leaves {measured:.3f} of a frame's noise around the fitted "
         f"edges (median of {len(known)}); 1/√{frames} = {ideal:.3f} is expected of independent "
-        "frames. More means structure that the edge model does not describe, or noise that the "
-        "frames share.",
+        "frames. A larger value means structure that the edge model does not describe, or noise "
+        "that the frames share.",
     )
 
 

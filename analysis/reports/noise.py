@@ -75,7 +75,7 @@ def plot_linearity(linearity: Linearity) -> Figure:
 
 @in_report_style
 def plot_maps(maps: CorrectionMaps) -> Figure:
-    """Show the dark and the flat map, with the defect pixels ringed."""
+    """Show the dark and the flat map, with the defect pixels circled."""
     rows, cols = maps.dark_dn.shape
     figure = new_figure(7.2, 3.3 * rows / cols + 0.6)
     y, x = np.nonzero(maps.defects)

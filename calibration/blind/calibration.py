@@ -109,7 +109,10 @@ def calibrate_from_distances(
             progress(done)
     if not found:
         if not failures:
-            raise PairError("no scene has two photographs", reason="no_pair")
+            raise PairError(
+                "no scene has two photographs; photograph a scene from two distances",
+                reason="no_pair",
+            )
         near, far, fault = failures[0]
         raise PairError(
             f"{near.name} and {far.name}: {fault}",

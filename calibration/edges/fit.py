@@ -68,7 +68,7 @@ class EdgeFit:
         return float(np.deg2rad(self.angle_deg + 90.0))
 
     def moved(self, right_px: float, down_px: float) -> "EdgeFit":
-        """Return the same fit seen from an image whose origin lies further left and up."""
+        """Return the same fit in an image whose origin is further left and up."""
         return replace(self, x_px=self.x_px + right_px, y_px=self.y_px + down_px)
 
 

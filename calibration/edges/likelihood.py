@@ -56,7 +56,7 @@ _NEARLY_SATURATED = 0.995
 
 
 class WidthFit(NamedTuple):
-    """One edge shape fitted to the pixels; void where it is not found.
+    """One edge shape fitted to the pixels; valid only if ``is_found``.
 
     The parameters are in the order of ``calibration.edges.model``, the width as log sigma; its
     variance is for weights that are inverse variances.
@@ -71,7 +71,7 @@ class WidthFit(NamedTuple):
 class LikelyEdge(NamedTuple):
     """The fitted edges: plain (total width) and behind pixel squares (optical width).
 
-    If ``total`` is not found, all else is void. ``pixels`` counts those that have a weight.
+    If ``total`` is not found, the rest is not valid. ``pixels`` counts those that have a weight.
     """
 
     total: WidthFit

@@ -184,7 +184,7 @@ def _normal_equations(
 
 
 class Minimum(NamedTuple):
-    """Minimum of the weighted squares; void if it is not found.
+    """Minimum of the weighted squares; valid only if ``is_found``.
 
     ``hessian`` is J'WJ there: its inverse is the covariance of the parameters where the weights
     are inverse variances.

@@ -107,12 +107,12 @@ def sfr_in_sensor_pixels(esfr: EdgeSfr, pitch_px: int) -> EdgeSfr:
 
 
 def optical_of_total(sigma_px: float, normal_rad: float) -> float | None:
-    """Optical width behind a unit pixel square whose best plain Gaussian edge has this width.
+    """Convert the width of the best plain Gaussian edge to the optical width behind a unit pixel.
 
     Parameters
     ----------
     sigma_px
-        Total width, in sensor pixels, as least squares with ``Phi(d / sigma)`` give it.
+        Total width, in sensor pixels, from a least-squares fit of ``Phi(d / sigma)``.
     normal_rad
         Angle of the edge normal.
 

@@ -172,10 +172,12 @@ class CharucoBoard:
 
     def __post_init__(self) -> None:
         if self.columns < 3 or self.rows < 3:
-            raise ValueError(f"a board has at least 3 x 3 squares, got {self.columns}x{self.rows}")
+            raise ValueError(
+                f"a board needs at least 3 x 3 squares, got {self.columns}x{self.rows}"
+            )
         if not 0 < self.marker_mm < self.square_mm:
             raise ValueError(
-                f"a marker is smaller than its square, got {self.marker_mm:g} in "
+                f"a marker must be smaller than its square, got {self.marker_mm:g} in "
                 f"{self.square_mm:g} mm"
             )
         if not hasattr(cv2.aruco, f"DICT_{self.dictionary}"):
@@ -193,7 +195,7 @@ class CharucoBoard:
         match = _TEXT.fullmatch(text)
         if match is None:
             raise ValueError(
-                f"a board is COLUMNSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY], got {text!r}"
+                f"a board must be COLUMNSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY], got {text!r}"
             )
         columns, rows, square_mm, marker_mm, dictionary = match.groups()
         return cls(

@@ -103,7 +103,7 @@ class Adjustment:
 
     @property
     def first_in_mm(self) -> int | None:
-        """Number of the first series of known size."""
+        """Index of the first series of known size."""
         return next((n for n, series in enumerate(self.series) if series.is_in_mm), None)
 
     @property

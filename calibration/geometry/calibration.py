@@ -101,7 +101,9 @@ def _check(captures: Sequence[GeometryCapture]) -> None:
     shapes = {capture.image.shape for capture in captures}
     if len(shapes) > 1:
         raise GeometryError(
-            f"the captures differ in size: {sorted(shapes)}", reason="several_sizes"
+            f"the captures differ in size (rows, cols): {sorted(shapes)}; "
+            "use captures of one camera and region",
+            reason="several_sizes",
         )
     heights = sorted({round(capture.height_mm, 3) for capture in captures})
     if len(heights) < 2:

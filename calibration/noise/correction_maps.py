@@ -37,7 +37,8 @@ class CorrectionMaps:
     def __post_init__(self) -> None:
         if not self.dark_dn.shape == self.response.shape == self.defects.shape:
             raise ValueError(
-                f"maps of {self.dark_dn.shape}, {self.response.shape} and {self.defects.shape}"
+                "the maps must have one shape, got "
+                f"{self.dark_dn.shape}, {self.response.shape}, {self.defects.shape}"
             )
 
     @property
@@ -76,7 +77,8 @@ class CorrectionMaps:
     def _require_shape(self, image: AnyArray) -> None:
         if image.shape != self.dark_dn.shape:
             raise ValueError(
-                f"an image of {image.shape} (rows, cols), maps of {self.dark_dn.shape}"
+                f"an image of {image.shape} (rows, cols) does not match maps of "
+                f"{self.dark_dn.shape}; use those of the same camera and region"
             )
 
 

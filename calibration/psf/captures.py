@@ -25,7 +25,9 @@ def edge_records(session: Session) -> list[CaptureRecord]:
     """
     records = [record for record in session.records if record.kind in EDGE_KINDS]
     if not records:
-        raise NoEdgeError(f"{session.path}: the session has no capture of kind edge or board")
+        raise NoEdgeError(
+            f"{session.path}: the session has no capture of kind edge or board; capture one"
+        )
     return records
 
 
@@ -49,7 +51,8 @@ def scene_records(session: Session) -> list[list[CaptureRecord]]:
     ]
     if not series:
         raise CalibrationError(
-            f"{session.path}: no target of kind texture or chart was captured at two heights"
+            f"{session.path}: no target of kind texture or chart was captured at two heights; "
+            "capture one"
         )
     return series
 

@@ -156,7 +156,9 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, BoolArray]:
     # Local area and orientation are det / depth^3. A scene seen from its front is not mirrored.
     if not np.all(np.linalg.det(matrix) * depth > 0):
         raise RegistrationError(
-            "the features agree only on a scene turned inside out", reason="inside_out"
+            "the features agree only on a pose that is not possible for a camera (mirrored or "
+            "beyond the horizon)",
+            reason="inside_out",
         )
     return matrix, inlier
 

@@ -178,7 +178,7 @@ def _register_distorted(
     )
     if np.median(apart_px) > _DISAGREEMENT_MAX_PX:
         raise RegistrationError(
-            f"the features are {np.median(apart_px):.1f} px from where the pixels agree best",
+            f"the matched features and the pixels disagree by {np.median(apart_px):.1f} px",
             reason="contradiction",
             error_px=float(np.median(apart_px)),
         )

@@ -81,7 +81,7 @@ class Acquisition:
 
     @property
     def acquisitions(self) -> int:
-        """Starts since power-up."""
+        """Number of acquisition starts since power-up."""
         return self._acquisitions
 
     def open(self) -> None:

@@ -165,7 +165,9 @@ class ControlChannel:
             case CommandCode.PACKETRESEND if not self._faults().resend_disabled:
                 # Aravis asks from the port of its stream, not from that of its control channel.
                 if self._controller is None or peer[0] != self._controller[0]:
-                    raise GvcpError("another has control", status=GvcpStatus.ACCESS_DENIED)
+                    raise GvcpError(
+                        "the client does not hold control", status=GvcpStatus.ACCESS_DENIED
+                    )
                 self._resend(parse_resend_request(command.payload))
                 return None
             case _:
@@ -201,7 +203,7 @@ class ControlChannel:
     def _check_may_read(self, peer: Peer) -> None:
         privilege = self._registers.plain(BootstrapAddress.CONTROL_PRIVILEGE)
         if privilege & Privilege.EXCLUSIVE and peer != self._controller:
-            raise GvcpError("another client is exclusive", status=GvcpStatus.ACCESS_DENIED)
+            raise GvcpError("another client has exclusive control", status=GvcpStatus.ACCESS_DENIED)
 
     def _check_may_write(self, peer: Peer) -> None:
         if peer != self._controller:

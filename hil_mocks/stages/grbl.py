@@ -60,7 +60,7 @@ class GrblFaults:
 
 
 class GrblFirmware:
-    """Driven by bytes and time; moves a plant along Z.
+    """A controller driven by bytes and time; moves a plant along Z.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class ZaberFaults:
 
 
 class ZaberFirmware:
-    """Driven by bytes and time; moves a plant; homes to the lower switch.
+    """A controller driven by bytes and time; moves a plant; homes to the lower switch.
 
     Parameters
     ----------

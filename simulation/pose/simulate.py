@@ -128,7 +128,7 @@ def simulate_pose(
     ------
     ValueError
         If the homography is not finite, singular or puts its horizon inside the follow-up's frame;
-        if the follow-up sees nothing of the reference; if the image is of another kind or not
+        if the follow-up shows nothing of the reference; if the image is of another kind or not
         finite; if the PSF is missing or a field belongs to another frame; if no lens has such a
         distortion; if the follow-up needs too wide a blur.
     """
@@ -152,7 +152,7 @@ def simulate_pose(
                 made = render(view.warp, spline, shares.table, (top, left), nearer[tile].shape)
                 result[channel][tile], nearer[tile], outside[tile] = made
     if outside.all():
-        raise ValueError("the follow-up sees nothing of the reference")
+        raise ValueError("the follow-up shows nothing of the reference")
     pixels = result[0] if image.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, 0, -1))
     return SimulatedPose(image=pixels, nearer=nearer, outside=outside)
 

@@ -110,14 +110,14 @@ def _polynomials(
         (xx, xy), (_, yy) = psf.covariance_px2.tolist()
         return np.array([[xx], [xy], [yy]]), np.zeros(5)
     frame = (psf.width_px, psf.height_px)
-    whose = f"the PSF field belongs to frames of {frame[0]} x {frame[1]} px, the"
+    whose = f"the PSF field belongs to frames of {frame[0]} x {frame[1]} px, but the"
     if reference != frame:
-        raise ValueError(f"{whose} reference has {reference[0]} x {reference[1]}")
+        raise ValueError(f"{whose} reference has {reference[0]} x {reference[1]} px")
     x, y = origin_px or (0.0, 0.0)
     inside = x >= 0 and y >= 0 and x + follow_up[0] <= frame[0] and y + follow_up[1] <= frame[1]
     if not inside or (origin_px is None and follow_up != frame):
         raise ValueError(
-            f"{whose} follow-up has {follow_up[0]} x {follow_up[1]}, its first pixel at "
+            f"{whose} follow-up has {follow_up[0]} x {follow_up[1]} px, its first pixel at "
             f"({x:g}, {y:g})"
         )
     return psf.coefficients_px2.copy(), np.array([*psf.centre_px, 1 / psf.corner_radius_px, x, y])

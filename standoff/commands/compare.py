@@ -47,7 +47,7 @@ def compare(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Say whether the PSF has changed between two calibrations, or show it over time."""
+    """Test whether the PSF has changed between two calibrations, or show it over time."""
     check_options(context, _RULES)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     refuse_overwriting([report], files)
@@ -117,7 +117,9 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
     from standoff.workflows import files_provenance, require_writable, write_page
 
     require_writable([report])
-    found = ordered_history(_calibrations(files))
+    calibrations = _calibrations(files)
+    found = ordered_history(calibrations)
+    provenance = files_provenance(*(Path(name) for name, _ in calibrations))
     if report is not None:
         page = render_report(
             title="PSF history",
@@ -125,12 +127,11 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
             verdicts=(),
             sections=history_sections(found),
             provenance=versions(),
-            origin=files_provenance(*files),
+            origin=provenance,
         )
         write_page(report, page)
     if json:
-        provenance = files_provenance(*files).model_dump(mode="json")
-        print_json({**history_document(found), "provenance": provenance})
+        print_json({**history_document(found), "provenance": provenance.model_dump(mode="json")})
         return
     for section in history_sections(found):
         table = section.tables[0]

@@ -70,7 +70,7 @@ def limits(
     at_zoom: Annotated[
         float | None,
         typer.Option(
-            help="Distance ratio at which to print the lowest contrast found.",
+            help="Distance ratio at which to print the lowest detectable contrast.",
             callback=checked_zoom,
         ),
     ] = None,
@@ -84,7 +84,7 @@ def limits(
     contrast: CurveContrast = None,
     json: Json = False,
 ) -> None:
-    """Find the distance ratio, tilt and shift that keep d' above a threshold, at best."""
+    """Find the largest distance ratio, tilt and shift that can keep d' above a threshold."""
     check_options(context, _RULES)
     refuse_suffix(plot, "--plot", {".png", ".svg"})
     refuse_overwriting([plot], [curves, geometry])
@@ -127,7 +127,7 @@ def limits(
     if least_dn is not None:
         say(
             f"at zoom {at_zoom:g}, tilt {at_tilt:g} degrees: contrasts from {least_dn:.3g} DN are "
-            "found"
+            "detectable"
         )
 
 

@@ -77,7 +77,7 @@ def simulate(
     ] = None,
     nearer: Annotated[
         Path | None,
-        typer.Option(help="Also write a mask (PNG) of where the follow-up would be sharper."),
+        typer.Option(help="Also write a mask (PNG) of pixels sharper than the reference."),
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
     model: Annotated[AnyModel, typer.Option(help="Capture model.")] = "matched",

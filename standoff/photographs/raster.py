@@ -91,7 +91,7 @@ def _pixels(data: bytes, index: int) -> NDArray[Any]:
             # Pillow cuts 16-bit colours down to 8; OpenCV keeps them.
             wide = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
             if wide is None:
-                raise DecodingError("not a whole image")
+                raise DecodingError("not a complete image")
             return np.asarray(wide[:, :, [2, 1, 0, 3][: wide.shape[2]]])
         if image.mode in _WITH_A_PALETTE:
             return np.asarray(image.convert("RGB"))

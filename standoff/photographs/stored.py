@@ -95,4 +95,4 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
         raise
     except _DAMAGE + damage as error:
         said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise DecodingError(f"not a whole {kind}: {said}") from error
+        raise DecodingError(f"not a complete {kind}: {said}") from error

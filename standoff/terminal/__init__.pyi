@@ -17,7 +17,7 @@ from .image_options import (
     ShortEncoding as ShortEncoding,
     photograph_inputs as photograph_inputs,
 )
-from .invocation import command_line as command_line
+from .invocation import command_line as command_line, note_at_end as note_at_end
 from .live_line import LiveLine as LiveLine
 from .operator_prompts import (
     Operator as Operator,
@@ -98,6 +98,7 @@ __all__ = [
     "frame_shape_of",
     "needs",
     "note",
+    "note_at_end",
     "photograph_inputs",
     "place_target",
     "preview_lines",

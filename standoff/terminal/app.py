@@ -11,7 +11,7 @@ from typer.exceptions import TyperException
 
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS
-from standoff.terminal.invocation import remembered
+from standoff.terminal.invocation import invocation
 from standoff.terminal.output import say_error
 
 EXIT_REPORTED = 1
@@ -108,7 +108,7 @@ def _show_help(
 def run_application(app: typer.Typer, arguments: list[str]) -> int:
     """Run one command line and return its exit status; errors are one line on stderr."""
     try:
-        with remembered(arguments):
+        with invocation(arguments):
             status = app(arguments, standalone_mode=False, prog_name="standoff")
     except TyperException as error:
         say_error(" ".join(error.format_message().split()))

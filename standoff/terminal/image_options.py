@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from standoff.terminal.output import note
+from standoff.terminal.invocation import note_at_end
 
 if TYPE_CHECKING:
     from standoff.photographs import Encoding, Inputs
@@ -38,7 +38,8 @@ def photograph_inputs(
     mean: bool = False,
     short: bool | None = None,
 ) -> Inputs:
-    """Return the reader that these options ask for; what it finds out is noted on stderr.
+    """Return the reader that these options ask for; what it finds out is noted on stderr in the
+    end.
 
     Raises
     ------
@@ -56,7 +57,7 @@ def photograph_inputs(
     if short is not None:
         encoding = "srgb" if short else "linear"
     options = ReadOptions(encoding=_encoding(encoding), page=page, is_mean=mean)
-    return Inputs(options, note)
+    return Inputs(options, note_at_end)
 
 
 def _encoding(name: str) -> Encoding | None:

@@ -1,23 +1,46 @@
-"""The command line at work, as the provenance of its results states it."""
+"""The command at work: its command line for the provenance, and remarks for its end."""
 
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 
-_ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("_ARGUMENTS", default=())
+from standoff.terminal.output import note
+
+
+@dataclass(frozen=True, slots=True)
+class _Invocation:
+    arguments: tuple[str, ...] = ()
+    remarks: list[str] = field(default_factory=list)
+
+
+_CURRENT: ContextVar[_Invocation | None] = ContextVar("_CURRENT", default=None)
 
 
 @contextmanager
-def remembered(arguments: Sequence[str]) -> Iterator[None]:
-    """Remember the arguments of a command while it runs."""
-    token = _ARGUMENTS.set(tuple(arguments))
+def invocation(arguments: Sequence[str]) -> Iterator[None]:
+    """Remember a command while it runs; its remarks are printed unless it ends with an error."""
+    current = _Invocation(tuple(arguments))
+    token = _CURRENT.set(current)
     try:
         yield
     finally:
-        _ARGUMENTS.reset(token)
+        _CURRENT.reset(token)
+    for remark in current.remarks:
+        note(remark)
 
 
 def command_line() -> str:
     """Return the command that runs, quoted for a POSIX shell."""
-    return shlex.join(("standoff", *_ARGUMENTS.get()))
+    current = _CURRENT.get()
+    return shlex.join(("standoff", *(current.arguments if current else ())))
+
+
+def note_at_end(text: str) -> None:
+    """Print a remark on stderr once the command is done: an error remains the only line."""
+    current = _CURRENT.get()
+    if current is None:
+        note(text)
+    else:
+        current.remarks.append(text)

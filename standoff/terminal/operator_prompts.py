@@ -14,7 +14,7 @@ from standoff.errors import ApplicationError
 from standoff.terminal.output import ERRORS
 
 PLACE_QUESTION = "Enter to capture, s to skip"
-RETAKE_QUESTION = "Enter to keep it, r to take it again"
+RETAKE_QUESTION = "Enter to keep it, r to retake it"
 
 
 class Operator:

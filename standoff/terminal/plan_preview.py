@@ -63,7 +63,7 @@ def flicker_warnings(
             yield (
                 f"an exposure of {exposure_us:g} us is not a multiple of the "
                 f"{0.5e3 / mains_hz:.3g} ms flicker period of lamps on {mains_hz} Hz mains, "
-                f"and keeps {100 * left:.0f} % of the flicker; use {better_us:.0f} us, "
+                f"and leaves {100 * left:.0f} % of the flicker; use {better_us:.0f} us, "
                 "or capture.mains_hz = 0 for steady light"
             )
 

@@ -80,7 +80,7 @@ class DemoResult:
 
 
 def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
-    """Capture, calibrate, simulate, compare and report, below the directory ``out``.
+    """Capture, calibrate, simulate, compare and report, below the folder ``out``.
 
     An interrupted demo resumes where it stopped.
 

@@ -162,7 +162,8 @@ def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
     if reading.correction is not None:
         if photograph.is_colour:
             raise CalibrationError(
-                f"{photograph.name}: a colour photograph, but the maps are of a grey camera"
+                f"{photograph.name}: a colour image, but the maps are of a grey camera; "
+                "leave out --correct"
             )
         clipped = None if saturation is None else plane >= saturation
         try:
@@ -186,7 +187,7 @@ def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
 def _refuse_other_mosaic(photograph: Photograph, reading: Reading) -> None:
     if reading.pattern is not None and photograph.is_colour:
         raise CalibrationError(
-            f"{photograph.name}: a colour photograph is not a raw mosaic; leave --bayer out"
+            f"{photograph.name}: a colour photograph is not a raw mosaic; leave out --bayer"
         )
     if photograph.pattern not in (None, reading.pattern):
         raise CalibrationError(

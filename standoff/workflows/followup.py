@@ -43,7 +43,7 @@ class CaptureOptions:
     def __post_init__(self) -> None:
         if not (0 <= self.exposure < inf):
             raise ValueError(
-                f"an exposure factor must be a number of at least 0, got {self.exposure}"
+                f"an exposure factor must be finite and not negative, got {self.exposure}"
             )
         if not 0 <= self.vignetting < 1:
             raise ValueError(f"a corner fall-off must be in [0, 1), got {self.vignetting}")
@@ -51,8 +51,8 @@ class CaptureOptions:
             amount, sigma_px = self.sharpening
             if not (0 <= amount < inf and 0 < sigma_px < inf):
                 raise ValueError(
-                    "sharpening needs an amount of at least 0 and a width in px above 0, "
-                    f"got {amount:g},{sigma_px:g}"
+                    "the sharpening amount must be finite and not negative, and its width in px "
+                    f"positive, got {amount:g},{sigma_px:g}"
                 )
 
 

@@ -54,7 +54,7 @@ def short_bench(config: BenchConfig) -> BenchConfig:
 def run_paper(
     out: Path, config: BenchConfig, plan: CapturePlan, settings: ValidationSettings
 ) -> PaperResult:
-    """Capture, calibrate for the centre, and validate, below the directory ``out``.
+    """Capture, calibrate for the centre, and validate, below the folder ``out``.
 
     After an interruption, the same command resumes where it stopped.
 

@@ -41,7 +41,9 @@ def import_into_session(
     # A bad file is named before anything is written.
     facts = [_checked(inputs.photograph(path)).facts for path in images]
     if settings.height_mm is None:
-        note("no --height-mm: the height is recorded as 0 mm; geometry and validate need it")
+        note(
+            "no --height-mm given, so 0 mm is recorded; geometry and validate need the true height"
+        )
     with (
         SessionWriter(
             out, plan=plan, bench=None, devices=_devices(facts), operator=settings.operator

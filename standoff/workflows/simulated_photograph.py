@@ -117,7 +117,9 @@ def _reference(request: FollowUpRequest) -> AnyArray:
     if correct is None:
         return file.colour_planes
     if file.is_colour:
-        raise ApplicationError(f"{image}: a colour image, but the maps are of a grey camera")
+        raise ApplicationError(
+            f"{image}: a colour image, but the maps are of a grey camera; leave out --correct"
+        )
     maps = read_correction(correct)
     try:
         return maps.correct(file.colour_planes)

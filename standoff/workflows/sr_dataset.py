@@ -192,7 +192,7 @@ def _write_image(
         model=settings.model,
     )
     for number, pair in enumerate(pairs):
-        # The digest tells apart photographs with the same name from different folders.
+        # The digest distinguishes photographs with the same name from different folders.
         stem = f"{path.stem}_{digest[:8]}_{number:05d}"
         files = _write_pair(out / split, stem, pair, photograph, settings.is_float)
         lines.append(

@@ -35,7 +35,8 @@ def default_models() -> tuple[ValidationModel, ...]:
     models = [model for model in VALIDATION_MODELS if model != "gaussian-kernelgan"]
     if find_spec("torch") is None:
         note(
-            "PyTorch is not installed: model kernelgan is left out; the extra kernelgan installs it"
+            "PyTorch is not installed: model kernelgan is left out; "
+            "pip install standoff[kernelgan] adds it"
         )
         models = [model for model in models if not is_learned(model)]
     return tuple(models)

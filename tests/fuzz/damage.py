@@ -90,9 +90,11 @@ def damaged_documents(draw: st.DrawFn, document: dict[str, Any]) -> dict[str, An
             case "remove" if path[-1] in parent or isinstance(parent, list):
                 del parent[path[-1]]
             case "add" if isinstance(parent, dict):
-                parent[draw(st.text(max_size=8))] = draw(json_values)
+                parent[draw(st.text(max_size=8))] = deepcopy(
+                    draw(json_values)
+                )  # drawn values may be shared
             case _:
-                parent[path[-1]] = draw(json_values)
+                parent[path[-1]] = deepcopy(draw(json_values))  # drawn values may be shared
     return found
 
 

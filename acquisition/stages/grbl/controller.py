@@ -64,7 +64,7 @@ class GrblAnswer:
 
 
 class GrblController:
-    """One controller on an open link; this asks and listens, and decides nothing.
+    """One controller on an open link: asks and listens, and decides nothing.
 
     `is_position_known` is set by the code that homes, and reset here by a greeting or an alarm.
     One exchange at a time; a stop may come from another thread.

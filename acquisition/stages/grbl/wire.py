@@ -24,7 +24,7 @@ MAX_LINE_CHARS = 80
 
 ALARM_TEXTS = {
     1: "a limit switch was hit and the motor stopped at once",
-    2: "a target beyond the travel of the firmware",
+    2: "the target is beyond the travel set in the firmware",
     3: "reset during a move",
     4: "the probe was already triggered",
     5: "the probe was not triggered",
@@ -47,7 +47,7 @@ ERROR_TEXTS = {
     9: "locked by an alarm or a running jog",
     11: "line too long",
     13: "the door is open",
-    15: "the target is beyond the travel of the firmware",
+    15: "the target is beyond the travel set in the firmware",
     16: "not a jog",
     18: "the reset input is active",
     45: "a limit switch is pressed",

@@ -147,7 +147,8 @@ class ZaberAxis:
         elif reply.data == "BADDATA":
             raise StageLimitError(
                 f"{self.name} refuses {steps} microsteps as out of range; nothing moved. "
-                "limits_mm, microstep_um or home_offset_mm in the bench file does not match it",
+                "limits_mm, microstep_um or home_offset_mm in the bench file does not match the "
+                "device",
                 height_mm=height_mm,
                 limits_mm=None,
             )

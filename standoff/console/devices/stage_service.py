@@ -20,7 +20,8 @@ CLOSE_TIMEOUT_S = 3.0
 
 LOST_REMEDY = (
     "Watch the stage: without its cable it continues to its target; use its emergency stop if "
-    "that is dangerous. Check cable and power. It reconnects automatically; then home it."
+    "that is dangerous. Check cable and power. The console reconnects automatically; then home "
+    "the stage."
 )
 ABSENT_REMEDY = (
     "Switch the stage on, and check its cable, the port in the bench file, and that no other "

@@ -128,7 +128,7 @@ class _Pages:
             async for chunk in request.stream():
                 data += chunk
                 if len(data) > MAX_LOGIN_BYTES:
-                    raise HTTPException(413, "too long for a token")
+                    raise HTTPException(413, "the token is too long")
             token = parse_qs(data.decode("utf-8", "replace")).get("token", [""])[0]
         if not self._access.is_token(token):
             return HTMLResponse(self.refusal(is_wrong=bool(token)), status_code=401)

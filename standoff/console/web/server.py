@@ -32,7 +32,9 @@ def open_socket(host: str, port: int) -> socket.socket:
         )[0]
         opened = socket.socket(family, kind, protocol)
     except UnicodeError as error:  # not a valid domain name, such as a label of 64 characters
-        raise ApplicationError(f"cannot listen on {host}: it is not a host name") from error
+        raise ApplicationError(
+            f"cannot listen on {host}: it is not a host name or address"
+        ) from error
     except OSError as error:
         raise _refused(host, port, error) from error
     try:

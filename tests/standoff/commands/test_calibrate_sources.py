@@ -75,7 +75,8 @@ def test_maps_of_another_camera_are_refused_by_the_photographs_name(
     words = ("--out", tmp_path / "psf.json", "--correct", maps)
     other_size = command("calibrate", edge_file, *words)
     assert other_size.status == 1
-    assert f"{edge_file}: an image of (90, 110) (rows, cols), maps of (60, 91)" in other_size.err
+    problem = "an image of (90, 110) (rows, cols) does not match maps of (60, 91)"
+    assert f"{edge_file}: {problem}" in other_size.err
     Image.fromarray(np.zeros((60, 91, 3), np.uint8)).save(tmp_path / "colour.png")
     colour = command("calibrate", tmp_path / "colour.png", *words)
     assert colour.status == 1

@@ -52,7 +52,7 @@ def test_a_host_that_no_computer_can_be_called_is_an_error_in_one_line(
 ) -> None:
     done = command("console", *BENCH, "--host", host, "--token", "long enough to be one")
     assert done.status == 1
-    assert f"cannot listen on {host}: it is not a host name" in done.err
+    assert f"cannot listen on {host}: it is not a host name or address" in done.err
     assert len(done.err.strip().splitlines()) == 1
 
 

@@ -131,7 +131,7 @@ def test_limits_as_table_json_and_plot(command: Command, curves_file: Path, tmp_
     done = command(*asked, "--plot", plot, "--at-zoom", 1.5)
     assert done.status == 0, done.err
     assert "straight back: up to 1.167 times the distance" in done.out
-    assert "contrasts from 18 DN are found" in done.out
+    assert "contrasts from 18 DN are detectable" in done.out
     assert plot.read_bytes().startswith(b"<?xml")
     document = json.loads(command(*asked, "--json").out)
     assert document["zoom"] == pytest.approx(7 / 6)  # where 4 / (2 z - 1) is 3

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 from simulation import GaussianPsf
-from standoff.photographs import read_image
+from standoff.photographs import ReadOptions, read_image
 from standoff.workflows.sr_dataset import SrDatasetSettings, split_of
 from tests.standoff.conftest import Command, Outcome
 
@@ -84,11 +84,11 @@ def test_an_interrupted_run_goes_on_and_ends_as_if_it_had_not_been(
     make(command, folder, psf=psf, out=whole, more=())
     calls: list[Path] = []
 
-    def read_three(path: Path) -> object:
+    def read_three(path: Path, options: ReadOptions) -> object:
         calls.append(path)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return read_image(path)
+        return read_image(path, options)
 
     with monkeypatch.context() as patch:
         patch.setattr("standoff.workflows.sr_dataset.read_image", read_three)

@@ -288,7 +288,7 @@ def test_a_stage_without_its_cable_is_shown_and_opened_again_with_a_stop_first(
     maker, service = slow_stage
     maker.stage.faults = StageFaults(unplugged=True)
     wait_for(lambda: service.status.state == "lost", "lost")
-    assert "runs on to its target" in service.status.remedy
+    assert "continues to its target" in service.status.remedy
     with pytest.raises(DeviceDisconnectedError):
         service.lent()
     with pytest.raises(DeviceDisconnectedError):
