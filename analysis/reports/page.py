@@ -129,7 +129,6 @@ def render_report(
     sections: tuple[ReportSection, ...],
     provenance: tuple[tuple[str, str], ...],
     origin: Provenance | None = None,
-    written: datetime | None = None,
 ) -> str:
     """Return the report as one HTML document that needs no other file and no network.
 
@@ -141,8 +140,6 @@ def render_report(
         Names and values for the table at the end.
     origin
         Provenance of the document that is reported; in the header, its files in the table.
-    written
-        Time of the report; now by default.
     """
     template = Environment(
         loader=PackageLoader("analysis.reports", "templates"),
@@ -150,7 +147,7 @@ def render_report(
         trim_blocks=True,
         lstrip_blocks=True,
     ).get_template("report.html")
-    moment = (written or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
+    moment = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     return template.render(
         title=title,
         subtitle=subtitle,

@@ -51,13 +51,16 @@ class PsfOrigin:
     """The camera, time and part of the frame of a calibration; None if not known.
 
     ``captured_utc`` is the time of the first capture in ISO 8601, ``region`` the part of the
-    frame that was used, ``channel`` the channel of colour photographs.
+    frame that was used, ``channel`` the channel of colour photographs, ``photograph`` what their
+    files say alike of their taking.
     """
 
     camera: CameraIdentity = field(default_factory=CameraIdentity)
     captured_utc: str | None = None
     region: str | None = None
     channel: str | None = None
+    photograph: dict[str, str | float] | None = None
+    provenance: Provenance | None = None
 
 
 class PairWidths(BaseModel):
@@ -216,13 +219,15 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         return tuple(edge for edge in self.edges if edge.is_used)
 
     def with_origin(self, origin: PsfOrigin) -> "PsfCalibration":
-        """Return the calibration with its camera, time and part of the frame."""
+        """Return the calibration with its camera, time, part of the frame and provenance."""
         return self.model_copy(
             update={
                 "camera": origin.camera,
                 "captured_utc": origin.captured_utc,
                 "region": origin.region,
                 "channel": origin.channel,
+                "photograph": origin.photograph,
+                "provenance": origin.provenance,
             }
         )
 

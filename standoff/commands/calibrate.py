@@ -135,9 +135,7 @@ def calibrate(
     )
 
     require_writable([out, csv, report])
-    inputs = photograph_inputs(encoding, page, mean, srgb)
-    for path in (noise, correct):
-        inputs.add(path)
+    inputs = photograph_inputs(encoding, page, mean, srgb, files=(noise, correct))
     reading = Reading(
         channel=channel or ("luma" if bayer is None else "green"),
         pattern=bayer,
@@ -155,12 +153,9 @@ def calibrate(
             zoom=zoom,
         )
     )
-    origin = replace(found.origin, region=region)
-    calibration = found.calibration.with_origin(origin).model_copy(
-        update={
-            "photograph": found.photograph,
-            "provenance": inputs.provenance(command_line()),
-        }
+    made = inputs.provenance(command_line())
+    calibration = found.calibration.with_origin(
+        replace(found.origin, region=region, provenance=made)
     )
     write_psf(out, calibration)
     if csv is not None:

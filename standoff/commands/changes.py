@@ -50,13 +50,11 @@ def changes(
         write_change_pictures,
     )
 
-    inputs = photograph_inputs(encoding, page, mean)
+    inputs = photograph_inputs(encoding, page, mean, files=(psf, noise))
     options = ChangeOptions(
         noise=None if noise is None else read_noise(noise).capture_noise,
         false_alarms=false_alarms,
     )
-    for path in (psf, noise):
-        inputs.add(path)
     found = find_changes_of_files(reference, followup, read_total_psf(psf), options, inputs)
     make_folder(out)
     write_change_pictures(out, followup.name, found)

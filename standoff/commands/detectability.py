@@ -92,7 +92,8 @@ def detectability(
         raise typer.BadParameter(f"the window must be odd, got {window}", param_hint="--window")
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
-    inputs = photograph_inputs(encoding, page, mean)
+    files = (psf, Path(noise) if noises is None else None)
+    inputs = photograph_inputs(encoding, page, mean, files=files)
     change = _change(signal, signal_sigma, inputs)
     if 2 * change.reach_px / reference_zoom > window:
         raise typer.BadParameter(
@@ -128,13 +129,10 @@ def detectability(
         workers=SweepWorkers(count=workers, scheduler=scheduler),
         inputs=inputs,
     )
-    for path in (psf, Path(noise) if noises is None else None):
-        inputs.add(path)
     found = measure_curves(request, out.with_suffix(".cells.jsonl"))
-    update: dict[str, object] = {"provenance": inputs.provenance(command_line())}
-    if signal is not None:
-        update["signal"] = signal.name
-    found = found.model_copy(update=update)
+    made = inputs.provenance(command_line())
+    name = found.signal if signal is None else signal.name
+    found = found.model_copy(update={"signal": name, "provenance": made})
     curves = found.curves
     write_results(out, found)
     figures = curve_figures(out, curves, contrasts[0])

@@ -111,9 +111,7 @@ def pose(
     refuse_overwriting([picture], [reference, followup, curves, psf])
     from standoff.workflows import require_writable
 
-    inputs = photograph_inputs(encoding, page, mean)
-    for path in (curves, psf):
-        inputs.add(path)
+    inputs = photograph_inputs(encoding, page, mean, files=(curves, psf))
     require_writable([picture])
     curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
     near = inputs.grey(reference)

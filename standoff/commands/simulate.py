@@ -142,9 +142,8 @@ def simulate(
         write_mask,
     )
 
-    inputs = photograph_inputs(encoding, page, mean)
-    for path in (psf, noise, homography, correct):
-        inputs.add(path)
+    files = (psf, noise, homography, correct)
+    inputs = photograph_inputs(encoding, page, mean, files=files)
     simulated = simulate_photograph(
         FollowUpRequest(
             image=image,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -37,9 +39,17 @@ def photograph_inputs(
     page: int | None = None,
     mean: bool = False,
     short: bool | None = None,
+    *,
+    files: Sequence[Path | None] = (),
 ) -> Inputs:
-    """Return the reader that these options ask for; what it finds out is noted on stderr in the
-    end.
+    """Return the reader that these options ask for; what it finds out is noted at the end.
+
+    Parameters
+    ----------
+    encoding, page, mean, short
+        Values of the options.
+    files
+        Other files that the command reads, for the provenance; None for what is not given.
 
     Raises
     ------
@@ -57,7 +67,10 @@ def photograph_inputs(
     if short is not None:
         encoding = "srgb" if short else "linear"
     options = ReadOptions(encoding=_encoding(encoding), page=page, is_mean=mean)
-    return Inputs(options, note_at_end)
+    inputs = Inputs(options, note_at_end)
+    for path in files:
+        inputs.add(path)
+    return inputs
 
 
 def _encoding(name: str) -> Encoding | None:

@@ -1,9 +1,8 @@
 """Calibrates a camera's PSF: from edges, from the edges of a scene, or from two distances."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from acquisition.session import Session
 from calibration.blind import calibrate_from_distances, calibrate_from_scene
@@ -53,7 +52,6 @@ class CalibratedCamera:
     calibration: PsfCalibration
     origin: PsfOrigin
     edges: EdgeSources | None = None
-    photograph: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,9 +114,8 @@ def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
             )
     return CalibratedCamera(
         calibration=calibration,
-        origin=sources.origin,
+        origin=replace(sources.origin, photograph=shared_facts(sources.taken) or None),
         edges=sources,
-        photograph=shared_facts(sources.taken) or None,
     )
 
 

@@ -1,6 +1,6 @@
 """The whole chain on the simulated bench, compared with the bench's truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,8 +94,10 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     capture_simulated(session_path, config, plan, operator="demo", what="the demo")
     session = Session(session_path)
     results = make_folder(session_path / RESULTS_FOLDER)
-    calibration = _calibrate(session).with_origin(from_session(session, Reading()).origin)
-    calibration = calibration.model_copy(update={"provenance": session_provenance(session)})
+    origin = from_session(session, Reading()).origin
+    calibration = _calibrate(session).with_origin(
+        replace(origin, provenance=session_provenance(session))
+    )
     psf_path = results / "psf.json"
     write_psf(psf_path, calibration)
     name = str(psf_path)

@@ -129,6 +129,9 @@ def _calibrate_centre(session: Session, path: Path) -> None:
 
     with progress_bar("measuring edges", len(edge_records(session))) as bar:
         calibration = calibrate_psf(edge_images(session), region=centre, progress=bar.advance_to)
-    origin = replace(from_session(session, Reading()).origin, region="centre")
-    calibration = calibration.with_origin(origin)
-    write_psf(path, calibration.model_copy(update={"provenance": session_provenance(session)}))
+    origin = replace(
+        from_session(session, Reading()).origin,
+        region="centre",
+        provenance=session_provenance(session),
+    )
+    write_psf(path, calibration.with_origin(origin))

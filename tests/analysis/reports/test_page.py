@@ -1,4 +1,3 @@
-from datetime import UTC, datetime
 
 import pytest
 from markupsafe import Markup
@@ -31,7 +30,6 @@ def report(*sections: ReportSection, title: str = "Session", remark: str = "") -
         verdicts=(Verdict(name="total sigma x", value="0.7990 px", remark=remark),),
         sections=sections,
         provenance=(("Python", "3.11.0"),),
-        written=datetime(2025, 3, 4, 5, 6, tzinfo=UTC),
     )
 
 
@@ -90,7 +88,7 @@ def test_a_folded_section_waits_to_be_opened() -> None:
 
 def test_the_page_says_when_and_with_what_it_was_written() -> None:
     page = Page(report(ReportSection(title="All")))
-    assert "2025-03-04 05:06 UTC" in page.texts
+    assert any(re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC", text) for text in page.texts)
     assert "3.11.0" in page.texts
     assert page.headings == ["Session", "All", "Where this comes from"]
 
