@@ -17,6 +17,7 @@ from standoff.terminal import (
     Mean,
     Page,
     checked_zoom,
+    command_line,
     note,
     photograph_inputs,
     print_json,
@@ -73,6 +74,7 @@ def sr_pairs(
         write_sr_dataset,
     )
 
+    inputs = photograph_inputs(encoding, page, mean, files=(psf,))
     settings = SrDatasetSettings(
         zoom=zoom,
         model=model,
@@ -82,17 +84,21 @@ def sr_pairs(
         test_fraction=test_fraction,
         seed=seed,
         is_float=is_float,
-        reading=photograph_inputs(encoding, page, mean).options,
+        reading=inputs.options,
     )
     paths = expanded_images(images)
     with progress_bar("cutting pairs", len(paths)) as bar:
-        summary = write_sr_dataset(out, paths, settings, bar.advance_to)
-    for line in summary.refused:
-        note(line)
+        made = inputs.provenance(command_line())
+        summary = write_sr_dataset(out, paths, settings, made, bar.advance_to)
+    if len(summary.refused) > 1:
+        for line in summary.refused:
+            note(line)
     if json:
         print_json({"out": str(out), **asdict(summary)})
     else:
         _say_summary(out, summary, len(paths))
+    if len(summary.refused) == 1:
+        raise ApplicationError(summary.refused[0])
     if summary.refused:
         raise ApplicationError(
             f"{len(summary.refused)} of {len(paths)} images gave no pairs; the pairs of the "

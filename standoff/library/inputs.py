@@ -16,7 +16,7 @@ from simulation.capture_noise import CaptureNoise
 from standoff.photographs import Photograph, read_image
 
 FilePath: TypeAlias = str | PathLike[str]
-ImageLike: TypeAlias = NDArray[Any] | FilePath
+ImageLike: TypeAlias = NDArray[Any] | Photograph | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""
 
 PsfLike: TypeAlias = GaussianPsf | PsfCalibration | FilePath
@@ -49,6 +49,8 @@ def photograph(image: ImageLike, name: str = "image") -> Photograph:
     ImageFileError
         If the file cannot be read, or the array is not a finite image.
     """
+    if isinstance(image, Photograph):
+        return image
     if isinstance(image, np.ndarray):
         return Photograph.of_array(name, image)
     if isinstance(image, str | PathLike):
@@ -71,7 +73,7 @@ def listed_images(images: object) -> list[ImageLike]:
 
     A three-dimensional array is one colour image; pass several images as a list.
     """
-    if isinstance(images, np.ndarray | str | PathLike):
+    if isinstance(images, np.ndarray | Photograph | str | PathLike):
         return [images]
     if isinstance(images, Mapping) or not isinstance(images, Iterable):
         raise TypeError(f"images: expected arrays or paths of images, got {_kind(images)}")

@@ -1,5 +1,6 @@
 from .encoding import LINEAR as LINEAR, SRGB as SRGB, Encoding as Encoding
 from .exif import PhotographFacts as PhotographFacts, shared_facts as shared_facts
+from .guard import read_file as read_file
 from .inputs import Inputs as Inputs
 from .photograph import Photograph as Photograph
 from .raster import marked_png as marked_png
@@ -19,6 +20,7 @@ __all__ = [
     "PhotographFacts",
     "ReadOptions",
     "marked_png",
+    "read_file",
     "read_image",
     "shared_facts",
 ]

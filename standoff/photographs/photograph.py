@@ -2,19 +2,23 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from acquisition.untrusted import on_one_line
 from calibration.choices import Pattern
+from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from standoff.errors import ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import refuse_unusable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _PLATEAU_FRACTION = 0.002
 _ADC_BITS = (10, 12, 14)
@@ -117,6 +121,27 @@ class Photograph(PhotographHead):
             f"levels taken as {self.encoding.name}, {self.encoding_from}; --encoding decides "
             "otherwise"
         )
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.colour_planes, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        rows, cols = self.stored.shape[:2]
+        kind = f"{self.pattern} mosaic" if self.pattern else "colour" if self.is_colour else "grey"
+        return (
+            f"<Photograph {on_one_line(self.path.name)}: {cols} x {rows} px, {kind}, "
+            f"{self.encoding.name}>"
+        )
+
+    def _repr_html_(self) -> str:
+        facts = [(name.replace("_", " "), value) for name, value in self.facts.to_json().items()]
+        return html_table(repr(self)[1:-1], ("of the file", ""), facts)
+
+    def plot(self) -> "Figure":
+        """Return a figure of the photograph as a screen shows it, in the sensor's own axes."""
+        from standoff.photographs.plot import photograph_figure  # matplotlib, for whoever looks
+
+        return photograph_figure(self)
 
     @property
     def is_colour(self) -> bool:

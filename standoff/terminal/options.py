@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -90,13 +91,14 @@ def region_corner_and_size(text: str, expected: str) -> tuple[int, int, int, int
 
 def refuse_overwriting(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
     """Refuse a result that would overwrite an input or another result."""
-    taken = {path.resolve() for path in inputs if path is not None}
+    # Path.resolve raises where symbolic links form a loop; the reader names that better.
+    taken = {realpath(path) for path in inputs if path is not None}
     for path in outputs:
         if path is None:
             continue
-        if path.resolve() in taken:
+        if realpath(path) in taken:
             raise typer.BadParameter(f"{path} is already an input or output; name another file")
-        taken.add(path.resolve())
+        taken.add(realpath(path))
 
 
 def refuse_suffix(path: Path | None, option: str, suffixes: set[str]) -> None:

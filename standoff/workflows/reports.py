@@ -153,6 +153,8 @@ def require_writable(paths: Iterable[Path | None]) -> None:
     for path in paths:
         if path is None:
             continue
+        if path.parent.name == RESULTS_FOLDER and (path.parent.parent / MANIFEST_NAME).is_file():
+            make_folder(path.parent)  # the folder of a session that has no results yet
         if not path.parent.is_dir():
             raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
         if path.is_dir():

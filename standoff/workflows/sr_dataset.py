@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import atomic_write
-from acquisition.untrusted import parse_json
+from acquisition.untrusted import on_one_line, parse_json
+from calibration.provenance import InputFile, Provenance
 from simulation import GaussianPsf, Model
 from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.photographs import Photograph, ReadOptions, marked_png, read_image
+from standoff.photographs import Photograph, ReadOptions, marked_png, read_file, read_image
 from standoff.workflows.image_files import tiff_bytes
 
 DATASET_SCHEMA = "standoff.sr-pairs/1"
+DATASET_NAME = "dataset.json"
 MANIFEST_NAME = "manifest.jsonl"
+_MOST_INPUTS = 10_000
 
 Split = Literal["train", "test"]
 
@@ -76,12 +79,13 @@ def write_sr_dataset(
     out: Path,
     images: Sequence[Path],
     settings: SrDatasetSettings,
+    provenance: Provenance,
     progress: Callable[[int], None] = lambda _: None,
 ) -> SrDatasetSummary:
     """Write the pairs of every image below ``out``; a second run writes what is missing.
 
     An image that cannot be read, or is too small for a crop, is left out and named in the
-    summary.
+    summary. ``provenance`` lists the PSF; the images are added to it.
 
     Raises
     ------
@@ -90,25 +94,25 @@ def write_sr_dataset(
     """
     try:
         lines = manifest_lines(out)
-        _prepare(out, settings, is_empty=not lines)
+        _prepare(out, settings, provenance, is_empty=not lines)
         done = {line["image_sha256"] for line in lines}
         refused = []
         found = 0
         for count, path in enumerate(images, start=1):
-            digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-            if digest in done:
-                found += 1
-            else:
-                try:
+            try:
+                digest = hashlib.sha256(read_file(path)).hexdigest()
+                if digest in done:
+                    found += 1
+                else:
                     new = _write_image(out, path, digest, settings)
-                except (ImageFileError, ValueError) as error:
-                    refused.append(f"{error}" if str(path) in str(error) else f"{path}: {error}")
-                    progress(count)
-                    continue
-                _append(out / MANIFEST_NAME, new)
-                lines += new
-                done.add(digest)
+                    _append(out / MANIFEST_NAME, new)
+                    lines += new
+                    done.add(digest)
+            except (ImageFileError, ValueError) as error:
+                text, name = str(error), on_one_line(path)
+                refused.append(text if name in text else f"{name}: {text}")
             progress(count)
+        _describe(out, settings, _with_images(provenance, out, lines))
     except OSError as error:
         raise ApplicationError(f"{error.filename or out}: {error.strerror}") from error
     return SrDatasetSummary(
@@ -126,11 +130,12 @@ def split_of(digest: str, settings: SrDatasetSettings) -> Split:
     return "test" if share < settings.test_fraction else "train"
 
 
-def _prepare(out: Path, settings: SrDatasetSettings, *, is_empty: bool) -> None:
-    document = json.dumps(settings.document(), indent=1) + "\n"
-    about = out / "dataset.json"
+def _prepare(
+    out: Path, settings: SrDatasetSettings, provenance: Provenance, *, is_empty: bool
+) -> None:
+    about = out / DATASET_NAME
     if about.is_file() and not is_empty:
-        if about.read_text(encoding="utf-8") != document:
+        if _stored_settings(about) != settings.document():
             raise ApplicationError(
                 f"{out} holds pairs made with other settings (see {about}); name another --out"
             )
@@ -138,7 +143,38 @@ def _prepare(out: Path, settings: SrDatasetSettings, *, is_empty: bool) -> None:
     for split in ("train", "test"):
         for side in ("high", "low"):
             (out / split / side).mkdir(parents=True, exist_ok=True)
-    atomic_write(about, document.encode("utf-8"))
+    _describe(out, settings, provenance)
+
+
+def _stored_settings(about: Path) -> object:
+    try:
+        stored = parse_json(about.read_bytes())
+    except ValueError:
+        return None
+    if isinstance(stored, dict):
+        stored.pop("provenance", None)
+    return stored
+
+
+def _describe(out: Path, settings: SrDatasetSettings, provenance: Provenance) -> None:
+    document = settings.document() | {"provenance": provenance.model_dump(mode="json")}
+    atomic_write(out / DATASET_NAME, (json.dumps(document, indent=1) + "\n").encode("utf-8"))
+
+
+def _with_images(provenance: Provenance, out: Path, lines: list[dict[str, Any]]) -> Provenance:
+    """Add the images of the manifest; of very many, the manifest that holds their hashes."""
+    images = {line["image_sha256"]: line["image"] for line in lines}
+    if len(images) > _MOST_INPUTS:
+        manifest = out / MANIFEST_NAME
+        images = {hashlib.sha256(manifest.read_bytes()).hexdigest(): str(manifest)}
+    added = tuple(InputFile(path=name, sha256=digest) for digest, name in images.items())
+    encodings = sorted({line.get("encoding", "linear") for line in lines})
+    return provenance.model_copy(
+        update={
+            "inputs": provenance.inputs + added,
+            "encoding": encodings[0] if len(encodings) == 1 else tuple(encodings),
+        }
+    )
 
 
 def manifest_lines(out: Path) -> list[dict[str, Any]]:

@@ -1,3 +1,4 @@
+import re
 
 import pytest
 from markupsafe import Markup

@@ -1,0 +1,25 @@
+"""A photograph as a figure."""
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from standoff.photographs.encoding import SRGB
+from standoff.photographs.photograph import Photograph
+
+_BRIGHTEST = 99.9  # percentile shown as white, so that a single hot pixel does not darken all
+
+
+def photograph_figure(photograph: Photograph) -> Figure:
+    """Return a figure of the photograph, encoded for a screen; axes in px of the file."""
+    planes = np.asarray(photograph.linear_planes, dtype=np.float64)
+    dark, bright = planes.min(), max(float(np.percentile(planes, _BRIGHTEST)), planes.min() + 1e-9)
+    shown = SRGB.encode(np.clip((planes - dark) / (bright - dark), 0.0, 1.0), 1.0)
+    figure = Figure(
+        figsize=(6.4, 6.4 * shown.shape[0] / shown.shape[1] + 0.6), layout="constrained"
+    )
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.imshow(shown, cmap="gray", vmin=0.0, vmax=1.0)
+    axes.set(title=photograph.path.name, xlabel="x / px", ylabel="y / px")
+    return figure
