@@ -134,7 +134,9 @@ class Photograph(PhotographHead):
         )
 
     def _repr_html_(self) -> str:
-        facts = [(name.replace("_", " "), value) for name, value in self.facts.to_json().items()]
+        facts = [
+            (name.replace("_", " "), str(value)) for name, value in self.facts.to_json().items()
+        ]
         return html_table(repr(self)[1:-1], ("of the file", ""), facts)
 
     def plot(self) -> "Figure":

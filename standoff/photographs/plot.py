@@ -1,16 +1,20 @@
 """A photograph as a figure."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from standoff.photographs.encoding import SRGB
-from standoff.photographs.photograph import Photograph
+
+if TYPE_CHECKING:
+    from standoff.photographs.photograph import Photograph
 
 _BRIGHTEST = 99.9  # percentile shown as white, so that a single hot pixel does not darken all
 
 
-def photograph_figure(photograph: Photograph) -> Figure:
+def photograph_figure(photograph: "Photograph") -> Figure:
     """Return a figure of the photograph, encoded for a screen; axes in px of the file."""
     planes = np.asarray(photograph.linear_planes, dtype=np.float64)
     dark, bright = planes.min(), max(float(np.percentile(planes, _BRIGHTEST)), planes.min() + 1e-9)
