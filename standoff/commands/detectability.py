@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -13,7 +12,9 @@ from simulation.choices import MODELS, Model
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     Json,
+    ListedNumbers,
     checked_zoom,
+    number_list,
     print_json,
     print_table,
     refuse_overwriting,
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 _Name = TypeVar("_Name", bound=str)
 
+_ZOOMS = ListedNumbers(option="--zooms", least=1.0, pair_most=10.0)
+_NOISES = ListedNumbers(option="--noise")
+_CONTRASTS = ListedNumbers(option="--contrast")
 _MODELS: tuple[Model, ...] = ("bicubic", "paper", "matched")
 
 
@@ -74,11 +78,11 @@ def detectability(
     """Measure how well a change can be detected, at best, from different distances."""
     refuse_suffix(out, "--out", {".json"})
     refuse_overwriting([out], [*images, psf, signal])
-    zoom_list = sorted(set(_numbers(zooms, "--zooms", least=1.0)))
-    contrasts = _numbers(contrast, "--contrast")
+    zoom_list = sorted(number_list(zooms, _ZOOMS))
+    contrasts = number_list(contrast, _CONTRASTS)
     observers = tuple(_chosen(observer, "--observer", OBSERVERS))
     models = tuple(_chosen(model, "--model", MODELS))
-    noises = None if noise.endswith(".json") else _numbers(noise, "--noise")
+    noises = None if noise.endswith(".json") else number_list(noise, _NOISES)
     if window % 2 == 0:
         raise typer.BadParameter(f"the window must be odd, got {window}", param_hint="--window")
     if psf is None and set(models) != {"bicubic"}:
@@ -151,19 +155,6 @@ def _print_curves(curves: list[DetectabilityCurve]) -> None:
         ["zoom", *(f"{zoom:g}" for zoom in curves[0].zoom)],
         [[curve.name, *(f"{value:.2f}" for value in curve.dprime)] for curve in curves],
     )
-
-
-def _numbers(text: str, option: str, least: float | None = None) -> list[float]:
-    """Read numbers separated by commas: positive, or not below ``least``."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise typer.BadParameter(f"expected numbers, got {text}", param_hint=option) from error
-    for value in values:
-        if not math.isfinite(value) or (value <= 0 if least is None else value < least):
-            bound = "above 0" if least is None else f"of at least {least:g}"
-            raise typer.BadParameter(f"expected numbers {bound}, got {value:g}", param_hint=option)
-    return list(dict.fromkeys(values))
 
 
 def _chosen(text: str, option: str, known: tuple[_Name, ...]) -> list[_Name]:

@@ -106,7 +106,10 @@ def simulate(
         typer.Option(min=1, help=f"Training steps (kernelgan); {TRAINING_STEPS} by default."),
     ] = None,
     centre_crop: Annotated[
-        bool, typer.Option("--centre-crop", help="Train on the central half only (kernelgan).")
+        bool,
+        typer.Option(
+            "--centre-crop", "--center-crop", help="Train on the central half only (kernelgan)."
+        ),
     ] = False,
     sampler: Annotated[
         Sampler | None,
@@ -203,6 +206,11 @@ def _camera(
 
 def _sharpening(text: str) -> tuple[float, float]:
     amount, _, sigma_px = text.partition(",")
+    if sigma_px and amount.strip() == "0":
+        raise typer.BadParameter(
+            f"an amount of 0 does not sharpen; write 0.{sigma_px} with a decimal point",
+            param_hint="--sharpen",
+        )
     try:
         return float(amount), float(sigma_px or _SHARPENING_SIGMA_PX)
     except ValueError as error:

@@ -11,6 +11,7 @@ from .curve_options import (
 )
 from .edge_table import edge_csv as edge_csv
 from .live_line import LiveLine as LiveLine
+from .number_lists import ListedNumbers as ListedNumbers, number_list as number_list
 from .operator_prompts import (
     Operator as Operator,
     ScriptedOperator as ScriptedOperator,
@@ -30,6 +31,7 @@ from .options import (
     Json as Json,
     checked_zoom as checked_zoom,
     chosen_models as chosen_models,
+    pixels as pixels,
     place_target as place_target,
     read_bench as read_bench,
     refuse_overwriting as refuse_overwriting,
@@ -65,6 +67,7 @@ __all__ = [
     "CurveObserver",
     "CurvesPath",
     "Json",
+    "ListedNumbers",
     "LiveLine",
     "MinDprime",
     "Operator",
@@ -84,6 +87,8 @@ __all__ = [
     "frame_shape_of",
     "needs",
     "note",
+    "number_list",
+    "pixels",
     "place_target",
     "preview_lines",
     "print_json",
