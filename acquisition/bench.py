@@ -9,11 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, DeviceError
+from acquisition.spelling import nearest_key
 from acquisition.untrusted import parse_toml
+from acquisition.written_files import (
+    WrittenTable,
+    dotted_keys,
+    read_toml,
+    validate_written,
+    validation_keys,
+    validation_lines,
+)
 
 _HOST_NAME = re.compile(
     r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?(\.[A-Za-z0-9-]{1,63})*"
@@ -25,11 +34,7 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class CameraConfig(_Section):
+class CameraConfig(WrittenTable):
     """``[camera]``: which camera, and its settings."""
 
     driver: Literal["aravis", "simulated", "files"]
@@ -73,7 +78,7 @@ class CameraConfig(_Section):
         return self
 
 
-class StageConfig(_Section):
+class StageConfig(WrittenTable):
     """``[stage]``: which stage, its travel and settling."""
 
     driver: Literal["grbl", "zaber", "manual", "simulated"]
@@ -122,7 +127,7 @@ class StageConfig(_Section):
         return self
 
 
-class OpticsConfig(_Section):
+class OpticsConfig(WrittenTable):
     """``[optics]``: lens and sensor."""
 
     focal_length_mm: Positive
@@ -130,7 +135,7 @@ class OpticsConfig(_Section):
     lens: str = ""
 
 
-class CaptureConfig(_Section):
+class CaptureConfig(WrittenTable):
     """``[capture]``: how many frames a capture averages, and the mains frequency."""
 
     frames_per_capture: int = Field(10, ge=2, le=1000)
@@ -139,7 +144,7 @@ class CaptureConfig(_Section):
     )
 
 
-class SimulatedConfig(_Section):
+class SimulatedConfig(WrittenTable):
     """``[simulated]``: the truth of the simulated bench, for its two simulated drivers only."""
 
     seed: int = Field(1, ge=0)
@@ -174,7 +179,7 @@ class SimulatedConfig(_Section):
     black_level_dn: NonNegative = Field(64.0, description="offset, in DN at 12 bits")
 
 
-class BenchConfig(_Section):
+class BenchConfig(WrittenTable):
     """A bench: camera, stage, optics, and the truth if it is simulated."""
 
     camera: CameraConfig
@@ -208,11 +213,11 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
         the message names the file and the key.
     """
     try:
-        table = parse_toml(path.read_bytes())
+        table = read_toml(path)
     except OSError as error:
         raise BenchConfigError(f"bench file {path}: {error.strerror}", path=path) from error
     except ValueError as error:
-        raise BenchConfigError(f"bench file {path}: not valid TOML: {error}", path=path) from error
+        raise BenchConfigError(f"bench file {path}: {error}", path=path) from error
     for key, value in (overrides or {}).items():
         section, _, name = key.partition(".")
         keys = table.setdefault(section, {})
@@ -222,10 +227,12 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
             )
         keys[name] = value
     try:
-        return BenchConfig.model_validate(table)
+        return validate_written(BenchConfig, table)
     except ValidationError as error:
         raise BenchConfigError(
-            f"bench file {path}: {validation_lines(error)}", path=path, keys=validation_keys(error)
+            f"bench file {path}: {validation_lines(error, BenchConfig)}",
+            path=path,
+            keys=validation_keys(error),
         ) from error
 
 
@@ -238,41 +245,32 @@ def parse_overrides(settings: list[str]) -> dict[str, Any]:
         If an argument is not of that form or names a key that no bench has.
     """
     overrides: dict[str, Any] = {}
+    known = [key for key in dotted_keys(BenchConfig) if "." in key]
     for setting in settings:
         key, equals, text = setting.partition("=")
-        section, dot, name = key.strip().partition(".")
-        model = BenchConfig.model_fields.get(section)
-        if not (equals and dot and model):
-            raise BenchConfigError(
-                f"--set {setting}: expected section.key=value of a bench file", keys=(key.strip(),)
-            )
-        known = _section_keys(section)
-        if name not in known:
-            raise BenchConfigError(
-                f"--set {setting}: unknown bench key {key.strip()}; "
-                f"{section} has {', '.join(known)}",
-                keys=(key.strip(),),
-            )
+        key = key.strip()
+        if not equals or key not in known:
+            raise BenchConfigError(f"--set {setting}: {_key_fault(key, known)}", keys=(key,))
         try:
             value = parse_toml(f"value = {text}")["value"]
         except ValueError:
             value = text.strip()
-        overrides[f"{section}.{name}"] = value
+        overrides[key] = value
     return overrides
 
 
-def validation_lines(error: ValidationError) -> str:
-    """One line that names each key at fault and what is wrong with it."""
-    parts = []
-    for fault, key in zip(error.errors(), validation_keys(error), strict=True):
-        what = "unknown key" if fault["type"] == "extra_forbidden" else fault["msg"]
-        parts.append(f"{key}: {what}" if key else what)
-    return "; ".join(parts)
-
-
-def validation_keys(error: ValidationError) -> tuple[str, ...]:
-    """The dotted key of each fault; empty where the table as a whole is at fault."""
-    return tuple(".".join(str(part) for part in fault["loc"]) for fault in error.errors())
+def _key_fault(key: str, known: list[str]) -> str:
+    """What is wrong with an override: its key is unknown, or it has no value."""
+    if key in known:
+        return f"expected {key}=VALUE"
+    section, dot, _ = key.partition(".")
+    nearest = None if key in BenchConfig.model_fields else nearest_key(key, known)
+    if nearest is not None:
+        return f"unknown bench key {key}; did you mean {nearest}?"
+    others = [name for other in known for at, _, name in [other.partition(".")] if at == section]
+    if dot and others:
+        return f"unknown bench key {key}; {section} has {', '.join(others)}"
+    return "expected section.key=value of a bench file"
 
 
 def address_fault(text: str) -> str | None:
@@ -317,14 +315,3 @@ def resolve_address(address: str) -> str:
     if fault is not None:
         raise DeviceError(f"camera.address: the host name {address!r} cannot be used: {fault}")
     return resolved
-
-
-def _section_keys(section: str) -> list[str]:
-    models: dict[str, type[_Section]] = {
-        "camera": CameraConfig,
-        "stage": StageConfig,
-        "optics": OpticsConfig,
-        "capture": CaptureConfig,
-        "simulated": SimulatedConfig,
-    }
-    return list(models[section].model_fields)

@@ -8,18 +8,22 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     ValidationError,
     model_validator,
 )
 
-from acquisition.bench import BenchConfig, validation_keys, validation_lines
+from acquisition.bench import BenchConfig
 from acquisition.choices import CaptureKind
 from acquisition.errors import PlanError
-from acquisition.untrusted import parse_toml
+from acquisition.written_files import (
+    WrittenTable,
+    read_toml,
+    validate_written,
+    validation_keys,
+    validation_lines,
+)
 
 HEIGHT_DECIMALS = 3
 """Heights are distinguished to 0.001 mm, as in file names."""
@@ -107,11 +111,7 @@ Exposures = Annotated[
 Text = Annotated[str, Field(max_length=200), AfterValidator(_check_text)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class PlanTarget(_Table):
+class PlanTarget(WrittenTable):
     """``[[targets]]``: one target, at its orientations, over its own or the plan's heights."""
 
     kind: CaptureKind
@@ -121,7 +121,7 @@ class PlanTarget(_Table):
     exposure_us: Exposures | None = Field(None, description="one or a list; default: the bench's")
 
 
-class CapturePlan(_Table):
+class CapturePlan(WrittenTable):
     """A capture plan; ``plan_entries`` gives its captures in order."""
 
     schema_: Literal["standoff.plan/1"] = Field(alias="schema")
@@ -217,12 +217,13 @@ def load_plan(path: Path) -> CapturePlan:
         the message names the file and the key.
     """
     try:
-        table = parse_toml(path.read_bytes())
+        return validate_written(CapturePlan, read_toml(path))
+    except ValidationError as error:
+        raise _plan_error(error, f"plan file {path}") from error
     except OSError as error:
         raise PlanError(f"plan file {path}: {error.strerror}", path=path) from error
     except ValueError as error:
-        raise PlanError(f"plan file {path}: not valid TOML: {error}", path=path) from error
-    return parse_plan(table, source=f"plan file {path}")
+        raise PlanError(f"plan file {path}: {error}", path=path) from error
 
 
 def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
@@ -230,9 +231,12 @@ def parse_plan(table: Mapping[str, Any], *, source: str) -> CapturePlan:
     try:
         return CapturePlan.model_validate(table)
     except ValidationError as error:
-        raise PlanError(
-            f"{source}: {validation_lines(error)}", keys=validation_keys(error)
-        ) from error
+        raise _plan_error(error, source) from error
+
+
+def _plan_error(error: ValidationError, source: str) -> PlanError:
+    lines = validation_lines(error, CapturePlan)
+    return PlanError(f"{source}: {lines}", keys=validation_keys(error))
 
 
 def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:

@@ -21,7 +21,9 @@ from acquisition.bench import (
     StageConfig,
 )
 from acquisition.plan import CapturePlan, PlanTarget
+from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
+from acquisition.written_files import WrittenTable
 from analysis.changes import ChangeSummary
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
@@ -96,6 +98,10 @@ def configs_page() -> str:
         "Both are TOML. A key that is unknown, missing or out of range is an error that names"
     ]
     parts += ["it. Shipped examples are in `configs/`; `--set section.key=value` replaces one key."]
+    parts += [
+        'A number is in the unit that its key ends in, or states its own as text: `"9 ms"`. One'
+    ]
+    parts += ["outside the usual range is taken only if it states its unit."]
     parts += ["\n## Bench file\n"]
     for name, section in (
         ("camera", CameraConfig),
@@ -189,13 +195,16 @@ def files_page() -> str:
 def _model(model: type) -> list[str]:
     rows = ["| key | type | default | |", "| --- | --- | --- | --- |"]
     if issubclass(model, BaseModel):
+        is_written = issubclass(model, WrittenTable)
         for name, field in model.model_fields.items():
             if field.exclude:  # not kept in a file
                 continue
+            asked = _asked(name) if is_written else ""
+            about = (field.description, _bounds(field), asked)
             default = "-" if field.is_required() else f"`{_default(field)}`"
             rows.append(
                 f"| `{field.alias or name}` | {_cell(_type(field.annotation))} | {_cell(default)} "
-                f"| {_cell('; '.join(filter(None, [field.description, _bounds(field)])))} |"
+                f"| {_cell('; '.join(filter(None, about)))} |"
             )
     else:
         hints = get_type_hints(model)
@@ -221,6 +230,16 @@ def _bounds(field: FieldInfo) -> str:
         if getattr(rule, name, None) is not None
     ]
     return ", ".join(found)
+
+
+def _asked(name: str) -> str:
+    """The range outside which a number is asked about."""
+    plausible = PLAUSIBLE.get(name)
+    if plausible is None:
+        return ""
+    low, high = number_text(plausible.low), number_text(plausible.high)
+    what = {"each": "usual", "largest": "usual largest", "span": "usual span"}[plausible.of]
+    return f"{what}: {low} to {high}"
 
 
 def _type(kind: object) -> str:

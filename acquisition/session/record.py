@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from acquisition.bench import validation_keys, validation_lines
 from acquisition.choices import CaptureKind
 from acquisition.errors import SessionError
+from acquisition.written_files import validation_keys, validation_lines
 
 _UTC_TEXT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
 

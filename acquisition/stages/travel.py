@@ -4,6 +4,7 @@ from math import isfinite
 
 from acquisition.bench import StageConfig
 from acquisition.errors import StageLimitError
+from acquisition.quantities import slip_between
 
 
 def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> None:
@@ -18,7 +19,7 @@ def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> No
     if not (isfinite(height_mm) and low_mm <= height_mm <= high_mm):
         raise StageLimitError(
             f"the stage travels from {low_mm:g} to {high_mm:g} mm, not to {height_mm:g} mm; "
-            "nothing moved",
+            f"nothing moved{slip_between(height_mm, 'mm', low_mm, high_mm)}",
             height_mm=height_mm,
             limits_mm=limits_mm,
         )

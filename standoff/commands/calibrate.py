@@ -51,6 +51,10 @@ _RULES = (
 )
 
 
+def _spelt(region: str | None) -> str | None:
+    return "centre" if region == "center" else region
+
+
 def calibrate(
     context: typer.Context,
     images: Annotated[
@@ -78,7 +82,8 @@ def calibrate(
     region: Annotated[
         str | None,
         typer.Option(
-            help="Part of the image to use: centre, or X,Y,W,H in px; all of it by default."
+            help="Part of the image to use: centre, or X,Y,W,H in px; all of it by default.",
+            callback=_spelt,
         ),
     ] = None,
     encoding: EncodingName = "auto",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -14,10 +13,12 @@ from standoff.errors import ApplicationError
 from standoff.terminal import (
     EncodingName,
     Json,
+    ListedNumbers,
     Mean,
     Page,
     checked_zoom,
     command_line,
+    number_list,
     photograph_inputs,
     print_json,
     print_table,
@@ -33,7 +34,16 @@ if TYPE_CHECKING:
 
 _Name = TypeVar("_Name", bound=str)
 
+_ZOOMS = ListedNumbers(option="--zooms", least=1.0, pair_most=10.0)
+_NOISES = ListedNumbers(option="--noise")
+_CONTRASTS = ListedNumbers(option="--contrast")
 _MODELS: tuple[Model, ...] = ("bicubic", "paper", "matched")
+
+
+def _odd(window: int) -> int:
+    if window % 2 == 0:
+        raise typer.BadParameter(f"the window must be odd, got {window}")
+    return window
 
 
 def detectability(
@@ -69,7 +79,8 @@ def detectability(
         float, typer.Option(help="Zoom from photograph to reference.", callback=checked_zoom)
     ] = REFERENCE_ZOOM,
     window: Annotated[
-        int, typer.Option(min=5, help="Side of the observer's window in px; odd.")
+        int,
+        typer.Option(min=5, help="Side of the observer's window in px; odd.", callback=_odd),
     ] = WINDOW_PX,
     workers: Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")] = 1,
     scheduler: Annotated[
@@ -83,13 +94,11 @@ def detectability(
     """Measure how well a change can be detected, at best, from different distances."""
     refuse_suffix(out, "--out", {".json"})
     refuse_overwriting([out], [*images, psf, signal])
-    zoom_list = sorted(set(_numbers(zooms, "--zooms", least=1.0)))
-    contrasts = _numbers(contrast, "--contrast")
+    zoom_list = sorted(number_list(zooms, _ZOOMS))
+    contrasts = number_list(contrast, _CONTRASTS)
     observers = tuple(_chosen(observer, "--observer", OBSERVERS))
     models = tuple(_chosen(model, "--model", MODELS))
-    noises = None if noise.endswith(".json") else _numbers(noise, "--noise")
-    if window % 2 == 0:
-        raise typer.BadParameter(f"the window must be odd, got {window}", param_hint="--window")
+    noises = None if noise.endswith(".json") else number_list(noise, _NOISES)
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     files = (psf, Path(noise) if noises is None else None)
@@ -163,19 +172,6 @@ def _print_curves(curves: list[DetectabilityCurve]) -> None:
         ["zoom", *(f"{zoom:g}" for zoom in curves[0].zoom)],
         [[curve.name, *(f"{value:.2f}" for value in curve.dprime)] for curve in curves],
     )
-
-
-def _numbers(text: str, option: str, least: float | None = None) -> list[float]:
-    """Read numbers separated by commas: positive, or not below ``least``."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise typer.BadParameter(f"expected numbers, got {text}", param_hint=option) from error
-    for value in values:
-        if not math.isfinite(value) or (value <= 0 if least is None else value < least):
-            bound = "above 0" if least is None else f"of at least {least:g}"
-            raise typer.BadParameter(f"expected numbers {bound}, got {value:g}", param_hint=option)
-    return list(dict.fromkeys(values))
 
 
 def _chosen(text: str, option: str, known: tuple[_Name, ...]) -> list[_Name]:

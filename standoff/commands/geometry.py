@@ -12,6 +12,7 @@ from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff.terminal import (
     Json,
     note,
+    pixels,
     print_json,
     print_table,
     progress_bar,
@@ -48,7 +49,11 @@ def geometry(
         typer.Option(help="Scale in px/mm at the lowest height, measured by other means."),
     ] = None,
     focal_length_px: Annotated[
-        float | None, typer.Option(help="Focal length in px, instead of the bench file's.")
+        float | None,
+        typer.Option(
+            help="Focal length in px, instead of the bench file's.",
+            parser=pixels("focal_length_px"),
+        ),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Also write a report (HTML).")] = None,
     json: Json = False,

@@ -22,6 +22,7 @@ from standoff.terminal import (
     chosen_curve,
     exactly_one,
     needs,
+    pixels,
     print_json,
     print_table,
     refuse_overwriting,
@@ -50,7 +51,10 @@ def limits(
     min_dprime: MinDprime,
     geometry: Annotated[Path | None, typer.Option(help="geometry.json of the camera.")] = None,
     focal_length_px: Annotated[
-        float | None, typer.Option(help="Focal length in px, instead of --geometry.")
+        float | None,
+        typer.Option(
+            help="Focal length in px, instead of --geometry.", parser=pixels("focal_length_px")
+        ),
     ] = None,
     image_size: Annotated[
         str | None, typer.Option(help="Frame size WxH in px, with --focal-length-px.")
@@ -148,7 +152,7 @@ def _camera(
         return ViewingCamera(focal_length_px=focal, width_px=width, height_px=height)
     assert focal_length_px is not None
     assert image_size is not None
-    size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", image_size.strip().lower(), re.ASCII)
+    size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", image_size.strip().lower(), re.ASCII)
     if size is None:
         raise typer.BadParameter(
             f"--image-size must be WxH in px, such as 780x580, got {image_size}"

@@ -111,7 +111,10 @@ def simulate(
         typer.Option(min=1, help=f"Training steps (kernelgan); {TRAINING_STEPS} by default."),
     ] = None,
     centre_crop: Annotated[
-        bool, typer.Option("--centre-crop", help="Train on the central half only (kernelgan).")
+        bool,
+        typer.Option(
+            "--centre-crop", "--center-crop", help="Train on the central half only (kernelgan)."
+        ),
     ] = False,
     sampler: Annotated[
         Sampler | None,
@@ -167,7 +170,6 @@ def simulate(
     write_float_tiff(out, written, f"standoff simulate: {pose}, model {model}, of {image.name}")
     if nearer is not None and followup.nearer is not None:
         write_mask(nearer, followup.nearer)
-    rows, cols = written.shape[:2]
     masks = _mask_fractions(followup) if homography else {}
     if json:
         print_json(
@@ -178,7 +180,7 @@ def simulate(
                 "model": model,
                 "transfer": transfer,
                 "psf_field": followup.is_field,
-                "size": [cols, rows],
+                "size": [written.shape[1], written.shape[0]],
                 "min": float(written.min()),
                 "max": float(written.max()),
                 **masks,
@@ -187,7 +189,7 @@ def simulate(
             }
         )
         return
-    say(f"wrote {out}: {cols} x {rows} px, {pose}, model {model}")
+    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, model {model}")
     if masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
@@ -215,6 +217,11 @@ def _camera(
 
 def _sharpening(text: str) -> tuple[float, float]:
     amount, _, sigma_px = text.partition(",")
+    if sigma_px and amount.strip() == "0":
+        raise typer.BadParameter(
+            f"an amount of 0 does not sharpen; write 0.{sigma_px} with a decimal point",
+            param_hint="--sharpen",
+        )
     try:
         return float(amount), float(sigma_px or _SHARPENING_SIGMA_PX)
     except ValueError as error:

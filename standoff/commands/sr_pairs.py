@@ -97,13 +97,13 @@ def sr_pairs(
         print_json({"out": str(out), **asdict(summary)})
     else:
         _say_summary(out, summary, len(paths))
-    if len(summary.refused) == 1:
-        raise ApplicationError(summary.refused[0])
     if summary.refused:
-        raise ApplicationError(
-            f"{len(summary.refused)} of {len(paths)} images gave no pairs; the pairs of the "
-            "others are complete"
+        count = len(summary.refused)
+        why = f"{summary.refused[0]}; " if count == 1 else ""
+        others = (
+            f"{count} of {len(paths)} images gave no pairs; the pairs of the others are complete"
         )
+        raise ApplicationError(why + ("no pairs" if len(paths) == 1 else others))
 
 
 def _say_summary(out: Path, summary: SrDatasetSummary, images: int) -> None:

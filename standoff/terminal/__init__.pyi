@@ -19,6 +19,7 @@ from .image_options import (
 )
 from .invocation import command_line as command_line, note_at_end as note_at_end
 from .live_line import LiveLine as LiveLine
+from .number_lists import ListedNumbers as ListedNumbers, number_list as number_list
 from .operator_prompts import (
     Operator as Operator,
     ScriptedOperator as ScriptedOperator,
@@ -38,6 +39,7 @@ from .options import (
     Json as Json,
     checked_zoom as checked_zoom,
     chosen_models as chosen_models,
+    pixels as pixels,
     place_target as place_target,
     read_bench as read_bench,
     refuse_overwriting as refuse_overwriting,
@@ -75,6 +77,7 @@ __all__ = [
     "CurvesPath",
     "EncodingName",
     "Json",
+    "ListedNumbers",
     "LiveLine",
     "Mean",
     "MinDprime",
@@ -99,7 +102,9 @@ __all__ = [
     "needs",
     "note",
     "note_at_end",
+    "number_list",
     "photograph_inputs",
+    "pixels",
     "place_target",
     "preview_lines",
     "print_json",

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
+from acquisition.spelling import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS
 from standoff.terminal.invocation import invocation
@@ -111,7 +112,8 @@ def run_application(app: typer.Typer, arguments: list[str]) -> int:
         with invocation(arguments):
             status = app(arguments, standalone_mode=False, prog_name="standoff")
     except TyperException as error:
-        say_error(" ".join(error.format_message().split()))
+        said = f"{error.format_message()}{_decimal_comma(error)}"
+        say_error(" ".join(said.split()))
         return EXIT_USAGE
     except REPORTED_ERRORS as error:
         say_error(error)
@@ -121,3 +123,14 @@ def run_application(app: typer.Typer, arguments: list[str]) -> int:
     if status == EXIT_INTERRUPTED:
         say_error("interrupted; run the same command again")
     return status or 0
+
+
+def _decimal_comma(error: TyperException) -> str:
+    """What to write for a number with a decimal comma, if that is what was refused."""
+    from pydantic import ValidationError
+
+    if not isinstance(error.__cause__, ValidationError):
+        return ""
+    given = error.__cause__.errors()[0]["input"]
+    remedy = decimal_comma_remedy(given) if isinstance(given, str) else None
+    return f"; {remedy}" if remedy else ""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from acquisition.quantities import ImplausibleQuantityError, understood
+from acquisition.spelling import decimal_comma_remedy
+from acquisition.units import UnknownUnitError
 from analysis.choices import VALIDATION_MODELS, ValidationModel
 
 if TYPE_CHECKING:
@@ -62,8 +65,27 @@ def place_target(
 def checked_zoom(zoom: float | None) -> float | None:
     """Accept a zoom-out that is finite and at least 1, or None."""
     if zoom is not None and not (math.isfinite(zoom) and zoom >= 1):
-        raise typer.BadParameter(f"a zoom-out must be a number of at least 1, got {zoom:g}")
+        ratio = f"; the ratio of distances is {1 / zoom:g}" if 0.01 <= zoom < 1 else ""
+        raise typer.BadParameter(f"a zoom-out must be a number of at least 1, got {zoom:g}{ratio}")
     return zoom
+
+
+def pixels(name: str) -> Callable[[str], float]:
+    """Return a parser of a number in px, with or without its unit; refuse an implausible one.
+
+    ``name`` is the option's in the table of plausible ranges.
+    """
+
+    def parsed(text: str | float) -> float:
+        try:
+            return float(str(understood(name, str(text))))
+        except (ImplausibleQuantityError, UnknownUnitError) as error:
+            raise typer.BadParameter(f"{name} {error}") from error
+        except ValueError as error:
+            remedy = decimal_comma_remedy(str(text), name) or "expected a number"
+            raise typer.BadParameter(f"{text}: {remedy}") from error
+
+    return parsed
 
 
 def chosen_models(text: str) -> tuple[ValidationModel, ...]:

@@ -249,14 +249,14 @@ def _write_image(
 def _write_pair(
     folder: Path, stem: str, pair: SrPair, photograph: Photograph, is_float: bool
 ) -> tuple[str, str]:
-    """Write both images: PNGs in the photograph's own encoding, or linear float32 TIFFs."""
+    """Write both images in the photograph's own encoding: PNGs, or float32 TIFFs."""
     stored = photograph.stored.dtype
     names = []
     for side, image in (("high", pair.high), ("low", pair.low)):
+        encoded = photograph.encoding.encode(image, photograph.white_dn)
         if is_float or stored.kind != "u":
-            name, data = f"{side}/{stem}.tif", tiff_bytes(image.astype(np.float32), "")
+            name, data = f"{side}/{stem}.tif", tiff_bytes(encoded.astype(np.float32), "")
         else:
-            encoded = photograph.encoding.encode(image, photograph.white_dn)
             name = f"{side}/{stem}.png"
             data = marked_png(_png(encoded, stored), photograph.encoding)
         atomic_write(folder / name, data)

@@ -68,6 +68,41 @@ def test_wrong_usage_is_one_line_and_status_2(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "remedy"),
+    [
+        (["simulate", "x.tif", "--out", "o.tif", "--zoom", "1,5"], "write 1.5"),
+        (["simulate", "x.tif", "--out", "o.tif", "--zoom", "0.5"], "the ratio of distances is 2"),
+        (["stage", "move", "0,3", "--bench", "b.toml"], "write 0.3"),
+        (["demo", "--set", "camera.exposure_us=9"], 'write 9000, or "9 us" if it is right'),
+        (["demo", "--set", "camera.exposure=9"], "did you mean camera.exposure_us?"),
+        (["demmo"], "Did you mean 'demo'?"),
+        (["simulate", "x.tif", "--out", "o.tif", "--zom", "2"], "--zoom"),
+    ],
+)
+def test_a_slip_on_the_command_line_is_answered_with_what_to_write(
+    command: Command, arguments: list[str], remedy: str
+) -> None:
+    done = command(*arguments)
+    assert done.status == 2
+    assert_one_line(done.err)
+    assert remedy in done.err
+
+
+def test_a_slip_in_a_bench_file_is_a_data_error_and_a_stated_unit_is_none(
+    command: Command, tmp_path: Path
+) -> None:
+    text = shipped_config("simulated.toml").read_text("utf-8")
+    bench = tmp_path / "bench.toml"
+    bench.write_text(text.replace("exposure_us = 9000.0", "exposure_us = 9"), encoding="utf-8")
+    done = command("stage", "status", "--bench", bench)
+    assert done.status == 1
+    assert_one_line(done.err)
+    assert f"{bench}: camera.exposure_us = 9" in done.err
+    bench.write_text(text.replace("exposure_us = 9000.0", 'exposure_us = "9 ms"'), encoding="utf-8")
+    assert command("stage", "status", "--bench", bench).status == 0
+
+
 def _write_bad_inputs(folder: Path) -> None:
     (folder / "text.tif").write_text("not an image")
     (folder / "text.png").write_text("not an image")

@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from acquisition.bench import validation_lines
 from acquisition.choices import FocusMeasure
+from acquisition.written_files import validation_lines
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096

@@ -66,7 +66,7 @@ def test_colour_is_read_as_luma_with_a_note_and_a_channel_by_name(
         tmp_path / "p.json",
         "--json",
     )
-    assert "luma" not in only_red.err
+    assert "Rec. 601 luma" not in only_red.err
     assert json.loads(only_red.out)["sigma_x_px"] == pytest.approx(1.2, rel=0.01)
     assert 0.8 < json.loads(luma.out)["sigma_x_px"] < 1.2
 

@@ -92,6 +92,7 @@ def test_noise_of_a_camera_and_a_patch_as_signal(
         (("--zooms", "0.5"), "numbers of at least 1, got 0.5"),
         (("--noise", "0"), "numbers above 0, got 0"),
         (("--noise", "x"), "expected numbers, got x"),
+        (("--zooms", "1,25"), "write 1.25"),
         (("--observer", "ideal"), "'ideal' is not one of npw, hotelling, cho"),
         (("--model", "best"), "'best' is not one of"),
         (("--window", "16"), "odd"),
@@ -191,6 +192,9 @@ def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
         ("800", "640xabc", "--image-size must be WxH in px, such as 780x580, got 640xabc"),
         ("800", "640", "--image-size must be WxH in px"),
         ("-1", "640x480", "--focal-length-px -1"),
+        ("8", "640x480", "divided by the pixel pitch"),
+        ("800,5", "640x480", "write 800.5"),
+        ("8 mm", "640x480", "'mm' is not one of its units"),
         ("800", "8x8", "a frame of at least 16 x 16 px"),
     ],
 )
@@ -201,6 +205,16 @@ def test_a_camera_that_cannot_be_is_wrong_usage(
     done = command("limits", "--curves", curves_file, "--min-dprime", 3, *camera, "--noise", 1)
     assert done.status == 2
     assert message in done.err
+
+
+def test_a_frame_size_may_have_a_comma_and_a_focal_length_its_unit(
+    command: Command, curves_file: Path
+) -> None:
+    asked = ("limits", "--curves", curves_file, "--min-dprime", 3, "--observer", "npw", "--json")
+    camera = command(*asked, "--focal-length-px", 800, "--image-size", "640x480")
+    same = command(*asked, "--focal-length-px", "800 px", "--image-size", "640, 480")
+    assert camera.status == 0, camera.err
+    assert same.out == camera.out
 
 
 def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:

@@ -159,6 +159,7 @@ def test_a_noise_file_at_fault_is_named(
         ("--sharpen", "much"),
         ("--sharpen", "nan"),
         ("--sharpen", "0.8,0"),
+        ("--sharpen", "0,8"),
         ("--exposure", "inf"),
         ("--vignetting", "3"),
         ("--seed", "-1"),

@@ -1,0 +1,292 @@
+"""Numbers as people write them: plausible ranges, and the slip that explains one outside.
+
+A number is in the unit that its key ends in: ``exposure_us = 9`` is 9 microseconds, and is asked
+about. Text that states the unit, ``"9 us"`` or ``"9 ms"``, is taken as meant, whatever its size.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from acquisition.units import converted, in_unit, stated_number, unit_of
+
+
+class ImplausibleQuantityError(ValueError):
+    """A number is outside the range of its key, and its unit is not stated.
+
+    ``given`` is what was written and ``meant`` what was probably meant, both in the unit of the
+    key; ``meant`` is None if no slip explains the number. The message follows the name of the key
+    in a sentence.
+    """
+
+    def __init__(self, message: str, *, given: object, meant: object) -> None:
+        super().__init__(message)
+        self.given = given
+        self.meant = meant
+
+
+@dataclass(frozen=True, slots=True)
+class PlausibleRange:
+    """From ``low`` to ``high`` in the unit of the key; ``typical`` tells possible slips apart.
+
+    ``of`` says what must be in the range: each number of a value, the largest magnitude, or the
+    difference between the largest and the smallest. Where ``low`` is not negative, a negative
+    number is left to the key's own bounds.
+    """
+
+    low: float
+    high: float
+    typical: float
+    of: Literal["each", "largest", "span"] = "each"
+    remark: str = ""
+
+    def holds(self, value: float) -> bool:
+        """Whether a value gives no reason to ask."""
+        return self.low <= value <= self.high or value < 0 <= self.low
+
+
+PLAUSIBLE: Mapping[str, PlausibleRange] = {
+    # The Manta G-046 has 21 us to 60 s. Some sensors expose for 1 us, which is rarely meant.
+    "exposure_us": PlausibleRange(20, 6e7, 1e4),
+    "gain_db": PlausibleRange(0, 60, 10, remark="raw gains and percentages are not in dB"),
+    "frame_rate_hz": PlausibleRange(0.1, 2000, 60),
+    "bandwidth_limit_bytes_per_s": PlausibleRange(1e5, 2e10, 1.15e8),
+    "reconnect_timeout_s": PlausibleRange(0, 1800, 30),
+    "limits_mm": PlausibleRange(2, 1e4, 400, of="span"),
+    "feed_mm_per_min": PlausibleRange(10, 6e4, 600),
+    "settle_s": PlausibleRange(0, 60, 0.5),
+    "tolerance_mm": PlausibleRange(5e-4, 5, 0.05),
+    "backlash_mm": PlausibleRange(0, 20, 0.5),
+    "home_offset_mm": PlausibleRange(-1e4, 1e4, 300),
+    "microstep_um": PlausibleRange(5e-3, 50, 0.5),
+    # Fisheyes have 1.2 mm, telescopes 3 m; the Kowa LMVZ4411 has 4.4 to 11 mm.
+    "focal_length_mm": PlausibleRange(1, 3000, 12),
+    # Telephones have 0.5 um, cooled infrared sensors 50 um.
+    "pixel_pitch_um": PlausibleRange(0.4, 100, 5),
+    "focus_distance_mm": PlausibleRange(5, 1e5, 300),
+    "heights_mm": PlausibleRange(1, 1e4, 300, of="largest"),
+    "focal_length_px": PlausibleRange(
+        20, 1e7, 1000, remark="it is the focal length in mm, divided by the pixel pitch in mm"
+    ),
+}
+"""Ranges outside which a number is asked about, by the name of the key or option."""
+
+MISTAKEN_FOR: Mapping[str, Mapping[str, str]] = {
+    "us": {"ms": "milliseconds", "s": "seconds", "ns": "nanoseconds"},
+    "s": {"ms": "milliseconds", "us": "microseconds"},
+    "mm": {"m": "metres", "um": "micrometres", "cm": "centimetres", "nm": "nanometres"},
+    "um": {"mm": "millimetres", "m": "metres", "nm": "nanometres"},
+    "Hz": {"kHz": "kilohertz"},
+    "bytes/s": {
+        "MB/s": "megabytes per second",
+        "Mbit/s": "megabits per second",
+        "kB/s": "kilobytes per second",
+        "Gbit/s": "gigabits per second",
+    },
+    "mm/min": {"mm/s": "millimetres per second", "m/min": "metres per minute"},
+}
+"""The units that people think in instead, for each unit of a key."""
+
+_NAMES = {
+    "us": "microseconds",
+    "s": "seconds",
+    "mm": "millimetres",
+    "um": "micrometres",
+    "Hz": "hertz",
+    "dB": "decibels",
+    "px": "pixels",
+    "bytes/s": "bytes per second",
+    "mm/min": "millimetres per minute",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slip:
+    """What a number was probably given in, as the start of a sentence, and what that makes it."""
+
+    what: str
+    meant: float
+
+
+def understood(name: str, value: object) -> object:
+    """Return the value of a key, with the units that it states converted to that of the key.
+
+    What is not a number stays as it is, and so does the value of a key without a unit.
+
+    Parameters
+    ----------
+    name
+        Name of the key, without its section.
+    value
+        A number or text, or a list or table of them.
+
+    Raises
+    ------
+    ImplausibleQuantityError
+        If a number is outside the plausible range of the key and states no unit.
+    UnknownUnitError
+        If a stated unit cannot be converted to that of the key.
+    """
+    unit = unit_of(name)
+    if unit is None:
+        return value
+    read = _mapped(value, lambda one: _read(one, unit))
+    plausible = PLAUSIBLE.get(name)
+    if plausible is None:
+        return read
+    states_no_unit = [not _states_unit(one) for one in _leaves(value)]
+    if plausible.of == "each":
+        is_listed = isinstance(value, list | tuple | Mapping)
+        for one, is_asked in zip(_leaves(read), states_no_unit, strict=True):
+            number = _finite(one)
+            if is_asked and number is not None and not plausible.holds(number):
+                raise _question_on_one(number, unit, plausible, is_listed=is_listed)
+    elif all(states_no_unit):
+        _check_together(read, unit, plausible)
+    return read
+
+
+def likely_slip(value: float, unit: str, plausible: PlausibleRange) -> Slip | None:
+    """The slip that explains a number outside a range; None if none brings it inside.
+
+    Of several, it is the one that brings the number nearest to the typical value, as a ratio.
+    """
+    inside = [slip for slip in _slips(value, unit) if plausible.low <= slip.meant <= plausible.high]
+    if value == 0 or not inside:
+        return None
+    return min(inside, key=lambda slip: abs(math.log(abs(slip.meant) / plausible.typical)))
+
+
+def slip_between(value: float, unit: str, low: float, high: float) -> str:
+    """End of a sentence on the slip that brings a value between two limits; empty if none does.
+
+    Only a factor of 1000 or more is a slip here: a smaller one may be another mistake.
+    """
+    if not (math.isfinite(value) and low < high):
+        return ""
+    slip = likely_slip(value, unit, PlausibleRange(low, high, max(abs(low), abs(high)) / 2))
+    if slip is None or 1 / 1000 < slip.meant / value < 1000:
+        return ""
+    return f"; {slip.what} probably meant: {number_text(slip.meant)} {unit}"
+
+
+def number_text(value: float) -> str:
+    """A number to six digits, as it is written in a file."""
+    rounded = float(f"{value:.6g}")
+    return str(int(rounded)) if rounded.is_integer() and abs(rounded) < 1e15 else f"{rounded:g}"
+
+
+def _question_on_one(
+    number: float, unit: str, plausible: PlausibleRange, *, is_listed: bool
+) -> ImplausibleQuantityError:
+    shown = number_text(number)
+    said = f"has {shown}, which is" if is_listed else f"= {shown} is"
+    slip = likely_slip(number, unit, plausible)
+    return ImplausibleQuantityError(
+        _question(
+            f"{said} {shown} {_NAMES[unit]}",
+            plausible,
+            slip,
+            meant=None if slip is None else number_text(slip.meant),
+            confirmed=f'"{shown} {unit}"',
+        ),
+        given=number,
+        meant=None if slip is None else slip.meant,
+    )
+
+
+def _check_together(value: object, unit: str, plausible: PlausibleRange) -> None:
+    """Refuse a list or table if its largest magnitude or its span is out of range."""
+    numbers = [number for one in _leaves(value) if (number := _finite(one)) is not None]
+    if not numbers:
+        return
+    is_span = plausible.of == "span"
+    measure = max(numbers) - min(numbers) if is_span else max(map(abs, numbers))
+    if measure == 0 or plausible.holds(measure):
+        return
+    slip = likely_slip(measure, unit, plausible)
+    meant = None
+    if slip is not None:
+        ratio = slip.meant / measure
+        meant = _mapped(value, lambda one: _scaled(one, ratio))
+    stated = _mapped(value, lambda one: one if (n := _finite(one)) is None else f"{n:g} {unit}")
+    raise ImplausibleQuantityError(
+        _question(
+            f"= {_toml(value)} is in {_NAMES[unit]}",
+            plausible,
+            slip,
+            meant=None if meant is None else _toml(meant),
+            confirmed=_toml(stated),
+        ),
+        given=value,
+        meant=meant,
+    )
+
+
+def _question(
+    said: str, plausible: PlausibleRange, slip: Slip | None, *, meant: str | None, confirmed: str
+) -> str:
+    if slip is not None:
+        return f"{said}; {slip.what} probably meant: write {meant}, or {confirmed} if it is right"
+    low, high = number_text(plausible.low), number_text(plausible.high)
+    what = {"each": "not", "largest": "the largest is not", "span": "the span is not"}[plausible.of]
+    remark = f"; {plausible.remark}" if plausible.remark else ""
+    return f"{said}, {what} between {low} and {high}{remark}; write {confirmed} if it is right"
+
+
+def _slips(value: float, unit: str) -> Iterator[Slip]:
+    for other, name in MISTAKEN_FOR.get(unit, {}).items():
+        yield Slip(what=f"{name} were", meant=converted(value, other, unit))
+    if unit == "Hz" and value > 0:
+        for other, name in (("s", "seconds"), *MISTAKEN_FOR["s"].items()):
+            period_s = converted(value, other, "s")
+            if period_s > 0:
+                yield Slip(what=f"the period in {name} was", meant=1 / period_s)
+
+
+def _read(value: object, unit: str) -> object:
+    number = in_unit(value, unit) if isinstance(value, str) else None
+    return value if number is None else number
+
+
+def _states_unit(value: object) -> bool:
+    stated = stated_number(value) if isinstance(value, str) else None
+    return stated is not None and stated.unit is not None
+
+
+def _mapped(value: object, change: Callable[[object], object]) -> object:
+    if isinstance(value, Mapping):
+        return {key: _mapped(one, change) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_mapped(one, change) for one in value]
+    return change(value)
+
+
+def _leaves(value: object) -> Iterator[object]:
+    if isinstance(value, Mapping | list | tuple):
+        for one in value.values() if isinstance(value, Mapping) else value:
+            yield from _leaves(one)
+    else:
+        yield value
+
+
+def _finite(value: object) -> float | None:
+    """A value as a finite number; None if it is none, or an integer too large for one."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if -1e300 < value < 1e300 else None
+
+
+def _scaled(value: object, ratio: float) -> object:
+    number = _finite(value)
+    return value if number is None else float(f"{number * ratio:.12g}")
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_toml(one)}' for key, one in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    number = _finite(value)
+    return f'"{value}"' if number is None else number_text(number)

@@ -1,0 +1,132 @@
+"""Files that a person writes: TOML read and validated key by key, with faults in one line."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
+from pydantic_core import ErrorDetails
+
+from acquisition.quantities import ImplausibleQuantityError, understood
+from acquisition.spelling import decimal_comma_remedy, nearest_key, toml_slip
+from acquisition.units import UnknownUnitError
+from acquisition.untrusted import parse_toml
+
+_BY_A_PERSON = {"is_by_a_person": True}
+
+
+class WrittenTable(BaseModel):
+    """A table of a file that a person writes.
+
+    Read by `validate_written`, its numbers may state their units (``"9 ms"``), and one that is
+    implausible without is refused. Otherwise, as in a session's records, numbers are taken as
+    they are.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _is_understood(cls, value: object, info: ValidationInfo) -> object:
+        if info.context != _BY_A_PERSON or info.field_name is None:
+            return value
+        return understood(info.field_name, value)
+
+
+Written = TypeVar("Written", bound=WrittenTable)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If it is not TOML; the message names the line of a likely slip.
+    """
+    data = path.read_bytes()
+    try:
+        return parse_toml(data)
+    except ValueError as error:
+        slip = toml_slip(data.decode("utf-8", "replace"))
+        raise ValueError(f"not valid TOML: {slip or error}") from error
+
+
+def validate_written(model: type[Written], table: dict[str, Any]) -> Written:
+    """Validate a table that a person wrote, whose numbers may state their units.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a key is unknown, missing or not accepted, or a number is implausible.
+    """
+    return model.model_validate(table, context=_BY_A_PERSON)
+
+
+def validation_lines(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """One line that names each key at fault and what is wrong with it.
+
+    An unknown key is compared with those of ``model``, if given.
+    """
+    known = [] if model is None else list(dotted_keys(model))
+    return "; ".join(_line(fault, known) for fault in error.errors())
+
+
+def validation_keys(error: ValidationError) -> tuple[str, ...]:
+    """The dotted key of each fault; empty where the whole is at fault."""
+    return tuple(_dotted(fault["loc"]) for fault in error.errors())
+
+
+def dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Every key of a model and of the tables in it, such as ``camera`` and ``camera.gain_db``."""
+    for name, field in model.model_fields.items():
+        key = prefix + (field.alias or name)
+        yield key
+        for kind in (field.annotation, *_arguments(field.annotation)):
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                yield from dotted_keys(kind, f"{key}.")
+
+
+def _arguments(kind: object) -> Iterator[object]:
+    for argument in get_args(kind):
+        yield argument
+        yield from _arguments(argument)
+
+
+def _line(fault: ErrorDetails, known: list[str]) -> str:
+    key = _dotted(fault["loc"])
+    cause = fault.get("ctx", {}).get("error")
+    if isinstance(cause, ImplausibleQuantityError | UnknownUnitError):
+        return f"{key} {cause}"
+    if fault["type"] == "extra_forbidden":
+        nearest = _nearest(fault["loc"], known)
+        return f"unknown key {key}" + (f"; did you mean {nearest}?" if nearest else "")
+    if fault["type"] == "float_parsing" and isinstance(fault["input"], str):
+        name = next((part for part in reversed(fault["loc"]) if isinstance(part, str)), "")
+        remedy = decimal_comma_remedy(fault["input"], name)
+        if remedy is not None:
+            return f'{key} = "{fault["input"]}": {remedy}'
+    what = fault["msg"]
+    if fault["type"] == "too_long" and _has_twice_as_many(fault.get("ctx", {})):
+        what += "; write decimals with a point, as commas separate the numbers"
+    return f"{key}: {what}" if key else what
+
+
+def _has_twice_as_many(sizes: dict[str, Any]) -> bool:
+    return bool(sizes.get("actual_length") == 2 * sizes["max_length"])
+
+
+def _nearest(loc: tuple[int | str, ...], known: list[str]) -> str | None:
+    """The known key that an unknown one resembles, in the same entry of a list if it is there."""
+    nearest = nearest_key(_dotted(part for part in loc if isinstance(part, str)), known)
+    if nearest is None:
+        return None
+    names = [part for part in loc[:-1] if isinstance(part, str)]
+    section, _, name = nearest.rpartition(".")
+    return _dotted((*loc[:-1], name)) if section == ".".join(names) else nearest
+
+
+def _dotted(loc: Iterable[int | str]) -> str:
+    return ".".join(map(str, loc))
