@@ -5,7 +5,7 @@ from .library.detection import (
     pose_limits as pose_limits,
 )
 from .library.followups import simulate_pose as simulate_pose, zoom_out as zoom_out
-from .library.photographs import Photograph as Photograph, read_image as read_image
+from .library.photographs import read_image as read_image
 from .library.psfs import (
     GaussianPsf as GaussianPsf,
     Session as Session,
@@ -18,7 +18,6 @@ from .library.psfs import (
 __all__ = [
     "DetectionTask",
     "GaussianPsf",
-    "Photograph",
     "Session",
     "calibrate_psf",
     "d_prime_curves",

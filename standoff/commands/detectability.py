@@ -94,15 +94,14 @@ def detectability(
     """Measure how well a change can be detected, at best, from different distances."""
     refuse_suffix(out, "--out", {".json"})
     refuse_overwriting([out], [*images, psf, signal])
-    zoom_list = sorted(number_list(zooms, _ZOOMS))
-    contrasts = number_list(contrast, _CONTRASTS)
+    zoom_list, contrasts = number_list(zooms, _ZOOMS), number_list(contrast, _CONTRASTS)
     observers = tuple(_chosen(observer, "--observer", OBSERVERS))
     models = tuple(_chosen(model, "--model", MODELS))
     noises = None if noise.endswith(".json") else number_list(noise, _NOISES)
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
-    files = (psf, Path(noise) if noises is None else None)
-    inputs = photograph_inputs(encoding, page, mean, files=files)
+    table = Path(noise) if noises is None else None
+    inputs = photograph_inputs(encoding, page, mean, files=(psf, table))
     change = _change(signal, signal_sigma, inputs)
     if 2 * change.reach_px / reference_zoom > window:
         raise typer.BadParameter(
@@ -128,13 +127,13 @@ def detectability(
             signal=change,
             contrasts_dn=tuple(contrasts),
             noises_dn=tuple(noises or ()),
-            zooms=tuple(zoom_list),
+            zooms=tuple(sorted(zoom_list)),
             models=models,
             observers=observers,
             reference_zoom=reference_zoom,
             window_px=window,
         ),
-        noise=read_noise(Path(noise)).capture_noise if noises is None else None,
+        noise=None if table is None else read_noise(table).capture_noise,
         workers=SweepWorkers(count=workers, scheduler=scheduler),
         inputs=inputs,
     )

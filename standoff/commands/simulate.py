@@ -145,8 +145,7 @@ def simulate(
         write_mask,
     )
 
-    files = (psf, noise, homography, correct)
-    inputs = photograph_inputs(encoding, page, mean, files=files)
+    inputs = photograph_inputs(encoding, page, mean, files=(psf, noise, homography, correct))
     simulated = simulate_photograph(
         FollowUpRequest(
             image=image,

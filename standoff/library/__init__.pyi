@@ -5,7 +5,7 @@ from .detection import (
     pose_limits as pose_limits,
 )
 from .followups import simulate_pose as simulate_pose, zoom_out as zoom_out
-from .photographs import Photograph as Photograph, read_image as read_image
+from .photographs import read_image as read_image
 from .psfs import (
     calibrate_psf as calibrate_psf,
     measure_edges as measure_edges,
@@ -15,7 +15,6 @@ from .psfs import (
 
 __all__ = [
     "DetectionTask",
-    "Photograph",
     "calibrate_psf",
     "d_prime_curves",
     "find_changes",

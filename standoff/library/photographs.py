@@ -1,7 +1,7 @@
 """Image files as photographs with linear levels."""
 
 from standoff.library.inputs import FilePath, path_of
-from standoff.photographs import Encoding, Photograph as Photograph, ReadOptions, read_image as read
+from standoff.photographs import Encoding, Photograph, ReadOptions, read_image as read
 
 
 def read_image(

@@ -55,13 +55,14 @@ def test_colour_is_read_as_luma_with_a_note_and_a_channel_by_name(
         tmp_path / "colour.png"
     )
     psf = tmp_path / "p.json"
-    luma = command("calibrate", tmp_path / "colour.png", "--out", psf, "--json")
+    luma = command("calibrate", tmp_path / "colour.png", "--linear", "--out", psf, "--json")
     assert "Rec. 601 luma" in luma.err
     only_red = command(
         "calibrate",
         tmp_path / "colour.png",
         "--channel",
         "red",
+        "--linear",
         "--out",
         tmp_path / "p.json",
         "--json",

@@ -100,7 +100,8 @@ def test_the_centre_is_the_middle_half_of_the_frame(
 ) -> None:
     words = ("calibrate", edge_file, "--out", tmp_path / "psf.json", "--json")
     centre = json.loads(command(*words, "--region", "centre").out)
-    assert json.loads(command(*words, "--region", "center").out) == centre
+    again = json.loads(command(*words, "--region", "center").out)
+    assert again | {"provenance": None} == centre | {"provenance": None}
     # A quarter of 110 x 90 px, rounded down, is left out on either side.
     by_hand = json.loads(command(*words, "--region", "27,22,56,46").out)
     whole = json.loads(command(*words).out)

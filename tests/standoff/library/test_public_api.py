@@ -22,7 +22,6 @@ PSF = standoff.GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
 NAMES = {
     "DetectionTask",
     "GaussianPsf",
-    "Photograph",
     "Session",
     "calibrate_psf",
     "d_prime_curves",
