@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
+from PIL import Image
 
 from calibration.choices import Pattern
 from simulation.arrays import FloatArray
@@ -73,6 +74,7 @@ _DAMAGE = (
     ValueError,
     struct.error,
     zlib.error,
+    Image.DecompressionBombError,
 )
 
 
