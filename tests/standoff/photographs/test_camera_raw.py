@@ -1,7 +1,6 @@
 """DNGs written byte by byte: their levels are known exactly."""
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -91,9 +90,8 @@ def test_white_below_black_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def without_rawpy(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def without_rawpy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rawpy", None)
-    return
 
 
 @pytest.mark.usefixtures("without_rawpy")

@@ -127,10 +127,10 @@ def test_a_name_with_a_zero_byte_is_no_name() -> None:
 def zeros(compression: str, side: int = 30_000, *, pages: int = 1) -> bytes:
     """A TIFF whose strips are all the same few bytes."""
     rows = 1000
-    pack, number = {"zstd": (imagecodecs.zstd_encode, 50000), "deflate": (zlib.compress, 8)}[
-        compression
-    ]
-    strip = pack(bytes(rows * side))
+    content = bytes(rows * side)
+    is_zstd = compression == "zstd"
+    number = 50000 if is_zstd else 8
+    strip = bytes(imagecodecs.zstd_encode(content)) if is_zstd else zlib.compress(content)
     count = side // rows
     packed = (
         struct.pack(f"<{count}I", *[8] * count),
