@@ -22,7 +22,6 @@ RAW_SUFFIXES = frozenset(
 )
 _SIGNATURES = (b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"FUJIFILMCCD-RAW", b"\0MRM", b"FOVb")
 _DNG_VERSION = 50706
-_BAYER_COLOURS = b"RGBG"
 _EXTRA = 'install the reader: pip install "standoff[raw]"'
 
 
@@ -40,7 +39,7 @@ def is_camera_raw(data: bytes, path: PurePath, tiff_tags: frozenset[int]) -> boo
     """
     return (
         data.startswith(_SIGNATURES)
-        or data[8:10] == b"CR"
+        or data[8:12] == b"CR\x02\0"
         or data[4:12] == b"ftypcrx "
         or _DNG_VERSION in tiff_tags
         or path.suffix.lower() in RAW_SUFFIXES

@@ -13,10 +13,12 @@ import numpy as np
 
 from simulation.arrays import AnyArray, FloatArray
 
-_GAMMA = re.compile(r"gamma:(\d+(?:\.\d+)?)")
+_GAMMA = re.compile(r"gamma:([0-9]+(?:\.[0-9]+)?)")
 _LEAST_GAMMA, _LARGEST_GAMMA = 0.2, 10.0
 _Curve: TypeAlias = Callable[[FloatArray], FloatArray]
 _TABLE_BITS = 16  # integers up to this width are decoded by a table
+_STEP = 1e-3  # below white, for the slope there
+_LEAST_SLOPE = 1e-3  # a curve that is flat at white is left by its inverse too
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,11 +69,12 @@ class Encoding:
         ValueError
             If the curves are neither one nor one for each channel.
         """
-        return self._mapped(levels, white_dn, self._decoders())
+        return self._mapped(levels, white_dn, [_decoded(curve) for curve in self._decoders()])
 
     def encode(self, levels: AnyArray, white_dn: float) -> FloatArray:
         """Return the levels that a file of this encoding stores; the inverse of ``decode``."""
-        return self._mapped(levels, white_dn, self._encoders())
+        curves = zip(self._decoders(), self._encoders(), strict=True)
+        return self._mapped(levels, white_dn, [_encoded(*pair) for pair in curves])
 
     def _decoders(self) -> list[_Curve]:
         if self.name == "srgb":
@@ -126,14 +129,25 @@ def _converted(levels: AnyArray, white_dn: float, curve: _Curve) -> FloatArray:
     bits = 8 * levels.dtype.itemsize
     if levels.dtype.kind == "u" and bits <= _TABLE_BITS and levels.size > 2**bits:
         every = np.arange(2**bits, dtype=np.float64)
-        return np.asarray((_extended(every / white_dn, curve) * white_dn)[levels])
-    return _extended(np.asarray(levels, dtype=np.float64) / white_dn, curve) * white_dn
+        return np.asarray((curve(every / white_dn) * white_dn)[levels])
+    return curve(np.asarray(levels, dtype=np.float64) / white_dn) * white_dn
 
 
-def _extended(values: FloatArray, curve: _Curve) -> FloatArray:
+def _decoded(curve: _Curve) -> _Curve:
+    return lambda values: _extended(values, curve, _slope_at_white(curve))
+
+
+def _encoded(decoder: _Curve, encoder: _Curve) -> _Curve:
+    return lambda values: _extended(values, encoder, 1.0 / _slope_at_white(decoder))
+
+
+def _slope_at_white(decoder: _Curve) -> float:
+    slope = float(1.0 - decoder(np.array([1.0 - _STEP]))[0]) / _STEP
+    return max(slope, _LEAST_SLOPE)
+
+
+def _extended(values: FloatArray, curve: _Curve, slope: float) -> FloatArray:
     """The curve from 0 to 1, mirrored below 0 and straight above 1."""
     size = np.abs(values)
     inside = curve(np.minimum(size, 1.0))
-    step = 1e-3
-    slope = float(1.0 - curve(np.array([1.0 - step]))[0]) / step
-    return np.asarray(np.sign(values) * (inside + slope * np.maximum(size - 1.0, 0.0)))
+    return np.copysign(inside + slope * np.maximum(size - 1.0, 0.0), values)

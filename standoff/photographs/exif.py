@@ -6,6 +6,7 @@ Exif 3.0 (CIPA DC-008-2023), sections 4.6.4 to 4.6.6. A tag that is damaged or a
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from numbers import Real
 from typing import Any, Self
 
 _MM_PER_RESOLUTION_UNIT: dict[float, float] = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
@@ -22,9 +23,11 @@ _TURNS = {
 ORIENTATION, MAKE, MODEL, DATE = 0x0112, 0x010F, 0x0110, 0x0132
 EXPOSURE_TIME, F_NUMBER, ISO = 0x829A, 0x829D, 0x8827
 DATE_TAKEN, FOCAL_LENGTH, COLOUR_SPACE = 0x9003, 0x920A, 0xA001
-PIXELS_X, PIXELS_Y = 0xA002, 0xA003
-FOCAL_PLANE_X, FOCAL_PLANE_Y, FOCAL_PLANE_UNIT = 0xA20E, 0xA20F, 0xA210
-FOCAL_LENGTH_35MM, LENS_MAKE, LENS_MODEL = 0xA405, 0xA433, 0xA434
+PIXELS_X, FOCAL_PLANE_X, FOCAL_PLANE_UNIT = 0xA002, 0xA20E, 0xA210
+LENS_MAKE, LENS_MODEL = 0xA433, 0xA434
+FACT_TAGS = frozenset({ORIENTATION, MAKE, MODEL, DATE, EXPOSURE_TIME, F_NUMBER, ISO, DATE_TAKEN,
+                       FOCAL_LENGTH, COLOUR_SPACE, PIXELS_X, FOCAL_PLANE_X, FOCAL_PLANE_UNIT,
+                       LENS_MAKE, LENS_MODEL})  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,14 +63,14 @@ class PhotographFacts:
         make, model = _text(tags.get(MAKE)), _text(tags.get(MODEL))
         if make and model and not model.lower().startswith(make.split()[0].lower()):
             model = f"{make} {model}"
-        orientation = _number(tags.get(ORIENTATION))
+        orientation = _number(_first(tags.get(ORIENTATION)))
         return cls(
             camera=model or make,
             lens=_text(tags.get(LENS_MODEL)) or _text(tags.get(LENS_MAKE)),
             focal_length_mm=_positive(tags.get(FOCAL_LENGTH)),
             f_number=_positive(tags.get(F_NUMBER)),
             exposure_s=_positive(tags.get(EXPOSURE_TIME)),
-            iso=_positive(tags.get(ISO)),
+            iso=_positive(_first(tags.get(ISO))),
             pixel_pitch_um=_pitch_um(tags, width_px),
             taken=_text(tags.get(DATE_TAKEN)) or _text(tags.get(DATE)),
             orientation=int(orientation or 0) if orientation in range(1, 9) else None,
@@ -117,13 +120,13 @@ def exposure_text(exposure_s: float) -> str:
 
 def is_srgb(tags: Mapping[int, object]) -> bool | None:
     """Whether Exif's ColorSpace says sRGB; None where it says nothing that decides it."""
-    return True if _number(tags.get(COLOUR_SPACE)) == 1 else None
+    return True if _number(_first(tags.get(COLOUR_SPACE))) == 1 else None
 
 
 def _pitch_um(tags: Mapping[int, object], width_px: int) -> float | None:
     resolution = _positive(tags.get(FOCAL_PLANE_X))
-    unit_mm = _MM_PER_RESOLUTION_UNIT.get(_number(tags.get(FOCAL_PLANE_UNIT)) or 2)
-    taken_px = _number(tags.get(PIXELS_X))
+    unit_mm = _MM_PER_RESOLUTION_UNIT.get(_number(_first(tags.get(FOCAL_PLANE_UNIT))) or 2)
+    taken_px = _number(_first(tags.get(PIXELS_X)))
     if resolution is None or unit_mm is None or (taken_px is not None and taken_px != width_px):
         return None
     pitch_um = 1000.0 * unit_mm / resolution
@@ -136,17 +139,24 @@ def _positive(value: object) -> float | None:
 
 
 def _number(value: object) -> float | None:
-    """A finite number of a tag: plain, a ratio, or the first of several."""
-    if isinstance(value, tuple | list):
-        if len(value) == 2 and all(isinstance(part, int) for part in value):
-            value = value[0] / value[1] if value[1] else None
-        else:
-            value = value[0] if value else None
+    """A finite number of a tag: plain, or the first ratio of two integers."""
     try:
-        number = float(value)  # type: ignore[arg-type]  # whatever the file holds
+        if isinstance(value, tuple | list) and len(value) >= 2 and isinstance(value[0], int):
+            value = value[0] / value[1]
+        value = _first(value)
+        if not isinstance(value, Real):
+            return None
+        number = float(value)
     except (TypeError, ValueError, ArithmeticError):
         return None
     return number if math.isfinite(number) else None
+
+
+def _first(value: object) -> object:
+    """A plain value, or the first of several."""
+    if isinstance(value, tuple | list):
+        return value[0] if value else None
+    return value
 
 
 def _text(value: object) -> str | None:

@@ -4,7 +4,7 @@ An image is read whole, and much of the work on it takes several copies in float
 are refused before they are read, larger images before they are decoded.
 """
 
-import os
+import math
 import stat
 from pathlib import Path
 from typing import Any
@@ -44,21 +44,18 @@ def read_file(path: Path) -> bytes:
     """
     shown = on_one_line(path)
     try:
-        # A pipe that nobody writes to would block the opening.
-        number = os.open(
-            path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-        )
-        with os.fdopen(number, "rb") as file:
-            status = os.fstat(number)
-            if not stat.S_ISREG(status.st_mode):
-                raise ImageFileError(
-                    f"{shown}: {_kind(status.st_mode)}, not a file; save it to one first"
-                )
-            if status.st_size > LARGEST_FILE_BYTES:
-                raise ImageFileError(
-                    f"{shown}: a file of {_size(status.st_size)}; at most "
-                    f"{_size(LARGEST_FILE_BYTES)} are read: cut out the page or part that matters"
-                )
+        # Opening a device may set it going, and opening a pipe waits for its writer.
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise ImageFileError(
+                f"{shown}: {_kind(status.st_mode)}, not a file; save it to one first"
+            )
+        if status.st_size > LARGEST_FILE_BYTES:
+            raise ImageFileError(
+                f"{shown}: a file of {_size(status.st_size)}; at most "
+                f"{_size(LARGEST_FILE_BYTES)} are read: cut out the page or part that matters"
+            )
+        with path.open("rb") as file:
             return file.read(LARGEST_FILE_BYTES)
     except OSError as error:
         raise ImageFileError(f"cannot read {shown}: {error.strerror}") from error
@@ -82,14 +79,18 @@ def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int)
         If it is too large to work with, or larger than any compression of a photograph explains.
     """
     rows, cols = shape[:2]
-    decoded = int(np.prod([int(length) for length in shape], dtype=object)) * bytes_per_sample
     if rows * cols > LARGEST_IMAGE_PX:
         raise GiantImageError(f"an image of {cols} x {rows} pixels: {TOO_LARGE}")
-    if decoded > _SMALL_BYTES and decoded > _LARGEST_RATIO * file_bytes:
+    if is_swollen(math.prod(shape) * bytes_per_sample, file_bytes):
         raise GiantImageError(
             f"an image of {cols} x {rows} pixels in {_size(file_bytes)}, which is no "
             "photograph; save it without compression if it is meant"
         )
+
+
+def is_swollen(decoded_bytes: int, file_bytes: int) -> bool:
+    """Whether pixels take more memory than any compression of photographs explains."""
+    return decoded_bytes > max(_SMALL_BYTES, _LARGEST_RATIO * file_bytes)
 
 
 class GiantImageError(DecodingError):

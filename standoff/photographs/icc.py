@@ -16,6 +16,7 @@ from standoff.photographs.stored import DecodingError
 _SAMPLES = 4096
 _SAME_CURVE = 1e-3  # of white
 _MOST_ENTRIES = 1 << 16
+_LARGEST_TAG = 12 + 2 * _MOST_ENTRIES
 _CURVE_TAGS = {b"RGB ": (b"rTRC", b"gTRC", b"bTRC"), b"GRAY": (b"kTRC",)}
 _PARAMETERS = (1, 3, 4, 5, 7)
 
@@ -70,11 +71,13 @@ def _tags(data: bytes) -> dict[bytes, bytes]:
     (count,) = struct.unpack_from(">I", data, 128)
     if count > 1000:
         raise ProfileError("its colour profile is damaged")
-    tags = {}
-    for i in range(count):
-        name, start, size = struct.unpack_from(">4sII", data, 132 + 12 * i)
-        tags[name] = data[start : start + size]
-    return tags
+    places = [struct.unpack_from(">4sII", data, 132 + 12 * i) for i in range(count)]
+    wanted = (b"desc", *_CURVE_TAGS.get(data[16:20], ()))
+    return {
+        name: data[start : start + min(size, _LARGEST_TAG)]
+        for name, start, size in places
+        if name in wanted
+    }
 
 
 def _curve(tag: bytes) -> FloatArray:
@@ -89,7 +92,7 @@ def _curve(tag: bytes) -> FloatArray:
     is_rising = np.all(np.isfinite(linear)) and np.all(np.diff(linear) >= 0)
     if not is_rising or linear[-1] - linear[0] < 0.5:
         raise ProfileError("the tone curve of its colour profile does not rise from 0 to 1")
-    return np.asarray(np.clip(linear, 0.0, 1.0))
+    return np.asarray(np.maximum(linear, 0.0) / linear[-1])
 
 
 def _tabulated(tag: bytes, encoded: FloatArray) -> FloatArray:

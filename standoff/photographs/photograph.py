@@ -75,7 +75,7 @@ class Photograph(PhotographHead):
     Parameters
     ----------
     stored
-        Levels as the file holds them, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
+        Levels as the file holds them, shape ``(rows, cols)`` or ``(rows, cols, 3)``.
     full_scale_dn
         Level of white: the largest that the stored numbers can hold; None for floats.
     saturation_dn
@@ -103,7 +103,7 @@ class Photograph(PhotographHead):
             If it is no image, or holds values that are not finite.
         """
         refuse_unusable(pixels, name)
-        stored = as_numbers(pixels)
+        stored = without_opacity(as_numbers(pixels))
         full_scale = full_scale_dn(stored)
         return cls(
             path=Path(name),
@@ -148,19 +148,15 @@ class Photograph(PhotographHead):
     @property
     def is_colour(self) -> bool:
         """Whether there are red, green and blue planes."""
-        return self.stored.ndim == 3 and self.stored.shape[2] >= 3
+        return self.stored.ndim == 3
 
     @property
     def linear_planes(self) -> AnyArray:
-        """Linear levels without an opacity plane, as a type that the capture model takes.
+        """Linear levels, as a type that the capture model takes.
 
         Of a linear file they are the stored numbers, in their type.
         """
         pixels = self.stored
-        if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
-            pixels = pixels[:, :, :-1]
-        if pixels.ndim == 3 and pixels.shape[2] == 1:
-            pixels = pixels[:, :, 0]
         if not self.encoding.is_linear:
             return self.encoding.decode(pixels, self.white_dn)
         if pixels.dtype.type in (np.uint8, np.uint16, np.float32, np.float64):
@@ -241,4 +237,11 @@ def as_numbers(pixels: NDArray[Any]) -> NDArray[Any]:
         return pixels.astype(np.uint8) * np.uint8(255)
     if pixels.dtype == np.float16:
         return pixels.astype(np.float32)
-    return pixels
+    return pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
+
+
+def without_opacity(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Grey levels of shape ``(rows, cols)`` or colours of ``(rows, cols, 3)``."""
+    if pixels.ndim == 2:
+        return pixels
+    return pixels[:, :, 0] if pixels.shape[2] < 3 else pixels[:, :, :3]

@@ -3,11 +3,9 @@
 Only formats without programs or scripts inside are tried: an EPS by another name stays unread.
 """
 
-import struct
-import warnings
+import re
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from typing import Any
@@ -27,91 +25,120 @@ _FORMATS = ("PNG", "JPEG", "BMP", "DIB", "GIF", "PPM", "WEBP", "JPEG2000", "AVIF
 _EXIF_IFD = 0x8769
 _WITHOUT_LUMA = {"CMYK": "CMYK", "LAB": "CIE L*a*b*", "HSV": "HSV"}
 _WITH_A_PALETTE = ("P", "PA", "YCbCr")
-_PNG_TRANSFER = {8: LINEAR, 13: SRGB}  # ITU-T H.273 in the cICP chunk
+_PNG_TRANSFER = {  # ITU-T H.273 in the cICP chunk
+    4: Encoding(name="gamma:2.2"),
+    5: Encoding(name="gamma:2.8"),
+    8: LINEAR,
+    13: SRGB,
+}
+_UNSPECIFIED = 2
+_BLANK = rb"(?:\s|#[^\n]*\n)+"
+_PPM_HEADER = re.compile(rb"P[2356]" + 2 * (_BLANK + rb"\d+") + _BLANK + rb"(\d{1,5})\s")
 _PNG_GAMMA_OF_SRGB = 45455
 _PNG_AFTER_HEADER = 33  # signature and IHDR
 
 
 def read_raster_image(data: bytes) -> StoredImage:
-    """Read what a file says of itself; its pages are decoded when they are asked for.
+    """Read what a file says of itself; its further pages are decoded when they are asked for.
 
     Raises
     ------
     DecodingError
-        If it is none of the formats, damaged, or holds colours without a luma.
+        If it is none of the formats, damaged, too large, or holds colours without a luma.
     """
-    with _opened(data) as image:
+    with decoding("image", cv2.error):
+        image = _opened(data)
         if image.mode in _WITHOUT_LUMA:
             raise DecodingError(
                 f"its colours are {_WITHOUT_LUMA[image.mode]}; convert it to RGB or grey"
             )
         refuse_giant((image.height, image.width, len(image.getbands())), 1, len(data))
+        image.load()
         is_jpeg = image.format in ("JPEG", "MPO")
-        is_deep = image.mode.startswith(("I", "F")) or _png_depth(data) == 16
+        white_dn = _wide_white_dn(data)
+        pages = _Pages(data=data, image=image, is_wide=white_dn is not None)
+        is_deep = pages.is_wide or image.mode.startswith(("I", "F"))
         tags = _tags(image)
-        # The further images of a phone's JPEG are depth maps and previews.
-        count = 1 if image.format == "MPO" else int(getattr(image, "n_frames", 1))
         name = "JPEG" if is_jpeg else str(image.format)
         depth = "" if is_jpeg else "16-bit " if is_deep else "8-bit "
         return StoredImage(
             format=name,
-            count=count,
-            page=lambda index: _pixels(data, index),
+            count=pages.count,
+            page=pages.page,
             marked=partial(_marked, image.info.get("icc_profile"), tags, data),
             unmarked=(LINEAR if is_deep else SRGB, f"{depth}{name}"),
             facts=PhotographFacts.of_tags(tags, image.width),
             is_jpeg=is_jpeg,
+            white_dn=white_dn,
         )
 
 
-@contextmanager
-def _opened(data: bytes) -> Iterator[Image.Image]:
+def _opened(data: bytes) -> Image.Image:
     Image.init()  # else the formats are unknown by name
-    with (
-        decoding("image", cv2.error),
-        warnings.catch_warnings(),
-    ):
-        # The size is checked here, by more than one limit.
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-        try:
-            image = Image.open(BytesIO(data), formats=_FORMATS)
-        except UnidentifiedImageError as error:
-            raise DecodingError(_unknown(data)) from error
-        except Image.DecompressionBombError as error:
-            raise DecodingError(TOO_LARGE) from error
-        with image:
-            yield image
+    try:
+        return Image.open(BytesIO(data), formats=_FORMATS)
+    except UnidentifiedImageError as error:
+        raise DecodingError(_unknown(data)) from error
+    except Image.DecompressionBombError as error:
+        raise DecodingError(TOO_LARGE) from error
 
 
-def _pixels(data: bytes, index: int) -> NDArray[Any]:
-    with _opened(data) as image:
-        image.seek(index)
-        image.load()
-        if image.format == "PNG" and image.mode in ("RGB", "RGBA") and _png_depth(data) == 16:
-            # Pillow cuts 16-bit colours down to 8; OpenCV keeps them.
-            wide = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-            if wide is None:
-                raise DecodingError("not a complete image")
-            return np.asarray(wide[:, :, [2, 1, 0, 3][: wide.shape[2]]])
-        if image.mode in _WITH_A_PALETTE:
-            return np.asarray(image.convert("RGB"))
-        return np.asarray(image)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pages:
+    """The images of a file that stays open: the next frame of many builds on the one before."""
+
+    data: bytes
+    image: Image.Image
+    is_wide: bool
+
+    @property
+    def count(self) -> int:
+        """How many photographs there are; more in a phone's JPEG are depth maps and previews."""
+        return 1 if self.image.format == "MPO" else int(getattr(self.image, "n_frames", 1))
+
+    def page(self, index: int) -> NDArray[Any]:
+        """Decode one image, from 0.
+
+        Raises
+        ------
+        DecodingError
+            If it is damaged.
+        """
+        with decoding("image", cv2.error):
+            if self.is_wide:
+                if index > 0:
+                    raise DecodingError("a moving PNG of 16 bits; save its frames one by one")
+                return _wide(self.data)
+            if self.count > 1:
+                self.image.seek(index)
+            self.image.load()
+            if self.count > 1 or self.image.mode in _WITH_A_PALETTE:
+                return np.asarray(self.image.convert("RGB"))
+            return np.asarray(self.image)
+
+
+def _wide_white_dn(data: bytes) -> float | None:
+    """White of 16-bit levels that Pillow would cut down to 8, or widen to 32; None for others."""
+    if _png_depth(data) == 16:
+        return 65535.0
+    found = _PPM_HEADER.match(data)
+    return float(found[1]) if found is not None and int(found[1]) > 255 else None
+
+
+def _wide(data: bytes) -> NDArray[Any]:
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise DecodingError("not a complete image")
+    return np.asarray(pixels if pixels.ndim == 2 else pixels[:, :, [2, 1, 0, 3][: pixels.shape[2]]])
 
 
 def _tags(image: Image.Image) -> dict[int, object]:
-    """The Exif tags of the main directory and of Exif's own."""
+    """The Exif tags of the main directory and of Exif's own; none where they are damaged."""
     try:
-        exif = image.getexif()
-        return {**exif, **exif.get_ifd(_EXIF_IFD)}
-    except (
-        ArithmeticError,
-        LookupError,
-        OSError,
-        SyntaxError,
-        TypeError,
-        ValueError,
-        struct.error,
-    ):
+        with decoding("Exif"):
+            exif = image.getexif()
+            return {**exif, **exif.get_ifd(_EXIF_IFD)}
+    except DecodingError:
         return {}  # Exif is a remark; without it the pixels are as good
 
 
@@ -122,9 +149,14 @@ def _marked(
 
     PNG specification, third edition, 4.3: the order in which its chunks count.
     """
-    transfer = _chunk(data, b"cICP")
-    if transfer is not None and len(transfer) == 4 and transfer[1] in _PNG_TRANSFER:
-        return _PNG_TRANSFER[transfer[1]], "its cICP chunk"
+    points = _chunk(data, b"cICP")
+    if points is not None and len(points) == 4 and points[1] != _UNSPECIFIED:
+        if points[1] not in _PNG_TRANSFER:
+            raise DecodingError(
+                f"its cICP chunk names transfer {points[1]}, which is not read; "
+                "say with --encoding what its levels are"
+            )
+        return _PNG_TRANSFER[points[1]], "its cICP chunk"
     if profile:
         found = read_profile(bytes(profile))
         return found.encoding, f"its ICC profile {found.name}".rstrip()

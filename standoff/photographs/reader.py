@@ -7,18 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.untrusted import on_one_line
-from simulation.arrays import FloatArray
+from simulation.arrays import AnyArray, FloatArray
 from standoff.errors import ImageFileError
 from standoff.photographs.camera_raw import RAW_SUFFIXES, is_camera_raw, read_camera_raw
 from standoff.photographs.encoding import Encoding
 from standoff.photographs.exif import PhotographFacts
-from standoff.photographs.guard import read_file, refuse_unusable
+from standoff.photographs.guard import is_swollen, read_file, refuse_unusable
 from standoff.photographs.photograph import (
     Photograph,
     PhotographHead,
     as_numbers,
     full_scale_dn,
     saturation_dn,
+    without_opacity,
 )
 from standoff.photographs.raster import read_raster_image
 from standoff.photographs.scientific import is_exr, is_fits, read_exr_image, read_fits_image
@@ -55,6 +56,8 @@ class ReadOptions:
     def __post_init__(self) -> None:
         if self.page is not None and self.is_mean:
             raise ValueError("a page or the mean of all pages, not both")
+        if self.page is not None and self.page < 1:
+            raise ValueError(f"pages count from 1, got {self.page}")
 
 
 _AS_STATED = ReadOptions()
@@ -74,20 +77,20 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
     try:
         stored = _stored(data, path)
         number = _page_number(stored, options)
-        pixels = as_numbers(stored.page(number))
-        refuse_unusable(pixels, shown)
+        pixels = _levels(stored, number, shown)
         encoding, encoding_from = _encoding(stored, options)
+        _refuse_other_channels(encoding, pixels)
         white = stored.white_dn or full_scale_dn(pixels)
         if white is None and not encoding.is_linear:
             _refuse_levels_beyond_white(float(pixels.max()), encoding)
         saturation = stored.saturation_dn or saturation_dn(pixels, white)
         variance, frames = stored.variance_dn2, stored.frames
         if options.is_mean and stored.count > 1:
-            mean, variance, frames = _mean(stored, encoding, white or 1.0)
-            refuse_unusable(mean, shown)
-            pixels = encoding.encode(mean, white or 1.0)
+            _refuse_swollen_stack(stored.count, pixels.nbytes, len(data))
+            mean, variance = _mean(stored, encoding, white or 1.0, shown)
+            frames, pixels = stored.count, encoding.encode(mean, white or 1.0)
     except DecodingError as error:
-        raise ImageFileError(f"{shown}: {error}") from error
+        raise ImageFileError(f"{shown}: {on_one_line(error)}") from error
     if saturation is not None and white is not None:
         top = np.full((1, 1, max(len(encoding.curves), 1)), saturation)
         saturation = float(encoding.decode(top, white).max())
@@ -147,6 +150,28 @@ def _stored(data: bytes, path: Path) -> StoredImage:
     return read_raster_image(data)
 
 
+def _levels(stored: StoredImage, number: int, shown: str) -> AnyArray:
+    pixels = as_numbers(stored.page(number))
+    refuse_unusable(pixels, shown)
+    return without_opacity(pixels)
+
+
+def _refuse_swollen_stack(count: int, page_bytes: int, file_bytes: int) -> None:
+    if is_swollen(count * page_bytes, file_bytes):
+        raise DecodingError(
+            f"{count} pages in a file of {file_bytes} bytes are no photographs; "
+            "choose one with --page N"
+        )
+
+
+def _refuse_other_channels(encoding: Encoding, pixels: AnyArray) -> None:
+    if len(encoding.curves) > 1 and pixels.ndim == 2:
+        raise DecodingError(
+            "its colour profile is for RGB and its pixels are grey; "
+            "say with --encoding what its levels are"
+        )
+
+
 def _refuse_levels_beyond_white(highest: float, encoding: Encoding) -> None:
     if highest > _WHITE_OF_FLOATS:
         raise DecodingError(
@@ -169,17 +194,17 @@ def _page_number(stored: StoredImage, options: ReadOptions) -> int:
 
 
 def _mean(
-    stored: StoredImage, encoding: Encoding, white_dn: float
-) -> tuple[FloatArray, FloatArray, int]:
+    stored: StoredImage, encoding: Encoding, white_dn: float, shown: str
+) -> tuple[FloatArray, FloatArray]:
     """Mean and unbiased variance of the linear levels of all pages, one page in memory at a time.
 
     Welford, "Note on a method for calculating corrected sums of squares and products",
     Technometrics 4 (1962) 419.
     """
-    mean = encoding.decode(as_numbers(stored.page(0)), white_dn)
+    mean = encoding.decode(_levels(stored, 0, shown), white_dn)
     squares = np.zeros_like(mean)
     for count in range(2, stored.count + 1):
-        page = encoding.decode(as_numbers(stored.page(count - 1)), white_dn)
+        page = encoding.decode(_levels(stored, count - 1, shown), white_dn)
         if page.shape != mean.shape:
             raise DecodingError(
                 f"pages of {mean.shape} and {page.shape} pixels have no mean; choose one with "
@@ -188,7 +213,7 @@ def _mean(
         deviation = page - mean
         mean = mean + deviation / count
         squares += deviation * (page - mean)
-    return mean, squares / (stored.count - 1), stored.count
+    return mean, squares / (stored.count - 1)
 
 
 def _encoding(stored: StoredImage, options: ReadOptions) -> tuple[Encoding, str]:

@@ -1,6 +1,5 @@
 """OpenEXR and FITS: linear levels in floating point, read where their library is installed."""
 
-import warnings
 from io import BytesIO
 from typing import Any
 
@@ -42,19 +41,24 @@ def read_exr_image(data: bytes) -> StoredImage:
         raise DecodingError(f"an OpenEXR file; {_EXTRA}") from error
     with decoding("OpenEXR image"):
         with OpenEXR.File(BytesIO(data), header_only=True) as head:
-            (left, top), (right, bottom) = head.header()["dataWindow"]
-        refuse_giant((int(bottom - top) + 1, int(right - left) + 1, 4), 4, len(data))
+            for part in head.parts:
+                (left, top), (right, bottom) = part.header["dataWindow"]
+                shape = (int(bottom - top) + 1, int(right - left) + 1, len(part.header["channels"]))
+                refuse_giant(shape, 4, len(data))
         with OpenEXR.File(BytesIO(data), separate_channels=True) as file:
             planes = {name: np.array(each.pixels) for name, each in file.channels().items()}
-    if all(name in planes for name in _COLOURS):
-        pixels = np.stack([planes[name] for name in _COLOURS], axis=2)
-    elif _GREY in planes:
-        pixels = planes[_GREY]
-    elif len(planes) == 1:
-        (pixels,) = planes.values()
-    else:
-        raise DecodingError(f"its channels {', '.join(planes)} are neither RGB nor grey")
+        pixels = _colours_or_grey(planes)
     return _linear(pixels[np.newaxis], "OpenEXR")
+
+
+def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    if all(name in planes for name in _COLOURS):
+        return np.stack([planes[name] for name in _COLOURS], axis=2)
+    if _GREY in planes:
+        return planes[_GREY]
+    if len(planes) == 1:
+        return next(iter(planes.values()))
+    raise DecodingError(f"its channels {', '.join(planes)} are neither RGB nor grey")
 
 
 def read_fits_image(data: bytes) -> StoredImage:
@@ -69,21 +73,22 @@ def read_fits_image(data: bytes) -> StoredImage:
         from astropy.io import fits
     except ImportError as error:
         raise DecodingError(f"a FITS file; {_EXTRA}") from error
-    with decoding("FITS image", fits.VerifyError), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about keywords that nobody needs here
-        with fits.open(BytesIO(data), memmap=False) as units:
-            cube = _first_cube(units, len(data))
+    with (
+        decoding("FITS image", fits.VerifyError),
+        fits.open(BytesIO(data), memmap=False) as units,
+    ):
+        cube = _first_cube(units, len(data))
     return _linear(cube, "FITS")
 
 
-def _first_cube(units: Any, file_bytes: int) -> NDArray[np.float64]:  # noqa: ANN401 - no types
+def _first_cube(units: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - no types
     """The first image or stack, shape ``(pages, rows, cols)``, its rows in the file's order."""
     found = next((each for each in units if each.is_image and each.shape), None)
     if found is None or len(found.shape) not in (2, 3):
         raise DecodingError("a FITS file without an image of two axes")
     rows, cols = found.shape[-2:]
     refuse_giant((rows * (found.shape[0] if len(found.shape) == 3 else 1), cols), 8, file_bytes)
-    return np.asarray(found.data, dtype=np.float64).reshape(-1, rows, cols)
+    return np.asarray(found.data).reshape(-1, rows, cols)
 
 
 def _linear(pages: NDArray[Any], name: str) -> StoredImage:

@@ -1,6 +1,7 @@
 """What a format's reader gives: pixels as stored, and what the file says of them."""
 
 import struct
+import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
+from PIL import Image
 
 from calibration.choices import Pattern
 from simulation.arrays import FloatArray
@@ -60,7 +62,9 @@ class StoredImage:
 
 _DAMAGE = (
     ArithmeticError,
+    AssertionError,
     AttributeError,
+    EOFError,
     LookupError,
     MemoryError,
     OSError,
@@ -70,6 +74,7 @@ _DAMAGE = (
     ValueError,
     struct.error,
     zlib.error,
+    Image.DecompressionBombError,
 )
 
 
@@ -90,7 +95,10 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
         In place of any of them.
     """
     try:
-        yield
+        with warnings.catch_warnings():
+            # A library warns of damage that it can live with, and of sizes, which are checked here.
+            warnings.simplefilter("ignore")
+            yield
     except DecodingError:
         raise
     except _DAMAGE + damage as error:

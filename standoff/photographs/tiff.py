@@ -1,6 +1,8 @@
 """TIFF and BigTIFF: any compression and layout that tifffile and imagecodecs decode."""
 
 import logging
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
@@ -9,31 +11,29 @@ from typing import Any
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
+from PIL import Image
 
 from acquisition.errors import SessionError
 from acquisition.session import parse_capture
-from acquisition.untrusted import TIFF_DAMAGE
 from calibration.choices import Pattern
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
-from standoff.photographs.exif import PhotographFacts, is_srgb
+from standoff.photographs.exif import FACT_TAGS, PhotographFacts, is_srgb
 from standoff.photographs.guard import refuse_giant
 from standoff.photographs.icc import read_profile
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
+from standoff.photographs.tiff_directories import refuse_overlapping_directories
 
-MOST_PAGES = 10_000
-_WITHOUT_LUMA = {
-    4: "a mask",
-    5: "CMYK",
-    8: "CIE L*a*b*",
-    9: "ICC L*a*b*",
-    10: "ITU L*a*b*",
-}
-_MIN_IS_WHITE, _PALETTE, _CFA = 0, 3, 32803
-_JPEG = {6, 7, 33007, 34892}
-_ICC_TAG, _EXIF_TAG = 34675, 34665
-_REDUCED = 1
-_PATTERNS: dict[bytes, Pattern] = {bytes((0, 1, 1, 2)): "RGGB", bytes((1, 0, 2, 1)): "GRBG",
-             bytes((1, 2, 0, 1)): "GBRG", bytes((2, 1, 1, 0)): "BGGR"}  # fmt: skip
+_MIN_IS_WHITE, _PALETTE, _YCBCR, _CFA, _LINEAR_RAW = 0, 3, 6, 32803, 34892
+_WITH_LUMA = {_MIN_IS_WHITE, 1, 2, _PALETTE, _YCBCR, _CFA, _LINEAR_RAW}
+_COLOURS = {4: "a mask", 5: "CMYK", 8: "CIE L*a*b*", 9: "ICC L*a*b*", 10: "ITU L*a*b*"}
+_JPEG = {7, 33007, 34892}
+_WITH_A_SIZE = {*_JPEG, 33003, 33004, 33005, 34712, 34933, 50001}
+_WITHOUT_A_SIZE = {1, 2, 3, 4, 5, 8, 32771, 32773, 32946, 34925, 50000}
+_ICC_TAG, _EXIF_TAG, _CFA_REPEAT_TAG, _CFA_PATTERN_TAG = 34675, 34665, 33421, 33422
+_SMALL_PX = 1 << 16
+_REDUCED_OR_MASK = 1 | 4
+_PATTERNS: dict[object, Pattern] = {(0, 1, 1, 2): "RGGB", (1, 0, 2, 1): "GRBG",
+                                    (1, 2, 0, 1): "GBRG", (2, 1, 1, 0): "BGGR"}  # fmt: skip
 
 
 def is_tiff(data: bytes) -> bool:
@@ -50,11 +50,12 @@ def read_tiff_image(data: bytes) -> StoredImage:
         If it is damaged, or holds colours without a luma.
     """
     with decoding("TIFF image"):
+        refuse_overlapping_directories(data)
         tiff = _opened(data)
         capture = _capture(data, tiff)
         if capture is not None:
             return capture
-        stack = _stack(tiff, len(data))
+        stack = _stack(tiff, data)
         first = stack.first
         tags = _tags(first)
     return StoredImage(
@@ -65,6 +66,7 @@ def read_tiff_image(data: bytes) -> StoredImage:
         unmarked=(LINEAR, "TIFF"),
         facts=PhotographFacts.of_tags(tags, first.imagewidth),
         is_jpeg=int(first.compression) in _JPEG,
+        white_dn=_white_dn(first),
         pattern=_pattern(first),
     )
 
@@ -75,10 +77,11 @@ def tiff_facts(data: bytes) -> tuple[PhotographFacts, frozenset[int]]:
     Of a damaged file nothing is said: whoever reads the pixels finds the damage.
     """
     try:
-        first = _opened(data).pages.first
-        facts = PhotographFacts.of_tags(_tags(first), 0)
-        return facts, frozenset(tag.code for tag in first.tags)
-    except TIFF_DAMAGE:
+        with decoding("TIFF image"):
+            first = _opened(data).pages.first
+            facts = PhotographFacts.of_tags(_tags(first), 0)
+            return facts, frozenset(tag.code for tag in first.tags)
+    except DecodingError:
         return PhotographFacts(), frozenset()
 
 
@@ -92,6 +95,8 @@ def _capture(data: bytes, tiff: tifffile.TiffFile) -> StoredImage | None:
     info = (tiff.imagej_metadata or {}).get("Info")
     if not isinstance(info, str) or not info.startswith("{"):
         return None
+    for page in tiff.pages:
+        _refuse_giant(page, data)
     try:
         capture = parse_capture(data, source="capture")
     except SessionError:
@@ -110,18 +115,19 @@ def _capture(data: bytes, tiff: tifffile.TiffFile) -> StoredImage | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Stack:
-    """The full-size images of a file: its pages, or those of one contiguous ImageJ stack."""
+    """The full-size images of a file: its pages, or ``frames`` of them behind one directory."""
 
-    pages: tuple[tifffile.TiffPage | tifffile.TiffFrame, ...]
-    series: tifffile.TiffPageSeries | None
-    count: int
-    file_bytes: int
+    data: bytes
+    pages: tuple[tifffile.TiffPage, ...]
+    frames: int | None
 
     @property
     def first(self) -> tifffile.TiffPage:
-        page = self.pages[0]
-        assert isinstance(page, tifffile.TiffPage)
-        return page
+        return self.pages[0]
+
+    @property
+    def count(self) -> int:
+        return self.frames or len(self.pages)
 
     def page(self, index: int) -> NDArray[Any]:
         """Decode one image, from 0.
@@ -129,102 +135,134 @@ class _Stack:
         Raises
         ------
         DecodingError
-            If it is damaged or cut short.
+            If it is damaged or cut short, too large, or holds colours without a luma.
         """
         with decoding("TIFF image"):
-            if self.series is not None:
-                whole = self.series.asarray()
-                return np.asarray(whole.reshape(-1, *whole.shape[-2:])[index])
-            page = self.pages[index]
-            _refuse_giant(page, self.file_bytes)
-            pixels = page.asarray()
+            page = self.first if self.frames else self.pages[index]
+            _refuse_unread(page)
+            _refuse_giant(page, self.data)
+            if self.frames:
+                # The frames follow each other without compression.
+                at = page.dataoffsets[0] + index * page.nbytes
+                levels = np.dtype(page.dtype).newbyteorder(page.parent.byteorder)
+                pixels = np.frombuffer(self.data, levels, page.size, at).reshape(page.shape)
+            else:
+                _refuse_missing_segments(page, self.data)
+                pixels = page.asarray()
             if pixels.shape != page.shape:
                 raise DecodingError(f"cut short: {pixels.shape} of {page.shape} pixels")
-            return _as_shown(pixels, self.first)
+            return _as_shown(pixels, page)
 
 
-def _stack(tiff: tifffile.TiffFile, file_bytes: int) -> _Stack:
-    if len(tiff.pages) > MOST_PAGES:
-        raise DecodingError(f"a TIFF of more than {MOST_PAGES} pages")
-    pages = [page for page in tiff.pages if not _is_reduced(page)]
+def _stack(tiff: tifffile.TiffFile, data: bytes) -> _Stack:
+    pages = _full_size(tiff.pages)
     if not pages:  # a thumbnail first, the image in a directory below it
-        below = tiff.pages.first.pages or ()
-        pages = [page for page in below if not _is_reduced(page)] or list(tiff.pages)
-    first = pages[0]
-    if not isinstance(first, tifffile.TiffPage):
-        first = first.aspage()
-    without_luma = _WITHOUT_LUMA.get(int(first.photometric))
-    if without_luma is not None:
-        raise DecodingError(f"its colours are {without_luma}; convert it to RGB or grey")
-    _refuse_giant(first, file_bytes)
-    series = None
-    count = len(pages)
-    if count == 1 and tiff.is_imagej and tiff.series:
+        pages = _full_size(tiff.pages.first.pages or ()) or [tiff.pages.first]
+    _refuse_unread(pages[0])
+    _refuse_giant(pages[0], data)
+    frames = None
+    if len(pages) == 1 and (tiff.is_imagej or tiff.is_shaped) and tiff.series:
         # ImageJ writes one directory for a stack of more than 4 GB, and some programs always.
-        whole = tiff.series[0]
-        frames = int(np.prod(whole.shape[:-2], dtype=np.int64)) if first.samplesperpixel == 1 else 1
-        if frames > 1:
-            _refuse_giant(first, file_bytes, frames)
-            series, count = whole, frames
-    return _Stack(pages=(first, *pages[1:]), series=series, count=count, file_bytes=file_bytes)
+        found = math.prod(tiff.series[0].shape) // pages[0].size
+        frames = found if found > 1 and pages[0].is_contiguous else None
+    return _Stack(data=data, pages=tuple(pages), frames=frames)
 
 
-def _is_reduced(page: tifffile.TiffPage | tifffile.TiffFrame) -> bool:
-    return bool(int(getattr(page, "subfiletype", 0) or 0) & _REDUCED)
+def _full_size(pages: Iterable[tifffile.TiffPage | tifffile.TiffFrame]) -> list[tifffile.TiffPage]:
+    whole = [page if isinstance(page, tifffile.TiffPage) else page.aspage() for page in pages]
+    return [page for page in whole if not page.subfiletype & _REDUCED_OR_MASK]
 
 
-def _refuse_giant(
-    page: tifffile.TiffPage | tifffile.TiffFrame, file_bytes: int, frames: int = 1
-) -> None:
-    """Check the size of a page, or of a contiguous stack of that many, before it is decoded."""
+def _refuse_unread(page: tifffile.TiffPage) -> None:
+    """Check that colours have a luma, and that a compression cannot hold more than it says."""
+    photometric, compression = page.photometric, int(page.compression)
+    is_luma_in_levels = photometric == _YCBCR and compression not in _WITH_A_SIZE
+    if int(photometric) not in _WITH_LUMA or is_luma_in_levels:
+        name = _COLOURS.get(int(photometric), getattr(photometric, "name", str(photometric)))
+        raise DecodingError(f"its colours are {name}; convert it to RGB or grey")
+    if compression not in _WITH_A_SIZE | _WITHOUT_A_SIZE:
+        name = getattr(page.compression, "name", str(page.compression))
+        raise DecodingError(f"its compression {name} is not read; save it with deflate or LZW")
+
+
+def _refuse_giant(page: tifffile.TiffPage | tifffile.TiffFrame, data: bytes) -> None:
+    """Check the size of a page and of the parts that it is compressed in, before decoding."""
     key = page.keyframe
     if key is None or key.dtype is None:
         raise DecodingError("a TIFF of a type of numbers that is not read")
     if int(key.imagedepth) != 1:
         raise DecodingError("a volume, not an image")
-    shape = (frames * int(key.imagelength), int(key.imagewidth), int(key.samplesperpixel))
-    refuse_giant(shape, key.dtype.itemsize, file_bytes)
+    samples, level_bytes = int(key.samplesperpixel), key.dtype.itemsize
+    rows, cols = int(key.imagelength), int(key.imagewidth)
+    refuse_giant((rows, cols, samples), level_bytes, len(data))
+    if key.is_tiled:
+        rows, cols = int(key.tilelength), int(key.tilewidth)
+        refuse_giant((rows, cols, samples), level_bytes, len(data))
+    if int(key.compression) not in _WITH_A_SIZE:
+        return
+    for at, size in zip(page.dataoffsets, page.databytecounts, strict=True):
+        with Image.open(BytesIO(data[at : at + size]), formats=("JPEG", "JPEG2000", "WEBP")) as own:
+            if own.width * own.height > 2 * rows * cols + _SMALL_PX:
+                raise DecodingError(
+                    f"a part of {own.width} x {own.height} pixels in {cols} x {rows}"
+                )
 
 
-def _as_shown(pixels: NDArray[Any], key: tifffile.TiffPage) -> NDArray[Any]:
+def _refuse_missing_segments(page: tifffile.TiffPage, data: bytes) -> None:
+    """Check that every strip or tile is there: tifffile fills the others with zeros."""
+    ends = [at + size for at, size in zip(page.dataoffsets, page.databytecounts, strict=True)]
+    is_whole = len(ends) >= math.prod(page.chunked) and all(page.databytecounts)
+    if not is_whole or max(ends) > len(data):
+        raise DecodingError("cut short: some of its strips or tiles are missing")
+
+
+def _as_shown(pixels: NDArray[Any], page: tifffile.TiffPage) -> NDArray[Any]:
     """Rows, columns, channels; black at 0; a palette replaced by its colours."""
-    if pixels.ndim == 3 and int(key.planarconfig) == 2 and pixels.shape[0] == key.samplesperpixel:
+    if pixels.ndim == 3 and int(page.planarconfig) == 2 and pixels.shape[0] == page.samplesperpixel:
         pixels = np.moveaxis(pixels, 0, -1)
-    photometric = int(key.photometric)
-    if photometric == _MIN_IS_WHITE and pixels.dtype.kind == "u":
-        return np.asarray(np.iinfo(pixels.dtype).max - pixels)
-    if photometric == _PALETTE and key.colormap is not None:
-        return np.asarray(np.moveaxis(key.colormap, 0, -1)[pixels])
+    photometric = int(page.photometric)
+    if photometric == _MIN_IS_WHITE:
+        if pixels.dtype.kind == "b":
+            return np.asarray(~pixels)
+        if pixels.dtype.kind != "u":
+            raise DecodingError("levels whose white is 0, but no unsigned integers; turn them over")
+        return np.asarray(pixels.dtype.type(2 ** int(page.bitspersample) - 1) - pixels)
+    if photometric == _PALETTE and page.colormap is not None:
+        return np.asarray(np.moveaxis(page.colormap, 0, -1)[pixels])
     return pixels
 
 
+def _white_dn(page: tifffile.TiffPage) -> float | None:
+    """White of samples that are packed to fewer bits than their type in memory has."""
+    bits = page.bitspersample
+    is_packed = np.dtype(page.dtype).kind == "u" and page.photometric != _PALETTE and bits % 8
+    return float(2**bits - 1) if is_packed else None
+
+
 def _tags(page: tifffile.TiffPage) -> dict[int, object]:
-    """The tags of the page and of its Exif directory by number."""
-    tags: dict[int, object] = {}
-    for tag in page.tags:
-        if tag.code < 0x0200 or tag.code > 0x8000:
-            tags.setdefault(tag.code, tag.value)
-    exif = tags.get(_EXIF_TAG)
+    """The tags of the page and of its Exif directory by number, as far as facts are in them."""
+    tags: dict[int, object] = {tag.code: tag.value for tag in page.tags if tag.code in FACT_TAGS}
+    exif = page.tags.valueof(_EXIF_TAG)
     if isinstance(exif, dict):
-        codes = tifffile.TIFF.EXIF_TAGS
+        codes = {name: code for code, name in tifffile.TIFF.EXIF_TAGS.items()}
         for name, value in exif.items():
-            tags.setdefault(int(codes[name]), value)
+            tags.setdefault(codes.get(name, -1), value)
     return tags
 
 
 def _marked(page: tifffile.TiffPage, tags: dict[int, object]) -> tuple[Encoding, str] | None:
-    tag = page.tags.get(_ICC_TAG)
-    if tag is not None and isinstance(tag.value, bytes):
-        profile = read_profile(tag.value)
-        return profile.encoding, f"its ICC profile {profile.name}".rstrip()
+    profile = page.tags.valueof(_ICC_TAG)
+    if isinstance(profile, bytes):
+        found = read_profile(profile)
+        return found.encoding, f"its ICC profile {found.name}".rstrip()
     return (SRGB, "its Exif") if is_srgb(tags) else None
 
 
 def _pattern(page: tifffile.TiffPage) -> Pattern | None:
     if int(page.photometric) != _CFA:
         return None
-    tag = page.tags.get("CFAPattern")
-    found = _PATTERNS.get(bytes(tag.value)) if tag is not None else None
-    if found is None:
+    cells = page.tags.valueof(_CFA_PATTERN_TAG)
+    found = _PATTERNS.get(tuple(cells)) if isinstance(cells, bytes | tuple) else None
+    if found is None or page.tags.valueof(_CFA_REPEAT_TAG) != (2, 2):
         raise DecodingError("a raw mosaic whose pattern of colours is not 2 x 2 of a Bayer filter")
     return found
