@@ -1,19 +1,26 @@
 """The camera's PSF from photographs of edges, and its file."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from os import PathLike
+from pathlib import Path
 
 from acquisition import Session as Session
 from calibration.edges import (
-    EdgeImage,
     EdgeMeasurement,
     Method,
     Region,
     measure_edges as measured_edges,
 )
 from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
-from calibration.psf import PsfCalibration, calibrate_psf as psf_of_images, edge_images
+from calibration.psf import (
+    PsfCalibration,
+    calibrate_mosaic,
+    calibrate_psf as psf_of_images,
+    edge_images,
+)
 from simulation import GaussianPsf as GaussianPsf
 from standoff.library.inputs import FilePath, ImageLike, listed_images, path_of, photograph
+from standoff.photographs import Inputs, Photograph
 from standoff.workflows import Reading, edge_image
 
 
@@ -29,7 +36,8 @@ def calibrate_psf(
     Parameters
     ----------
     images
-        Arrays or files, linear in light; or a session, whose edge captures are used.
+        Arrays linear in light, or files; of camera raw files every colour is measured, and green
+        is returned. Or a session, whose edge captures are used.
     method
         ``all-angles`` by maximum likelihood on the raw pixels, or ``paper``: medians over
         vertical and horizontal edges.
@@ -50,9 +58,27 @@ def calibrate_psf(
     NoEdgeError
         If no edge is found, or none is usable; the message says why.
     """
-    return psf_of_images(
-        _edge_images(images), method=method, region=lambda _: region, progress=progress
+    if isinstance(images, Session):
+        inputs = Inputs()
+        inputs.add_session(images)
+        found = psf_of_images(
+            edge_images(images), method=method, region=lambda _: region, progress=progress
+        )
+        return _with_provenance(found, inputs)
+    inputs = Inputs()
+    listed = listed_images(images)
+    pattern = _read(listed[0], "images[0]", inputs).pattern
+    sources = (
+        edge_image(_read(image, f"images[{number}]", inputs), Reading(pattern=pattern))
+        for number, image in enumerate(listed)
     )
+    if pattern is None:
+        found = psf_of_images(sources, method=method, region=lambda _: region, progress=progress)
+    else:
+        found = calibrate_mosaic(
+            sources, pattern, method=method, region=lambda _: region, progress=progress
+        )
+    return _with_provenance(found, inputs)
 
 
 def measure_edges(
@@ -111,9 +137,11 @@ def write_psf(path: FilePath, psf: PsfCalibration) -> None:
     write_psf_file(path_of(path, "path"), psf)
 
 
-def _edge_images(images: ImageLike | Iterable[ImageLike] | Session) -> Iterator[EdgeImage]:
-    if isinstance(images, Session):
-        yield from edge_images(images)
-        return
-    for number, image in enumerate(listed_images(images)):
-        yield edge_image(photograph(image, f"images[{number}]"), Reading())
+def _read(image: ImageLike, name: str, inputs: Inputs) -> Photograph:
+    if isinstance(image, str | PathLike):
+        return inputs.photograph(Path(image))
+    return photograph(image, name)
+
+
+def _with_provenance(found: PsfCalibration, inputs: Inputs) -> PsfCalibration:
+    return found.model_copy(update={"provenance": inputs.provenance("standoff.calibrate_psf")})

@@ -38,7 +38,7 @@ def refusal(folder: Path, data: bytes, name: str = "photo.dng") -> str:
 @pytest.mark.parametrize("pattern", CELLS)
 def test_the_mosaic_is_read_exactly_with_its_pattern(tmp_path: Path, pattern: str) -> None:
     found = raw(tmp_path, Dng(levels=MOSAIC, cells=CELLS[pattern]))
-    np.testing.assert_array_equal(found.grey_dn, MOSAIC.astype(float) - 64)
+    np.testing.assert_array_equal(found.linear_planes, MOSAIC.astype(float) - 64)
     assert found.pattern == pattern
     assert found.full_scale_dn == found.saturation_dn == 4000 - 64
     assert (found.encoding.name, found.encoding_from) == ("linear", "camera raw")
@@ -57,24 +57,24 @@ def test_each_cell_has_its_own_black(tmp_path: Path) -> None:
     black = (10, 20, 30, 40)
     found = raw(tmp_path, Dng(levels=MOSAIC, black=black))
     expected = MOSAIC.astype(float) - np.tile(np.reshape(black, (2, 2)), (32, 48))
-    np.testing.assert_array_equal(found.grey_dn, expected)
+    np.testing.assert_array_equal(found.linear_planes, expected)
     assert found.full_scale_dn == 4000 - 40  # the first channel to clip
 
 
 def test_levels_below_black_stay_below_zero(tmp_path: Path) -> None:
     found = raw(tmp_path, Dng(levels=MOSAIC, black=(500,)))
-    assert found.grey_dn.min() == 64 - 500
+    assert found.linear_planes.min() == 64 - 500
 
 
 def test_a_linearisation_table_is_applied(tmp_path: Path) -> None:
     table = (np.arange(4096) ** 2 // 300).astype(np.uint16)
     found = raw(tmp_path, Dng(levels=MOSAIC, table=table, white=50_000))
-    np.testing.assert_array_equal(found.grey_dn, table[MOSAIC].astype(float) - 64)
+    np.testing.assert_array_equal(found.linear_planes, table[MOSAIC].astype(float) - 64)
 
 
 def test_linear_raw_is_a_photograph_in_colour(tmp_path: Path) -> None:
     found = raw(tmp_path, Dng(levels=COLOUR, black=(64, 65, 66)))
-    np.testing.assert_array_equal(found.colour_planes, COLOUR.astype(float) - (64, 65, 66))
+    np.testing.assert_array_equal(found.linear_planes, COLOUR.astype(float) - (64, 65, 66))
     assert found.pattern is None
 
 

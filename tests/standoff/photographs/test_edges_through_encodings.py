@@ -140,9 +140,10 @@ def test_a_mosaic_has_the_width_in_all_of_its_planes(tmp_path: Path, pattern: st
     levels = np.rint(64 + 3900 * linear(0.8)).astype(np.uint16)
     found = read(tmp_path, Dng(levels=levels, cells=CELLS[pattern]).to_bytes(), name="a.dng")
     assert found.pattern == pattern
-    np.testing.assert_allclose(widths_px(found), 0.8, rtol=NEAR)
+    mosaic = found.linear_planes.astype(np.float64)
+    np.testing.assert_allclose(widths_px(found, mosaic), 0.8, rtol=NEAR)
     for place in plane_places(found.pattern):
-        np.testing.assert_allclose(widths_px(found, place.plane(found.grey_dn), 2), 0.8, rtol=NEAR)
+        np.testing.assert_allclose(widths_px(found, place.plane(mosaic), 2), 0.8, rtol=NEAR)
 
 
 def test_encoded_levels_that_are_taken_for_light_are_far_off(tmp_path: Path) -> None:
