@@ -16,7 +16,7 @@ from PIL import Image, UnidentifiedImageError
 
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import PhotographFacts, is_srgb
-from standoff.photographs.guard import TOO_LARGE, refuse_giant
+from standoff.photographs.guard import TOO_LARGE, refuse_giant, refuse_many_scans
 from standoff.photographs.icc import read_profile
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
@@ -51,8 +51,10 @@ def read_raster_image(data: bytes) -> StoredImage:
                 f"its colours are {_WITHOUT_LUMA[image.mode]}; convert it to RGB or grey"
             )
         refuse_giant((image.height, image.width, len(image.getbands())), 1, len(data))
-        image.load()
         is_jpeg = image.format in ("JPEG", "MPO")
+        if is_jpeg:
+            refuse_many_scans(data)
+        image.load()
         white_dn = _wide_white_dn(data)
         pages = _Pages(data=data, image=image, is_wide=white_dn is not None)
         is_deep = pages.is_wide or image.mode.startswith(("I", "F"))

@@ -18,7 +18,7 @@ from acquisition.session import parse_capture
 from calibration.choices import Pattern
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import FACT_TAGS, PhotographFacts, is_srgb
-from standoff.photographs.guard import refuse_giant
+from standoff.photographs.guard import refuse_giant, refuse_many_scans
 from standoff.photographs.icc import read_profile
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 from standoff.photographs.tiff_directories import refuse_overlapping_directories
@@ -201,7 +201,10 @@ def _refuse_giant(page: tifffile.TiffPage | tifffile.TiffFrame, data: bytes) -> 
     if int(key.compression) not in _WITH_A_SIZE:
         return
     for at, size in zip(page.dataoffsets, page.databytecounts, strict=True):
-        with Image.open(BytesIO(data[at : at + size]), formats=("JPEG", "JPEG2000", "WEBP")) as own:
+        part = data[at : at + size]
+        if int(key.compression) in _JPEG:
+            refuse_many_scans(part)
+        with Image.open(BytesIO(part), formats=("JPEG", "JPEG2000", "WEBP")) as own:
             if own.width * own.height > 2 * rows * cols + _SMALL_PX:
                 raise DecodingError(
                     f"a part of {own.width} x {own.height} pixels in {cols} x {rows}"
