@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
 CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
-EXTRAS := aravis,kernelgan,console,cluster,pdf,docs,dev
+EXTRAS := aravis,kernelgan,console,cluster,pdf,raw,formats,docs,dev
 
 .PHONY: demo paper test setup lint coverage docs bench fuzz clean
 

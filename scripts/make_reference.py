@@ -34,6 +34,7 @@ from calibration.geometry import (
     HeightZoom,
 )
 from calibration.noise import LevelSample, MapFile, NoiseCalibration
+from calibration.provenance import InputFile, Provenance
 from calibration.psf import (
     CameraIdentity,
     ColourPsf,
@@ -134,6 +135,11 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
             ColourPsf,
             PairWidths,
         ),
+    ),
+    (
+        "provenance",
+        "In every JSON document that a command writes, under this key; null in older files.",
+        (Provenance, InputFile),
     ),
     (
         "noise.json",

@@ -15,6 +15,7 @@ from standoff.photographs.encoding import LINEAR
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import refuse_giant
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
+from standoff.photographs.tiff import black_repeat_px
 
 RAW_SUFFIXES = frozenset(
     """.3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .fff .iiq .k25 .kdc .mef .mos .mrw .nef .nrw .orf
@@ -22,6 +23,7 @@ RAW_SUFFIXES = frozenset(
 )
 _SIGNATURES = (b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"FUJIFILMCCD-RAW", b"\0MRM", b"FOVb")
 _DNG_VERSION = 50706
+_LARGEST_REPEAT_PX = 2  # LibRaw keeps more to itself
 _EXTRA = 'install the reader: pip install "standoff[raw]"'
 
 
@@ -58,6 +60,11 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
         import rawpy
     except ImportError as error:
         raise DecodingError(f"a camera raw file; {_EXTRA}") from error
+    if black_repeat_px(data) > _LARGEST_REPEAT_PX:
+        raise DecodingError(
+            "black levels that differ within more than 2 x 2 pixels are not read; "
+            "convert it to a linear TIFF"
+        )
     with decoding("camera raw file", rawpy.LibRawError), rawpy.imread(BytesIO(data)) as raw:
         sizes = raw.sizes
         refuse_giant((sizes.raw_height, sizes.raw_width), 2, len(data))

@@ -5,6 +5,7 @@ are refused before they are read, larger images before they are decoded.
 """
 
 import math
+import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,9 @@ LARGEST_LEVEL = 1e9
 _SMALL_BYTES = 32 << 20  # what decodes to so little is no danger
 _LARGEST_RATIO = 200.0
 _MOST_CHANNELS = 4
+_MOST_SCANS = 100
+_JPEG_MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)  # no stuffing, no restart
+_START_OF_IMAGE, _END_OF_IMAGE, _START_OF_SCAN = b"\xd8", b"\xd9", b"\xda"
 TOO_LARGE = (
     f"at most {LARGEST_IMAGE_PX / 1e6:g} million pixels are read; cut out the part that matters"
 )
@@ -91,6 +95,28 @@ def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int)
 def is_swollen(decoded_bytes: int, file_bytes: int) -> bool:
     """Whether pixels take more memory than any compression of photographs explains."""
     return decoded_bytes > max(_SMALL_BYTES, _LARGEST_RATIO * file_bytes)
+
+
+def refuse_many_scans(jpeg: bytes) -> None:
+    """Check that a progressive JPEG builds up in so many steps as one of a camera at most.
+
+    Each scan, of a few bytes, takes the time of decoding the whole image (ITU-T T.81, B.1.1).
+
+    Raises
+    ------
+    GiantImageError
+        If there are more.
+    """
+    at = scans = 0
+    while (marker := _JPEG_MARKER.search(jpeg, at)) and marker[1] != _END_OF_IMAGE:
+        scans += marker[1] == _START_OF_SCAN
+        if scans > _MOST_SCANS:
+            raise GiantImageError(
+                f"a JPEG of more than {_MOST_SCANS} scans, which is no photograph"
+            )
+        at = marker.end()
+        if marker[1] != _START_OF_IMAGE:
+            at += int.from_bytes(jpeg[at : at + 2], "big")
 
 
 class GiantImageError(DecodingError):

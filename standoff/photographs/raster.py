@@ -4,6 +4,7 @@ Only formats without programs or scripts inside are tried: an EPS by another nam
 """
 
 import re
+import struct
 import zlib
 from dataclasses import dataclass
 from functools import partial
@@ -11,13 +12,14 @@ from io import BytesIO
 from typing import Any
 
 import cv2
+import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import PhotographFacts, is_srgb
-from standoff.photographs.guard import TOO_LARGE, refuse_giant
+from standoff.photographs.guard import TOO_LARGE, refuse_giant, refuse_many_scans
 from standoff.photographs.icc import read_profile
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
@@ -32,6 +34,8 @@ _PNG_TRANSFER = {  # ITU-T H.273 in the cICP chunk
     13: SRGB,
 }
 _UNSPECIFIED = 2
+_CODESTREAM = b"\xff\x4f\xff\x51"
+_JPEG_2000 = (_CODESTREAM, b"\0\0\0\x0cjP  ")
 _BLANK = rb"(?:\s|#[^\n]*\n)+"
 _PPM_HEADER = re.compile(rb"P[2356]" + 2 * (_BLANK + rb"\d+") + _BLANK + rb"(\d{1,5})\s")
 _PNG_GAMMA_OF_SRGB = 45455
@@ -53,8 +57,10 @@ def read_raster_image(data: bytes) -> StoredImage:
                 f"its colours are {_WITHOUT_LUMA[image.mode]}; convert it to RGB or grey"
             )
         refuse_giant((image.height, image.width, len(image.getbands())), 1, len(data))
-        image.load()
         is_jpeg = image.format in ("JPEG", "MPO")
+        if is_jpeg:
+            refuse_many_scans(data)
+        image.load()
         white_dn = _wide_white_dn(data)
         pages = _Pages(data=data, image=image, is_wide=white_dn is not None)
         is_deep = pages.is_wide or image.mode.startswith(("I", "F"))
@@ -121,11 +127,20 @@ def _wide_white_dn(data: bytes) -> float | None:
     """White of 16-bit levels that Pillow would cut down to 8, or widen to 32; None for others."""
     if _png_depth(data) == 16:
         return 65535.0
+    if data.startswith(_JPEG_2000):
+        # ITU-T T.800, A.5.1: the depth of the first component, less one, with its sign before it.
+        depth = data[data.index(_CODESTREAM) + 42] % 128 + 1
+        return float(2**depth - 1) if depth > 8 else None
     found = _PPM_HEADER.match(data)
     return float(found[1]) if found is not None and int(found[1]) > 255 else None
 
 
 def _wide(data: bytes) -> NDArray[Any]:
+    if data.startswith(_JPEG_2000):
+        # The container may say another size than the codestream in it.
+        cols, rows = struct.unpack_from(">II", data, data.index(_CODESTREAM) + 8)
+        refuse_giant((rows, cols, 1), 2, len(data))
+        return np.asarray(imagecodecs.jpeg2k_decode(data))
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise DecodingError("not a complete image")

@@ -18,7 +18,7 @@ from acquisition.session import parse_capture
 from calibration.choices import Pattern
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import FACT_TAGS, PhotographFacts, is_srgb
-from standoff.photographs.guard import refuse_giant
+from standoff.photographs.guard import refuse_giant, refuse_many_scans
 from standoff.photographs.icc import read_profile
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 from standoff.photographs.tiff_directories import refuse_overlapping_directories
@@ -30,6 +30,7 @@ _JPEG = {7, 33007, 34892}
 _WITH_A_SIZE = {*_JPEG, 33003, 33004, 33005, 34712, 34933, 50001}
 _WITHOUT_A_SIZE = {1, 2, 3, 4, 5, 8, 32771, 32773, 32946, 34925, 50000}
 _ICC_TAG, _EXIF_TAG, _CFA_REPEAT_TAG, _CFA_PATTERN_TAG = 34675, 34665, 33421, 33422
+_BLACK_REPEAT_TAG = 50713
 _SMALL_PX = 1 << 16
 _REDUCED_OR_MASK = 1 | 4
 _PATTERNS: dict[object, Pattern] = {(0, 1, 1, 2): "RGGB", (1, 0, 2, 1): "GRBG",
@@ -83,6 +84,19 @@ def tiff_facts(data: bytes) -> tuple[PhotographFacts, frozenset[int]]:
             return facts, frozenset(tag.code for tag in first.tags)
     except DecodingError:
         return PhotographFacts(), frozenset()
+
+
+def black_repeat_px(data: bytes) -> int:
+    """Period of the black levels that a DNG states, along its longer side; 1 where it has none."""
+    try:
+        with decoding("DNG"):
+            first = _opened(data).pages.first
+            stated = [
+                page.tags.valueof(_BLACK_REPEAT_TAG) for page in (first, *(first.pages or ()))
+            ]
+            return max((max(sides) for sides in stated if sides), default=1)
+    except DecodingError:
+        return 1
 
 
 def _opened(data: bytes) -> tifffile.TiffFile:
@@ -201,7 +215,10 @@ def _refuse_giant(page: tifffile.TiffPage | tifffile.TiffFrame, data: bytes) -> 
     if int(key.compression) not in _WITH_A_SIZE:
         return
     for at, size in zip(page.dataoffsets, page.databytecounts, strict=True):
-        with Image.open(BytesIO(data[at : at + size]), formats=("JPEG", "JPEG2000", "WEBP")) as own:
+        part = data[at : at + size]
+        if int(key.compression) in _JPEG:
+            refuse_many_scans(part)
+        with Image.open(BytesIO(part), formats=("JPEG", "JPEG2000", "WEBP")) as own:
             if own.width * own.height > 2 * rows * cols + _SMALL_PX:
                 raise DecodingError(
                     f"a part of {own.width} x {own.height} pixels in {cols} x {rows}"

@@ -45,7 +45,7 @@ RASTERS = (
     b"P5 # made\n16 12\n4095\n" + (STACK[0] >> 4).astype(">u2").tobytes(),
 )
 RAWS = (
-    Dng(levels=STACK[0] >> 4, black=(1, 2, 3, 4)).to_bytes(),
+    Dng(levels=STACK[0] >> 4, black=(1, 2, 3, 4), black_repeat=(2, 2)).to_bytes(),
     Dng(levels=np.stack(list(STACK >> 4), axis=2).astype(np.uint16), black=(1, 2, 3)).to_bytes(),
 )
 

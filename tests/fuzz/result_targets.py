@@ -6,7 +6,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import tifffile
 
@@ -29,8 +28,7 @@ from calibration.noise.document import NOISE_SCHEMA
 from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
-from standoff.errors import ApplicationError, ImageFileError
-from standoff.photographs import read_image
+from standoff.errors import ApplicationError
 from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
@@ -41,21 +39,6 @@ def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
     buffer = BytesIO()
     tifffile.imwrite(buffer, pixels, **options)
     return buffer.getvalue()
-
-
-def photograph_samples() -> tuple[bytes, ...]:
-    rng = np.random.default_rng(1)
-    grey = rng.integers(0, 65535, (20, 24)).astype(np.uint16)
-    colour = rng.integers(0, 255, (12, 16, 3)).astype(np.uint8)
-    encoded = [cv2.imencode(end, colour)[1].tobytes() for end in (".png", ".jpg", ".bmp")]
-    return (
-        *encoded,
-        cv2.imencode(".png", grey)[1].tobytes(),
-        tiff(grey),
-        tiff(grey.astype(np.float32), tile=(16, 16)),
-        tiff(colour, photometric="rgb", compression="zlib"),
-        tiff(np.stack([grey, grey]), photometric="minisblack", bigtiff=True),
-    )
 
 
 PSF = json_object(calibrate_psf(photographs([4.0, 94.0])))
@@ -291,12 +274,5 @@ RESULT_TARGETS = (
         data=damaged_bytes((npy(np.full((13, 13), 1 / 169)),)),
         read=read_kernel,
         documented=(ResultsFileError,),
-    ),
-    FuzzTarget(
-        name="photograph",
-        data=damaged_bytes(photograph_samples()),
-        read=from_file(read_image, "photograph.dat"),
-        documented=(ImageFileError,),
-        examples=200,
     ),
 )

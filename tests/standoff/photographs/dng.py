@@ -32,13 +32,14 @@ def byte_tag(number: int, *values: int) -> Tag:
 class Dng:
     """A camera raw file of 16-bit levels.
 
-    ``black`` holds one level, or one for each cell of the pattern or channel; ``table`` is the
-    linearisation table.
+    ``black`` holds one level, or one for each channel, or for each pixel of a block of
+    ``black_repeat`` rows and columns; ``table`` is the linearisation table.
     """
 
     levels: NDArray[np.uint16]
     cells: Sequence[int] = CELLS["RGGB"]
     black: Sequence[int] = (64,)
+    black_repeat: tuple[int, int] = (1, 1)
     white: int = 4000
     table: NDArray[np.uint16] | None = None
     model: str = "T1"
@@ -86,8 +87,8 @@ class Dng:
         if samples == 1:
             side = round(len(self.cells) ** 0.5)
             tags += [short_tag(33421, side, side), byte_tag(33422, *self.cells)]
-        if samples == 1 and len(self.black) > 1:
-            tags.append(short_tag(50713, 2, 2))
+        if self.black_repeat != (1, 1):
+            tags.append(short_tag(50713, *self.black_repeat))
         if self.table is not None:
             tags.append(short_tag(50712, *self.table.tolist()))
         return tags

@@ -52,13 +52,23 @@ def test_the_thumbnail_is_never_read(tmp_path: Path) -> None:
         assert not (found.stored == THUMBNAIL_LEVEL - 64).all()
 
 
-def test_each_cell_has_its_own_black(tmp_path: Path) -> None:
-    # BlackLevelRepeatDim 2 x 2, by rows: of red, two greens and blue of RGGB.
-    black = (10, 20, 30, 40)
-    found = raw(tmp_path, Dng(levels=MOSAIC, black=black))
-    expected = MOSAIC.astype(float) - np.tile(np.reshape(black, (2, 2)), (32, 48))
+@pytest.mark.parametrize("pattern", CELLS)
+@pytest.mark.parametrize("repeat", [(2, 2), (1, 2), (2, 1)])
+def test_each_cell_has_its_own_black(tmp_path: Path, pattern: str, repeat: tuple[int, int]) -> None:
+    rows, cols = repeat
+    black = (10, 20, 30, 40)[: rows * cols]
+    found = raw(
+        tmp_path,
+        Dng(levels=MOSAIC, cells=CELLS[pattern], black=black, black_repeat=repeat),
+    )
+    expected = MOSAIC.astype(float) - np.tile(np.reshape(black, repeat), (64 // rows, 96 // cols))
     np.testing.assert_array_equal(found.linear_planes, expected)
-    assert found.full_scale_dn == 4000 - 40  # the first channel to clip
+    assert found.full_scale_dn == 4000 - max(black)  # the first channel to clip
+
+
+def test_black_levels_that_libraw_keeps_to_itself_are_refused(tmp_path: Path) -> None:
+    file = Dng(levels=MOSAIC, black=range(16), black_repeat=(4, 4))
+    assert "black" in refusal(tmp_path, file.to_bytes())
 
 
 def test_levels_below_black_stay_below_zero(tmp_path: Path) -> None:

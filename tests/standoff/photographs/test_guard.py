@@ -218,6 +218,26 @@ def test_bombs_of_a_megabyte_take_no_time_and_no_memory(tmp_path: Path) -> None:
     assert "3000 pages" in mean.said
 
 
+def test_a_jpeg_of_a_thousand_scans_is_refused_and_one_of_a_camera_read(tmp_path: Path) -> None:
+    # Each repeats the last refinement of all coefficients: half a minute of 140 kB once.
+    sound = pillow(GREY, "JPEG", progressive=True)
+    last = sound.rindex(b"\xff\xda")
+    endless = sound[:-2] + 1000 * sound[last:-2] + sound[-2:]
+    path = tmp_path / "a.jpg"
+    path.write_bytes(sound)
+    assert read_image(path).is_jpeg
+    path.write_bytes(endless)
+    with pytest.raises(ImageFileError) as refused:
+        read_image(path)
+    assert "scans" in str(refused.value)
+
+
+def test_what_follows_a_jpeg_is_none_of_its_scans(tmp_path: Path) -> None:
+    path = tmp_path / "with-a-film.jpg"
+    path.write_bytes(pillow(GREY, "JPEG") + 1000 * b"\xff\xda\0\2")
+    assert read_image(path).is_jpeg
+
+
 def test_thousands_of_pages_are_counted_quickly(tmp_path: Path) -> None:
     buffer = BytesIO()
     with tifffile.TiffWriter(buffer) as writer:

@@ -220,11 +220,27 @@ def test_a_name_does_not_decide_the_format(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path, png(GREY), name="a.jpg").stored, GREY)
 
 
-def test_16_bits_of_jpeg_2000_are_kept(tmp_path: Path) -> None:
-    data = bytes(imagecodecs.jpeg2k_encode(GREY_16, level=0))
-    found = read(tmp_path, data)
-    np.testing.assert_array_equal(found.stored, GREY_16)
+@pytest.mark.parametrize("pixels", [GREY_16, COLOUR_16])
+@pytest.mark.parametrize("bits", [12, 16])
+@pytest.mark.parametrize("container", ["jp2", "j2k"])
+def test_more_than_8_bits_of_jpeg_2000_are_kept(
+    tmp_path: Path, pixels: Pixels, bits: int, container: str
+) -> None:
+    levels = pixels >> (16 - bits)
+    coded = imagecodecs.jpeg2k_encode(
+        levels, level=0, reversible=True, bitspersample=bits, codecformat=container
+    )
+    found = read(tmp_path, bytes(coded))
+    np.testing.assert_array_equal(found.stored, levels)
+    assert found.full_scale_dn == 2**bits - 1
     assert found.encoding.name == "linear"
+
+
+def test_a_giant_within_a_small_container_is_refused(tmp_path: Path) -> None:
+    data = bytearray(imagecodecs.jpeg2k_encode(GREY_16, codecformat="jp2"))
+    at = data.index(b"\xff\x4f\xff\x51") + 8
+    data[at : at + 8] = struct.pack(">II", 60_000, 60_000)
+    refusal(tmp_path, bytes(data))
 
 
 SAMPLES = {

@@ -154,3 +154,18 @@ def test_a_damaged_exr_gives_an_image_or_the_one_error(
 def test_a_damaged_fits_file_gives_an_image_or_the_one_error(data: st.DataObject) -> None:
     with contextlib.suppress(DecodingError):
         read_fits_image(damaged(fits(GREY_16), data)).page(0)
+
+
+@given(data=st.data())
+def test_a_file_that_is_cut_is_refused_or_whole(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    plane = np.ascontiguousarray(LIGHT[:, :, 0])
+    samples = (
+        (read_exr_image, exr(tmp_path_factory.getbasetemp(), {"Y": plane}), plane),
+        (read_fits_image, fits(GREY_16), GREY_16),
+    )
+    for reader, sample, pixels in samples:
+        length = data.draw(st.integers(0, len(sample)))
+        with contextlib.suppress(DecodingError):
+            np.testing.assert_array_equal(reader(sample[:length]).page(0), pixels)

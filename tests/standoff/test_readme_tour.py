@@ -1,0 +1,79 @@
+"""The tour of the README, command by command, on photographs of the simulated bench."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from standoff.cli import run
+from tests.standoff.conftest import Outcome
+
+CHECKOUT = Path(__file__).parents[2]
+TOUR = "## A tour of the commands"
+
+
+def tour_commands() -> list[str]:
+    """The commands in the code blocks of the tour, in order."""
+    text = (CHECKOUT / "README.md").read_text("utf-8")
+    tour = text[text.index(TOUR) :].partition("\n## ")[2].join(("", ""))
+    tour = text[text.index(TOUR) + len(TOUR) :].partition("\n## ")[0]
+    blocks = re.findall(r"```sh\n(.*?)```", tour, re.DOTALL)
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    return [line for line in lines if line.strip()]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working folder with the photographs that the tour names, from a session of the demo."""
+    folder = tmp_path_factory.mktemp("tour")
+    shutil.copytree(CHECKOUT / "configs", folder / "configs")
+    demo = folder / "demo"
+    assert run(["demo", "--out", str(demo)]) == 0
+    captures = sorted((demo / "session" / "captures").iterdir())
+    edges = [path for path in captures if "edge" in path.name]
+    scenes = [path for path in captures if "coins" in path.name or "texture" in path.name]
+    assert len(edges) >= 3
+    assert len(scenes) >= 2
+    for name, path in zip(
+        ("edge-vertical.tif", "edge-horizontal.tif", "edge-diagonal.tif"), edges, strict=False
+    ):
+        shutil.copy(path, folder / name)
+    (folder / "photographs").mkdir()
+    for name, path in (
+        ("near.tif", scenes[0]),
+        ("before.tif", scenes[0]),
+        ("after.tif", scenes[1]),
+        ("photographs/1.tif", scenes[0]),
+        ("photographs/2.tif", scenes[1]),
+    ):
+        shutil.copy(path, folder / name)
+    return folder
+
+
+def test_the_tour_names_the_commands_it_tells_of() -> None:
+    names = {shlex.split(line)[1] for line in tour_commands()}
+    assert {"calibrate", "simulate", "sr-pairs", "capture", "verify", "report"} <= names
+    assert {"geometry", "validate", "detectability", "limits", "pose", "changes"} <= names
+
+
+@pytest.mark.slow
+def test_every_command_of_the_tour_runs_as_it_is_written(folder: Path) -> None:
+    script = Path(sys.executable).with_name("standoff")
+    environment = os.environ | {"PATH": f"{script.parent}{os.pathsep}{os.environ['PATH']}"}
+    for line in tour_commands():
+        done = subprocess.run(
+            shlex.split(line),
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        outcome = Outcome(status=done.returncode, out=done.stdout, err=done.stderr)
+        assert outcome.status == 0, f"{line}: {outcome.err}"
