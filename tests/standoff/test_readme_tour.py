@@ -20,7 +20,6 @@ TOUR = "## A tour of the commands"
 def tour_commands() -> list[str]:
     """The commands in the code blocks of the tour, in order."""
     text = (CHECKOUT / "README.md").read_text("utf-8")
-    tour = text[text.index(TOUR) :].partition("\n## ")[2].join(("", ""))
     tour = text[text.index(TOUR) + len(TOUR) :].partition("\n## ")[0]
     blocks = re.findall(r"```sh\n(.*?)```", tour, re.DOTALL)
     lines = "".join(blocks).replace("\\\n", " ").splitlines()
@@ -34,15 +33,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(CHECKOUT / "configs", folder / "configs")
     demo = folder / "demo"
     assert run(["demo", "--out", str(demo)]) == 0
-    captures = sorted((demo / "session" / "captures").iterdir())
-    edges = [path for path in captures if "edge" in path.name]
-    scenes = [path for path in captures if "coins" in path.name or "texture" in path.name]
-    assert len(edges) >= 3
-    assert len(scenes) >= 2
-    for name, path in zip(
-        ("edge-vertical.tif", "edge-horizontal.tif", "edge-diagonal.tif"), edges, strict=False
-    ):
-        shutil.copy(path, folder / name)
+    captures = demo / "session" / "captures"
+    for name, direction in (("vertical", "005"), ("horizontal", "095"), ("diagonal", "050")):
+        shutil.copy(next(captures.glob(f"*_edge-{direction}_h0180*")), folder / f"edge-{name}.tif")
+    scenes = sorted(captures.glob("*_texture-000_*"))
     (folder / "photographs").mkdir()
     for name, path in (
         ("near.tif", scenes[0]),
