@@ -42,6 +42,10 @@ def with_pillow(path: Path) -> object:
         return np.asarray(image)
 
 
+def to_light(path: Path) -> object:
+    return read_image(path).linear_planes
+
+
 def width_px(path: Path, options: ReadOptions) -> float:
     found = read_image(path, options)
     edges = measure_edges(EdgeImage(name=path.name, image_dn=found.grey_dn, is_jpeg=found.is_jpeg))
@@ -76,9 +80,7 @@ def main() -> None:
         )
         megapixels = shape[0] * shape[1] / 1e6
         for name, path, peer, peer_name in peers:
-            ours_s, peer_s = medians_s(
-                [lambda path=path: read_image(path).linear_planes, peer], rounds
-            )
+            ours_s, peer_s = medians_s([partial(to_light, path), peer], rounds)
             record.say(f"{name}: {1e3 * ours_s:.0f} ms, {peer_name} {1e3 * peer_s:.0f} ms")
             record.figure(
                 f"{name} of {megapixels:g} Mpx to linear light",

@@ -112,16 +112,6 @@ class Photograph(PhotographHead):
             saturation_dn=saturation_dn(stored, full_scale),
         )
 
-    @property
-    def encoding_sentence(self) -> str:
-        """Which encoding was taken, why, and what decides it."""
-        if self.encoding_from == "--encoding":
-            return f"levels taken as {self.encoding.name} (--encoding)"
-        return (
-            f"levels taken as {self.encoding.name}, {self.encoding_from}; --encoding decides "
-            "otherwise"
-        )
-
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.colour_planes, dtype=dtype, copy=copy)
 

@@ -8,6 +8,7 @@ from PIL import Image
 
 from tests.analysis.changes.test_filter import pair
 from tests.standoff.conftest import Command
+from tests.standoff.provenance import assert_provenance
 
 pytestmark = pytest.mark.slow
 
@@ -40,6 +41,8 @@ def test_changes_are_registered_found_and_written(
     assert document["zoom"] == pytest.approx(1.5, abs=0.005)
     # The scene was photographed through no lens at all.
     assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
+    images = (tmp_path / "near.tif", tmp_path / "far.tif")
+    assert_provenance(document, "changes", *images, psf_file, noise)
     told = command(*asked, "--noise", noise, "--out", tmp_path / "again")
     assert told.out.startswith(
         f"{document['changed_px']} of {document['compared_px']} pixels changed by more than "

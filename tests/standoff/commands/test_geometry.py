@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from tests.standoff.conftest import SMALL_BENCH, Command
+from tests.standoff.provenance import assert_provenance
 
 PLAN = """
 schema = "standoff.plan/1"
@@ -39,12 +40,14 @@ def test_a_board_session_gives_its_geometry_and_a_report(command: Command, tmp_p
     assert done.status == 0, done.err
     document = json.loads(done.out)
     assert document == json.loads(out.read_text())
+    assert_provenance(document, "geometry", session / "journal.jsonl")
     assert document["heights_mm"] == [160.0, 220.0, 300.0]
     assert document["pupil_offset_mm"] == pytest.approx(12.5, abs=0.3)
     # 8 mm over 20 um, and the distance from the entrance pupil.
     assert document["scale_px_per_mm"][0] == pytest.approx(400 / 172.5, rel=1e-3)
     assert "--board" in done.err
     text = page.read_text()
+    assert document["provenance"]["inputs"][0]["sha256"] in text
     assert "Squareness" in text
     assert 'src="http' not in text
 

@@ -11,6 +11,7 @@ from calibration.errors import NoiseFileError
 from calibration.files import read_correction, read_noise
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import SMALL_BENCH, Command
+from tests.standoff.provenance import assert_provenance
 
 DARK = """
 [[targets]]
@@ -59,6 +60,8 @@ def test_a_session_gives_the_benchs_noise_its_maps_and_a_report(
     assert done.status == 0, done.err
     document = json.loads(done.out)
     assert document == json.loads(out.read_text())
+    assert_provenance(document, "noise", session / "journal.jsonl")
+    assert document["provenance"]["created"] in page.read_text()
     # The truth of the default bench; 20 480 pixels, 6 frames: 0.3 %.
     assert document["gain_e_per_dn"] == pytest.approx(5.0, rel=0.02)
     assert document["read_noise_e"] == pytest.approx(12.0, rel=0.02)

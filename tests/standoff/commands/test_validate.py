@@ -9,6 +9,7 @@ from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
 from standoff.workflows import validation_run
 from tests.analysis.height_series import height_series
 from tests.standoff.conftest import Command
+from tests.standoff.provenance import assert_provenance
 
 FILES = {
     "report.html", "validation.json", "curves.csv",
@@ -50,6 +51,8 @@ def test_a_session_becomes_tables_figures_and_a_report(
     assert {path.name for path in out.iterdir()} == FILES
     document = json.loads(done.out)
     assert document == json.loads((out / "validation.json").read_text())
+    assert_provenance(document, "validate", series / "journal.jsonl", psf)
+    assert "standoff validate" in (out / "report.html").read_text()
     # In the order of the tables, whatever the order they were asked for in.
     assert document["models"] == ["bicubic", "paper"]
     assert [one["capture"] for one in document["excluded"]] == [2]
@@ -85,7 +88,10 @@ def test_the_report_and_the_validation_of_a_session_have_the_same_numbers(
         "--models", "bicubic,paper,matched,lmmse", "--json",
     )  # fmt: skip
     assert done.status == 0, done.err
-    assert json.loads(done.out) == reported
+    assert_provenance(reported, "report", session / "journal.jsonl", calibration)
+    validated = json.loads(done.out)
+    assert_provenance(validated, "validate", session / "journal.jsonl", calibration)
+    assert validated | {"provenance": None} == reported | {"provenance": None}
     page = (results / "report.html").read_text()
     for row in reported["table_2"]:
         if row["alignment"] == "followup-grid":
