@@ -28,7 +28,7 @@ from analysis.errors import AnalysisError, ResultsFileError
 from simulation import Model
 from simulation.arrays import FloatArray
 
-_VERSION = 1
+_VERSION = 2
 """Version of a cell's contents; older cells are recomputed."""
 
 _TILES_WANTED = 16
@@ -39,12 +39,13 @@ _CONNECT_S = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepPlan:
-    """What is measured on every image."""
+    """What is measured on every image; ``reading`` states how the files are read."""
 
     scenario: Scenario
     models: tuple[Model, ...]
     zooms: tuple[float, ...]
     tiles_per_side: int
+    reading: str = ""
 
     @property
     def key(self) -> str:

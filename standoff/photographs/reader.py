@@ -53,6 +53,10 @@ class ReadOptions:
     page: int | None = None
     is_mean: bool = False
 
+    def __str__(self) -> str:
+        encoding = "auto" if self.encoding is None else self.encoding.name
+        return f"encoding {encoding}, page {self.page}, mean {self.is_mean}"
+
     def __post_init__(self) -> None:
         if self.page is not None and self.is_mean:
             raise ValueError("a page or the mean of all pages, not both")

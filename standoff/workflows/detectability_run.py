@@ -53,7 +53,7 @@ def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves
     """
     task = request.task
     psf = None if request.psf is None else read_total_psf(request.psf)
-    plan = task.plan(psf, len(request.images))
+    plan = replace(task.plan(psf, len(request.images)), reading=str(request.inputs.options))
     for image in request.images:
         request.inputs.add_photograph(image)
     with progress_bar("measuring images", len(request.images)) as bar:

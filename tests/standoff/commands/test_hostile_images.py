@@ -11,6 +11,9 @@ import pytest
 import tifffile
 from PIL import Image
 
+from analysis.detectability.curves import DetectabilityCurves
+from analysis.results_file import write_results
+from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
 
 GIGANTIC = 20 << 30
@@ -80,12 +83,18 @@ COMMANDS: dict[str, tuple[str | int, ...]] = {
     "detectability": ("detectability", "BAD", "--psf", "PSF", "--out", "OUT.json"),
     "changes": ("changes", "GOOD", "BAD", "--psf", "PSF", "--out", "OUT"),
     "changes-reference": ("changes", "BAD", "GOOD", "--psf", "PSF", "--out", "OUT"),
+    "pose": ("pose", "GOOD", "BAD", "--curves", "CURVES", "--min-dprime", 2),
+    "pose-reference": ("pose", "BAD", "GOOD", "--curves", "CURVES", "--min-dprime", 2),
+    "signal": ("detectability", "GOOD", "--signal", "BAD", "--psf", "PSF", "--out", "OUT.json"),
     "sr-pairs": ("sr-pairs", "BAD", "--psf", "PSF", "--zoom", 2, "--crop", 32, "--out", "OUT"),
 }
 
 
 def command_line(name: str, words: dict[str, object], folder: Path) -> list[object]:
     """The arguments of a command, with files in the place of the words in capitals."""
+    curves = folder / "curves.json"
+    write_results(curves, DetectabilityCurves(curves=[curve()]))
+    words = {**words, "CURVES": curves}
     return [
         folder / str(word) if str(word).startswith("OUT") else words.get(str(word), word)
         for word in COMMANDS[name]
