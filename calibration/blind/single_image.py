@@ -15,7 +15,7 @@ from math import exp, log, pi, sqrt, tanh
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import log_ndtr
+from scipy.special import erfcx, log_ndtr
 
 from simulation.arrays import FloatArray
 
@@ -23,6 +23,7 @@ FEWEST_EDGES = 12
 """Edges needed for the three elements of Sigma and the softness, with a few to spare."""
 
 _OUTLIERS = 0.05  # fraction of edges that are not steps at all
+_REACH = 3.0  # of the search, in logarithms of widths and their ratio
 _OUTLIER_SPREAD_PX2 = 1.0
 _LEAST_ERR_PX2 = 0.01  # of an edge's variance: its own error does not include texture beside it
 _STEP = 1e-3
@@ -84,10 +85,19 @@ def fit_sharpest_widths(
         return -float(joint.sum()) + 0.5 * float(unequal**2 + tilted**2)
 
     width = sqrt(float(np.quantile(variance, 0.25)))
+    middle = log(width)
+    bounds = [
+        (middle - _REACH, middle + _REACH),
+        (-_REACH, _REACH),
+        (-_REACH, _REACH),
+        (2 * middle - 3 * _REACH, 2 * middle + _REACH),
+    ]
     best = None
     for start_width, softness in ((width, 0.3), (0.8 * width, 1.0), (1.2 * width, 0.1)):
         start = np.array([log(start_width), 0.0, 0.0, log(softness * width**2)])
-        found = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 2000})
+        found = minimize(
+            cost, start, method="Nelder-Mead", bounds=bounds, options={"maxiter": 2000}
+        )
         if best is None or found.fun < best.fun:
             best = found
     assert best is not None
@@ -114,11 +124,16 @@ def _covariance(parameters: FloatArray) -> tuple[float, float, float]:
 
 
 def _log_modified_gaussian(left: FloatArray, err: FloatArray, mean: float) -> FloatArray:
-    """Log density of a Gaussian error plus an exponential variable with this mean."""
-    ratio = err / mean
-    return np.asarray(
-        -log(mean) + 0.5 * ratio**2 - left / mean + log_ndtr(left / err - ratio), dtype=np.float64
-    )
+    """Log density of a Gaussian error plus an exponential variable with this mean.
+
+    Far above the error the tail is exponential; elsewhere the form with erfcx neither overflows
+    nor cancels, however small the mean is.
+    """
+    ratio, scaled = err / mean, left / err
+    below = (ratio - scaled) / sqrt(2)
+    tail = 0.5 * np.square(np.minimum(ratio, scaled)) - left / mean + log_ndtr(scaled - ratio)
+    near = -0.5 * scaled**2 + np.log(erfcx(np.maximum(below, 0.0)) / 2)
+    return np.asarray(np.where(below < 0, tail, near) - log(mean), dtype=np.float64)
 
 
 def _hessian(cost: Callable[[FloatArray], float], point: FloatArray) -> FloatArray:
