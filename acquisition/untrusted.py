@@ -1,7 +1,4 @@
-"""JSON, TOML and TIFF files from elsewhere: any fault in one is a ``ValueError``.
-
-The names of files are untrusted too: a terminal obeys the control characters they may hold.
-"""
+"""JSON, TOML and TIFF files from elsewhere: any fault in one is a ``ValueError``."""
 
 import json
 import struct
@@ -44,11 +41,6 @@ class TiffPages:
 
     images: tuple[NDArray[Any], ...]
     info: str | None
-
-
-def on_one_line(text: object) -> str:
-    """Return a text or the name of a file as one line, with what is not printable escaped."""
-    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in str(text))
 
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks what it needs

@@ -14,8 +14,14 @@ Document = TypeVar("Document", bound=BaseModel)
 
 
 def json_object(document: BaseModel) -> dict[str, Any]:
-    """Return the content of a document's file as plain lists, numbers and text."""
-    return document.model_dump(mode="json", by_alias=True)
+    """Return the content of a document's file as plain lists, numbers and text.
+
+    The provenance comes last: people look for the figures first.
+    """
+    content = document.model_dump(mode="json", by_alias=True)
+    if "provenance" in content:
+        content["provenance"] = content.pop("provenance")
+    return content
 
 
 def write_document(path: Path, document: BaseModel, failure: type[DocumentError]) -> None:

@@ -46,6 +46,8 @@ def test_the_extras_are_those_of_the_guide() -> None:
         "console",
         "cluster",
         "pdf",
+        "raw",
+        "formats",
         "docs",
         "dev",
     }

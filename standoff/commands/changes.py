@@ -38,7 +38,7 @@ def changes(
     json: Json = False,
 ) -> None:
     """Find what changed between two photographs that their poses do not explain."""
-    from acquisition.untrusted import on_one_line
+    from acquisition.printable import on_one_line
     from analysis.changes import ChangeOptions
     from analysis.results_file import write_results
     from calibration.documents import json_object

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.untrusted import on_one_line
+from acquisition.printable import on_one_line
 from standoff.errors import ImageFileError
 from standoff.photographs.stored import DecodingError
 

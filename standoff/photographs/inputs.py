@@ -4,8 +4,8 @@ from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
+from acquisition.printable import on_one_line
 from acquisition.session import Session
-from acquisition.untrusted import on_one_line
 from calibration.provenance import InputFile, Provenance, utc_now
 from simulation.arrays import FloatArray
 from standoff import __version__
@@ -119,8 +119,10 @@ class Inputs:
         if kind not in self._announced:
             self._announced.add(kind)
             self._announce(f"{photograph.name}: {photograph.encoding_sentence}")
-        if photograph.facts.turn is not None:
+        turn = photograph.facts.turn
+        if turn is not None and ("turn", turn) not in self._announced:
+            self._announced.add(("turn", turn))
             self._announce(
-                f"{photograph.name}: viewers show it {photograph.facts.turn}; rows and columns "
-                "here are the sensor's own"
+                f"{photograph.name}: viewers show it {turn}; rows and columns here are those of "
+                "the sensor"
             )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from acquisition.untrusted import on_one_line
+from acquisition.printable import on_one_line
 from calibration.choices import Pattern
 from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane

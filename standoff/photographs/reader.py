@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.untrusted import on_one_line
+from acquisition.printable import on_one_line
 from simulation.arrays import AnyArray, FloatArray
 from standoff.errors import ImageFileError
 from standoff.photographs.camera_raw import RAW_SUFFIXES, is_camera_raw, read_camera_raw

@@ -18,7 +18,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from acquisition.untrusted import on_one_line
+from acquisition.printable import on_one_line
 
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 _WITHOUT_A_TERMINAL = 10_000

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
-from acquisition.untrusted import on_one_line
 from calibration.choices import Channel, Pattern
 from calibration.edges import EdgeImage, plane_places
 from calibration.errors import CalibrationError

@@ -61,6 +61,14 @@ def pdf_bytes(page: str) -> bytes:
     return bytes(weasyprint.HTML(string=page).write_pdf())
 
 
+_LABELS = {
+    "focal_length_mm": "focal length / mm",
+    "f_number": "f-number",
+    "exposure_s": "exposure / s",
+    "iso": "ISO",
+    "pixel_pitch_um": "pixel pitch / µm",
+}
+
 RESULTS_FOLDER = "results"
 """Folder of a session for the results obtained from it."""
 
@@ -126,7 +134,7 @@ def write_calibration_report(
 def _taken_with(psf: PsfCalibration) -> tuple[tuple[str, str], ...]:
     """What the photographs' files say alike of camera, lens and exposure."""
     return tuple(
-        (name.replace("_", " "), str(value)) for name, value in (psf.photograph or {}).items()
+        (_LABELS.get(name, name), str(value)) for name, value in (psf.photograph or {}).items()
     )
 
 

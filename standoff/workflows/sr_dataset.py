@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.printable import on_one_line
 from acquisition.session import atomic_write
-from acquisition.untrusted import on_one_line, parse_json
+from acquisition.untrusted import parse_json
 from calibration.provenance import InputFile, Provenance
 from simulation import GaussianPsf, Model
 from simulation.sr_pairs import SrPair, sr_pairs

@@ -40,12 +40,13 @@ def test_what_json_cannot_hold_is_null(tmp_path: Path) -> None:
     assert json.loads(path.read_text()) == {
         "schema": "test/1",
         "figures": [{"psnr_db": None, "ssim": 1.0}, {"psnr_db": 30.5, "ssim": 0.5}],
+        "provenance": None,
     }
 
 
 def test_what_a_later_version_adds_is_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
-    later = json_object(RESULTS) | {"provenance": {"version": "9"}}
+    later = json_object(RESULTS) | {"uncertainty": {"version": "9"}}
     later["figures"][0]["new"] = 1
     path.write_text(json.dumps(later))
     assert read(path) == RESULTS

@@ -11,7 +11,7 @@ from PIL import Image
 
 import standoff.cli
 import standoff.commands
-import standoff.workflows.simulated_photograph
+import standoff.photographs.inputs
 from standoff import __version__
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
@@ -197,10 +197,10 @@ def test_wrong_input_is_one_line_that_names_it_and_status_1(
 def test_ctrl_c_is_status_130(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(path: Path) -> None:
+    def interrupt(path: Path, options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(standoff.workflows.simulated_photograph, "read_image", interrupt)
+    monkeypatch.setattr(standoff.photographs.inputs, "read_image", interrupt)
     done = command(
         "simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", tmp_path / "o.tif"
     )
@@ -295,11 +295,11 @@ def test_a_report_that_the_disk_does_not_take_is_named(
 def test_sigterm_ends_a_command_as_ctrl_c_does_with_a_status_of_its_own(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    def told_to_end(_: Path) -> None:
+    def told_to_end(_: Path, options: object) -> None:
         signal.raise_signal(signal.SIGTERM)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(standoff.workflows.simulated_photograph, "read_image", told_to_end)
+    monkeypatch.setattr(standoff.photographs.inputs, "read_image", told_to_end)
     words = ["simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", "o.tif"]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["standoff", *words])

@@ -26,6 +26,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
         "matrix": MATRIX.tolist(),
         "size": [640, 480],
         "distortion_k1": -0.01,
+        "provenance": None,
     }
 
 
