@@ -17,7 +17,6 @@ from standoff.terminal import (
     Mean,
     Page,
     checked_zoom,
-    command_line,
     note,
     photograph_inputs,
     print_json,
@@ -88,8 +87,7 @@ def sr_pairs(
     )
     paths = expanded_images(images)
     with progress_bar("cutting pairs", len(paths)) as bar:
-        made = inputs.provenance(command_line())
-        summary = write_sr_dataset(out, paths, settings, made, bar.advance_to)
+        summary = write_sr_dataset(out, paths, settings, inputs, bar.advance_to)
     if len(summary.refused) > 1:
         for line in summary.refused:
             note(line)

@@ -84,7 +84,8 @@ def tiff_bytes(image: Float32Array, description: str) -> bytes:
         buffer,
         np.ascontiguousarray(image, dtype=np.float32),
         photometric="rgb" if image.ndim == 3 else "minisblack",
-        description=description,
+        # TIFF has no other letters, though names of files do.
+        description=description.encode("ascii", "backslashreplace").decode("ascii"),
         metadata=None,
     )
     return buffer.getvalue()

@@ -9,6 +9,7 @@ import numpy as np
 
 from acquisition.choices import CaptureKind
 from acquisition.plan import CapturePlan, parse_plan
+from acquisition.printable import on_one_line
 from acquisition.session import Photograph, SessionWriter
 from standoff.errors import ApplicationError
 from standoff.photographs import Inputs, Photograph as ReadPhotograph, PhotographFacts, shared_facts
@@ -76,7 +77,7 @@ def _plan_of(images: Sequence[Path], settings: ImportSettings) -> CapturePlan:
             "targets": [
                 {
                     "kind": settings.kind,
-                    "target": path.name,
+                    "target": on_one_line(path.name),
                     "heights_mm": [settings.height_mm or 0.0],
                 }
                 for path in images

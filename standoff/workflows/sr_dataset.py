@@ -19,7 +19,8 @@ from calibration.provenance import InputFile, Provenance
 from simulation import GaussianPsf, Model
 from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.photographs import Photograph, ReadOptions, marked_png, read_file, read_image
+from standoff.photographs import Inputs, Photograph, ReadOptions, marked_png, read_file
+from standoff.terminal import command_line
 from standoff.workflows.image_files import tiff_bytes
 
 DATASET_SCHEMA = "standoff.sr-pairs/1"
@@ -80,19 +81,20 @@ def write_sr_dataset(
     out: Path,
     images: Sequence[Path],
     settings: SrDatasetSettings,
-    provenance: Provenance,
+    inputs: Inputs,
     progress: Callable[[int], None] = lambda _: None,
 ) -> SrDatasetSummary:
     """Write the pairs of every image below ``out``; a second run writes what is missing.
 
     An image that cannot be read, or is too small for a crop, is left out and named in the
-    summary. ``provenance`` lists the PSF; the images are added to it.
+    summary. ``inputs`` reads the images, in the way that the settings state.
 
     Raises
     ------
     ApplicationError
         If ``out`` holds pairs with other settings, or cannot be written.
     """
+    provenance = inputs.provenance(command_line())
     try:
         lines = manifest_lines(out)
         _prepare(out, settings, provenance, is_empty=not lines)
@@ -105,7 +107,7 @@ def write_sr_dataset(
                 if digest in done:
                     found += 1
                 else:
-                    new = _write_image(out, path, digest, settings)
+                    new = _write_image(out, inputs.photograph(path), digest, settings)
                     _append(out / MANIFEST_NAME, new)
                     lines += new
                     done.add(digest)
@@ -214,9 +216,9 @@ def _append(path: Path, lines: list[dict[str, Any]]) -> None:
 
 
 def _write_image(
-    out: Path, path: Path, digest: str, settings: SrDatasetSettings
+    out: Path, photograph: Photograph, digest: str, settings: SrDatasetSettings
 ) -> list[dict[str, Any]]:
-    photograph = read_image(path, settings.reading)
+    path = photograph.path
     pixels = photograph.colour_planes
     split = split_of(digest, settings)
     lines = []

@@ -138,3 +138,17 @@ def test_a_good_image_of_a_name_that_a_terminal_obeys_is_read_and_shown_on_one_l
     assert "edge\\n\\x1b[2J\\udc80.tif" in done.err
     assert "edge\\n\\x1b[2J\\udc80.tif" in report.read_text("utf-8")
     assert "\x1b" not in csv.read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", ["simulate", "detectability", "import", "sr-pairs"])
+def test_every_command_reads_a_good_image_of_such_a_name(
+    command: Command, psf_file: Path, tmp_path: Path, name: str
+) -> None:
+    named = tmp_path / "scene\n\x1b[2J\udc80.tif"
+    scene = np.random.default_rng(1).integers(0, 4000, (256, 256)).astype(np.uint16)
+    tifffile.imwrite(named, scene)
+    words: dict[str, object] = {"BAD": named, "PSF": psf_file}
+    done = command(*command_line(name, words, tmp_path))
+    assert done.status == 0, done.err
+    assert "scene\\n\\x1b[2J\\udc80.tif" in done.err
+    assert "\x1b" not in done.out + done.err

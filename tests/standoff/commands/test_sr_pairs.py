@@ -91,7 +91,7 @@ def test_an_interrupted_run_goes_on_and_ends_as_if_it_had_not_been(
         return read_image(path, options)
 
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.workflows.sr_dataset.read_image", read_three)
+        patch.setattr("standoff.photographs.inputs.read_image", read_three)
         assert make(command, folder, psf=psf, out=broken, more=()).status == 130
     # A power cut in the middle of a line besides.
     manifest = broken / "manifest.jsonl"
