@@ -11,6 +11,7 @@ from analysis.results_file import write_results
 from simulation import GaussianPsf, zoom_out
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
+from tests.standoff.provenance import assert_provenance
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.9)
 
@@ -51,7 +52,8 @@ def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
     done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out)
     assert done.status == 0, done.err
     assert "upper bound" in done.out
-    first = out.read_bytes()
+    first = json.loads(out.read_text())
+    assert_provenance(first, "detectability", psf_file, scene_file)
     curves = read_curves(out).curves
     assert len(curves) == 2 * 2 * 2 * 2
     assert curves[0].zoom == [1.0, 1.5]
@@ -60,7 +62,8 @@ def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
     cells = (tmp_path / "curves.cells.jsonl").read_bytes()
     done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out, "--json")
     assert json.loads(done.out)["schema"] == "standoff.detectability/1"
-    assert out.read_bytes() == first
+    again = json.loads(out.read_text())
+    assert again | {"provenance": None} == first | {"provenance": None}
     assert (tmp_path / "curves.cells.jsonl").read_bytes() == cells
 
 
