@@ -222,9 +222,13 @@ def read_map_files(path: Path, noise: NoiseCalibration) -> CorrectionMaps:
         raise NoiseFileError(f"{path}: {error}", source=str(path), key="maps") from error
 
 
+def _is_name(text: str) -> bool:
+    return Path(text).name == text and "\0" not in text
+
+
 def _plane(path: Path, name: str, entry: MapFile | None) -> NDArray[Any]:
     key = f"maps.{name}"
-    if entry is None or Path(entry.file).name != entry.file:
+    if entry is None or entry.file in ("", ".", "..") or not _is_name(entry.file):
         raise NoiseFileError(
             f"{path}: {key} does not name a file beside it", source=str(path), key=key
         )

@@ -95,6 +95,16 @@ def rewritten(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     path.write_text(json.dumps(document), encoding="utf-8")
 
 
+@pytest.mark.parametrize("name", ["", ".", "..", "/", "a/b.tif", "../b.tif", "a\0.tif"])
+def test_a_map_that_is_no_name_of_a_file_is_named(
+    tmp_path: Path, noise: NoiseMeasurement, name: str
+) -> None:
+    path = tmp_path / "noise.json"
+    write_noise(path, noise)
+    rewritten(path, lambda document: document["maps"]["flat"].update(file=name))
+    assert refusal(path).key == "maps.flat"
+
+
 def test_a_map_that_is_no_tiff_is_named_though_it_is_the_one_that_was_written(
     tmp_path: Path, noise: NoiseMeasurement
 ) -> None:
