@@ -114,12 +114,12 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
         render_report,
         versions,
     )
-    from standoff.workflows import files_provenance, require_writable, write_page
+    from standoff.workflows import provenance_of, require_writable, write_page
 
     require_writable([report])
     calibrations = _calibrations(files)
     found = ordered_history(calibrations)
-    provenance = files_provenance(*(Path(name) for name, _ in calibrations))
+    provenance = provenance_of(None, *(Path(name) for name, _ in calibrations))
     if report is not None:
         page = render_report(
             title="PSF history",

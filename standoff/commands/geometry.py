@@ -71,7 +71,7 @@ def geometry(
         geometry_records,
         nominal_focal_px,
     )
-    from standoff.workflows import session_provenance, write_geometry_report
+    from standoff.workflows import provenance_of, write_geometry_report
 
     try:
         layout = CharucoBoard.from_text(board)
@@ -92,7 +92,7 @@ def geometry(
             ),
             bar.advance_to,
         )
-    found = found.model_copy(update={"provenance": session_provenance(opened)})
+    found = found.model_copy(update={"provenance": provenance_of(opened)})
     write_geometry(out, found)
     for one in found.excluded:
         note(f"{one.image} is left out: {one.reason}")

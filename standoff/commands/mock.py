@@ -17,7 +17,7 @@ import typer
 
 from hil_mocks.stages import StageProtocol
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import ERRORS, BenchKeys, Json, read_bench, say
+from standoff.terminal import ERRORS, BenchKeys, Json, read_bench, say, say_error
 
 if TYPE_CHECKING:
     from hil_mocks.practice_bench import StageEmulator
@@ -89,7 +89,7 @@ def mock(
             try:
                 ERRORS.print(console.execute(line), markup=False)
             except PracticeCommandError as error:
-                ERRORS.print(f"standoff: {error}", markup=False)
+                say_error(error)
 
 
 @contextmanager

@@ -39,7 +39,7 @@ def noise(
     from calibration.documents import json_object
     from calibration.files import write_noise
     from calibration.noise import map_paths, measure_noise, noise_records
-    from standoff.workflows import require_writable, session_provenance, write_page
+    from standoff.workflows import provenance_of, require_writable, write_page
 
     refuse_overwriting([out, report, *map_paths(out).values()], [])
     refuse_suffix(out, "--out", {".json"})
@@ -48,7 +48,7 @@ def noise(
     opened = Session(session)
     with progress_bar("reading captures", 2 * len(noise_records(opened))) as bar:
         found = measure_noise(opened, bar.advance_to)
-    found = found.with_provenance(session_provenance(opened))
+    found = found.with_provenance(provenance_of(opened))
     written = write_noise(out, found)
     for text in found.transfer.notes:
         note(text)

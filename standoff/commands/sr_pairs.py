@@ -83,7 +83,6 @@ def sr_pairs(
         test_fraction=test_fraction,
         seed=seed,
         is_float=is_float,
-        reading=inputs.options,
     )
     paths = expanded_images(images)
     with progress_bar("cutting pairs", len(paths)) as bar:

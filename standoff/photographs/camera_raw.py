@@ -80,7 +80,6 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
     if not white > 0:
         raise DecodingError(f"its white level {white_dn:g} is not above its black level")
     return StoredImage(
-        format="camera raw",
         count=1,
         page=lambda _: levels,
         marked=lambda: (LINEAR, "camera raw"),

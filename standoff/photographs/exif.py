@@ -4,7 +4,7 @@ Exif 3.0 (CIPA DC-008-2023), sections 4.6.4 to 4.6.6. A tag that is damaged or a
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any, Self
@@ -86,18 +86,6 @@ class PhotographFacts:
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
-    def __str__(self) -> str:
-        shown: tuple[tuple[object, Callable[[Any], str]], ...] = (
-            (self.camera, str),
-            (self.lens, str),
-            (self.focal_length_mm, lambda value: f"{value:g} mm"),
-            (self.f_number, lambda value: f"f/{value:g}"),
-            (self.exposure_s, exposure_text),
-            (self.iso, lambda value: f"ISO {value:g}"),
-            (self.pixel_pitch_um, lambda value: f"pixels of {value:.3g} µm"),
-        )
-        return ", ".join(text(value) for value, text in shown if value is not None)
-
 
 def shared_facts(photographs: Sequence[PhotographFacts]) -> dict[str, Any]:
     """What several photographs say alike, by name: not their times, nor how they were turned."""
@@ -111,16 +99,9 @@ def shared_facts(photographs: Sequence[PhotographFacts]) -> dict[str, Any]:
     }
 
 
-def exposure_text(exposure_s: float) -> str:
-    """Return an exposure time as a photographer writes it."""
-    if exposure_s < 0.3:
-        return f"1/{1 / exposure_s:.0f} s"
-    return f"{exposure_s:g} s"
-
-
-def is_srgb(tags: Mapping[int, object]) -> bool | None:
-    """Whether Exif's ColorSpace says sRGB; None where it says nothing that decides it."""
-    return True if _number(_first(tags.get(COLOUR_SPACE))) == 1 else None
+def is_srgb(tags: Mapping[int, object]) -> bool:
+    """Whether Exif's ColorSpace says sRGB; its other values decide nothing."""
+    return _number(_first(tags.get(COLOUR_SPACE))) == 1
 
 
 def _pitch_um(tags: Mapping[int, object], width_px: int) -> float | None:

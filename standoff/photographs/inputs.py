@@ -5,15 +5,13 @@ from hashlib import sha256
 from pathlib import Path
 
 from acquisition.printable import on_one_line
-from acquisition.session import Session
+from acquisition.session import JOURNAL_NAME, Session
 from calibration.provenance import InputFile, Provenance, utc_now
 from simulation.arrays import FloatArray
 from standoff import __version__
 from standoff.photographs.guard import read_file
 from standoff.photographs.photograph import Photograph, PhotographHead
 from standoff.photographs.reader import ReadOptions, read_head, read_image
-
-JOURNAL_NAME = "journal.jsonl"
 
 
 class Inputs:

@@ -11,7 +11,7 @@ from acquisition.printable import on_one_line
 from calibration.choices import Pattern
 from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane
-from simulation.arrays import AnyArray, BoolArray, FloatArray
+from simulation.arrays import AnyArray, FloatArray
 from standoff.errors import ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _PLATEAU_FRACTION = 0.002
 _ADC_BITS = (10, 12, 14)
-_CLIPPED_FROM = 0.995  # of the saturation level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,12 +161,22 @@ class Photograph(PhotographHead):
         ImageFileError
             If it is a raw mosaic.
         """
+        self.refuse_mosaic()
+        return self.linear_planes
+
+    def refuse_mosaic(self) -> None:
+        """Check that all pixels have the same colours.
+
+        Raises
+        ------
+        ImageFileError
+            If it is a raw mosaic.
+        """
         if self.pattern is not None:
             raise ImageFileError(
                 f"{self.name}: a raw mosaic, whose PSF calibrate measures; develop it to a linear "
                 "TIFF for anything else"
             )
-        return self.linear_planes
 
     @property
     def grey_dn(self) -> FloatArray:
@@ -192,15 +201,6 @@ class Photograph(PhotographHead):
     def white_dn(self) -> float:
         """Level that decoding leaves as it is; 1 for floating-point levels."""
         return 1.0 if self.full_scale_dn is None else self.full_scale_dn
-
-    @property
-    def clipped(self) -> BoolArray | None:
-        """Pixels at which the file clips in any colour; None where it does not tell."""
-        if self.saturation_dn is None:
-            return None
-        planes = np.asarray(self.linear_planes, dtype=np.float64)
-        at_the_top = planes >= _CLIPPED_FROM * self.saturation_dn
-        return np.asarray(at_the_top.any(axis=2) if planes.ndim == 3 else at_the_top)
 
 
 def full_scale_dn(pixels: AnyArray) -> float | None:

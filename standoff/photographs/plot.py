@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from analysis.reports import new_figure
 from standoff.photographs.encoding import SRGB
 
 if TYPE_CHECKING:
@@ -19,10 +19,7 @@ def photograph_figure(photograph: "Photograph") -> Figure:
     planes = np.asarray(photograph.linear_planes, dtype=np.float64)
     dark, bright = planes.min(), max(float(np.percentile(planes, _BRIGHTEST)), planes.min() + 1e-9)
     shown = SRGB.encode(np.clip((planes - dark) / (bright - dark), 0.0, 1.0), 1.0)
-    figure = Figure(
-        figsize=(6.4, 6.4 * shown.shape[0] / shown.shape[1] + 0.6), layout="constrained"
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(6.4, 6.4 * shown.shape[0] / shown.shape[1] + 0.6)
     axes = figure.subplots()
     axes.imshow(shown, cmap="gray", vmin=0.0, vmax=1.0)
     axes.set(title=photograph.path.name, xlabel="x / px", ylabel="y / px")

@@ -68,7 +68,6 @@ def read_raster_image(data: bytes) -> StoredImage:
         name = "JPEG" if is_jpeg else str(image.format)
         depth = "" if is_jpeg else "16-bit " if is_deep else "8-bit "
         return StoredImage(
-            format=name,
             count=pages.count,
             page=pages.page,
             marked=partial(_marked, image.info.get("icc_profile"), tags, data),

@@ -93,7 +93,6 @@ def _first_cube(units: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - 
 
 def _linear(pages: NDArray[Any], name: str) -> StoredImage:
     return StoredImage(
-        format=name,
         count=len(pages),
         page=lambda index: np.asarray(pages[index]),
         unmarked=(LINEAR, name),

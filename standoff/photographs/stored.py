@@ -46,7 +46,6 @@ class StoredImage:
         Of a capture of a session: temporal variance of a frame, and the frames in the mean.
     """
 
-    format: str
     count: int
     page: Callable[[int], NDArray[Any]] = field(repr=False)
     marked: Callable[[], tuple[Encoding, str] | None] = field(default=lambda: None, repr=False)

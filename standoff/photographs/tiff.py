@@ -60,7 +60,6 @@ def read_tiff_image(data: bytes) -> StoredImage:
         first = stack.first
         tags = _tags(first)
     return StoredImage(
-        format="TIFF",
         count=stack.count,
         page=stack.page,
         marked=partial(_marked, first, tags),
@@ -117,7 +116,6 @@ def _capture(data: bytes, tiff: tifffile.TiffFile) -> StoredImage | None:
         return None
     variance = capture.variance_dn2
     return StoredImage(
-        format="TIFF",
         count=1,
         page=lambda _: capture.mean_dn,
         marked=lambda: (LINEAR, "its record of the capture"),

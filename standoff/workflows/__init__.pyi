@@ -63,8 +63,7 @@ from .practice import (
     PracticeConsole as PracticeConsole,
 )
 from .provenance import (
-    files_provenance as files_provenance,
-    session_provenance as session_provenance,
+    provenance_of as provenance_of,
 )
 from .psf_files import read_total_psf as read_total_psf
 from .reports import (
@@ -119,7 +118,6 @@ __all__ = [
     "default_models",
     "edge_image",
     "expanded_images",
-    "files_provenance",
     "find_changes_of_files",
     "folder_frames",
     "import_into_session",
@@ -132,6 +130,7 @@ __all__ = [
     "opened_camera",
     "place_errors_px",
     "place_in_simulation",
+    "provenance_of",
     "read_total_psf",
     "refuse_half_simulated",
     "require_writable",
@@ -139,7 +138,6 @@ __all__ = [
     "run_paper",
     "run_sweep",
     "run_validation",
-    "session_provenance",
     "short_bench",
     "simulate_photograph",
     "verdict_display",

@@ -16,7 +16,7 @@ from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images
 from hil_mocks import BenchTruth
 from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
-from standoff.workflows.provenance import session_provenance
+from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file
 from standoff.workflows.session_report import write_session_report
 from standoff.workflows.simulated_session import capture_simulated
@@ -75,7 +75,7 @@ class DemoResult:
                 model: mean.mse_dn2
                 for model, mean in self.validation.means("followup-grid").items()
             },
-            "provenance": session_provenance(Session(self.session)).model_dump(mode="json"),
+            "provenance": provenance_of(Session(self.session)).model_dump(mode="json"),
         }
 
 
@@ -96,7 +96,7 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     results = make_folder(session_path / RESULTS_FOLDER)
     origin = from_session(session, Reading()).origin
     calibration = _calibrate(session).with_origin(
-        replace(origin, provenance=session_provenance(session))
+        replace(origin, provenance=provenance_of(session))
     )
     psf_path = results / "psf.json"
     write_psf(psf_path, calibration)

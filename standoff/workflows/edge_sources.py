@@ -21,6 +21,7 @@ from calibration.psf import (
     edge_records,
     luma_plane,
 )
+from simulation.arrays import FloatArray
 from standoff.photographs import Inputs, Photograph, PhotographFacts
 from standoff.terminal import note
 
@@ -153,9 +154,10 @@ def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
     _refuse_other_mosaic(photograph, reading)
     channel = "luma" if reading.pattern is not None else reading.channel
     saturation = photograph.saturation_dn
+    planes = photograph.linear_planes
     try:
-        plane = luma_plane(photograph.linear_planes, channel)
-        noise = _noise_of(photograph, channel) or reading.frame_noise
+        plane = luma_plane(planes, channel)
+        noise = _noise_of(photograph, plane, channel) or reading.frame_noise
     except ValueError as error:
         raise CalibrationError(f"{photograph.name}: {error}") from error
     clipped = None
@@ -172,7 +174,7 @@ def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
             raise CalibrationError(f"{photograph.name}: {error}") from error
     elif channel == "luma" and photograph.is_colour and saturation is not None:
         # One clipped colour bends the luma, though the luma itself stays below the top.
-        colours = np.asarray(photograph.linear_planes, dtype=np.float64)
+        colours = np.asarray(planes, dtype=np.float64)
         clipped = np.asarray(((colours >= _CLIPPED_FROM * saturation) | (colours <= 0)).any(axis=2))
     return EdgeImage(
         name=photograph.name,
@@ -196,13 +198,13 @@ def _refuse_other_mosaic(photograph: Photograph, reading: Reading) -> None:
         )
 
 
-def _noise_of(photograph: Photograph, channel: Channel) -> LevelNoise | None:
+def _noise_of(photograph: Photograph, plane: FloatArray, channel: Channel) -> LevelNoise | None:
     """The noise of the mean that a stack or a capture holds; None for a single frame."""
     variance = photograph.grey_variance_dn2
     if variance is None or channel != "luma":
         return None
     top = photograph.saturation_dn or np.inf
-    single = fit_level_noise(luma_plane(photograph.linear_planes), variance, top)
+    single = fit_level_noise(plane, variance, top)
     return single.averaged(photograph.frames)
 
 

@@ -16,7 +16,7 @@ from calibration.registration import DistortedPose
 from hil_mocks import BenchTruth, CameraPose
 from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
-from standoff.workflows.provenance import session_provenance
+from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder
 from standoff.workflows.simulated_session import capture_simulated
 from standoff.workflows.validation_run import run_validation
@@ -132,6 +132,6 @@ def _calibrate_centre(session: Session, path: Path) -> None:
     origin = replace(
         from_session(session, Reading()).origin,
         region="centre",
-        provenance=session_provenance(session),
+        provenance=provenance_of(session),
     )
     write_psf(path, calibration.with_origin(origin))

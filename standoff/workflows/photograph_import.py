@@ -40,7 +40,11 @@ def import_into_session(
     """
     plan = _plan_of(images, settings)
     # A bad file is named before anything is written.
-    facts = [_checked(inputs.photograph(path)).facts for path in images]
+    facts = []
+    for path in images:
+        read = inputs.photograph(path)
+        read.refuse_mosaic()
+        facts.append(read.facts)
     if settings.height_mm is None:
         note(
             "no --height-mm given, so 0 mm is recorded; geometry and validate need the true height"
@@ -59,11 +63,6 @@ def import_into_session(
             session.add_photograph(entry, _stored(read, settings.scale_px_per_mm))
             bar.advance_to(done)
     return len(pending)
-
-
-def _checked(photograph: ReadPhotograph) -> ReadPhotograph:
-    photograph.colour_planes  # noqa: B018 - refuses a raw mosaic
-    return photograph
 
 
 def _plan_of(images: Sequence[Path], settings: ImportSettings) -> CapturePlan:

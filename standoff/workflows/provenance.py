@@ -1,4 +1,4 @@
-"""The provenance of what is made from a capture session or from results."""
+"""The provenance of what is made from a capture session or from other results."""
 
 from pathlib import Path
 
@@ -8,30 +8,17 @@ from standoff.photographs import Inputs
 from standoff.terminal import command_line
 
 
-def session_provenance(session: Session, *files: Path | None) -> Provenance:
-    """Return the provenance of what the command at work makes from a session and further files.
+def provenance_of(session: Session | None, *files: Path | None) -> Provenance:
+    """Return the provenance of what the command at work makes from a session, files, or both.
 
     Raises
     ------
-    ApplicationError
+    ImageFileError
         If a file cannot be read.
     """
     inputs = Inputs()
-    inputs.add_session(session)
-    for path in files:
-        inputs.add(path)
-    return inputs.provenance(command_line())
-
-
-def files_provenance(*files: Path | None) -> Provenance:
-    """Return the provenance of what the command at work makes from other results.
-
-    Raises
-    ------
-    ApplicationError
-        If a file cannot be read.
-    """
-    inputs = Inputs()
+    if session is not None:
+        inputs.add_session(session)
     for path in files:
         inputs.add(path)
     return inputs.provenance(command_line())

@@ -10,7 +10,7 @@ from calibration.errors import PsfFileError
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
 from standoff.terminal import note
-from standoff.workflows.provenance import session_provenance
+from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import RESULTS_FOLDER, write_page
 from standoff.workflows.validation_run import session_validation
 
@@ -39,7 +39,7 @@ def write_session_report(session: Session, path: Path) -> None:
         except (AnalysisError, PsfFileError) as error:
             remarks = (f"No comparison of captured with simulated follow-ups: {error}.",)
             note(f"the report leaves out the comparison of heights: {error}")
-    origin = session_provenance(session, psf_path if psf_path.is_file() else None)
+    origin = provenance_of(session, psf_path if psf_path.is_file() else None)
     write_page(path, render_session_report(session, psf, validation, remarks, origin))
 
 

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,18 +48,17 @@ class SrDatasetSettings:
     test_fraction: float
     seed: int
     is_float: bool
-    reading: ReadOptions = field(default_factory=ReadOptions)
 
-    def document(self) -> dict[str, Any]:
-        """Return the settings as plain numbers."""
-        encoding, page = self.reading.encoding, self.reading.page
+    def document(self, reading: ReadOptions) -> dict[str, Any]:
+        """Return the settings, and how the images are read, as plain numbers."""
+        encoding = reading.encoding
         return {
             "schema": DATASET_SCHEMA,
-            **asdict(replace(self, reading=ReadOptions())),
+            **asdict(self),
             "reading": {
                 "encoding": "auto" if encoding is None else encoding.name,
-                "page": page,
-                "is_mean": self.reading.is_mean,
+                "page": reading.page,
+                "is_mean": reading.is_mean,
             },
         }
 
@@ -87,7 +86,7 @@ def write_sr_dataset(
     """Write the pairs of every image below ``out``; a second run writes what is missing.
 
     An image that cannot be read, or is too small for a crop, is left out and named in the
-    summary. ``inputs`` reads the images, in the way that the settings state.
+    summary. ``inputs`` reads the images.
 
     Raises
     ------
@@ -95,9 +94,10 @@ def write_sr_dataset(
         If ``out`` holds pairs with other settings, or cannot be written.
     """
     provenance = inputs.provenance(command_line())
+    document = settings.document(inputs.options)
     try:
         lines = manifest_lines(out)
-        _prepare(out, settings, provenance, is_empty=not lines)
+        _prepare(out, document, provenance, is_empty=not lines)
         done = {line["image_sha256"] for line in lines}
         refused = []
         found = 0
@@ -115,7 +115,7 @@ def write_sr_dataset(
                 text, name = str(error), on_one_line(path)
                 refused.append(text if name in text else f"{name}: {text}")
             progress(count)
-        _describe(out, settings, _with_images(provenance, out, lines))
+        _describe(out, document, _with_images(provenance, out, lines))
     except OSError as error:
         raise ApplicationError(f"{error.filename or out}: {error.strerror}") from error
     return SrDatasetSummary(
@@ -134,11 +134,11 @@ def split_of(digest: str, settings: SrDatasetSettings) -> Split:
 
 
 def _prepare(
-    out: Path, settings: SrDatasetSettings, provenance: Provenance, *, is_empty: bool
+    out: Path, document: dict[str, Any], provenance: Provenance, *, is_empty: bool
 ) -> None:
     about = out / DATASET_NAME
     if about.is_file() and not is_empty:
-        if _stored_settings(about) != settings.document():
+        if _stored_settings(about) != document:
             raise ApplicationError(
                 f"{out} holds pairs made with other settings (see {about}); name another --out"
             )
@@ -146,7 +146,7 @@ def _prepare(
     for split in ("train", "test"):
         for side in ("high", "low"):
             (out / split / side).mkdir(parents=True, exist_ok=True)
-    _describe(out, settings, provenance)
+    _describe(out, document, provenance)
 
 
 def _stored_settings(about: Path) -> object:
@@ -159,9 +159,9 @@ def _stored_settings(about: Path) -> object:
     return stored
 
 
-def _describe(out: Path, settings: SrDatasetSettings, provenance: Provenance) -> None:
-    document = settings.document() | {"provenance": provenance.model_dump(mode="json")}
-    atomic_write(out / DATASET_NAME, (json.dumps(document, indent=1) + "\n").encode("utf-8"))
+def _describe(out: Path, document: dict[str, Any], provenance: Provenance) -> None:
+    whole = document | {"provenance": provenance.model_dump(mode="json")}
+    atomic_write(out / DATASET_NAME, (json.dumps(whole, indent=1) + "\n").encode("utf-8"))
 
 
 def _with_images(provenance: Provenance, out: Path, lines: list[dict[str, Any]]) -> Provenance:

@@ -24,7 +24,7 @@ from analysis.validation import (
 from simulation import GaussianPsf
 from standoff.errors import ApplicationError
 from standoff.terminal import note, progress_bar
-from standoff.workflows.provenance import session_provenance
+from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file, write_page
 
 _FILE = "validation.json"
@@ -118,7 +118,7 @@ def _stored_validation(session: Session, psf: GaussianPsf) -> Validation | None:
 def _validated(
     session: Session, psf: GaussianPsf, psf_name: str, settings: ValidationSettings
 ) -> Validation:
-    provenance = session_provenance(session, Path(psf_name))
+    provenance = provenance_of(session, Path(psf_name))
     total = registrations_at_most(session, settings.references)
     with progress_bar("aligning", total) as bar:
         screening = screen(session, psf, references=settings.references, progress=bar.advance_to)

@@ -8,9 +8,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from calibration.errors import CalibrationError
 from standoff.errors import ImageFileError
 from standoff.photographs import ReadOptions, read_image
 from standoff.photographs.icc import ProfileError, read_profile
+from standoff.workflows import Reading, edge_image
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget, from_file
 from tests.standoff.photographs.dng import Dng
@@ -56,9 +58,12 @@ def use_photograph(path: Path) -> None:
         with suppress(ImageFileError):
             found = read_image(path, options)
             assert np.isfinite(found.grey_dn).all()
-            assert found.clipped is None or found.clipped.shape == found.grey_dn.shape
-            assert str(found.facts).isprintable()
+            assert all(str(fact).isprintable() for fact in found.facts.to_json().values())
             assert found.encoding_from.isprintable()
+        with suppress(ImageFileError, CalibrationError):
+            read = read_image(path, options)
+            source = edge_image(read, Reading(pattern=read.pattern))
+            assert source.clipped is None or source.clipped.shape == source.image_dn.shape
 
 
 def photograph_target(kind: str, samples: tuple[bytes, ...], name: str) -> FuzzTarget:

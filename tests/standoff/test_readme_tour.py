@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from standoff.cli import run
-from tests.standoff.conftest import Outcome
 
 CHECKOUT = Path(__file__).parents[2]
 TOUR = "## A tour of the commands"
@@ -69,5 +68,4 @@ def test_every_command_of_the_tour_runs_as_it_is_written(folder: Path) -> None:
             text=True,
             check=False,
         )
-        outcome = Outcome(status=done.returncode, out=done.stdout, err=done.stderr)
-        assert outcome.status == 0, f"{line}: {outcome.err}"
+        assert done.returncode == 0, f"{line}: {done.stderr}"

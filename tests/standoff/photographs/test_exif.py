@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from PIL import Image
 
-from standoff.photographs.exif import PhotographFacts, exposure_text, is_srgb
+from standoff.photographs.exif import PhotographFacts, is_srgb
 from tests.standoff.photographs.made import (
     COLOUR,
     GREY,
@@ -140,8 +140,8 @@ values = st.recursive(
        0x920A, 0xA001, 0xA002, 0xA20E, 0xA210, 0xA433, 0xA434]), values))  # fmt: skip
 def test_no_tag_is_too_odd(tags: dict[int, Any]) -> None:
     found = PhotographFacts.of_tags(tags, 52)
-    assert str(found).isprintable()
-    assert is_srgb(tags) in (True, None)
+    assert all(str(value).isprintable() for value in found.to_json().values())
+    assert is_srgb(tags) in (True, False)
 
 
 def test_texts_hold_nothing_that_a_terminal_obeys() -> None:
@@ -150,19 +150,10 @@ def test_texts_hold_nothing_that_a_terminal_obeys() -> None:
     assert found.camera == "A[31mB"
     assert found.lens is not None
     assert found.lens.startswith("C")
-    assert str(found).isprintable()
+    assert all(str(value).isprintable() for value in found.to_json().values())
 
 
 def test_the_make_is_not_said_twice() -> None:
     cases = [("NIKON CORPORATION", "NIKON D850", "NIKON D850"), ("SONY", "ILCE-7", "SONY ILCE-7")]
     for make, model, camera in cases:
         assert PhotographFacts.of_tags({0x010F: make, 0x0110: model}, 52).camera == camera
-
-
-def test_exposures_are_written_as_photographers_do() -> None:
-    assert [exposure_text(s) for s in (1 / 8000, 0.01, 0.5, 30.0)] == [
-        "1/8000 s",
-        "1/100 s",
-        "0.5 s",
-        "30 s",
-    ]
