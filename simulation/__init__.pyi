@@ -2,6 +2,8 @@ from .choices import MODELS as MODELS, Model as Model
 from .pose.simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
 from .psf.field import PsfField as PsfField
 from .psf.gaussian import GaussianPsf as GaussianPsf
+from .psf.lens import LensOtf as LensOtf
+from .psf.measured import MeasuredPsf as MeasuredPsf, Psf as Psf, SeparablePsf as SeparablePsf
 from .psf.transfer import (
     CameraTransfer as CameraTransfer,
     GaussianTransfer as GaussianTransfer,
@@ -22,10 +24,14 @@ __all__ = [
     "CameraTransfer",
     "GaussianPsf",
     "GaussianTransfer",
+    "LensOtf",
+    "MeasuredPsf",
     "Model",
+    "Psf",
     "PsfField",
     "SampledTransfer",
     "SamplingGrid",
+    "SeparablePsf",
     "SimulatedPose",
     "Transfer",
     "ZoomOperator",

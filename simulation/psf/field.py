@@ -6,6 +6,8 @@ from math import hypot, isqrt, sqrt
 import numpy as np
 
 from simulation.arrays import FloatArray
+from simulation.psf.gaussian import GaussianPsf
+from simulation.psf.measured import MeasuredPsf, Psf
 
 _CHECKED_POINTS = 33
 """Positions per axis at which a field is checked, corners included."""
@@ -13,7 +15,7 @@ _CHECKED_POINTS = 33
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PsfField:
-    """The covariance of a Gaussian PSF as a polynomial over the frame of one camera.
+    """The covariance of a PSF as a polynomial over the frame of one camera.
 
     With ``u = (x - (width - 1) / 2) / r`` and ``v = (y - (height - 1) / 2) / r``, where ``r`` is
     the distance of the corner pixels' centres from the frame's centre, every element of the
@@ -27,6 +29,8 @@ class PsfField:
     coefficients_px2
         Shape ``(3, n)``: rows for the elements xx, xy, yy; n is 1, 3, 6, 10, ... for degree
         0, 1, 2, 3, ...
+    shape
+        The measured PSF that is stretched to these covariances; None for Gaussians.
 
     Raises
     ------
@@ -38,6 +42,7 @@ class PsfField:
     width_px: int
     height_px: int
     coefficients_px2: FloatArray
+    shape: MeasuredPsf | None = None
 
     def __post_init__(self) -> None:
         if self.width_px < 2 or self.height_px < 2:
@@ -89,6 +94,11 @@ class PsfField:
     def corner_radius_px(self) -> float:
         """Distance of the corner pixels' centres from the centre: u^2 + v^2 = 1."""
         return hypot(*self.centre_px)
+
+    def at(self, x_px: float, y_px: float) -> Psf:
+        """Return the PSF at a position in the frame."""
+        gaussian = GaussianPsf.from_covariance(self.covariance_px2(x_px, y_px))
+        return gaussian if self.shape is None else self.shape.stretched_to(gaussian)
 
     def covariance_px2(self, x_px: FloatArray | float, y_px: FloatArray | float) -> FloatArray:
         """Covariance at positions in the frame (pixel centres at integers).

@@ -47,3 +47,9 @@ class GaussianPsf:
         """Covariance matrix, shape (2, 2), order (x, y), in px^2."""
         xy = self.rho * self.sigma_x_px * self.sigma_y_px
         return np.array([[self.sigma_x_px**2, xy], [xy, self.sigma_y_px**2]])
+
+    def otf(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
+        """Return the transfer function at frequencies in cycles per pixel; the two broadcast."""
+        fx, fy = np.asarray(fx_cy_per_px), np.asarray(fy_cy_per_px)
+        (xx, xy), (_, yy) = self.covariance_px2.tolist()
+        return np.asarray(np.exp(-2 * np.pi**2 * (xx * fx * fx + 2 * xy * fx * fy + yy * fy * fy)))
