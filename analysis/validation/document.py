@@ -51,6 +51,13 @@ class ModelMean(StoredValues):
 class _Row(StoredValues):
     alignment: Procedure
     model: ValidationModel
+    training_steps: int | None = None
+
+    @property
+    def label(self) -> str:
+        """The model as a table names it: a learned one with the steps of its training."""
+        steps = self.training_steps
+        return self.model if steps is None else f"{self.model} ({steps} steps)"
 
 
 # pydantic takes the fields of the last base first: a row begins with what it is about.

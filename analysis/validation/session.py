@@ -5,7 +5,7 @@ distance, once for the captured and once for the simulated follow-ups. Table II 
 follow-ups themselves. ``docs/validation.md`` holds the definitions.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from math import inf, log10
@@ -13,7 +13,7 @@ from math import inf, log10
 import numpy as np
 
 from acquisition.session import Session
-from analysis.choices import ValidationModel
+from analysis.choices import PAPER_TRAINING_STEPS, ValidationModel
 from analysis.validation.alignment import PROCEDURES
 from analysis.validation.document import (
     METRICS,
@@ -27,6 +27,7 @@ from analysis.validation.document import (
 from analysis.validation.kernel_cache import default_cache_folder
 from analysis.validation.kernels import KernelBook
 from analysis.validation.metrics import ImageMetrics
+from analysis.validation.models import is_learned
 from analysis.validation.pair import AlignedPair, compare_pair
 from analysis.validation.screening import RegisteredPair, Screening, screen
 from simulation import MODELS, GaussianPsf
@@ -56,6 +57,10 @@ class ValidationSettings:
     kernels: KernelBook = field(default_factory=_default_kernels)
     references: int = 2
     workers: int = 1
+
+    def steps_of(self, model: ValidationModel) -> int | None:
+        """Training steps of a learned model, None for the others."""
+        return self.kernels.steps if is_learned(model) else None
 
 
 def validate(
@@ -115,6 +120,7 @@ def validate(
             CurveDifferenceRow(
                 alignment=alignment,
                 model=model,
+                training_steps=settings.steps_of(model),
                 **dict(
                     curve_differences(
                         (p.captured_curves[alignment], p.of(alignment, model).curve) for p in pairs
@@ -127,14 +133,26 @@ def validate(
             MeanRow(
                 alignment=alignment,
                 model=model,
+                training_steps=settings.steps_of(model),
                 **dict(mean_metrics([p.of(alignment, model).agreement for p in pairs])),
             )
             for alignment, model in rows
         ),
         pairs=tuple(pairs),
         excluded=screening.excluded,
-        remarks=screening.remarks,
+        remarks=(*screening.remarks, *_training_remarks(settings)),
     )
+
+
+def _training_remarks(settings: ValidationSettings) -> Iterator[str]:
+    for model in filter(is_learned, settings.models):
+        steps = settings.kernels.steps
+        verdict = (
+            f"the paper's took {PAPER_TRAINING_STEPS}, so its figures say little about it"
+            if steps < PAPER_TRAINING_STEPS
+            else "as many as the paper's, or more"
+        )
+        yield f"{model} was trained in {steps} steps, {verdict}"
 
 
 def _validated(

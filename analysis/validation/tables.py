@@ -1,10 +1,11 @@
 """Tables I and II as text, CSV and LaTeX."""
 
 import csv
+from collections.abc import Iterable
 from dataclasses import dataclass
 from io import StringIO
 
-from analysis.validation.document import METRICS, Validation
+from analysis.validation.document import METRICS, CurveDifferenceRow, MeanRow, Validation
 
 _HEADINGS = ("correlation", "MSE", "NMI", "PSNR / dB", "SSIM")
 _PAIR_NAMES = (
@@ -35,13 +36,15 @@ class ResultTable:
     """One table, ready to be written in any form.
 
     ``rows`` are the alignment, the model and the figures as text; ``values`` the same figures in
-    full. ``paper`` are the paper's own rows.
+    full, ``keys`` the alignment, the model and its training steps by themselves. ``paper`` are the
+    paper's own rows.
     """
 
     name: str
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    keys: tuple[tuple[str, str, int | None], ...]
     values: tuple[tuple[float, ...], ...]
     value_names: tuple[str, ...]
     paper: tuple[tuple[str, ...], ...]
@@ -66,9 +69,9 @@ class ResultTable:
         """Comma-separated figures in full; ours only."""
         buffer = StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(["alignment", "model", *self.value_names])
-        for row, values in zip(self.rows, self.values, strict=True):
-            writer.writerow([*row[:2], *(repr(value) for value in values)])
+        writer.writerow(["alignment", "model", *self.value_names, "training_steps"])
+        for (alignment, model, steps), values in zip(self.keys, self.values, strict=True):
+            writer.writerow([alignment, model, *(repr(value) for value in values), steps])
         return buffer.getvalue()
 
     def latex(self) -> str:
@@ -99,8 +102,9 @@ def both_tables(validation: Validation) -> tuple[ResultTable, ResultTable]:
             ),
             columns=("alignment", "model", *_HEADINGS),
             rows=tuple(
-                (row.alignment, row.model, *_cells(row, _DIGITS_1)) for row in validation.table_1
+                (row.alignment, row.label, *_cells(row, _DIGITS_1)) for row in validation.table_1
             ),
+            keys=_keys(validation.table_1),
             values=tuple(_values(row) for row in validation.table_1),
             value_names=METRICS,
             paper=tuple(
@@ -117,12 +121,13 @@ def both_tables(validation: Validation) -> tuple[ResultTable, ResultTable]:
             rows=tuple(
                 (
                     row.alignment,
-                    row.model,
+                    row.label,
                     *_cells(row, _DIGITS_2),
                     f"{row.psnr_of_mean_db:.2f}",
                 )
                 for row in validation.table_2
             ),
+            keys=_keys(validation.table_2),
             values=tuple((*_values(row), row.psnr_of_mean_db) for row in validation.table_2),
             value_names=(*METRICS, "psnr_of_mean_db"),
             paper=tuple(
@@ -153,6 +158,12 @@ def curves_csv(validation: Validation) -> str:
         for row, curve in curves.items():
             writer.writerow([*about, *row, *(repr(value) for value in _values(curve))])
     return buffer.getvalue()
+
+
+def _keys(
+    rows: Iterable[CurveDifferenceRow | MeanRow],
+) -> tuple[tuple[str, str, int | None], ...]:
+    return tuple((row.alignment, row.model, row.training_steps) for row in rows)
 
 
 def _values(row: object) -> tuple[float, ...]:

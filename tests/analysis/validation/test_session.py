@@ -155,6 +155,25 @@ def test_the_tables_say_the_same_in_every_form(validation: Validation) -> None:
             assert [float(line[name]) for name in table.value_names] == list(values)
 
 
+def test_a_learned_model_is_named_with_the_steps_of_its_training(validation: Validation) -> None:
+    trained = validation.model_copy(
+        update={
+            "table_2": tuple(
+                row.model_copy(update={"model": "kernelgan", "training_steps": 25})
+                if row.model == "bicubic"
+                else row
+                for row in validation.table_2
+            )
+        }
+    )
+    table = both_tables(trained)[1]
+    assert "kernelgan (25 steps)" in table.text()
+    assert "kernelgan (25 steps) & " in table.latex()
+    for line in csv.DictReader(StringIO(table.csv())):
+        # A program asks for the model by its name.
+        assert (line["training_steps"] == "25") == (line["model"] == "kernelgan")
+
+
 def test_the_points_of_the_curves_are_written_out(validation: Validation) -> None:
     lines = list(csv.DictReader(StringIO(curves_csv(validation))))
     assert len(lines) == len(validation.pairs) * len(PROCEDURES) * (len(MODELS) + 1)
@@ -169,9 +188,13 @@ def test_the_document_comes_back_as_it_was_written(validation: Validation, tmp_p
     assert read_validation(path) == validation
     document: dict[str, Any] = json.loads(path.read_text())
     assert document["schema"] == VALIDATION_SCHEMA
-    assert list(document["table_1"][0]) == ["alignment", "model", *METRICS, "pairs"]
+    assert list(document["table_1"][0]) == [
+        *("alignment", "model", "training_steps"),
+        *METRICS,
+        "pairs",
+    ]
     assert list(document["table_2"][0]) == [
-        *("alignment", "model", "correlation", "mse_dn2", "nmi"),
+        *("alignment", "model", "training_steps", "correlation", "mse_dn2", "nmi"),
         *("psnr_db", "psnr_of_mean_db", "ssim", "pairs"),
     ]
     assert document["table_2"][0]["alignment"] == "as-in-paper"

@@ -32,6 +32,12 @@ def test_the_short_experiment_puts_the_models_in_the_papers_order(
                 if not (is_less_better or metric == "mse_dn2"):
                     low, high = high, low
                 assert low < high, (table, alignment, metric)
+    assert [
+        remark for remark in document["remarks"] if "kernelgan was trained in 25 steps" in remark
+    ]
+    for row in document["table_2"]:
+        assert row["training_steps"] == (25 if row["model"] == "kernelgan" else None)
+    assert "kernelgan (25 steps)" in (out / "table_2.txt").read_text()
     assert np.median(document["registration_errors_px"]) < 0.05
     assert len(list((out / "kernels").glob("*.npy"))) == 9
     before = {path: path.stat().st_mtime_ns for path in (out / "session").rglob("*.tif")}
