@@ -20,7 +20,7 @@ from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
 from calibration.robust import robust_sigma
-from simulation import GaussianPsf, simulate_pose
+from simulation import Psf, PsfField, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from simulation.pose import pose_noise_gain
@@ -127,7 +127,7 @@ class ChangeResult:
 def find_changes(
     reference: AnyArray,
     followup: AnyArray,
-    psf: GaussianPsf,
+    psf: Psf | PsfField,
     options: ChangeOptions | None = None,
 ) -> ChangeResult:
     """Find changes between two photographs that the change of pose does not explain.
@@ -156,7 +156,7 @@ def find_changes(
     near, far = (np.asarray(image, dtype=np.float64) for image in (reference, followup))
     pose, k1_err = options.pose, None
     if pose is None:
-        aligned = register_distorted(near, far, psf)
+        aligned = register_distorted(near, far, psf.gaussian)
         pose, k1_err = aligned.pose, aligned.k1_err
     seen, valid = _simulated(near, far, psf, pose)
     gain, offset = _light(seen, far, valid)
@@ -211,7 +211,7 @@ def find_changes(
 
 
 def _simulated(
-    near: FloatArray, far: FloatArray, psf: GaussianPsf, pose: DistortedPose
+    near: FloatArray, far: FloatArray, psf: Psf | PsfField, pose: DistortedPose
 ) -> tuple[FloatArray, BoolArray]:
     """The follow-up as its pose alone would make it, and the pixels that may be compared."""
     try:

@@ -67,8 +67,9 @@ def render_session_report(
 
         verdicts = calibration_verdicts(psf)
         sections += calibration_sections(psf, load, frozenset(records))
-    if validation is not None:
-        sections.append(agreement_section(validation, furthest_pair(session, validation)))
+    if psf is not None and validation is not None:
+        shown = furthest_pair(session, validation, psf.best_psf(validation.psf))
+        sections.append(agreement_section(validation, shown))
         verdicts += _agreement_verdicts(validation)
     sections += [s for s in (noise_section(session, psf), stage_section(session)) if s]
     if psf is not None:

@@ -15,6 +15,7 @@ from simulation.choices import (
     GaussianForm,
     KernelModel,
     Model,
+    PsfForm,
     Sampler,
 )
 from standoff.terminal import (
@@ -23,6 +24,7 @@ from standoff.terminal import (
     Mean,
     Option,
     Page,
+    TransferForm,
     check_options,
     checked_zoom,
     command_line,
@@ -39,22 +41,29 @@ if TYPE_CHECKING:
     from standoff.workflows import CaptureOptions, FollowUp, FoundKernel
 
 
-TransferForm = Literal["gaussian", "measured"]
 AnyModel = Literal[Model, KernelModel]
 
 _SHARPENING_SIGMA_PX = 1.0
 
+_SHAPES: dict[PsfForm, str] = {
+    "gaussian": "Gaussian",
+    "separable": "measured along x and y",
+    "round": "measured, round",
+    "elliptic": "measured, elliptic",
+    "free": "measured, free in shape",
+}
+
 _RULES = (
     exactly_one("zoom", "homography"),
-    needs("homography", Option("model", ("matched",))),
+    needs("homography", Option("model", ("matched", "lmmse"))),
     needs("nearer", "homography"),
     needs(Option("model", tuple(name for name in MODELS if name != "bicubic")), "psf"),
     needs("psf", Option("model", MODELS)),
     needs(Option("gaussian", ("sampled",)), Option("model", ("paper",))),
     needs(
         Option("transfer", ("measured",)),
-        Option("model", ("lmmse",)),
-        because="only model lmmse takes a measured transfer function",
+        Option("model", ("matched", "lmmse")),
+        because="only matched and lmmse take a measured PSF",
     ),
     *(
         needs(option, Option("model", KERNEL_MODELS))
@@ -81,10 +90,7 @@ def simulate(
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
     model: Annotated[AnyModel, typer.Option(help="Capture model.")] = "matched",
-    transfer: Annotated[
-        TransferForm,
-        typer.Option(help="Use the Gaussian PSF, or the e-SFR measured in psf.json (lmmse)."),
-    ] = "gaussian",
+    transfer: TransferForm = "best",
     gaussian: Annotated[
         GaussianForm,
         typer.Option(help="Blur by the exact transfer function, or by sampled weights (paper)."),
@@ -155,7 +161,7 @@ def simulate(
             zoom=zoom,
             homography=homography,
             psf=psf,
-            is_measured=transfer == "measured",
+            transfer=transfer,
             gaussian=gaussian,
             correct=correct,
             steps=steps or TRAINING_STEPS,
@@ -177,7 +183,8 @@ def simulate(
                 "image": str(image),
                 "zoom": zoom,
                 "model": model,
-                "transfer": transfer,
+                "transfer": "gaussian" if followup.psf_form in (None, "gaussian") else "measured",
+                "psf_form": followup.psf_form,
                 "psf_field": followup.is_field,
                 "size": [written.shape[1], written.shape[0]],
                 "min": float(written.min()),
@@ -188,7 +195,8 @@ def simulate(
             }
         )
         return
-    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, model {model}")
+    shape = "" if followup.psf_form is None else f", PSF: {_SHAPES[followup.psf_form]}"
+    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, model {model}{shape}")
     if masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "

@@ -16,6 +16,7 @@ from standoff.terminal import (
     Json,
     Mean,
     Page,
+    TransferForm,
     checked_zoom,
     note,
     photograph_inputs,
@@ -40,6 +41,7 @@ def sr_pairs(
     ],
     *,
     psf: Annotated[Path, typer.Option(help="psf.json of the camera.")],
+    transfer: TransferForm = "best",
     zoom: Annotated[float, typer.Option(help="Distance ratio, at least 1.", callback=checked_zoom)],
     out: Annotated[Path, typer.Option(help="Folder for the pairs; an existing one is resumed.")],
     model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
@@ -69,7 +71,7 @@ def sr_pairs(
     from standoff.workflows import (
         SrDatasetSettings,
         expanded_images,
-        read_total_psf,
+        read_camera_psf,
         write_sr_dataset,
     )
 
@@ -77,7 +79,7 @@ def sr_pairs(
     settings = SrDatasetSettings(
         zoom=zoom,
         model=model,
-        psf=read_total_psf(psf),
+        psf=read_camera_psf(psf, transfer),
         crop_px=crop,
         stride_px=stride or crop,
         test_fraction=test_fraction,

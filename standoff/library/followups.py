@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.files import read_homography
 from calibration.registration import Homography
 from simulation import MODELS, Model, SimulatedPose, simulate_pose as simulate_pose_of_array
+from simulation.choices import PoseModel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
 from standoff.workflows import zoomed_out
 
@@ -27,9 +28,9 @@ def zoom_out(
     zoom
         Ratio of the distances, at least 1.
     psf
-        The camera's PSF: a ``GaussianPsf``, a calibration or the path of a psf.json. ``matched``
-        uses a PSF that varies over the frame if the image is a whole frame. ``bicubic`` needs
-        no PSF.
+        The camera's PSF: a ``GaussianPsf``, a ``MeasuredPsf``, a calibration or the path of a
+        psf.json, of which the best is taken. ``matched`` and ``lmmse`` use a PSF that varies over
+        the frame if the image is a whole frame. ``bicubic`` needs no PSF.
     model
         ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
 
@@ -59,6 +60,7 @@ def simulate_pose(
     homography: ArrayLike | Homography | FilePath,
     psf: PsfLike,
     size: tuple[int, int] | None = None,
+    model: PoseModel = "matched",
 ) -> SimulatedPose:
     """Return the image of the same plane from another pose of the same camera.
 
@@ -73,6 +75,8 @@ def simulate_pose(
         The camera's PSF.
     size
         ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
+    model
+        ``matched`` or ``lmmse``.
 
     Returns
     -------
@@ -93,7 +97,8 @@ def simulate_pose(
         planes,
         pose.matrix,
         size or pose.size,
-        camera_psf(psf, frame if pose.size == frame else None, "matched"),
+        camera_psf(psf, frame if pose.size == frame else None, model),
+        model,
         distortion_k1=pose.distortion_k1,
     )
 

@@ -7,13 +7,11 @@ import numpy as np
 
 from calibration.registration import Homography
 from simulation import (
-    CameraTransfer,
-    GaussianPsf,
     Model,
+    Psf,
     PsfField,
     SamplingGrid,
     ZoomOperator,
-    lmmse_operator,
     simulate_pose,
     zoom_operator,
     zoom_out,
@@ -21,9 +19,8 @@ from simulation import (
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
-from simulation.choices import GaussianForm
+from simulation.choices import POSE_MODELS, GaussianForm, PoseModel, PsfForm
 from simulation.pose import pose_noise_gain
-from simulation.resampling import reference_shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,20 +59,22 @@ class FollowUp:
 
     ``own_variance_dn2`` is the variance that the reference's noise left in it, with the image's
     shape; None if no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows,
-    cols), for another pose only. ``is_field`` says that the PSF varied over the frame.
+    cols), for another pose only. ``psf_form`` says what the PSF's shape was known as, ``is_field``
+    that it varied over the frame.
     """
 
     image: FloatImage
     own_variance_dn2: FloatArray | None
     nearer: BoolArray | None = None
     outside: BoolArray | None = None
+    psf_form: PsfForm | None = None
     is_field: bool = False
 
 
 def zoomed_out(
     reference: AnyArray,
     zoom: float,
-    psf: GaussianPsf | PsfField | None,
+    psf: Psf | PsfField | None,
     model: Model,
     noise: CaptureNoise | None = None,
     *,
@@ -86,41 +85,24 @@ def zoomed_out(
     Raises
     ------
     ValueError
-        As ``zoom_out``; or if a field is given to a model other than ``matched``.
+        As ``zoom_out``; or if a field is given to a model that takes none.
     """
     shape = reference.shape[0], reference.shape[1]
     grid = SamplingGrid.centred(shape, zoom)
     if isinstance(psf, PsfField):
-        if model != "matched":
+        taking = [name for name in POSE_MODELS if name == model]
+        if not taking:
             raise ValueError(f"model {model!r} takes one PSF for the whole frame")
         pose = Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
         # The follow-up is the middle of the camera's frame.
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
-        return from_pose(reference, pose, psf, noise, origin_px=origin_px)
+        return from_pose(reference, pose, psf, taking[0], noise, origin_px=origin_px)
     image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
     own = None
     if noise is not None:
         own = _own_variance(reference, zoom_operator(shape, grid, psf, model), noise)
-    return FollowUp(image=image, own_variance_dn2=own)
-
-
-def zoomed_out_as_measured(
-    reference: AnyArray,
-    zoom: float,
-    transfer: CameraTransfer,
-    noise: CaptureNoise | None = None,
-) -> FollowUp:
-    """Follow-up by model ``lmmse`` with the transfer functions measured on edges.
-
-    Raises
-    ------
-    ValueError
-        As ``zoom_out``.
-    """
-    shape = reference_shape(reference)
-    grid = SamplingGrid.centred(shape, zoom)
-    operator = lmmse_operator(shape, grid, transfer.along_y, transfer.along_x)
-    return followup_by(reference, operator, noise)
+    form = None if psf is None or model == "bicubic" else psf.form
+    return FollowUp(image=image, own_variance_dn2=own, psf_form=form)
 
 
 def followup_by(
@@ -139,7 +121,8 @@ def followup_by(
 def from_pose(
     reference: AnyArray,
     pose: Homography,
-    psf: GaussianPsf | PsfField,
+    psf: Psf | PsfField,
+    model: PoseModel = "matched",
     noise: CaptureNoise | None = None,
     *,
     origin_px: tuple[float, float] | None = None,
@@ -155,13 +138,13 @@ def from_pose(
     """
     size, matrix, distortion_k1 = pose.size, pose.matrix, pose.distortion_k1
     simulated = simulate_pose(
-        reference, matrix, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
+        reference, matrix, size, psf, model, origin_px=origin_px, distortion_k1=distortion_k1
     )
     own = None
     if noise is not None:
         shape = reference.shape[0], reference.shape[1]
         gain = pose_noise_gain(
-            matrix, shape, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
+            matrix, shape, size, psf, model, origin_px=origin_px, distortion_k1=distortion_k1
         )
         # At an edge the reference's variance is taken to be that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
@@ -171,6 +154,7 @@ def from_pose(
         own_variance_dn2=own,
         nearer=simulated.nearer,
         outside=simulated.outside,
+        psf_form=psf.form,
         is_field=isinstance(psf, PsfField),
     )
 

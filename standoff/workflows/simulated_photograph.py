@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from analysis.validation import KernelCache, default_cache_folder
-from calibration.files import read_correction, read_homography, read_psf
+from calibration.files import read_correction, read_homography
 from calibration.psf import luma_plane
 from calibration.registration import Homography
 from simulation import SamplingGrid
 from simulation.arrays import AnyArray, Float32Array
-from simulation.choices import GaussianForm, KernelModel, Model, Sampler
+from simulation.choices import GaussianForm, KernelModel, Model, PoseModel, PsfShape, Sampler
 from simulation.kernelgan import (
     EstimatedKernel,
     KernelGanError,
@@ -30,7 +30,6 @@ from standoff.workflows.followup import (
     followup_by,
     from_pose,
     zoomed_out,
-    zoomed_out_as_measured,
 )
 from standoff.workflows.psf_files import frame_psf
 
@@ -39,8 +38,8 @@ from standoff.workflows.psf_files import frame_psf
 class FollowUpRequest:
     """A photograph, the pose of its follow-up and how to simulate it.
 
-    ``inputs`` reads the photograph. The pose is ``zoom`` or the H.json ``homography``. The PSF is
-    a Gaussian, or the transfer function measured on edges (``is_measured``). ``correct`` is the
+    ``inputs`` reads the photograph. The pose is ``zoom`` or the H.json ``homography``. ``transfer``
+    says which PSF of the psf.json is used. ``correct`` is the
     noise.json whose maps correct the photograph first. The last four are for models that learn
     their kernel.
     """
@@ -52,7 +51,7 @@ class FollowUpRequest:
     zoom: float | None = None
     homography: Path | None = None
     psf: Path | None = None
-    is_measured: bool = False
+    transfer: PsfShape = "best"
     gaussian: GaussianForm = "transfer"
     correct: Path | None = None
     steps: int
@@ -162,18 +161,19 @@ def _by_kernel(reference: AnyArray, request: FollowUpRequest, kernel: EstimatedK
 def _from_pose(reference: AnyArray, request: FollowUpRequest, pose: Homography) -> FollowUp:
     assert request.psf is not None
     frame = (reference.shape[1], reference.shape[0])
-    psf = frame_psf(request.psf, frame if pose.size == frame else None, "matched")
-    return from_pose(reference, pose, psf, request.camera.noise)
+    model: PoseModel = "lmmse" if request.model == "lmmse" else "matched"
+    own = frame if pose.size == frame else None
+    psf = frame_psf(request.psf, own, model, request.transfer)
+    return from_pose(reference, pose, psf, model, request.camera.noise)
 
 
 def _zoomed_out(reference: AnyArray, request: FollowUpRequest, model: Model) -> FollowUp:
     zoom, noise = _zoom(request), request.camera.noise
     if request.psf is None:
         return zoomed_out(reference, zoom, None, model, noise)
-    if request.is_measured:
-        transfer = read_psf(request.psf).measured_transfer(str(request.psf))
-        return zoomed_out_as_measured(reference, zoom, transfer, noise)
-    psf = frame_psf(request.psf, (reference.shape[1], reference.shape[0]), model)
+    # The paper's model knows a Gaussian only.
+    shape = "gaussian" if model == "paper" else request.transfer
+    psf = frame_psf(request.psf, (reference.shape[1], reference.shape[0]), model, shape)
     return zoomed_out(reference, zoom, psf, model, noise, gaussian=request.gaussian)
 
 

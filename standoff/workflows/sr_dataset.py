@@ -16,7 +16,7 @@ from acquisition.printable import on_one_line
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from calibration.provenance import InputFile, Provenance
-from simulation import GaussianPsf, Model
+from simulation import Model, Psf
 from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.photographs import Inputs, Photograph, ReadOptions, marked_png, read_file
@@ -42,7 +42,7 @@ class SrDatasetSettings:
 
     zoom: float
     model: Model
-    psf: GaussianPsf
+    psf: Psf
     crop_px: int
     stride_px: int
     test_fraction: float

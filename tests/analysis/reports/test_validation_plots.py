@@ -12,7 +12,7 @@ from simulation import MODELS
 
 @pytest.fixture(scope="module")
 def furthest(session: Session, validation: Validation) -> ShownPair:
-    return furthest_pair(session, validation)
+    return furthest_pair(session, validation, PSF)
 
 
 def test_every_model_that_can_be_validated_has_a_colour_of_its_own() -> None:
