@@ -30,8 +30,9 @@ from standoff.workflows.psf_files import read_camera_psf
 class CurvesRequest:
     """The photographs, the change to detect in them, and the workers.
 
-    ``transfer`` says which PSF of the psf.json is used. ``noise`` is a camera's noise, instead of the task's; its value at the mean level of the
-    photographs is used. ``inputs`` reads the photographs; its list of them is filled here.
+    ``transfer`` says which PSF of the psf.json is used. ``noise`` is a camera's noise, instead of
+    the task's; its value at the mean level of the photographs is used. ``inputs`` reads the
+    photographs; its list of them is filled here.
     """
 
     images: tuple[Path, ...]

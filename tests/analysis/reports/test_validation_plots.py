@@ -8,6 +8,7 @@ from analysis.reports.validation_plots import plot_curves, plot_furthest
 from analysis.validation.document import METRICS, Validation
 from analysis.validation.shown import ShownPair, drawn_procedure, furthest_pair
 from simulation import MODELS
+from tests.analysis.bench_session import PSF
 
 
 @pytest.fixture(scope="module")
