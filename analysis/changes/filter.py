@@ -198,6 +198,7 @@ def find_changes(
             is_noise_known=options.noise is not None,
             registration_err_px=uncertainty.registration_err_px,
             width_err_px2=uncertainty.width_err_px2,
+            psf_form=psf.form,
         ),
         followup_dn=far,
         difference_dn=difference,

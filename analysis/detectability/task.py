@@ -139,6 +139,7 @@ def curves_of(
         If the change is wider than the window, or a noise is not positive.
     """
     curves: list[DetectabilityCurve] = []
+    psf = plan.scenario.psf
     for number, model in enumerate(plan.models):
         artefacts = [
             ArtefactTiles.joined([cell.artefact(number, index) for cell in cells])
@@ -151,6 +152,7 @@ def curves_of(
         reference_zoom=plan.scenario.reference_zoom,
         window_px=plan.scenario.window_px,
         signal=task.signal.name,
+        psf_form=None if psf is None else psf.form,
         curves=curves,
     )
 
