@@ -160,7 +160,8 @@ class DetectabilityCurve(StoredValues):
 class DetectabilityCurves(ResultsDocument):
     """Curves of several models, observers, noises and contrasts: the document of curves.json.
 
-    ``images`` to ``psf_form`` say what the curves were worked out from; None where that is not known.
+    ``images`` to ``psf_form`` say what the curves were worked out from, None where that is not
+    known.
     """
 
     schema_name: Literal["standoff.detectability/1"] = Field(default=CURVES_SCHEMA, alias="schema")
