@@ -225,12 +225,3 @@ def test_maps_of_another_sensor_and_colour_are_refused(
     done = command("simulate", colour, *words)
     assert done.status == 1
     assert "grey camera" in done.err
-
-
-def test_a_measured_transfer_goes_with_lmmse_alone(
-    command: Command, image_file: Path, psf_file: Path, tmp_path: Path
-) -> None:
-    words = ("simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", tmp_path / "f.tif")
-    done = command(*words, "--transfer", "measured")
-    assert done.status == 2
-    assert "only model lmmse takes a measured transfer function" in done.err
