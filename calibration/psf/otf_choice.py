@@ -19,7 +19,9 @@ _FEWEST_FOR_CORRECTION = 6  # directions; cos 2a and sin 2a need more than twice
 _FEWEST_FOR_FOURFOLD = 10
 _CORRECTION_REDUCED = 1.02  # of chi-squared: below, no correction can be worth its noise
 _RACE_EDGES, _RACE_STEPS = 6, 8
-_MUCH_BETTER = 10.0  # of BIC: "very strong" evidence (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
+_MUCH_BETTER = (
+    10.0  # of BIC: "very strong" evidence (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
+)
 _LEAST_VARIANCE_PX2 = 2.5e-3
 # Starts: cut-off period and Gaussian width over the optical width of the edges, squared defocus.
 _START_PERIODS = (0.25, 0.5, 1.0, 2.0, 3.5)
@@ -43,9 +45,9 @@ class OtfChoice:
 def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
     """Fit the forms that the directions of the edges allow, and take the one they ask for.
 
-    Forms are compared by the Bayesian information criterion (Schwarz, "Estimating the dimension of a
-    model", Ann. Stat. 6, 1978), with chi-squared over the scatter of the edges themselves: pixels'
-    noise alone would call every change from edge to edge a new shape of the lens.
+    Forms are compared by the Bayesian information criterion (Schwarz, "Estimating the dimension of
+    a model", Ann. Stat. 6, 1978), with chi-squared over the scatter of the edges themselves:
+    pixels' noise alone would call every change from edge to edge a new shape of the lens.
 
     Returns
     -------
@@ -147,7 +149,9 @@ def _best(stack: EdgeStack, fits: Sequence[OtfFit], limits: str) -> OtfChoice:
         if criterion(fit) < criterion(best) - _MUCH_BETTER:
             best = fit
     others = ", ".join(
-        f"{fit.form.name} {criterion(fit) - criterion(best):+.4g}" for fit in fits if fit is not best
+        f"{fit.form.name} {criterion(fit) - criterion(best):+.4g}"
+        for fit in fits
+        if fit is not best
     )
     reduced = best.squares / max(stack.bins - best.freedom, 1.0)
     return OtfChoice(

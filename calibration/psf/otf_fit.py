@@ -27,7 +27,8 @@ class OtfFit:
     """A form with the parameters that fit best.
 
     ``inverse`` is the inverse of the (penalised) normal matrix: the covariance of the parameters if
-    the edges scatter as their pixels' noise says. ``freedom`` is the effective number of parameters.
+    the edges scatter as their pixels' noise says. ``freedom`` counts the parameters, those of a
+    correction as far as its smoothness leaves them free.
     """
 
     form: OtfForm
@@ -98,8 +99,13 @@ def fit_correction(stack: EdgeStack, fit: OtfFit, harmonics: int) -> OtfFit | No
         hessian, gradient = _normal_equations(stack, form, best, here)
         free = _free(form, best, gradient)
         if weight is None:
-            weight = _cross_validated(stack, hessian[np.ix_(free, free)], gradient[free], here,
-                                      penalty[np.ix_(free, free)])
+            weight = _cross_validated(
+                stack,
+                hessian[np.ix_(free, free)],
+                gradient[free],
+                here,
+                penalty[np.ix_(free, free)],
+            )
         pull = gradient - weight * penalty @ best
         step = _step(hessian + weight * penalty, pull, best - form.least, 1e-9)
         trial = form.bounded(best + step)

@@ -51,7 +51,7 @@ class OtfForm:
 
     @property
     def least(self) -> FloatArray:
-        """Least value of each parameter, minus infinity where it is bound by others or not at all."""
+        """Least value of each parameter; minus infinity where it has no bound of its own."""
         known = [_LEAST.get(name, -np.inf) for name in self.parameter_names]
         return np.array(known + [-np.inf] * self.corrections)
 

@@ -2,8 +2,8 @@
 
 By the projection-slice theorem the profile across an edge with unit normal n is
 ``E(d) = 1/2 + integral_0^inf H(f n) sin(2 pi f d) / (pi f) df``, H real and signed. The integral is
-a sum over Gauss-Legendre nodes, the same for all edges, and all edges share their bins: so the sines
-are one matrix, and a transfer function is compared with every pixel by one product of matrices.
+a sum over Gauss-Legendre nodes, the same for all edges, and all edges share their bins: the sines
+are one matrix, and one product of matrices compares a transfer function with every pixel.
 """
 
 from collections.abc import Sequence
@@ -121,9 +121,7 @@ class EdgeStack:
         profile = gauss * pupil.otf
         by_variance = -2 * pi**2 * freq**2 * profile
         if slices.correction is not None:
-            profile = profile + self._pixel * (
-                correction_splines(self.freq) @ slices.correction.T
-            )
+            profile = profile + self._pixel * (correction_splines(self.freq) @ slices.correction.T)
         if not with_slopes:
             return profile[:, :, None]
         by_period = gauss * pupil.by_freq * freq

@@ -83,7 +83,9 @@ class LensOtf:
         if not xx == xy == yy == 0:
             relative = np.hypot(xx * fx + xy * fy, xy * fx + yy * fy)
             transfer = transfer * pupil_otf(relative, self.defocus_waves)
-        return np.asarray(transfer if self.correction is None else transfer + self.correction(fx, fy))
+        return np.asarray(
+            transfer if self.correction is None else transfer + self.correction(fx, fy)
+        )
 
 
 def pupil_otf(relative_freq: FloatArray, defocus_waves: float) -> FloatArray:
