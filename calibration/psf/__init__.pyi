@@ -29,6 +29,7 @@ from .plot import (
     draw_mtf as draw_mtf,
     draw_widths_by_angle as draw_widths_by_angle,
 )
+from .transfer_2d import Transfer2d as Transfer2d, measure_transfer_2d as measure_transfer_2d
 
 __all__ = [
     "ORIENTATION_COLOURS",
@@ -44,6 +45,7 @@ __all__ = [
     "PsfCalibration",
     "PsfEstimates",
     "PsfOrigin",
+    "Transfer2d",
     "calibrate_mosaic",
     "calibrate_psf",
     "capture_images",
@@ -55,6 +57,7 @@ __all__ = [
     "estimates_of_covariance",
     "fit_covariance",
     "luma_plane",
+    "measure_transfer_2d",
     "scene_records",
     "share_of_correlation",
 ]

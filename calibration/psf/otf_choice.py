@@ -1,0 +1,162 @@
+"""Which form of transfer function the edges ask for: Gaussian, round, elliptic or free."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import log
+
+import numpy as np
+
+from calibration.edges import BinnedEdge
+from calibration.psf.otf_fit import OtfFit, dispersion, fit_correction, fit_form
+from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, GAUSSIAN, ROUND
+from calibration.psf.otf_slices import EdgeStack
+from simulation.arrays import FloatArray
+
+_SAME_DIRECTION_DEG = 8.0
+_WIDEST_GAP_DEG = 65.0  # three directions a third of a turn apart tell an ellipse
+_FEWEST_FOR_CORRECTION = 6  # directions; cos 2a and sin 2a need more than twice 2
+_FEWEST_FOR_FOURFOLD = 10
+_CORRECTION_REDUCED = 1.02  # of chi-squared: below, no correction can be worth its noise
+_RACE_EDGES, _RACE_STEPS = 6, 8
+_MUCH_BETTER = (
+    10.0  # of BIC: "very strong" evidence (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
+)
+_LEAST_VARIANCE_PX2 = 2.5e-3
+# Starts: cut-off period and Gaussian width over the optical width of the edges, squared defocus.
+_START_PERIODS = (0.25, 0.5, 1.0, 2.0, 3.5)
+_START_WIDTHS = (0.0, 0.7)
+_START_DEFOCUS_WAVES2 = (0.0, 0.25, 1.0, 6.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OtfChoice:
+    """The form chosen and why; ``scale`` multiplies the inverse to give the covariance.
+
+    ``chi2_reduced`` is over the bins of all edges, ``directions`` are the edges' normals.
+    """
+
+    fit: OtfFit
+    reason: str
+    scale: float
+    chi2_reduced: float
+
+
+def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
+    """Fit the forms that the directions of the edges allow, and take the one they ask for.
+
+    Forms are compared by the Bayesian information criterion (Schwarz, "Estimating the dimension of
+    a model", Ann. Stat. 6, 1978), with chi-squared over the scatter of the edges themselves:
+    pixels' noise alone would call every change from edge to edge a new shape of the lens.
+
+    Returns
+    -------
+    OtfChoice or None
+        None where the edges are none, or all of one direction.
+    """
+    directions = distinct_directions_deg([edge.normal_rad for edge in edges])
+    if directions.size < 2:
+        return None
+    stack = EdgeStack(edges)
+    variance = _optical_variance(edges)
+    is_spread = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
+    gaussian = GAUSSIAN if is_spread else AXIAL_GAUSSIAN
+    start = np.array([variance, 0.0, variance] if is_spread else [variance, variance])
+    fits = [fit_form(stack, gaussian, start)]
+    round_lens = fit_form(stack, ROUND, _round_start(edges, variance))
+    fits.append(round_lens)
+    if is_spread and round_lens is not None:
+        period, defocus, spread = round_lens.parameters.tolist()
+        elliptic = fit_form(stack, ELLIPTIC, np.array([period, 0.0, period, defocus, spread]))
+        fits += [elliptic, *_corrected(stack, elliptic, directions.size)]
+    found = [fit for fit in fits if fit is not None]
+    return _best(stack, found, _limits(directions, is_spread=is_spread)) if found else None
+
+
+def distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
+    """Directions in [0, 180) that are further apart than a few degrees, in order."""
+    distinct: list[float] = []
+    for angle in np.sort(np.rad2deg(normal_rad) % 180.0).tolist():
+        # Both neighbours on the circle: the last kept one, and the first.
+        others = distinct[:1] + distinct[-1:]
+        if all(_apart(angle, other) > _SAME_DIRECTION_DEG for other in others):
+            distinct.append(angle)
+    return np.array(distinct)
+
+
+def widest_gap_deg(directions_deg: FloatArray) -> float:
+    """Largest angle between neighbouring directions."""
+    return float(np.max(np.diff(np.append(directions_deg, directions_deg[0] + 180.0))))
+
+
+def _apart(first_deg: float, second_deg: float) -> float:
+    return abs((first_deg - second_deg + 90.0) % 180.0 - 90.0)
+
+
+def _optical_variance(edges: Sequence[BinnedEdge]) -> float:
+    total = float(np.median([edge.sigma_px for edge in edges])) ** 2
+    return max(total - 1 / 12, _LEAST_VARIANCE_PX2)
+
+
+def _round_start(edges: Sequence[BinnedEdge], variance_px2: float) -> FloatArray:
+    """Parameters of a round lens from a grid; the best of each defocus is fitted to a few edges.
+
+    Chi-squared has valleys with and without defocus.
+    """
+    pace = max(len(edges) // _RACE_EDGES, 1)
+    stack = EdgeStack(edges[::pace][:_RACE_EDGES])
+    width = variance_px2**0.5
+    best, least = np.array([width, 0.0, variance_px2]), np.inf
+    for waves2 in _START_DEFOCUS_WAVES2:
+        starts = [
+            np.array([period * width, waves2, (share * width) ** 2])
+            for period, share in product(_START_PERIODS, _START_WIDTHS)
+        ]
+        slices = [ROUND.slices(start, stack.normal_rad) for start in starts]
+        squares = [stack.residuals(one, with_slopes=False).squares for one in slices]
+        fit = fit_form(stack, ROUND, starts[int(np.argmin(squares))], _RACE_STEPS)
+        if fit is not None and fit.squares < least:
+            best, least = fit.parameters, fit.squares
+    return best
+
+
+def _corrected(stack: EdgeStack, elliptic: OtfFit | None, directions: int) -> list[OtfFit | None]:
+    """The free form, where there are directions enough and the misfit leaves room for it."""
+    if elliptic is None or directions < _FEWEST_FOR_CORRECTION:
+        return []
+    if elliptic.squares <= _CORRECTION_REDUCED * (stack.bins - elliptic.freedom):
+        return []
+    return [fit_correction(stack, elliptic, 3 if directions < _FEWEST_FOR_FOURFOLD else 5)]
+
+
+def _limits(directions_deg: FloatArray, *, is_spread: bool) -> str:
+    """What the directions do not allow, for the reason."""
+    if is_spread:
+        return ""
+    return f"; {directions_deg.size} directions do not tell an elliptic one"
+
+
+def _best(stack: EdgeStack, fits: Sequence[OtfFit], limits: str) -> OtfChoice:
+    """The form with the least criterion, and how much it is better than the simplest one."""
+    richest = fits[-1]
+    scatter = max(dispersion(stack, richest), 1.0)
+
+    def criterion(fit: OtfFit) -> float:
+        return fit.squares / scatter + fit.freedom * log(stack.bins)
+
+    best = fits[0]
+    for fit in fits[1:]:
+        if criterion(fit) < criterion(best) - _MUCH_BETTER:
+            best = fit
+    others = ", ".join(
+        f"{fit.form.name} {criterion(fit) - criterion(best):+.4g}"
+        for fit in fits
+        if fit is not best
+    )
+    reduced = best.squares / max(stack.bins - best.freedom, 1.0)
+    return OtfChoice(
+        fit=best,
+        reason=f"BIC of others against it: {others}{limits}",
+        scale=max(dispersion(stack, best), reduced, 1.0),
+        chi2_reduced=reduced,
+    )

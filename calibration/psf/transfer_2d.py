@@ -1,0 +1,156 @@
+"""The measured two-dimensional transfer function, as psf.json stores it."""
+
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from calibration.edges import BinnedEdge
+from calibration.psf.otf_choice import OtfChoice, choose_otf, distinct_directions_deg
+from calibration.psf.otf_forms import FormName, OtfForm, form_of
+from simulation.arrays import FloatArray
+from simulation.psf import GaussianPsf, LensOtf, MeasuredPsf
+
+_ANGLES_DEG = tuple(range(0, 181, 15))
+_FREQ_CY_PER_PX = tuple(round(0.02 * k, 2) for k in range(51))
+_DECIMALS = 8  # of the table, which is there to be read
+
+
+class OtfTable(BaseModel):
+    """Samples of a transfer function of lens and pixel, and their standard errors.
+
+    ``otf`` and ``otf_err`` have a row for each ``angle_deg`` of the frequency from +x, y down, and
+    a column for each ``freq_cy_per_px``.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    angle_deg: tuple[float, ...]
+    freq_cy_per_px: tuple[float, ...]
+    otf: tuple[tuple[float, ...], ...]
+    otf_err: tuple[tuple[float, ...], ...]
+
+
+class Transfer2d(BaseModel):
+    """Transfer function of lens and pixel over both axes, from the pixels of all edges at once.
+
+    ``form`` and ``parameters`` say it whole; ``table`` is for programs that read no formula.
+
+    Attributes
+    ----------
+    form
+        ``gaussian``: a Gaussian lens. ``round``: a circular pupil out of focus, and a Gaussian.
+        ``elliptic``: the same with the pupil's cut-off stretched to an ellipse. ``free``: with a
+        correction by radial splines and angular harmonics.
+    reason
+        Why this form: by how much the Bayesian information criterion of others is larger.
+    parameters
+        By name, the unit in it; ``defocus_waves2`` is the square of the defocus in waves.
+    covariance
+        Covariance matrix of the parameters, in their order. It holds the scatter from edge to edge.
+    angles_deg
+        Directions of the frequencies that edges measured: their normals, modulo 180 degrees.
+    edges, chi2_reduced
+        Number of edges, and chi-squared over its degrees of freedom for the noise within them.
+    scatter
+        Factor on the noise's covariance for what the edges scatter beyond it, at least 1.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    form: FormName
+    reason: str
+    parameters: dict[str, float]
+    covariance: tuple[tuple[float, ...], ...] = Field(repr=False)
+    angles_deg: tuple[float, ...] = Field(repr=False)
+    edges: int
+    chi2_reduced: float
+    scatter: float
+    table: OtfTable | None = Field(default=None, repr=False)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        count = len(self.parameters)
+        matrix = self.covariance
+        if len(matrix) != count or any(len(row) != count for row in matrix):
+            raise ValueError(f"covariance must have {count} rows and columns, as the parameters")
+        self._form.lens(self._values)
+        return self
+
+    @classmethod
+    def of(cls, choice: OtfChoice, normal_rad: Sequence[float]) -> Self:
+        """Return the document of a fit to edges with these normals."""
+        fit = choice.fit
+        covariance = choice.scale * fit.inverse
+        bare = cls(
+            form=fit.form.name,
+            reason=choice.reason,
+            parameters=dict(zip(fit.form.names, fit.parameters.tolist(), strict=True)),
+            covariance=_rows(covariance),
+            angles_deg=tuple(np.round(distinct_directions_deg(normal_rad), 2).tolist()),
+            edges=len(normal_rad),
+            chi2_reduced=choice.chi2_reduced,
+            scatter=choice.scale,
+        )
+        return bare.model_copy(update={"table": bare._table()})
+
+    @property
+    def lens(self) -> LensOtf:
+        """Transfer function of the lens without the pixel."""
+        return self._form.lens(self._values)
+
+    def psf(self, gaussian: GaussianPsf) -> MeasuredPsf:
+        """Return the total PSF; ``gaussian`` is the Gaussian nearest to it."""
+        return MeasuredPsf(lens=self.lens, gaussian=gaussian)
+
+    def otf(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
+        """Return the transfer of lens and pixel at frequencies; the two broadcast."""
+        fx, fy = np.asarray(fx_cy_per_px), np.asarray(fy_cy_per_px)
+        return np.asarray(self.lens(fx, fy) * np.sinc(fx) * np.sinc(fy))
+
+    def otf_err(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
+        """Return the standard error of the transfer at frequencies; the two broadcast.
+
+        1.96 of them to either side are the pointwise 95 % band.
+        """
+        fx, fy = np.broadcast_arrays(fx_cy_per_px, fy_cy_per_px)
+        slopes = self._form.otf_slopes(self._values, fx.ravel(), fy.ravel())
+        variance = np.einsum("np,pq,nq->n", slopes, np.array(self.covariance), slopes)
+        pixel = np.abs(np.sinc(fx) * np.sinc(fy))
+        return np.asarray(pixel * np.sqrt(np.maximum(variance, 0.0)).reshape(fx.shape))
+
+    def _table(self) -> OtfTable:
+        angle = np.deg2rad(_ANGLES_DEG)[:, None]
+        freq = np.array(_FREQ_CY_PER_PX)
+        fx, fy = freq * np.cos(angle), freq * np.sin(angle)
+        return OtfTable(
+            angle_deg=tuple(float(angle) for angle in _ANGLES_DEG),
+            freq_cy_per_px=_FREQ_CY_PER_PX,
+            otf=_rows(np.round(self.otf(fx, fy), _DECIMALS)),
+            otf_err=_rows(np.round(self.otf_err(fx, fy), _DECIMALS)),
+        )
+
+    @property
+    def _form(self) -> OtfForm:
+        return form_of(self.form, tuple(self.parameters))
+
+    @property
+    def _values(self) -> FloatArray:
+        return np.array(list(self.parameters.values()))
+
+    def __str__(self) -> str:
+        return (
+            f"{self.form} from {self.edges} edges at {len(self.angles_deg)} angles, "
+            f"chi2/dof {self.chi2_reduced:.2f}"
+        )
+
+
+def measure_transfer_2d(edges: Sequence[BinnedEdge]) -> Transfer2d | None:
+    """Fit the two-dimensional transfer function; None where the edges have one direction alone."""
+    choice = choose_otf(edges)
+    return None if choice is None else Transfer2d.of(choice, [edge.normal_rad for edge in edges])
+
+
+def _rows(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in matrix.tolist())
