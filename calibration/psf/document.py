@@ -14,7 +14,7 @@ from calibration.provenance import Provenance
 from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
-from simulation.psf import CameraTransfer, GaussianPsf, PsfField, SampledTransfer
+from simulation.psf import GaussianPsf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -269,8 +269,8 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         except ValueError as error:
             raise PsfFileError(f"{source}: field: {error}", source=source, key="field") from error
 
-    def measured_transfer(self, source: str) -> CameraTransfer:
-        """Return the transfer functions measured from the edges, with no Gaussian assumed.
+    def measured_transfer(self, source: str) -> SeparablePsf:
+        """Return the PSF of the transfer functions measured on the edges, no Gaussian assumed.
 
         Raises
         ------
@@ -292,7 +292,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
                 curves.append(SampledTransfer(curve.freq_cy_per_px, curve.mtf))
             except ValueError as error:
                 raise PsfFileError(f"{source}: {key}: {error}", source=source, key=key) from error
-        return CameraTransfer(along_y=curves[0], along_x=curves[1])
+        return SeparablePsf(along_y=curves[0], along_x=curves[1], gaussian=self.total_psf(source))
 
     def plot(self) -> "Figure":
         """Return a figure of the widths by angle and of the contrast by frequency."""

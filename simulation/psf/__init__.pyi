@@ -7,14 +7,12 @@ from .measured import (
     SeparablePsf as SeparablePsf,
 )
 from .transfer import (
-    CameraTransfer as CameraTransfer,
     GaussianTransfer as GaussianTransfer,
     SampledTransfer as SampledTransfer,
     Transfer as Transfer,
 )
 
 __all__ = [
-    "CameraTransfer",
     "GaussianPsf",
     "GaussianTransfer",
     "LensOtf",

@@ -7,11 +7,11 @@ import numpy as np
 
 from calibration.registration import Homography
 from simulation import (
-    CameraTransfer,
     GaussianPsf,
     Model,
     PsfField,
     SamplingGrid,
+    SeparablePsf,
     ZoomOperator,
     lmmse_operator,
     simulate_pose,
@@ -107,7 +107,7 @@ def zoomed_out(
 def zoomed_out_as_measured(
     reference: AnyArray,
     zoom: float,
-    transfer: CameraTransfer,
+    psf: SeparablePsf,
     noise: CaptureNoise | None = None,
 ) -> FollowUp:
     """Follow-up by model ``lmmse`` with the transfer functions measured on edges.
@@ -119,7 +119,7 @@ def zoomed_out_as_measured(
     """
     shape = reference_shape(reference)
     grid = SamplingGrid.centred(shape, zoom)
-    operator = lmmse_operator(shape, grid, transfer.along_y, transfer.along_x)
+    operator = lmmse_operator(shape, grid, psf)
     return followup_by(reference, operator, noise)
 
 

@@ -67,8 +67,8 @@ def test_the_measured_transfer_takes_the_place_of_the_gaussian(
     command: Command, tmp_path: Path
 ) -> None:
     freq = np.linspace(0, 1, 51)
-    # What model lmmse takes a total width of 0.7 px for: a Gaussian of 0.49 - 1/12, and a pixel.
-    curve = np.exp(-2 * np.pi**2 * (0.49 - 1 / 12) * freq**2) * np.sinc(freq)
+    # What model lmmse takes a total width of 0.7 px for.
+    curve = np.exp(-2 * np.pi**2 * 0.49 * freq**2)
     one_axis = {"freq_cy_per_px": freq.tolist(), "mtf": curve.tolist()}
     psf = tmp_path / "psf.json"
     content = {"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7, "rho": 0.0}
