@@ -10,7 +10,7 @@ from simulation.lmmse.kernel_table import window_kernels
 from simulation.lmmse.scene import CrossCovariance, SeenScene
 from simulation.lmmse.window import FiniteWindow
 
-RADIUS_MAX_PX = 40
+RADIUS_MAX_PX = 36
 """Largest half of a window's side; the system of an astigmatic lens then takes two seconds."""
 
 _ALLOWED_OF_IDEAL = 0.15
@@ -22,8 +22,12 @@ _ALLOWED_LEAST = 0.15 * 0.01 / 60**2
 _TOLERATED_LEAST = 0.3 / 60**2
 """At most 0.3 DN^2 where the largest window is too small for the lens's tails."""
 
-_TRIED_PX = (4, 6, 9, 13)
-"""Radii solved before the excess, which falls with a power of the radius, is extrapolated."""
+_LEAST_PX, _LEAST_ZOOMS = 4, 2
+"""Less saves no time, and this much costs a Gaussian lens nothing that could be measured."""
+
+_TRIED_STEPS = 3
+_STEP = 1.4
+"""Ratio of the radii solved before the excess, which falls with a power, is extrapolated."""
 
 _SHIFTS_PX = (0.0, 0.5)
 
@@ -44,18 +48,21 @@ def window_radius_px(
     ideal = _ideal_error(scene, far, noise_variance)
     allowed = _ALLOWED_OF_IDEAL * ideal + _ALLOWED_LEAST
     excesses: list[float] = []
-    for radius in _TRIED_PX:
+    least = _LEAST_PX + ceil(_LEAST_ZOOMS * zoom)
+    radii = [min(round(least * _STEP**step), RADIUS_MAX_PX) for step in range(_TRIED_STEPS)]
+    for radius in radii:
         excesses.append(_window_error(scene, far, windows(2 * radius, 2 * radius)) - ideal)
         if excesses[-1] <= allowed:
             return radius
-    decay = log(excesses[-2] / excesses[-1]) / log(_TRIED_PX[-1] / _TRIED_PX[-2])
+    if radii[-2] == radii[-1]:
+        return RADIUS_MAX_PX if excesses[-1] <= _TOLERATED_LEAST else None
+    decay = log(excesses[-2] / excesses[-1]) / log(radii[-1] / radii[-2])
     decay = min(max(decay, _SLOWEST_DECAY), _FASTEST_DECAY)
-    radius = ceil(_TRIED_PX[-1] * float(excesses[-1] / allowed) ** (1 / decay))
-    if radius <= RADIUS_MAX_PX:
-        return radius
-    largest = windows(2 * RADIUS_MAX_PX, 2 * RADIUS_MAX_PX)
-    excess = _window_error(scene, far, largest) - ideal
-    return RADIUS_MAX_PX if excess <= _TOLERATED_LEAST else None
+    at_most = excesses[-1] * (radii[-1] / RADIUS_MAX_PX) ** decay
+    if at_most > max(allowed, _TOLERATED_LEAST):
+        return None
+    growth = float((excesses[-1] / allowed) ** (1 / decay))
+    return min(ceil(radii[-1] * growth), RADIUS_MAX_PX)
 
 
 def _window_error(scene: SeenScene, far: CrossCovariance, window: FiniteWindow) -> float:
@@ -66,10 +73,14 @@ def _window_error(scene: SeenScene, far: CrossCovariance, window: FiniteWindow) 
     for shift_px in _SHIFTS_PX:
         at: FloatArray = np.array([shift_px])
         weights = window_kernels(window, far, at, at)[0, 0]
-        y, x = (at - np.arange(taps) + (taps - 1) / 2 for taps in weights.shape)
+        y, x = (at[0] - _centred(taps) for taps in weights.shape)
         seen = np.sum(np.abs(np.fft.fft2(weights, size)) ** 2 * power)
-        error += far.variance - 2 * np.sum(weights * far.at(y, x)) + seen
-    return float(error) / len(_SHIFTS_PX)
+        error += far.variance - 2 * float(np.sum(weights * far.at(y, x))) + float(seen)
+    return error / len(_SHIFTS_PX)
+
+
+def _centred(count: int) -> FloatArray:
+    return np.arange(count, dtype=np.float64) - (count - 1) / 2
 
 
 def _ideal_error(scene: SeenScene, far: CrossCovariance, noise_variance: float) -> float:
@@ -78,6 +89,6 @@ def _ideal_error(scene: SeenScene, far: CrossCovariance, noise_variance: float) 
     seen = np.maximum(np.fft.fft2(scene.covariance).real + noise_variance, 1e-15)
     known = 0.0
     for shift_px in _SHIFTS_PX:
-        lags = shift_px + np.arange(period) - (period - 1) / 2
+        lags = shift_px + _centred(period)
         known += float(np.sum(np.abs(np.fft.fft2(far.at(lags, lags))) ** 2 / seen)) / period**2
     return max(far.variance - known / len(_SHIFTS_PX), 0.0)

@@ -241,8 +241,9 @@ def test_rows_and_columns_are_not_swapped() -> None:
     )
     turned_psf = GaussianPsf(sigma_x_px=0.7, sigma_y_px=0.9)
     out = zoom_out_on_grid(image, grid, PSF, "lmmse")
+    # White noise shows the rounding of a system whose condition is 1e9; scenes do not.
     np.testing.assert_allclose(
-        out, zoom_out_on_grid(image.T, turned, turned_psf, "lmmse").T, atol=1e-10
+        out, zoom_out_on_grid(image.T, turned, turned_psf, "lmmse").T, atol=1e-5
     )
     wrong = zoom_out_on_grid(image, grid, turned_psf, "lmmse")
     assert np.abs(out - wrong).max() > 1.0
