@@ -24,7 +24,6 @@ from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
 from simulation.choices import MODELS, GaussianForm, Model
-from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
 from simulation.psf import Psf
 from simulation.resampling import (
     BandedMatrix,
@@ -33,18 +32,19 @@ from simulation.resampling import (
     antialiased_cubic,
     blur,
     gaussian_terms,
-    matched_terms,
     put_separable,
     reference_shape,
     refuse_non_finite,
-    spline_sampling,
+)
+from simulation.zoom_kernels import (
+    SCENE_CORRELATION_PX,
+    lmmse_terms,
+    spline_prefilter,
+    spline_terms,
 )
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
-
-_FAINT_ENDS = 3e-6
-"""Fraction of a row's weights cut off on either side: at most 0.003 of 255 in the result."""
 
 _BORDER_SLACK_PX = 1e-6
 
@@ -254,10 +254,6 @@ def _check_grid(shape: tuple[int, int], grid: SamplingGrid) -> None:
             raise ValueError(f"the grid's {name} extend beyond the reference by {outermost:.3g} px")
 
 
-def _without_faint_ends(terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]) -> SeparableSum:
-    return SeparableSum(tuple((y.trimmed(_FAINT_ENDS), x.trimmed(_FAINT_ENDS)) for y, x in terms))
-
-
 def _identity(shape: tuple[int, int]) -> SeparableSum:
     return SeparableSum(((blur(np.ones(1), shape[0]), blur(np.ones(1), shape[1])),))
 
@@ -266,24 +262,15 @@ def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: Psf) -> SeparableS
     if grid == SamplingGrid.centred(shape, 1.0):
         # The spline through the pixels reproduces the pixel values except for rounding.
         return _identity(shape)
-    zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    kernels = matched_terms(_scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1))
-    return _without_faint_ends(
-        tuple(
-            (
-                spline_sampling(grid.rows_px, kernel.along_y, shape[0]),
-                spline_sampling(grid.cols_px, kernel.along_x, shape[1]),
-            )
-            for kernel in kernels
-        )
-    )
+    return SeparableSum(spline_terms(shape, grid, psf))
 
 
 def _paper_blur(grid: SamplingGrid, psf: Psf, gaussian: GaussianForm) -> SeparableSum:
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
     # The paper's Sigma has no correlation.
+    xx, yy = np.diag(psf.covariance_px2).tolist()
     kernels = gaussian_terms(
-        _scaled(psf, 1 - zoom_y**-2, 1 - zoom_x**-2, 0.0),
+        BlurCovariance(yy_px2=yy * (1 - zoom_y**-2), xx_px2=xx * (1 - zoom_x**-2)),
         tail_tolerance=_PAPER_TAIL_TOLERANCE,
         form=gaussian,
     )
@@ -292,12 +279,6 @@ def _paper_blur(grid: SamplingGrid, psf: Psf, gaussian: GaussianForm) -> Separab
             (blur(kernel.along_y, grid.rows), blur(kernel.along_x, grid.cols)) for kernel in kernels
         )
     )
-
-
-def _scaled(psf: Psf, yy: float, xx: float, xy: float) -> BlurCovariance:
-    """Covariance of the PSF, multiplied element by element."""
-    (cov_xx, cov_xy), (_, cov_yy) = psf.covariance_px2.tolist()
-    return BlurCovariance(yy_px2=cov_yy * yy, xx_px2=cov_xx * xx, xy_px2=cov_xy * xy)
 
 
 def _needed(psf: Psf | None, model: Model) -> Psf:
@@ -321,13 +302,12 @@ class BlurredSpline:
         image
             Grey, shape ``(rows, cols)``.
         psf
-            Total PSF; the blur is its covariance times ``zoom^2 - 1``.
+            Total PSF.
         zoom
             Ratio of the distances; 1 or less does not blur.
         """
-        excess = max(zoom, 1.0) ** 2 - 1
         rows, cols = image.shape
-        kernels = matched_terms(_scaled(psf, excess, excess, excess))
+        kernels = spline_prefilter(psf, max(zoom, 1.0), max(zoom, 1.0))
         prefilter = SeparableSum(
             tuple((blur(k.along_y, rows), blur(k.along_x, cols)) for k in kernels)
         )

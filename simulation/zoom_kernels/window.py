@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from simulation.arrays import FloatArray, IntArray
-from simulation.lmmse.scene import SeenScene
+from simulation.zoom_kernels.scene import SeenScene
 
 _Block = tuple[slice, slice]
 _Reflection = tuple[_Block, float]

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from simulation.arrays import FloatArray, IntArray
-from simulation.lmmse.scene import CrossCovariance
-from simulation.lmmse.window import FiniteWindow
+from simulation.zoom_kernels.scene import CrossCovariance
+from simulation.zoom_kernels.window import FiniteWindow
 
 _TERM_TOLERANCE = 3e-4
 """Part of a scene's standard deviation that the omitted products may leave: 0.02 of 60 DN."""
@@ -47,11 +47,8 @@ class KernelTable:
     along_x: AxisKernels
 
     @classmethod
-    def solved(
-        cls, window: FiniteWindow, far: CrossCovariance, y_px: FloatArray, x_px: FloatArray
-    ) -> "KernelTable":
-        """Solve a window for all pairs of positions from its centre, and factorise."""
-        kernels = window_kernels(window, far, y_px, x_px)
+    def of(cls, kernels: FloatArray, y_px: FloatArray, x_px: FloatArray) -> "KernelTable":
+        """Factorise kernels of shape ``(len(y_px), len(x_px), taps_y, taps_x)``, of sum 1."""
         sums_y, sums_x, rest = _apart(kernels, y_px, x_px)
         root_y, root_x = (_scene_root(kernels.shape[axis]) for axis in (2, 3))
         weighted = np.einsum("abij,ik,jl->akbl", rest, root_y, root_x, optimize=True)

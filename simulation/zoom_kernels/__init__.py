@@ -1,4 +1,4 @@
-"""The best linear resampler from the pixels of a reference to those of its follow-up."""
+"""The kernels of the zoom-out models for any PSF, as banded matrices along either axis."""
 
 import lazy_loader as lazy
 

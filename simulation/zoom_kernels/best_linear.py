@@ -7,11 +7,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from simulation.arrays import BoolArray, FloatArray, IntArray
-from simulation.lmmse.kernel_table import AxisKernels
-from simulation.lmmse.scene import SCENE_CORRELATION_PX
-from simulation.lmmse.solver import kernel_solver, table_positions
 from simulation.psf import Psf
 from simulation.resampling import BandedMatrix, SamplingGrid
+from simulation.zoom_kernels.kernel_table import AxisKernels
+from simulation.zoom_kernels.scene import SCENE_CORRELATION_PX
+from simulation.zoom_kernels.solver import kernel_solver, table_positions
 
 _INSIDE_PX = 0.5 + 1e-9
 

@@ -6,9 +6,9 @@ from math import ceil, log
 import numpy as np
 
 from simulation.arrays import FloatArray
-from simulation.lmmse.kernel_table import window_kernels
-from simulation.lmmse.scene import CrossCovariance, SeenScene
-from simulation.lmmse.window import FiniteWindow
+from simulation.zoom_kernels.kernel_table import window_kernels
+from simulation.zoom_kernels.scene import CrossCovariance, SeenScene
+from simulation.zoom_kernels.window import FiniteWindow
 
 RADIUS_MAX_PX = 36
 """Largest half of a window's side; the system of an astigmatic lens then takes two seconds."""

@@ -6,11 +6,11 @@ from functools import lru_cache
 import numpy as np
 
 from simulation.arrays import FloatArray, IntArray
-from simulation.lmmse.kernel_table import AxisKernels, KernelTable, window_kernels
-from simulation.lmmse.reach import window_radius_px
-from simulation.lmmse.scene import CrossCovariance, SeenScene
-from simulation.lmmse.window import FiniteWindow
 from simulation.psf import Psf
+from simulation.zoom_kernels.kernel_table import AxisKernels, KernelTable, window_kernels
+from simulation.zoom_kernels.reach import window_radius_px
+from simulation.zoom_kernels.scene import CrossCovariance, SeenScene
+from simulation.zoom_kernels.window import FiniteWindow
 
 _PERIOD_PX = 160
 """Period of the scene: four times the largest window's radius."""
@@ -130,4 +130,5 @@ def _table(
     x_px: tuple[float, ...],
 ) -> KernelTable:
     window = _window(solver.scene, *taps, solver.ridge)
-    return KernelTable.solved(window, solver.far, np.array(y_px), np.array(x_px))
+    y, x = np.array(y_px), np.array(x_px)
+    return KernelTable.of(window_kernels(window, solver.far, y, x), y, x)
