@@ -5,7 +5,6 @@ from .psf.gaussian import GaussianPsf as GaussianPsf
 from .psf.lens import LensOtf as LensOtf
 from .psf.measured import MeasuredPsf as MeasuredPsf, Psf as Psf, SeparablePsf as SeparablePsf
 from .psf.transfer import (
-    CameraTransfer as CameraTransfer,
     GaussianTransfer as GaussianTransfer,
     SampledTransfer as SampledTransfer,
     Transfer as Transfer,
@@ -21,7 +20,6 @@ from .zoom import (
 
 __all__ = [
     "MODELS",
-    "CameraTransfer",
     "GaussianPsf",
     "GaussianTransfer",
     "LensOtf",

@@ -24,8 +24,7 @@ from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
 from simulation.choices import MODELS, GaussianForm, Model
-from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
-from simulation.psf import CameraTransfer, GaussianPsf, Transfer
+from simulation.psf import Psf
 from simulation.resampling import (
     BandedMatrix,
     BlurCovariance,
@@ -33,18 +32,19 @@ from simulation.resampling import (
     antialiased_cubic,
     blur,
     gaussian_terms,
-    matched_terms,
     put_separable,
     reference_shape,
     refuse_non_finite,
-    spline_sampling,
+)
+from simulation.zoom_kernels import (
+    SCENE_CORRELATION_PX,
+    lmmse_terms,
+    spline_prefilter,
+    spline_terms,
 )
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
-
-_FAINT_ENDS = 3e-6
-"""Fraction of a row's weights cut off on either side: at most 0.003 of 255 in the result."""
 
 _BORDER_SLACK_PX = 1e-6
 
@@ -94,7 +94,7 @@ class ZoomOperator:
 def zoom_out(
     image: AnyArray,
     zoom: float,
-    psf: GaussianPsf | None = None,
+    psf: Psf | None = None,
     model: Model = "matched",
     *,
     gaussian: GaussianForm = "transfer",
@@ -137,7 +137,7 @@ def zoom_out(
 def zoom_out_on_grid(
     image: AnyArray,
     grid: SamplingGrid,
-    psf: GaussianPsf | None = None,
+    psf: Psf | None = None,
     model: Model = "matched",
     *,
     gaussian: GaussianForm = "transfer",
@@ -167,7 +167,7 @@ def zoom_out_on_grid(
 def zoom_operator(
     shape: tuple[int, int],
     grid: SamplingGrid,
-    psf: GaussianPsf | None = None,
+    psf: Psf | None = None,
     model: Model = "matched",
     *,
     gaussian: GaussianForm = "transfer",
@@ -189,10 +189,7 @@ def zoom_operator(
     if model == "matched":
         return ZoomOperator((_matched(shape, grid, _needed(psf, model)),))
     if model == "lmmse":
-        if grid == SamplingGrid.centred(shape, 1.0):
-            return ZoomOperator((_identity(shape),))
-        transfer = CameraTransfer.of_psf(_needed(psf, model))
-        return ZoomOperator((_without_faint_ends(lmmse_terms(shape, grid, transfer)),))
+        return lmmse_operator(shape, grid, _needed(psf, model))
     antialiased = SeparableSum(
         (
             (
@@ -210,13 +207,12 @@ def zoom_operator(
 def lmmse_operator(
     shape: tuple[int, int],
     grid: SamplingGrid,
-    transfer_y: Transfer,
-    transfer_x: Transfer,
+    psf: Psf,
     *,
     noise_ratio: float = 0.0,
     scene_correlation_px: float = SCENE_CORRELATION_PX,
 ) -> ZoomOperator:
-    """Operator of model ``lmmse`` for a measured transfer function; cached.
+    """Operator of model ``lmmse`` for a noisy reference or another scene; cached.
 
     Parameters
     ----------
@@ -224,11 +220,10 @@ def lmmse_operator(
         ``(rows, cols)`` of the references.
     grid
         Pixels of the follow-up.
-    transfer_y, transfer_x
-        Transfer functions along rows and columns, pixel included: a ``SampledTransfer`` of an
-        edge's curve, or anything hashable that returns amplitudes for frequencies.
+    psf
+        Total PSF of the camera.
     noise_ratio
-        Variance of the reference's noise over that of the scene. With noise, zoom 1 smooths.
+        Variance of a reference pixel's noise over that of the scene. With noise, zoom 1 smooths.
     scene_correlation_px
         Correlation length of the scene; hardly matters.
 
@@ -239,13 +234,14 @@ def lmmse_operator(
     """
     _check_grid(shape, grid)
     terms = lmmse_terms(
-        shape,
-        grid,
-        CameraTransfer(along_y=transfer_y, along_x=transfer_x),
-        noise_ratio=noise_ratio,
-        scene_correlation_px=scene_correlation_px,
+        shape, grid, psf, noise_ratio=noise_ratio, scene_correlation_px=scene_correlation_px
     )
-    return ZoomOperator((_without_faint_ends(terms),))
+    if terms is None:
+        # Without a limit to its window, and at such zooms without aliasing to speak of.
+        return ZoomOperator((_matched(shape, grid, psf),))
+    if noise_ratio == 0 and grid == SamplingGrid.centred(shape, 1.0):
+        return ZoomOperator((_identity(shape),))
+    return ZoomOperator((SeparableSum(terms),))
 
 
 def _check_grid(shape: tuple[int, int], grid: SamplingGrid) -> None:
@@ -258,35 +254,23 @@ def _check_grid(shape: tuple[int, int], grid: SamplingGrid) -> None:
             raise ValueError(f"the grid's {name} extend beyond the reference by {outermost:.3g} px")
 
 
-def _without_faint_ends(terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]) -> SeparableSum:
-    return SeparableSum(tuple((y.trimmed(_FAINT_ENDS), x.trimmed(_FAINT_ENDS)) for y, x in terms))
-
-
 def _identity(shape: tuple[int, int]) -> SeparableSum:
     return SeparableSum(((blur(np.ones(1), shape[0]), blur(np.ones(1), shape[1])),))
 
 
-def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: GaussianPsf) -> SeparableSum:
+def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: Psf) -> SeparableSum:
     if grid == SamplingGrid.centred(shape, 1.0):
         # The spline through the pixels reproduces the pixel values except for rounding.
         return _identity(shape)
-    zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    kernels = matched_terms(_scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1))
-    return _without_faint_ends(
-        tuple(
-            (
-                spline_sampling(grid.rows_px, kernel.along_y, shape[0]),
-                spline_sampling(grid.cols_px, kernel.along_x, shape[1]),
-            )
-            for kernel in kernels
-        )
-    )
+    return SeparableSum(spline_terms(shape, grid, psf))
 
 
-def _paper_blur(grid: SamplingGrid, psf: GaussianPsf, gaussian: GaussianForm) -> SeparableSum:
+def _paper_blur(grid: SamplingGrid, psf: Psf, gaussian: GaussianForm) -> SeparableSum:
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
+    # The paper's Sigma has no correlation.
+    xx, yy = np.diag(psf.covariance_px2).tolist()
     kernels = gaussian_terms(
-        _scaled(psf, 1 - zoom_y**-2, 1 - zoom_x**-2, 1 - 1 / (zoom_y * zoom_x)),
+        BlurCovariance(yy_px2=yy * (1 - zoom_y**-2), xx_px2=xx * (1 - zoom_x**-2)),
         tail_tolerance=_PAPER_TAIL_TOLERANCE,
         form=gaussian,
     )
@@ -297,13 +281,7 @@ def _paper_blur(grid: SamplingGrid, psf: GaussianPsf, gaussian: GaussianForm) ->
     )
 
 
-def _scaled(psf: GaussianPsf, yy: float, xx: float, xy: float) -> BlurCovariance:
-    """Covariance of the PSF, multiplied element by element."""
-    (cov_xx, cov_xy), (_, cov_yy) = psf.covariance_px2.tolist()
-    return BlurCovariance(yy_px2=cov_yy * yy, xx_px2=cov_xx * xx, xy_px2=cov_xy * xy)
-
-
-def _needed(psf: GaussianPsf | None, model: Model) -> GaussianPsf:
+def _needed(psf: Psf | None, model: Model) -> Psf:
     if psf is None:
         raise ValueError(f"model {model!r} needs a PSF")
     return psf
@@ -316,7 +294,7 @@ class BlurredSpline:
     coefficients: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, image: AnyArray, psf: GaussianPsf, zoom: float) -> Self:
+    def of(cls, image: AnyArray, psf: Psf, zoom: float) -> Self:
         """Blur an image to its PSF from ``zoom`` times further away.
 
         Parameters
@@ -324,13 +302,12 @@ class BlurredSpline:
         image
             Grey, shape ``(rows, cols)``.
         psf
-            Total PSF; the blur is its covariance times ``zoom^2 - 1``.
+            Total PSF.
         zoom
             Ratio of the distances; 1 or less does not blur.
         """
-        excess = max(zoom, 1.0) ** 2 - 1
         rows, cols = image.shape
-        kernels = matched_terms(_scaled(psf, excess, excess, excess))
+        kernels = spline_prefilter(psf, max(zoom, 1.0), max(zoom, 1.0))
         prefilter = SeparableSum(
             tuple((blur(k.along_y, rows), blur(k.along_x, cols)) for k in kernels)
         )

@@ -15,7 +15,7 @@ from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
 from calibration.psf.transfer_2d import Transfer2d
-from simulation.psf import CameraTransfer, GaussianPsf, Psf, PsfField, SampledTransfer
+from simulation.psf import GaussianPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -280,10 +280,21 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         gaussian = self.total_psf(source)
         return gaussian if self.transfer_2d is None else self.transfer_2d.psf(gaussian)
 
-    def total_field(self, source: str) -> PsfField | None:
+    def measured_psf(self, source: str) -> Psf:
+        """Return the measured PSF: over both axes, or in files of before along either axis.
+
+        Raises
+        ------
+        PsfFileError
+            If the file has none, or a width is null; the message names ``source``.
+        """
+        best = self.best_psf(source)
+        return self.measured_transfer(source) if self.transfer_2d is None else best
+
+    def total_field(self, source: str, *, is_measured: bool = True) -> PsfField | None:
         """Return the total PSF over the frame, None if the file has no field.
 
-        It has the shape that the edges measured, where the file holds that.
+        It has the shape that the edges measured, where the file holds that and ``is_measured``.
 
         Raises
         ------
@@ -294,15 +305,15 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         if self.field is None:
             return None
         shape = None
-        if self.transfer_2d is not None:
+        if is_measured and self.transfer_2d is not None:
             shape = self.transfer_2d.psf(self.total_psf(source))
         try:
             return self.field.total_of(shape)
         except ValueError as error:
             raise PsfFileError(f"{source}: field: {error}", source=source, key="field") from error
 
-    def measured_transfer(self, source: str) -> CameraTransfer:
-        """Return the transfer functions measured from the edges, with no Gaussian assumed.
+    def measured_transfer(self, source: str) -> SeparablePsf:
+        """Return the PSF of the transfer functions measured on the edges, no Gaussian assumed.
 
         Raises
         ------
@@ -324,7 +335,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
                 curves.append(SampledTransfer(curve.freq_cy_per_px, curve.mtf))
             except ValueError as error:
                 raise PsfFileError(f"{source}: {key}: {error}", source=source, key=key) from error
-        return CameraTransfer(along_y=curves[0], along_x=curves[1])
+        return SeparablePsf(along_y=curves[0], along_x=curves[1], gaussian=self.total_psf(source))
 
     def plot(self) -> "Figure":
         """Return a figure of the widths by angle and of the contrast by frequency."""

@@ -21,7 +21,6 @@ from .measured import (
     SeparablePsf as SeparablePsf,
 )
 from .transfer import (
-    CameraTransfer as CameraTransfer,
     GaussianTransfer as GaussianTransfer,
     SampledTransfer as SampledTransfer,
     Transfer as Transfer,
@@ -32,7 +31,6 @@ __all__ = [
     "CORRECTION_KNOTS_CY_PER_PX",
     "CORRECTION_SPLINES",
     "DEFOCUS_MAX_WAVES",
-    "CameraTransfer",
     "GaussianPsf",
     "GaussianTransfer",
     "LensOtf",

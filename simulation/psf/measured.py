@@ -73,6 +73,8 @@ class MeasuredPsf:
     @property
     def form(self) -> PsfForm:
         """What is known about the lens's shape."""
+        if self.lens.correction is not None:
+            return "free"
         if self.lens.cut_off_period_px == (0.0, 0.0, 0.0):
             return "gaussian"
         is_round = all(

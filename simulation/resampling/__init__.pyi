@@ -17,6 +17,7 @@ from .cubic import (
 )
 from .gaussian_kernel import (
     BlurCovariance as BlurCovariance,
+    SeparableTerm as SeparableTerm,
     gaussian_terms as gaussian_terms,
     matched_terms as matched_terms,
     spline_transfer as spline_transfer,
@@ -35,6 +36,7 @@ __all__ = [
     "BandedMatrix",
     "BlurCovariance",
     "SamplingGrid",
+    "SeparableTerm",
     "SplineGaussianTable",
     "antialiased_cubic",
     "apply_separable",

@@ -1,0 +1,94 @@
+"""How large a window must be: where more reference pixels would add little."""
+
+from collections.abc import Callable
+from math import ceil, log
+
+import numpy as np
+
+from simulation.arrays import FloatArray
+from simulation.zoom_kernels.kernel_table import window_kernels
+from simulation.zoom_kernels.scene import CrossCovariance, SeenScene
+from simulation.zoom_kernels.window import FiniteWindow
+
+RADIUS_MAX_PX = 36
+"""Largest half of a window's side; the system of an astigmatic lens then takes two seconds."""
+
+_ALLOWED_OF_IDEAL = 0.15
+"""Part of the ideal error by which a window may exceed it ..."""
+
+_ALLOWED_LEAST = 0.15 * 0.01 / 60**2
+"""... and the same part of 0.01 DN^2 in scenes of 60 DN rms, relative to the scene's variance."""
+
+_TOLERATED_LEAST = 0.3 / 60**2
+"""At most 0.3 DN^2 where the largest window is too small for the lens's tails."""
+
+_LEAST_PX, _LEAST_ZOOMS = 4, 2
+"""Less saves no time, and this much costs a Gaussian lens nothing that could be measured."""
+
+_TRIED_STEPS = 3
+_STEP = 1.4
+"""Ratio of the radii solved before the excess, which falls with a power, is extrapolated."""
+
+_SHIFTS_PX = (0.0, 0.5)
+
+_SLOWEST_DECAY, _FASTEST_DECAY = 2.0, 8.0
+
+Windows = Callable[[int, int], FiniteWindow]
+"""Gives the factorised window of ``taps_y`` and ``taps_x`` pixels."""
+
+
+def window_radius_px(
+    scene: SeenScene, zoom: float, windows: Windows, noise_variance: float
+) -> int | None:
+    """Half the side of the smallest window that loses little.
+
+    None if that is beyond ``RADIUS_MAX_PX``, and the largest window would lose too much.
+    """
+    far = scene.across(zoom, zoom)
+    ideal = _ideal_error(scene, far, noise_variance)
+    allowed = _ALLOWED_OF_IDEAL * ideal + _ALLOWED_LEAST
+    excesses: list[float] = []
+    least = _LEAST_PX + ceil(_LEAST_ZOOMS * zoom)
+    radii = [min(round(least * _STEP**step), RADIUS_MAX_PX) for step in range(_TRIED_STEPS)]
+    for radius in radii:
+        excesses.append(_window_error(scene, far, windows(2 * radius, 2 * radius)) - ideal)
+        if excesses[-1] <= allowed:
+            return radius
+    if radii[-2] == radii[-1]:
+        return RADIUS_MAX_PX if excesses[-1] <= _TOLERATED_LEAST else None
+    decay = log(excesses[-2] / excesses[-1]) / log(radii[-1] / radii[-2])
+    decay = min(max(decay, _SLOWEST_DECAY), _FASTEST_DECAY)
+    at_most = excesses[-1] * (radii[-1] / RADIUS_MAX_PX) ** decay
+    if at_most > max(allowed, _TOLERATED_LEAST):
+        return None
+    growth = float((excesses[-1] / allowed) ** (1 / decay))
+    return min(ceil(radii[-1] * growth), RADIUS_MAX_PX)
+
+
+def _window_error(scene: SeenScene, far: CrossCovariance, window: FiniteWindow) -> float:
+    """Expected squared error, of a scene of variance 1, mean of two subpixel positions."""
+    size = (scene.period_px, scene.period_px)
+    power = np.fft.fft2(scene.covariance).real / scene.period_px**2
+    error = 0.0
+    for shift_px in _SHIFTS_PX:
+        at: FloatArray = np.array([shift_px])
+        weights = window_kernels(window, far, at, at)[0, 0]
+        y, x = (at[0] - _centred(taps) for taps in weights.shape)
+        seen = np.sum(np.abs(np.fft.fft2(weights, size)) ** 2 * power)
+        error += far.variance - 2 * float(np.sum(weights * far.at(y, x))) + float(seen)
+    return error / len(_SHIFTS_PX)
+
+
+def _centred(count: int) -> FloatArray:
+    return np.arange(count, dtype=np.float64) - (count - 1) / 2
+
+
+def _ideal_error(scene: SeenScene, far: CrossCovariance, noise_variance: float) -> float:
+    """Return the error with all reference pixels, mean of the same positions."""
+    period = scene.period_px
+    seen = np.maximum(np.fft.fft2(scene.covariance).real + noise_variance, 1e-15)
+    known = 0.0
+    for shift_px in _SHIFTS_PX:
+        lags = shift_px + _centred(period)
+        known += float(np.sum(np.abs(np.fft.fft2(far.at(lags, lags))) ** 2 / seen)) / period**2
+    return max(far.variance - known / len(_SHIFTS_PX), 0.0)
