@@ -11,6 +11,7 @@ from calibration.errors import PsfFileError
 from calibration.files import read_psf, write_psf
 from calibration.psf.calibration import calibrate_mosaic, calibrate_psf
 from calibration.psf.document import PsfCalibration
+from calibration.psf.field import FieldFit
 from calibration.psf.transfer_2d import Transfer2d
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, MeasuredPsf
@@ -210,6 +211,37 @@ def test_a_damaged_transfer_is_refused_by_name(
 def test_the_papers_method_knows_gaussians_alone() -> None:
     sources = edge_photographs(ASTIGMATIC, (4.0, 94.0), 100, 1, 100.0)
     assert calibrate_psf(sources, method="paper").transfer_2d is None
+
+
+def test_a_field_has_the_measured_shape() -> None:
+    psf = calibrated(ASTIGMATIC, TWELVE_DEG, 100)
+    (xx, xy), (_, yy) = psf.total_psf("psf.json").covariance_px2.tolist()
+    field = FieldFit(
+        width_px=640, height_px=480, coefficients_px2=((xx, 0.1, 0.0), (xy, 0.0, 0.0), (yy, 0, 0))
+    )
+    total = psf.model_copy(update={"field": field}).total_field("psf.json")
+    assert total is not None
+    fx, fy = frequencies(np.linspace(0, 0.5, 6))
+    in_the_centre = total.at(*total.centre_px)
+    assert isinstance(in_the_centre, MeasuredPsf)
+    # There the field is the PSF itself, stretched by nothing.
+    np.testing.assert_allclose(in_the_centre.otf(fx, fy), transfer_of(psf).otf(fx, fy), atol=1e-9)
+    # To the right it is wider along x.
+    assert total.at(639.0, 239.5).otf(np.array([0.3]), np.array([0.0])) < in_the_centre.otf(
+        np.array([0.3]), np.array([0.0])
+    )
+
+
+@pytest.mark.parametrize(("normals_deg", "size"), [((4.0,), 1), ((4.0, 94.0), 2), (EIGHT_DEG, 3)])
+def test_the_covariance_of_the_values_has_a_row_for_each_that_is_known(
+    normals_deg: tuple[float, ...], size: int
+) -> None:
+    psf = calibrated(Lens(0.4, 0.4), normals_deg, 100)
+    joint = psf.total.estimate_covariance
+    assert joint is not None
+    assert joint.shape == (size, size)
+    assert psf.total.sigma_x_px is not None
+    assert np.sqrt(joint[0, 0]) == pytest.approx(psf.total.sigma_x_px.err, rel=1e-9)
 
 
 def test_one_direction_gives_no_transfer_over_both_axes() -> None:
