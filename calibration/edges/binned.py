@@ -100,7 +100,7 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
     variance = _variances(bins, levels - edge, _gaussian_edge(centre, fit), filled)
     return BinnedEdge(
         bin_index=number,
-        levels=_gaussian_edge(centre, fit) + beyond - _slope(centre, beyond, count) * away,
+        levels=_gaussian_edge(centre, fit) + beyond - _slope(number, beyond, count) * away,
         weights=count / variance,
         normal_rad=samples.normal_rad,
         sigma_px=fit.sigma_px,
@@ -154,12 +154,18 @@ def _outliers(bins: IntArray, values: FloatArray) -> BoolArray:
     return np.asarray(np.abs(away) > limit)
 
 
-def _slope(centre_px: FloatArray, values: FloatArray, count: IntArray) -> FloatArray:
-    """Slope at each bin of a curve through the bins, by weighted straight lines."""
+def _slope(number: IntArray, values: FloatArray, count: IntArray) -> FloatArray:
+    """Slope at each bin of a curve through the bins next to it, by weighted straight lines.
+
+    0 where there are none: an edge along the rows has bins a pixel apart.
+    """
     window = np.ones(2 * _SLOPE_BINS + 1)
+    place = number - number[0]
+    centre_px = bin_centres_px(number)
 
     def total(terms: FloatArray) -> FloatArray:
-        return np.convolve(terms, window, mode="same")
+        all_bins = np.bincount(place, terms, minlength=window.size)
+        return np.asarray(np.convolve(all_bins, window, mode="same")[place])
 
     weight = count.astype(np.float64)
     n, x, y = total(weight), total(weight * centre_px), total(weight * values)

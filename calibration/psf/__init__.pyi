@@ -27,9 +27,14 @@ from .linearise import REC601_LUMA as REC601_LUMA, luma_plane as luma_plane
 from .plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,
     draw_mtf as draw_mtf,
+    draw_transfer_2d as draw_transfer_2d,
     draw_widths_by_angle as draw_widths_by_angle,
 )
-from .transfer_2d import Transfer2d as Transfer2d, measure_transfer_2d as measure_transfer_2d
+from .transfer_2d import (
+    OtfTable as OtfTable,
+    Transfer2d as Transfer2d,
+    measure_transfer_2d as measure_transfer_2d,
+)
 
 __all__ = [
     "ORIENTATION_COLOURS",
@@ -41,6 +46,7 @@ __all__ = [
     "FieldFit",
     "HeightGroup",
     "HeightTrend",
+    "OtfTable",
     "PairWidths",
     "PsfCalibration",
     "PsfEstimates",
@@ -51,6 +57,7 @@ __all__ = [
     "capture_images",
     "compare_psfs",
     "draw_mtf",
+    "draw_transfer_2d",
     "draw_widths_by_angle",
     "edge_images",
     "edge_records",

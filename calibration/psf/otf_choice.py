@@ -9,14 +9,14 @@ import numpy as np
 
 from calibration.edges import BinnedEdge
 from calibration.psf.otf_fit import OtfFit, dispersion, fit_correction, fit_form
-from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, GAUSSIAN, ROUND
+from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, GAUSSIAN, ROUND, TWO_ELLIPSES
 from calibration.psf.otf_slices import EdgeStack
 from simulation.arrays import FloatArray
 
 _SAME_DIRECTION_DEG = 8.0
 _WIDEST_GAP_DEG = 65.0  # three directions a third of a turn apart tell an ellipse
 _FEWEST_FOR_CORRECTION = 6  # directions; cos 2a and sin 2a need more than twice 2
-_FEWEST_FOR_FOURFOLD = 10
+_FEWEST_FOR_FOURFOLD = 8
 _CORRECTION_REDUCED = 1.02  # of chi-squared: below, no correction can be worth its noise
 _RACE_EDGES, _RACE_STEPS = 6, 8
 _MUCH_BETTER = (
@@ -45,9 +45,10 @@ class OtfChoice:
 def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
     """Fit the forms that the directions of the edges allow, and take the one they ask for.
 
-    Forms are compared by the Bayesian information criterion (Schwarz, "Estimating the dimension of
-    a model", Ann. Stat. 6, 1978), with chi-squared over the scatter of the edges themselves:
-    pixels' noise alone would call every change from edge to edge a new shape of the lens.
+    Forms without a correction are compared by the Bayesian information criterion (Schwarz,
+    "Estimating the dimension of a model", Ann. Stat. 6, 1978), smooth corrections, whose parameters
+    are not of equal weight, by Akaike's. Chi-squared counts over the scatter of the edges
+    themselves: pixels' noise alone would call every change from edge to edge a new shape of lens.
 
     Returns
     -------
@@ -62,13 +63,13 @@ def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
     is_spread = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
     gaussian = GAUSSIAN if is_spread else AXIAL_GAUSSIAN
     start = np.array([variance, 0.0, variance] if is_spread else [variance, variance])
-    fits = [fit_form(stack, gaussian, start)]
-    round_lens = fit_form(stack, ROUND, _round_start(edges, variance))
-    fits.append(round_lens)
-    if is_spread and round_lens is not None:
-        period, defocus, spread = round_lens.parameters.tolist()
-        elliptic = fit_form(stack, ELLIPTIC, np.array([period, 0.0, period, defocus, spread]))
-        fits += [elliptic, *_corrected(stack, elliptic, directions.size)]
+    simple = fit_form(stack, gaussian, start)
+    fits = [simple, fit_form(stack, ROUND, _round_start(edges, variance))]
+    if is_spread and fits[1] is not None:
+        elliptic = _elliptic(stack, fits[1])
+        two = None if elliptic is None else _two_ellipses(stack, simple, fits[1], elliptic)
+        base = min((fit for fit in (elliptic, two) if fit), key=_cost, default=None)
+        fits += [elliptic, two, *_corrected(stack, base, directions.size)]
     found = [fit for fit in fits if fit is not None]
     return _best(stack, found, _limits(directions, is_spread=is_spread)) if found else None
 
@@ -120,13 +121,38 @@ def _round_start(edges: Sequence[BinnedEdge], variance_px2: float) -> FloatArray
     return best
 
 
-def _corrected(stack: EdgeStack, elliptic: OtfFit | None, directions: int) -> list[OtfFit | None]:
+def _elliptic(stack: EdgeStack, round_lens: OtfFit) -> OtfFit | None:
+    period, defocus, spread = round_lens.parameters.tolist()
+    return fit_form(stack, ELLIPTIC, np.array([period, 0.0, period, defocus, spread]))
+
+
+def _two_ellipses(
+    stack: EdgeStack, gaussian: OtfFit | None, round_lens: OtfFit, elliptic: OtfFit
+) -> OtfFit | None:
+    """An elliptic pupil with an elliptic Gaussian: either may be the one that is not round."""
+    period, defocus, spread = round_lens.parameters.tolist()
+    starts = [np.append(elliptic.parameters, [0.0, elliptic.parameters[-1]])]
+    if gaussian is not None:
+        xx, xy, yy = gaussian.parameters.tolist()
+        even = spread - 0.5 * (xx + yy)
+        starts.append(np.array([period, 0.0, period, defocus, xx + even, xy, yy + even]))
+    fits = [fit_form(stack, TWO_ELLIPSES, start) for start in starts]
+    return min((fit for fit in fits if fit), key=lambda fit: fit.squares, default=None)
+
+
+def _cost(fit: OtfFit) -> float:
+    """Akaike's criterion."""
+    return fit.squares + 2 * fit.freedom
+
+
+def _corrected(stack: EdgeStack, base: OtfFit | None, directions: int) -> list[OtfFit | None]:
     """The free form, where there are directions enough and the misfit leaves room for it."""
-    if elliptic is None or directions < _FEWEST_FOR_CORRECTION:
+    if base is None or directions < _FEWEST_FOR_CORRECTION:
         return []
-    if elliptic.squares <= _CORRECTION_REDUCED * (stack.bins - elliptic.freedom):
+    if base.squares <= _CORRECTION_REDUCED * (stack.bins - base.freedom):
         return []
-    return [fit_correction(stack, elliptic, 3 if directions < _FEWEST_FOR_FOURFOLD else 5)]
+    harmonics = (1, 3) if directions < _FEWEST_FOR_FOURFOLD else (1, 3, 5)
+    return [fit_correction(stack, base, count) for count in harmonics]
 
 
 def _limits(directions_deg: FloatArray, *, is_spread: bool) -> str:
@@ -137,26 +163,28 @@ def _limits(directions_deg: FloatArray, *, is_spread: bool) -> str:
 
 
 def _best(stack: EdgeStack, fits: Sequence[OtfFit], limits: str) -> OtfChoice:
-    """The form with the least criterion, and how much it is better than the simplest one."""
-    richest = fits[-1]
+    """The form that the criteria choose, simplest first."""
+    smooth = [fit for fit in fits if fit.form.harmonics]
+    plain = [fit for fit in fits if not fit.form.harmonics]
+    richest = min(smooth, key=_cost, default=plain[-1])
     scatter = max(dispersion(stack, richest), 1.0)
 
-    def criterion(fit: OtfFit) -> float:
-        return fit.squares / scatter + fit.freedom * log(stack.bins)
+    def criterion(fit: OtfFit, cost: float) -> float:
+        return fit.squares / scatter + cost * fit.freedom
 
-    best = fits[0]
-    for fit in fits[1:]:
-        if criterion(fit) < criterion(best) - _MUCH_BETTER:
+    best = plain[0]
+    for fit in plain[1:]:
+        if criterion(fit, log(stack.bins)) < criterion(best, log(stack.bins)) - _MUCH_BETTER:
             best = fit
-    others = ", ".join(
-        f"{fit.form.name} {criterion(fit) - criterion(best):+.4g}"
-        for fit in fits
-        if fit is not best
+    if smooth and criterion(richest, 2.0) < criterion(best, 2.0) - _MUCH_BETTER:
+        best = richest
+    compared = ", ".join(
+        f"{fit.form.name} {fit.squares / scatter:.0f} ({fit.freedom:.0f})" for fit in fits
     )
     reduced = best.squares / max(stack.bins - best.freedom, 1.0)
     return OtfChoice(
         fit=best,
-        reason=f"BIC of others against it: {others}{limits}",
+        reason=f"chi2 over the edges' scatter (parameters): {compared}{limits}",
         scale=max(dispersion(stack, best), reduced, 1.0),
         chi2_reduced=reduced,
     )

@@ -12,14 +12,13 @@ import numpy as np
 from calibration.psf.otf_forms import OtfForm
 from calibration.psf.otf_slices import EdgeStack, Residuals
 from simulation.arrays import BoolArray, FloatArray
-from simulation.psf import CORRECTION_SPLINES
+from simulation.psf import correction_roughness
 
 FULL_STEPS = 40
 _MAX_DAMPINGS = 8  # tenfold each
 _LEAST_GAIN = 1e-2  # of chi-squared, in units of its reduced value: a tenth of a standard error
-_PENALTIES = np.logspace(-4, 10, 29)
-_GCV_COST = 1.4  # of a degree of freedom: plain cross-validation follows the noise now and then
-_CORRECTION_STEPS = 4
+_PENALTIES = np.logspace(-8, 6, 43)  # over the weight of the data
+_CORRECTION_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,38 +83,40 @@ def fit_form(
 def fit_correction(stack: EdgeStack, fit: OtfFit, harmonics: int) -> OtfFit | None:
     """Fit a correction beside the parameters, its smoothness by generalised cross-validation.
 
-    The penalty is on the second differences of the coefficients, radially, 0 beyond both ends.
-    The inverse is the Bayesian covariance, whose bands hold the truth on average over frequencies
-    (Nychka, "Bayesian confidence intervals for smoothing splines", J. Am. Stat. Assoc. 83, 1988).
+    The penalty is the integral of the squared second derivative along each radius. The inverse is
+    the Bayesian covariance, whose bands hold the truth on average over frequencies (Nychka,
+    "Bayesian confidence intervals for smoothing splines", J. Am. Stat. Assoc. 83, 1988).
     """
     form = fit.form.with_correction(harmonics)
     best = np.concatenate([fit.parameters, np.zeros(form.corrections)])
-    penalty = _roughness(form)
     here = stack.residuals(form.slices(best, stack.normal_rad), with_splines=True)
-    weight: float | None = None
-    free = np.ones(best.size, dtype=np.bool_)
-    hessian = np.zeros((best.size, best.size))
-    for _ in range(_CORRECTION_STEPS):
-        hessian, gradient = _normal_equations(stack, form, best, here)
-        free = _free(form, best, gradient)
-        if weight is None:
-            weight = _cross_validated(
-                stack,
-                hessian[np.ix_(free, free)],
-                gradient[free],
-                here,
-                penalty[np.ix_(free, free)],
-            )
-        pull = gradient - weight * penalty @ best
-        step = _step(hessian + weight * penalty, pull, best - form.least, 1e-9)
+    hessian, gradient = _normal_equations(stack, form, best, here)
+    penalty = _roughness(form)
+    # A parameter at its bound must not seem to explain what only a correction can.
+    free = _free(form, best, gradient)
+    kept = np.ix_(free, free)
+    penalty *= _cross_validated(stack, hessian[kept], gradient[free], here, penalty[kept])
+    damping = 1e-6
+    for k in range(_CORRECTION_STEPS):
+        pull = gradient - penalty @ best
+        step = _step(hessian + penalty, pull, best - form.least, damping)
+        if k == 0:  # the correction alone is a linear problem: a good start for both
+            linear = slice(fit.parameters.size, None)
+            step[: fit.parameters.size] = 0.0
+            normal = (hessian + penalty)[linear, linear]
+            step[linear] = np.linalg.lstsq(normal, pull[linear], rcond=1e-12)[0]
         trial = form.bounded(best + step)
         there = stack.residuals(form.slices(trial, stack.normal_rad), with_splines=True)
-        gain = here.squares + weight * best @ penalty @ best
-        gain -= there.squares + weight * trial @ penalty @ trial
+        gain = here.squares + best @ penalty @ best
+        gain -= there.squares + trial @ penalty @ trial
         if gain < 0:
-            break
+            damping *= 100.0
+            continue
         best, here = trial, there
-    inverse = _inverse(hessian + (weight or 0.0) * penalty, free)
+        hessian, gradient = _normal_equations(stack, form, best, here)
+        if gain <= _LEAST_GAIN * here.squares / stack.bins:
+            break
+    inverse = _inverse(hessian + penalty, _free(form, best, gradient - penalty @ best))
     if inverse is None:
         return None
     return OtfFit(
@@ -197,13 +198,10 @@ def _inverse(hessian: FloatArray, free: BoolArray) -> FloatArray | None:
 
 
 def _roughness(form: OtfForm) -> FloatArray:
-    """Sum of squared second differences of the correction's coefficients, as a matrix."""
-    padded = np.eye(CORRECTION_SPLINES + 4)[:, 2:-2]
-    differences = np.diff(padded, n=2, axis=0)
-    one = differences.T @ differences
+    """Penalty on the correction's coefficients, as a matrix over all parameters."""
     count = len(form.parameter_names)
     penalty = np.zeros((count + form.corrections,) * 2)
-    penalty[count:, count:] = np.kron(np.eye(form.harmonics), one)
+    penalty[count:, count:] = np.kron(np.eye(form.harmonics), correction_roughness())
     return penalty
 
 
@@ -216,12 +214,14 @@ def _cross_validated(
 ) -> float:
     """Weight of the penalty with the least generalised cross-validation score."""
     best, least = float(_PENALTIES[-1]), np.inf
-    unit = float(np.trace(hessian) / hessian.shape[0]) * 1e-6
+    unit = float(np.trace(hessian) / np.trace(penalty))
+    ridge = np.diag(1e-10 * np.diag(hessian))
     for candidate in (_PENALTIES * unit).tolist():
-        hat = np.linalg.solve(hessian + candidate * penalty, np.column_stack([gradient, hessian]))
+        regular = hessian + candidate * penalty + ridge
+        hat = np.linalg.solve(regular, np.column_stack([gradient, hessian]))
         step, used = hat[:, 0], float(np.trace(hat[:, 1:]))
         left = here.squares - 2 * float(gradient @ step) + float(step @ hessian @ step)
-        score = left / (1 - _GCV_COST * used / stack.bins) ** 2
+        score = left / (1 - used / stack.bins) ** 2
         if score < least:
             best, least = candidate, score
     return best

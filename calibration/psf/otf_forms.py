@@ -13,6 +13,7 @@ import numpy as np
 from calibration.psf.otf_slices import Slices
 from simulation.arrays import FloatArray
 from simulation.psf import (
+    CORRECTION_HARMONICS,
     CORRECTION_SPLINES,
     DEFOCUS_MAX_WAVES,
     LensOtf,
@@ -192,6 +193,16 @@ ELLIPTIC: Final = _form(
     defocus_waves2=(3,),
     gaussian_px2=(4, 6),
 )
+TWO_ELLIPSES: Final = _form(
+    "elliptic",
+    cut_off_period_xx_px=(0,),
+    cut_off_period_xy_px=(1,),
+    cut_off_period_yy_px=(2,),
+    defocus_waves2=(3,),
+    gaussian_xx_px2=(4,),
+    gaussian_xy_px2=(5,),
+    gaussian_yy_px2=(6,),
+)
 
 
 def form_of(name: str, names: tuple[str, ...]) -> OtfForm:
@@ -202,8 +213,12 @@ def form_of(name: str, names: tuple[str, ...]) -> OtfForm:
     ValueError
         If there is none.
     """
-    corrected = [ELLIPTIC.with_correction(harmonics) for harmonics in (1, 3, 5)]
-    for form in (GAUSSIAN, AXIAL_GAUSSIAN, ROUND, ELLIPTIC, *corrected):
+    corrected = [
+        base.with_correction(harmonics)
+        for base in (ELLIPTIC, TWO_ELLIPSES)
+        for harmonics in CORRECTION_HARMONICS
+    ]
+    for form in (GAUSSIAN, AXIAL_GAUSSIAN, ROUND, ELLIPTIC, TWO_ELLIPSES, *corrected):
         if (form.name, form.names) == (name, names):
             return form
     raise ValueError(f"there is no form {name!r} with the parameters {', '.join(names)}")

@@ -4,6 +4,7 @@ from .correction import (
     CORRECTION_SPLINES as CORRECTION_SPLINES,
     OtfCorrection as OtfCorrection,
     correction_harmonics as correction_harmonics,
+    correction_roughness as correction_roughness,
     correction_splines as correction_splines,
 )
 from .field import PsfField as PsfField, field_monomials as field_monomials
@@ -43,6 +44,7 @@ __all__ = [
     "SymmetricMatrix",
     "Transfer",
     "correction_harmonics",
+    "correction_roughness",
     "correction_splines",
     "field_monomials",
     "pupil_otf",

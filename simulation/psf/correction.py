@@ -8,27 +8,23 @@ from scipy.interpolate import BSpline
 
 from simulation.arrays import FloatArray
 
-CORRECTION_KNOTS_CY_PER_PX = np.linspace(0.1, 1.3, 13)
-"""Below, an edge does not tell a correction from its levels; above, it is lost in noise."""
+CORRECTION_KNOTS_CY_PER_PX = np.array(
+    [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3]
+)
+"""Dense where a halo shows; above the last, edges are lost in noise."""
 
-CORRECTION_SPLINES = len(CORRECTION_KNOTS_CY_PER_PX) - 4
-"""Cubic splines that are 0, with two derivatives, at the first and at the last knot."""
+CORRECTION_SPLINES = len(CORRECTION_KNOTS_CY_PER_PX) - 2
+"""Cubic splines that are 0 at the first knot and, with two derivatives, at the last."""
 
 CORRECTION_HARMONICS = (1, 3, 5)
 """How many of 1, cos 2a, sin 2a, cos 4a and sin 4a there may be."""
 
 
-_STEP = CORRECTION_KNOTS_CY_PER_PX[1] - CORRECTION_KNOTS_CY_PER_PX[0]
-# A spline needs three more knots on either side; the splines that reach there have no weight.
+# The first knot fourfold: the first spline is 1 there, and has no weight. Beyond the last one there
+# must be three more; the splines that reach there have no weight either.
 _SPLINES = BSpline(
-    np.concatenate(
-        [
-            CORRECTION_KNOTS_CY_PER_PX[0] + _STEP * np.arange(-3, 0),
-            CORRECTION_KNOTS_CY_PER_PX,
-            CORRECTION_KNOTS_CY_PER_PX[-1] + _STEP * np.arange(1, 4),
-        ]
-    ),
-    np.eye(CORRECTION_SPLINES + 6)[:, 3:-3],
+    np.concatenate([np.zeros(3), CORRECTION_KNOTS_CY_PER_PX, [1.4, 1.5, 1.6]]),
+    np.eye(CORRECTION_SPLINES + 4)[:, 1:-3],
     3,
 )
 
@@ -79,6 +75,15 @@ def correction_splines(freq_cy_per_px: FloatArray) -> FloatArray:
     freq = np.asarray(freq_cy_per_px, dtype=np.float64)
     first, last = CORRECTION_KNOTS_CY_PER_PX[[0, -1]]
     return np.asarray(_SPLINES(np.clip(freq, first, last)))
+
+
+def correction_roughness() -> FloatArray:
+    """Integrals of the products of the splines' second derivatives, as a matrix."""
+    node, weight = np.polynomial.legendre.leggauss(2)  # exact for products of straight lines
+    widths = np.diff(CORRECTION_KNOTS_CY_PER_PX)[:, None]
+    freq = CORRECTION_KNOTS_CY_PER_PX[:-1, None] + widths * (node + 1) / 2
+    bend = _SPLINES(freq.ravel(), 2)
+    return np.asarray((bend * (widths * weight / 2).reshape(-1, 1)).T @ bend)
 
 
 def correction_harmonics(angle_rad: FloatArray, count: int) -> FloatArray:

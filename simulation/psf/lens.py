@@ -19,6 +19,7 @@ _TABLE_STEPS = 1024
 # A coarser table, quick to make for each step of a fit, up to a defocus of 2 waves.
 _SLOPE_WAVES2 = 4.0
 _SLOPE_NODES = 48
+_NO_WAVES = 1e-4  # below, the sine is its argument
 _SLOPE_STEPS = 256
 
 SymmetricMatrix = tuple[float, float, float]
@@ -145,7 +146,8 @@ def _pupil_values(defocus_waves2: float, steps: int, nodes: int) -> tuple[FloatA
     angle, area, turn = _pupil_slices(steps, nodes)
     waves = sqrt(defocus_waves2)
     otf = np.sum(area * np.cos(turn * waves), axis=1)
-    slope = -0.5 * np.sum(area * turn**2 * np.sinc(turn * waves / pi), axis=1)
+    by_square = turn**2 if waves < _NO_WAVES else turn * np.sin(turn * waves) / waves
+    slope = -0.5 * np.sum(area * by_square, axis=1)
     return angle, np.column_stack([otf, slope])
 
 

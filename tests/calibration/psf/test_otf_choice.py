@@ -1,0 +1,102 @@
+"""Which form is chosen for which lens, and the fit's derivatives."""
+
+import numpy as np
+import pytest
+
+from calibration.edges.binned import BinnedEdge
+from calibration.edges.measurement import measure_edges
+from calibration.psf.otf_choice import choose_otf, distinct_directions_deg, widest_gap_deg
+from calibration.psf.otf_forms import ELLIPTIC
+from calibration.psf.otf_slices import EdgeStack
+from simulation.arrays import FloatArray
+from tests.calibration.lens_edges import Lens, edge_photographs, pupil_transfer
+
+EIGHT_DEG = tuple(5.0 + 22.5 * k for k in range(8))
+LENGTH_PX = 90.0
+
+
+def binned(lens: Lens, normals_deg: tuple[float, ...], snr: float = 200) -> list[BinnedEdge]:
+    return [
+        edge.binned
+        for source in edge_photographs(lens, normals_deg, snr, 7, LENGTH_PX)
+        for edge in measure_edges(source)
+        if edge.binned is not None
+    ]
+
+
+class MovedLens(Lens):
+    """A round lens that moved by 1.5 px at 30 degrees during the exposure: no form has that."""
+
+    def otf(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
+        pupil = pupil_transfer(0.37 * np.hypot(fx, fy), 0.0)
+        moved = np.sinc(1.5 * (fx * np.cos(np.pi / 6) + fy * np.sin(np.pi / 6)))
+        return np.asarray(pupil * moved * np.sinc(fx) * np.sinc(fy))
+
+
+@pytest.mark.parametrize(
+    ("lens", "form"),
+    [
+        (Lens(0.0, 0.0, sigma_px=0.5), "gaussian"),
+        (Lens(0.0, 0.0, sigma_px=1.2), "gaussian"),
+        (Lens(0.37, 0.37), "round"),
+        (Lens(0.19, 0.19, waves=1.0), "round"),
+        (Lens(0.55, 0.35, turn_deg=30.0), "elliptic"),
+        (MovedLens(0.37, 0.37), "free"),
+    ],
+)
+def test_the_form_is_the_simplest_that_the_lens_asks_for(lens: Lens, form: str) -> None:
+    choice = choose_otf(binned(lens, EIGHT_DEG, snr=500))
+    assert choice is not None
+    assert choice.fit.form.name == form
+    # The noise within the bins explains what is left, and no form is far off.
+    assert choice.chi2_reduced < 1.2
+
+
+def test_one_direction_determines_no_transfer_over_both_axes() -> None:
+    assert choose_otf(binned(Lens(0.37, 0.37), (4.0, 9.0))) is None
+
+
+def test_two_directions_give_a_gaussian_or_a_round_lens() -> None:
+    for lens, form in ((Lens(0.0, 0.0, sigma_px=0.6), "gaussian"), (Lens(0.5, 0.5), "round")):
+        choice = choose_otf(binned(lens, (4.0, 94.0)))
+        assert choice is not None
+        assert choice.fit.form.name == form
+        assert "2 directions do not tell an elliptic one" in choice.reason
+
+
+def test_edges_that_differ_widen_the_covariance_and_do_not_change_the_form() -> None:
+    # Focus drifts from edge to edge by 5 % of the width, at an SNR of 500.
+    sigmas = 0.6 * (1 + 0.05 * np.array([1, -1, 0.5, -0.7, 0.9, -0.2, -1, 0.5]))
+    edges = [
+        binned(Lens(0.0, 0.0, sigma_px=float(sigma)), (normal,), snr=500)[0]
+        for sigma, normal in zip(sigmas, EIGHT_DEG, strict=True)
+    ]
+    choice = choose_otf(edges)
+    assert choice is not None
+    assert choice.fit.form.name == "gaussian"
+    err = np.sqrt(choice.scale * choice.fit.inverse[0, 0])
+    # 8 variances scatter by 10 %; three parameters share them: xx to about 10 % / sqrt(8 / 2.4).
+    assert 0.02 < err / 0.36 < 0.12
+
+
+def test_the_residuals_slopes_are_differences_of_the_levels() -> None:
+    stack = EdgeStack(binned(Lens(0.55, 0.35, turn_deg=30.0), EIGHT_DEG))
+    parameters = np.array([0.5, 0.05, 0.4, 0.3, 0.1])
+    here = stack.residuals(ELLIPTIC.slices(parameters, stack.normal_rad))
+    by_parameter = ELLIPTIC.slice_slopes(parameters, stack.normal_rad)
+    for k in range(parameters.size):
+        step = np.zeros(parameters.size)
+        step[k] = 1e-5
+        above = stack.residuals(ELLIPTIC.slices(parameters + step, stack.normal_rad))
+        below = stack.residuals(ELLIPTIC.slices(parameters - step, stack.normal_rad))
+        change = (above.values - below.values) / 2e-5
+        slopes = (here.slopes @ by_parameter)[:, :, k]
+        # Kaufman's slopes leave out how the levels' projection turns: 2 % of a slope here.
+        assert np.abs(change + slopes).max() < 0.05 * np.abs(slopes).max()
+
+
+def test_directions_on_both_sides_of_0_are_one() -> None:
+    turns = np.deg2rad([179.0, 1.0, 45.0, 46.0, 91.0])
+    directions = distinct_directions_deg(turns.tolist())
+    assert directions.tolist() == pytest.approx([1.0, 45.0, 91.0])
+    assert widest_gap_deg(directions) == pytest.approx(90.0)
