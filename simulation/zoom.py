@@ -55,11 +55,11 @@ class SeparableSum:
 
     terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]
 
-    def apply(self, image: FloatImage) -> FloatImage:
+    def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the transformed image, in the dtype of ``image``, shape (rows, cols)."""
         out = np.empty((self.terms[0][0].rows, self.terms[0][1].rows), dtype=image.dtype)
         for index, (y, x) in enumerate(self.terms):
-            put_separable(y, (x,), image, out, is_added=index > 0)
+            put_separable(y, (x,), image, out, is_added=index > 0, threads=threads)
         return out
 
 
@@ -76,18 +76,18 @@ class ZoomOperator:
             f"{last_x.rows} x {last_y.rows} px)"
         )
 
-    def apply(self, image: FloatImage) -> FloatImage:
+    def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the follow-up of ``image``, shape (rows, cols), float32 or float64."""
         if len(self.stages) == 2 and all(len(stage.terms) == 1 for stage in self.stages):
             # Both stages along x at once: the image is transposed once and back once.
             (((first_y, first_x),), ((then_y, then_x),)) = (s.terms for s in self.stages)
             made = np.empty((first_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(first_y, (first_x, then_x), image, made, is_added=False)
+            put_separable(first_y, (first_x, then_x), image, made, is_added=False, threads=threads)
             out = np.empty((then_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(then_y, (), made, out, is_added=False)
+            put_separable(then_y, (), made, out, is_added=False, threads=threads)
             return out
         for stage in self.stages:
-            image = stage.apply(image)
+            image = stage.apply(image, threads)
         return image
 
 
@@ -98,6 +98,7 @@ def zoom_out(
     model: Model = "matched",
     *,
     gaussian: GaussianForm = "transfer",
+    threads: int = 1,
 ) -> FloatImage:
     """Image of the same scene from ``zoom`` times further away, both image centres coinciding.
 
@@ -116,6 +117,8 @@ def zoom_out(
     gaussian
         ``"sampled"`` blurs model ``paper`` as ``scipy.ndimage.gaussian_filter`` would, for
         comparison.
+    threads
+        Threads that share the rows; the result is the same bit by bit.
 
     Returns
     -------
@@ -131,7 +134,7 @@ def zoom_out(
     """
     rows, cols = reference_shape(image)
     grid = SamplingGrid.centred((rows, cols), zoom)
-    return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian)
+    return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian, threads=threads)
 
 
 def zoom_out_on_grid(
@@ -141,6 +144,7 @@ def zoom_out_on_grid(
     model: Model = "matched",
     *,
     gaussian: GaussianForm = "transfer",
+    threads: int = 1,
 ) -> FloatImage:
     """Like ``zoom_out``, on the pixels of a real follow-up: any zoom, offset and size per axis.
 
@@ -151,15 +155,17 @@ def zoom_out_on_grid(
     ValueError
         As for ``zoom_out``, or if the grid is outside the reference by more than half a pixel.
     """
+    if threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
     shape = reference_shape(image)
     operator = zoom_operator(shape, grid, psf, model, gaussian=gaussian)
     refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     if image.ndim == 2:
-        return operator.apply(image.astype(dtype, copy=False))
+        return operator.apply(image.astype(dtype, copy=False), threads)
     result = np.empty((grid.rows, grid.cols, image.shape[2]), dtype=dtype)
     for channel in range(image.shape[2]):
-        result[:, :, channel] = operator.apply(image[:, :, channel].astype(dtype))
+        result[:, :, channel] = operator.apply(image[:, :, channel].astype(dtype), threads)
     return result
 
 

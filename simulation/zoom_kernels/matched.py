@@ -81,11 +81,15 @@ def spline_terms(
     covariance_y = ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq))
     covariance_x = ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero))
     terms = []
-    for kernel in spline_prefilter(psf, zoom_y, zoom_x):
+    kernels = spline_prefilter(psf, zoom_y, zoom_x)
+    for kernel in kernels:
         y = _AxisSampling.of(kernel.along_y, covariance_y)
         x = _AxisSampling.of(kernel.along_x, covariance_x)
         terms.append(
-            (y.at(grid.rows_px, shape[0], x.variance), x.at(grid.cols_px, shape[1], y.variance))
+            (
+                y.at(grid.rows_px, shape[0], len(kernels) * x.variance),
+                x.at(grid.cols_px, shape[1], len(kernels) * y.variance),
+            )
         )
     return tuple(terms)
 
@@ -107,7 +111,7 @@ class _AxisSampling:
         return cls(kernel, covariance, inside, phases_px, largest_variance(inside, covariance))
 
     def at(self, positions_px: FloatArray, size: int, share: float) -> BandedMatrix:
-        """Sample at positions in an image; ``share`` is the variance of the other axis."""
+        """Sample at positions in an image; ``share`` of its error counts."""
         # The number of weights does not depend on the image or the grid: crops equal the whole.
         taps = taps_needed(self.inside, self.phases_px, self.covariance, share)
         matrix = spline_sampling(positions_px, self.kernel, size)

@@ -21,8 +21,8 @@ _ALIASES = 3
 _NOISE = 1e-6
 """White noise that is reckoned with, relative to the image's variance."""
 
-_TOLERANCE = 5e-9
-"""Largest variance of the difference, relative to the image's: 0.004 DN rms of 60 ..."""
+_TOLERANCE = 2e-8
+"""Largest variance of the difference, relative to the image's: 0.008 DN rms of 60 ..."""
 
 _TOLERANCE_OF_ALIASES = 1e-3
 """... or this part of what the pixels fold below Nyquist, which no model gets right."""
@@ -91,7 +91,7 @@ def taps_needed(
 ) -> int:
     """Smallest even number of weights that changes the images of a camera by next to nothing.
 
-    ``share`` is the variance that the other axis leaves of an image.
+    ``share`` of the difference counts: the other axis leaves that much of an image's variance.
     """
     band = matrix.weights.shape[1]
     for taps in range(6, band, 2):
