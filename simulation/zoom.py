@@ -15,8 +15,9 @@ Four models. All are linear, noise-free and, for an uncorrelated PSF, separable.
     square (``docs/theory-lmmse.md``); takes any transfer function through ``lmmse_operator``.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from math import floor
 from typing import Self
 
 import numpy as np
@@ -196,17 +197,9 @@ def zoom_operator(
         return ZoomOperator((_matched(shape, grid, _needed(psf, model)),))
     if model == "lmmse":
         return lmmse_operator(shape, grid, _needed(psf, model))
-    antialiased = SeparableSum(
-        (
-            (
-                antialiased_cubic(grid.rows_px, grid.zoom_y, shape[0]),
-                antialiased_cubic(grid.cols_px, grid.zoom_x, shape[1]),
-            ),
-        )
-    )
     if model == "bicubic":
-        return ZoomOperator((antialiased,))
-    return ZoomOperator((antialiased, _paper_blur(grid, _needed(psf, model), gaussian)))
+        return ZoomOperator((_antialiased(shape, grid),))
+    return _paper(shape, grid, _needed(psf, model), gaussian)
 
 
 @lru_cache(maxsize=32)
@@ -271,20 +264,50 @@ def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: Psf) -> SeparableS
     return SeparableSum(spline_terms(shape, grid, psf))
 
 
-def _paper_blur(grid: SamplingGrid, psf: Psf, gaussian: GaussianForm) -> SeparableSum:
+def _antialiased(shape: tuple[int, int], grid: SamplingGrid) -> SeparableSum:
+    return SeparableSum(
+        (
+            (
+                antialiased_cubic(grid.rows_px, grid.zoom_y, shape[0]),
+                antialiased_cubic(grid.cols_px, grid.zoom_x, shape[1]),
+            ),
+        )
+    )
+
+
+def _paper(
+    shape: tuple[int, int], grid: SamplingGrid, psf: Psf, gaussian: GaussianForm
+) -> ZoomOperator:
+    """Antialiased resizing, then the blur, which mirrors at the image's edge, not the grid's."""
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
     # The paper's Sigma has no correlation.
     xx, yy = np.diag(psf.covariance_px2).tolist()
-    kernels = gaussian_terms(
+    (kernel,) = gaussian_terms(
         BlurCovariance(yy_px2=yy * (1 - zoom_y**-2), xx_px2=xx * (1 - zoom_x**-2)),
         tail_tolerance=_PAPER_TAIL_TOLERANCE,
         form=gaussian,
     )
-    return SeparableSum(
-        tuple(
-            (blur(kernel.along_y, grid.rows), blur(kernel.along_x, grid.cols)) for kernel in kernels
-        )
+    above, below = _pixels_around(grid.rows_px, grid.zoom_y, shape[0], len(kernel.along_y) // 2)
+    left, right = _pixels_around(grid.cols_px, grid.zoom_x, shape[1], len(kernel.along_x) // 2)
+    wider = replace(
+        grid,
+        origin_y_px=grid.origin_y_px - above * grid.zoom_y,
+        origin_x_px=grid.origin_x_px - left * grid.zoom_x,
+        rows=grid.rows + above + below,
+        cols=grid.cols + left + right,
     )
+    blurs = (
+        blur(kernel.along_y, wider.rows).of_rows(slice(above, above + grid.rows)),
+        blur(kernel.along_x, wider.cols).of_rows(slice(left, left + grid.cols)),
+    )
+    return ZoomOperator((_antialiased(shape, wider), SeparableSum((blurs,))))
+
+
+def _pixels_around(positions_px: FloatArray, zoom: float, size: int, reach: int) -> tuple[int, int]:
+    """Pixels that the grid can be extended by on either side, ``reach`` at most."""
+    before = (positions_px[0] + 0.5 + _BORDER_SLACK_PX) / zoom
+    after = (size - 0.5 + _BORDER_SLACK_PX - positions_px[-1]) / zoom
+    return min(max(floor(before), 0), reach), min(max(floor(after), 0), reach)
 
 
 def _needed(psf: Psf | None, model: Model) -> Psf:

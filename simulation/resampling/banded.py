@@ -138,6 +138,10 @@ class BandedMatrix:
         """Return the elementwise product, times ``factor``."""
         return self._from_sparse(self._sparse().multiply(other._sparse()).tocsr() * factor)
 
+    def of_rows(self, rows: slice) -> "BandedMatrix":
+        """Return the matrix of some of the rows."""
+        return BandedMatrix(self.starts[rows], self.weights[rows], self.columns)
+
     def dense(self) -> FloatArray:
         """Same matrix as an array of shape ``(rows, columns)``."""
         return np.asarray(self._sparse().toarray())

@@ -51,7 +51,7 @@ def _pupil_curve(defocus_waves: float) -> FloatArray:
         slope = 8 * np.pi * defocus_waves * nu
         along_x = 2 * inside * np.sinc(slope * inside / np.pi)
         values.append(2 * along_x.mean() / np.pi)
-    return np.array(values) / values[0]
+    return np.asarray(np.array(values) / values[0], dtype=np.float64)
 
 
 @lru_cache
@@ -79,7 +79,7 @@ def photographed(seed: int, optics: Optics, zoom: float) -> FloatArray:
 
     Its pixels are ``zoom`` reference pixels apart; ``zoom * FINE`` must be whole.
     """
-    freq = np.fft.fftfreq(SIDE_PX * FINE, 1 / FINE)
+    freq = np.fft.fftfreq(SIDE_PX * FINE, 1 / FINE).astype(np.float64)
     otf = optics.otf(zoom * freq[None, :], zoom * freq[:, None])
     step = round(zoom * FINE)
     return np.asarray(np.fft.ifft2(scene_spectrum(seed) * otf).real[::step, ::step])
@@ -92,7 +92,7 @@ def ideal_estimate(near: FloatArray, optics: Optics, zoom: float) -> FloatArray:
     ``H(z f) H(f) S(f) / sum_m |H(f + m)|^2 S(f + m)`` times the periodic one of the pixels.
     """
     count = (2 * _ALIASES + 1) * SIDE_PX
-    freq = (np.arange(count) - count // 2) / SIDE_PX
+    freq = (np.arange(count) - count // 2).astype(np.float64) / SIDE_PX
     fy, fx = freq[:, None], freq[None, :]
     power = (1 / 900 + (2 * np.pi) ** 2 * (fy**2 + fx**2)) ** -1.5
     otf = optics.otf(fx, fy)

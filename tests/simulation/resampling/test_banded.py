@@ -59,4 +59,4 @@ def test_two_threads_give_the_same_bits() -> None:
     results = [np.empty((801, 70), np.float32) for _ in range(2)]
     for threads, out in zip((1, 2), results, strict=True):
         put_separable(along_y, (along_x,), image, out, is_added=False, threads=threads)
-    np.testing.assert_array_equal(*results)
+    np.testing.assert_array_equal(results[0], results[1])
