@@ -15,6 +15,7 @@ FloatArray = NDArray[np.float64]
 FINE = 8
 SIDE_PX = 192
 _ALIASES = 3
+_REACH_PX = 33  # beyond the corner of the largest rectangle
 
 
 @dataclass(frozen=True)
@@ -59,18 +60,19 @@ def scene_spectrum(seed: int) -> NDArray[np.complex128]:
     """Transform of a scene of opaque rectangles of 20 to 235 DN."""
     rng = np.random.default_rng(seed)
     size = SIDE_PX * FINE
-    y, x = np.mgrid[:size, :size] / FINE
     scene = np.full((size, size), 128.0)
+    around = np.arange(-_REACH_PX * FINE, _REACH_PX * FINE)
     for _ in range(60):
         centre, angle = rng.uniform(0, SIDE_PX, 2), rng.uniform(0, np.pi)
         half = rng.uniform(2, 22, 2)
-        dy = (y - centre[0] + SIDE_PX / 2) % SIDE_PX - SIDE_PX / 2
-        dx = (x - centre[1] + SIDE_PX / 2) % SIDE_PX - SIDE_PX / 2
-        u = np.abs(np.cos(angle) * dx + np.sin(angle) * dy)
-        v = np.abs(np.cos(angle) * dy - np.sin(angle) * dx)
+        nearest = np.round(centre * FINE).astype(int)
+        dy, dx = ((nearest + around[:, None]) / FINE - centre).T
+        u = np.abs(np.cos(angle) * dx + np.sin(angle) * dy[:, None])
+        v = np.abs(np.cos(angle) * dy[:, None] - np.sin(angle) * dx)
         covered = np.clip((half[0] - u) * FINE + 0.5, 0, 1)
         covered *= np.clip((half[1] - v) * FINE + 0.5, 0, 1)
-        scene += covered * (rng.uniform(20, 235) - scene)
+        patch = np.ix_((nearest[0] + around) % size, (nearest[1] + around) % size)
+        scene[patch] += covered * (rng.uniform(20, 235) - scene[patch])
     return np.asarray(np.fft.fft2(scene))
 
 
