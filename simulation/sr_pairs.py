@@ -7,11 +7,13 @@ square of the scene.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import ceil, floor
+from math import ceil, floor, sqrt
+
+import numpy as np
 
 from simulation.arrays import AnyArray, FloatImage
 from simulation.choices import Model
-from simulation.psf import GaussianPsf
+from simulation.psf import Psf
 from simulation.resampling import SamplingGrid
 from simulation.zoom import zoom_out_on_grid
 
@@ -63,7 +65,7 @@ def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
 def sr_pairs(
     image: AnyArray,
     zoom: float,
-    psf: GaussianPsf,
+    psf: Psf,
     *,
     crop_px: int,
     stride_px: int,
@@ -115,7 +117,7 @@ def sr_pairs(
             )
 
 
-def _margin_px(zoom: float, psf: GaussianPsf) -> int:
+def _margin_px(zoom: float, psf: Psf) -> int:
     """Pixels around a crop that its low-resolution pixels may depend on."""
-    widest = max(psf.sigma_x_px, psf.sigma_y_px)
+    widest = sqrt(max(np.diag(psf.covariance_px2).tolist()))
     return ceil(_MARGIN_PX + _MARGIN_ZOOMS * zoom + _MARGIN_SIGMAS * widest * zoom)

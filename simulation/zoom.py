@@ -15,8 +15,9 @@ Four models. All are linear, noise-free and, for an uncorrelated PSF, separable.
     square (``docs/theory-lmmse.md``); takes any transfer function through ``lmmse_operator``.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from math import floor
 from typing import Self
 
 import numpy as np
@@ -55,11 +56,11 @@ class SeparableSum:
 
     terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]
 
-    def apply(self, image: FloatImage) -> FloatImage:
+    def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the transformed image, in the dtype of ``image``, shape (rows, cols)."""
         out = np.empty((self.terms[0][0].rows, self.terms[0][1].rows), dtype=image.dtype)
         for index, (y, x) in enumerate(self.terms):
-            put_separable(y, (x,), image, out, is_added=index > 0)
+            put_separable(y, (x,), image, out, is_added=index > 0, threads=threads)
         return out
 
 
@@ -76,18 +77,18 @@ class ZoomOperator:
             f"{last_x.rows} x {last_y.rows} px)"
         )
 
-    def apply(self, image: FloatImage) -> FloatImage:
+    def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the follow-up of ``image``, shape (rows, cols), float32 or float64."""
         if len(self.stages) == 2 and all(len(stage.terms) == 1 for stage in self.stages):
             # Both stages along x at once: the image is transposed once and back once.
             (((first_y, first_x),), ((then_y, then_x),)) = (s.terms for s in self.stages)
             made = np.empty((first_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(first_y, (first_x, then_x), image, made, is_added=False)
+            put_separable(first_y, (first_x, then_x), image, made, is_added=False, threads=threads)
             out = np.empty((then_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(then_y, (), made, out, is_added=False)
+            put_separable(then_y, (), made, out, is_added=False, threads=threads)
             return out
         for stage in self.stages:
-            image = stage.apply(image)
+            image = stage.apply(image, threads)
         return image
 
 
@@ -98,6 +99,7 @@ def zoom_out(
     model: Model = "matched",
     *,
     gaussian: GaussianForm = "transfer",
+    threads: int = 1,
 ) -> FloatImage:
     """Image of the same scene from ``zoom`` times further away, both image centres coinciding.
 
@@ -116,6 +118,8 @@ def zoom_out(
     gaussian
         ``"sampled"`` blurs model ``paper`` as ``scipy.ndimage.gaussian_filter`` would, for
         comparison.
+    threads
+        Threads that share the rows; the result is the same bit by bit.
 
     Returns
     -------
@@ -131,7 +135,7 @@ def zoom_out(
     """
     rows, cols = reference_shape(image)
     grid = SamplingGrid.centred((rows, cols), zoom)
-    return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian)
+    return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian, threads=threads)
 
 
 def zoom_out_on_grid(
@@ -141,6 +145,7 @@ def zoom_out_on_grid(
     model: Model = "matched",
     *,
     gaussian: GaussianForm = "transfer",
+    threads: int = 1,
 ) -> FloatImage:
     """Like ``zoom_out``, on the pixels of a real follow-up: any zoom, offset and size per axis.
 
@@ -151,15 +156,17 @@ def zoom_out_on_grid(
     ValueError
         As for ``zoom_out``, or if the grid is outside the reference by more than half a pixel.
     """
+    if threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
     shape = reference_shape(image)
     operator = zoom_operator(shape, grid, psf, model, gaussian=gaussian)
     refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     if image.ndim == 2:
-        return operator.apply(image.astype(dtype, copy=False))
+        return operator.apply(image.astype(dtype, copy=False), threads)
     result = np.empty((grid.rows, grid.cols, image.shape[2]), dtype=dtype)
     for channel in range(image.shape[2]):
-        result[:, :, channel] = operator.apply(image[:, :, channel].astype(dtype))
+        result[:, :, channel] = operator.apply(image[:, :, channel].astype(dtype), threads)
     return result
 
 
@@ -190,17 +197,9 @@ def zoom_operator(
         return ZoomOperator((_matched(shape, grid, _needed(psf, model)),))
     if model == "lmmse":
         return lmmse_operator(shape, grid, _needed(psf, model))
-    antialiased = SeparableSum(
-        (
-            (
-                antialiased_cubic(grid.rows_px, grid.zoom_y, shape[0]),
-                antialiased_cubic(grid.cols_px, grid.zoom_x, shape[1]),
-            ),
-        )
-    )
     if model == "bicubic":
-        return ZoomOperator((antialiased,))
-    return ZoomOperator((antialiased, _paper_blur(grid, _needed(psf, model), gaussian)))
+        return ZoomOperator((_antialiased(shape, grid),))
+    return _paper(shape, grid, _needed(psf, model), gaussian)
 
 
 @lru_cache(maxsize=32)
@@ -265,20 +264,50 @@ def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: Psf) -> SeparableS
     return SeparableSum(spline_terms(shape, grid, psf))
 
 
-def _paper_blur(grid: SamplingGrid, psf: Psf, gaussian: GaussianForm) -> SeparableSum:
+def _antialiased(shape: tuple[int, int], grid: SamplingGrid) -> SeparableSum:
+    return SeparableSum(
+        (
+            (
+                antialiased_cubic(grid.rows_px, grid.zoom_y, shape[0]),
+                antialiased_cubic(grid.cols_px, grid.zoom_x, shape[1]),
+            ),
+        )
+    )
+
+
+def _paper(
+    shape: tuple[int, int], grid: SamplingGrid, psf: Psf, gaussian: GaussianForm
+) -> ZoomOperator:
+    """Antialiased resizing, then the blur, which mirrors at the image's edge, not the grid's."""
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
     # The paper's Sigma has no correlation.
     xx, yy = np.diag(psf.covariance_px2).tolist()
-    kernels = gaussian_terms(
+    (kernel,) = gaussian_terms(
         BlurCovariance(yy_px2=yy * (1 - zoom_y**-2), xx_px2=xx * (1 - zoom_x**-2)),
         tail_tolerance=_PAPER_TAIL_TOLERANCE,
         form=gaussian,
     )
-    return SeparableSum(
-        tuple(
-            (blur(kernel.along_y, grid.rows), blur(kernel.along_x, grid.cols)) for kernel in kernels
-        )
+    above, below = _pixels_around(grid.rows_px, grid.zoom_y, shape[0], len(kernel.along_y) // 2)
+    left, right = _pixels_around(grid.cols_px, grid.zoom_x, shape[1], len(kernel.along_x) // 2)
+    wider = replace(
+        grid,
+        origin_y_px=grid.origin_y_px - above * grid.zoom_y,
+        origin_x_px=grid.origin_x_px - left * grid.zoom_x,
+        rows=grid.rows + above + below,
+        cols=grid.cols + left + right,
     )
+    blurs = (
+        blur(kernel.along_y, wider.rows).of_rows(slice(above, above + grid.rows)),
+        blur(kernel.along_x, wider.cols).of_rows(slice(left, left + grid.cols)),
+    )
+    return ZoomOperator((_antialiased(shape, wider), SeparableSum((blurs,))))
+
+
+def _pixels_around(positions_px: FloatArray, zoom: float, size: int, reach: int) -> tuple[int, int]:
+    """Pixels that the grid can be extended by on either side, ``reach`` at most."""
+    before = (positions_px[0] + 0.5 + _BORDER_SLACK_PX) / zoom
+    after = (size - 0.5 + _BORDER_SLACK_PX - positions_px[-1]) / zoom
+    return min(max(floor(before), 0), reach), min(max(floor(after), 0), reach)
 
 
 def _needed(psf: Psf | None, model: Model) -> Psf:

@@ -6,7 +6,9 @@ combination also runs along contiguous memory, and transposes the result back. R
 a time, because neighbours read nearly the same input. Measured by ``benchmarks/bench_zoom_out.py``.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, cast
 
 import cv2
@@ -136,35 +138,9 @@ class BandedMatrix:
         """Return the elementwise product, times ``factor``."""
         return self._from_sparse(self._sparse().multiply(other._sparse()).tocsr() * factor)
 
-    def trimmed(self, tolerance: float) -> "BandedMatrix":
-        """Return the matrix without the faint ends of its rows.
-
-        The response of each row to a constant and to a ramp stays the same: its largest weight
-        and a neighbour compensate.
-
-        Parameters
-        ----------
-        tolerance
-            Fraction of a row's absolute weights that may be cut off on either side.
-        """
-        band = self.weights.shape[1]
-        if band == 1:
-            return self
-        share = np.abs(self.weights)
-        share /= share.sum(axis=1, keepdims=True)
-        from_left, from_right = np.cumsum(share, axis=1), np.cumsum(share[:, ::-1], axis=1)
-        is_kept = (from_left > tolerance) & (from_right[:, ::-1] > tolerance)
-        row = np.arange(self.rows)
-        centre = np.minimum(np.argmax(share, axis=1), band - 2)
-        cut = np.where(is_kept, 0.0, self.weights)
-        moment = (cut * (np.arange(band) - centre[:, None])).sum(axis=1)
-        kept = self.weights - cut
-        kept[row, centre] += cut.sum(axis=1) - moment
-        kept[row, centre + 1] += moment
-        index = np.nonzero(kept)
-        return self.from_entries(
-            self.rows, self.columns, index[0], self.starts[index[0]] + index[1], kept[index]
-        )
+    def of_rows(self, rows: slice) -> "BandedMatrix":
+        """Return the matrix of some of the rows."""
+        return BandedMatrix(self.starts[rows], self.weights[rows], self.columns)
 
     def dense(self) -> FloatArray:
         """Same matrix as an array of shape ``(rows, columns)``."""
@@ -206,31 +182,49 @@ def put_separable(
     out: FloatImage,
     *,
     is_added: bool,
+    threads: int = 1,
 ) -> None:
     """Write the image, combined along y and then by each of ``along_x``, to ``out``, or add it.
 
     ``out`` has the result's shape and the image's dtype. Without any ``along_x`` the image is
-    combined along y alone.
+    combined along y alone. ``threads`` share the strips of rows; the result is the same.
     """
     expected = along_y.columns, along_x[0].columns if along_x else out.shape[1]
     if image.shape != expected:
         raise ValueError(f"the operator takes images of shape {expected}, got {image.shape}")
     image = np.ascontiguousarray(image)
-    y = along_y.pairs
-    weights = y.weights_as(image.dtype)
     fitting = _STRIP_BYTES // (image.shape[1] * image.itemsize) // 2 * 2
     strip_rows = int(np.clip(fitting, _STRIP_ROWS_MIN, _STRIP_ROWS_MAX))
-    for first in range(0, along_y.rows, strip_rows):
-        count = min(strip_rows, along_y.rows - first)
-        pairs = slice(first // 2, (first + count + 1) // 2)
-        strip = _combined(image, y.starts[pairs], weights[2 * pairs.start : 2 * pairs.stop])
-        if along_x:
-            strip = _along_columns(strip, along_x)
-        target = out[first : first + count]
-        if is_added:
-            target += strip[:count]
-        else:
-            target[:] = strip[:count]
+    strips = [slice(first, first + strip_rows) for first in range(0, along_y.rows, strip_rows)]
+    put = partial(_put_strip, along_y, along_x, image, out, is_added)
+    if threads == 1 or len(strips) == 1:
+        for rows in strips:
+            put(rows)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(put, strips):
+            pass
+
+
+def _put_strip(
+    along_y: BandedMatrix,
+    along_x: tuple[BandedMatrix, ...],
+    image: FloatImage,
+    out: FloatImage,
+    is_added: bool,  # bound by position
+    rows: slice,
+) -> None:
+    y = along_y.pairs
+    target = out[rows]
+    pairs = slice(rows.start // 2, (rows.start + len(target) + 1) // 2)
+    weights = y.weights_as(image.dtype)[2 * pairs.start : 2 * pairs.stop]
+    strip = _combined(image, y.starts[pairs], weights)
+    if along_x:
+        strip = _along_columns(strip, along_x)
+    if is_added:
+        target += strip[: len(target)]
+    else:
+        target[:] = strip[: len(target)]
 
 
 def _along_columns(strip: FloatImage, along_x: tuple[BandedMatrix, ...]) -> FloatImage:
@@ -248,7 +242,9 @@ def _combined(image: FloatImage, starts: IntArray, weights: FloatImage) -> Float
 
 
 # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-_compiled = njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+_compiled = njit(
+    cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy"
+)
 
 
 @_compiled

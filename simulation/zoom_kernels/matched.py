@@ -4,7 +4,9 @@ In the band that the pixels hold, the far image is the near one times ``H(z f) /
 a quintic spline, whose coefficients these kernels give.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
+from math import ceil
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from simulation.resampling import (
 from simulation.zoom_kernels.kernel_table import KernelTable
 from simulation.zoom_kernels.short_band import (
     ImageCovariance,
+    largest_variance,
     shortened,
     taps_needed,
 )
@@ -29,12 +32,8 @@ from simulation.zoom_kernels.short_band import (
 _NEAR_ZERO = 3e-3
 """Where ``|H|`` is below, as at the zeros of a lens out of focus, noise would be amplified."""
 
-_SIZE = 256
-_RADIUS_MAX_PX = 60
-_CUT = 1e-3
-"""Largest weight that is cut off, as for a Gaussian."""
-
-_CUT_LEAST_PX = 16
+_SIZE_MIN, _SIZE_ZOOMS = 128, 32
+"""Period of the kernels in px, and least in far pixels."""
 
 
 @lru_cache(maxsize=32)
@@ -52,16 +51,19 @@ def spline_prefilter(psf: Psf, zoom_y: float, zoom_x: float) -> tuple[SeparableT
                 xy_px2=xy * (zoom_y * zoom_x - 1),
             )
         )
-    freq: FloatArray = np.fft.fftfreq(_SIZE).astype(np.float64)
+    size = max(_SIZE_MIN, _SIZE_ZOOMS * ceil(max(zoom_y, zoom_x)))
+    freq: FloatArray = np.fft.fftfreq(size).astype(np.float64)
     fy, fx = freq[:, None], freq[None, :]
     near, far = psf.otf(fx, fy), psf.otf(zoom_x * fx, zoom_y * fy)
     transfer = far * near / (near**2 + _NEAR_ZERO**2) * (1 + _NEAR_ZERO**2)
     # A pixel grid cannot distinguish +1/2 and -1/2 cycles/px: the real part is their mean.
     kernel = np.fft.ifft2(transfer / (spline_transfer(fy) * spline_transfer(fx))).real
-    by_distance = np.maximum(np.abs(kernel).max(axis=0), np.abs(kernel).max(axis=1))
-    above = np.flatnonzero(by_distance[: _SIZE // 2] > _CUT * kernel[0, 0])
-    radius = int(np.clip(above[-1] + 1, _CUT_LEAST_PX, _RADIUS_MAX_PX))
-    kernel = np.roll(kernel, (radius, radius), (0, 1))[: 2 * radius + 1, : 2 * radius + 1]
+    # All of the period, so that the sum of the tails beyond it lies at its ends.
+    radius = size // 2
+    kernel = np.roll(kernel, (radius, radius), (0, 1))
+    kernel = np.pad(kernel, ((0, 1), (0, 1)), mode="wrap")
+    kernel[[0, -1], :] *= 0.5
+    kernel[:, [0, -1]] *= 0.5
     middle: FloatArray = np.zeros(1)
     table = KernelTable.of((kernel / kernel.sum())[None, None], middle, middle)
     return tuple(
@@ -78,21 +80,39 @@ def spline_terms(
     zero: FloatArray = np.zeros(1)
     covariance_y = ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq))
     covariance_x = ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero))
-    return tuple(
-        (
-            _short_sampling(grid.rows_px, kernel.along_y, shape[0], covariance_y),
-            _short_sampling(grid.cols_px, kernel.along_x, shape[1], covariance_x),
+    terms = []
+    kernels = spline_prefilter(psf, zoom_y, zoom_x)
+    for kernel in kernels:
+        y = _AxisSampling.of(kernel.along_y, covariance_y)
+        x = _AxisSampling.of(kernel.along_x, covariance_x)
+        terms.append(
+            (
+                y.at(grid.rows_px, shape[0], len(kernels) * x.variance),
+                x.at(grid.cols_px, shape[1], len(kernels) * y.variance),
+            )
         )
-        for kernel in spline_prefilter(psf, zoom_y, zoom_x)
-    )
+    return tuple(terms)
 
 
-def _short_sampling(
-    positions_px: FloatArray, kernel: FloatArray, size: int, covariance: ImageCovariance
-) -> BandedMatrix:
-    # The number of weights must not depend on the image or the grid: crops equal the whole.
-    phases: FloatArray = np.arange(8) / 8 + len(kernel)
-    inside = spline_sampling(phases, kernel, 2 * len(kernel) + 2)
-    taps = taps_needed(inside, phases, covariance)
-    matrix = spline_sampling(positions_px, kernel, size)
-    return shortened(matrix, positions_px, min(taps, size), covariance)
+@dataclass(frozen=True, slots=True, eq=False)
+class _AxisSampling:
+    """Sampling of the spline along one axis, and what it leaves of an image's variance."""
+
+    kernel: FloatArray
+    covariance: ImageCovariance
+    inside: BandedMatrix
+    phases_px: FloatArray
+    variance: float
+
+    @classmethod
+    def of(cls, kernel: FloatArray, covariance: ImageCovariance) -> "_AxisSampling":
+        phases_px: FloatArray = np.arange(8) / 8 + len(kernel)
+        inside = spline_sampling(phases_px, kernel, 2 * len(kernel) + 2)
+        return cls(kernel, covariance, inside, phases_px, largest_variance(inside, covariance))
+
+    def at(self, positions_px: FloatArray, size: int, share: float) -> BandedMatrix:
+        """Sample at positions in an image; ``share`` of its error counts."""
+        # The number of weights does not depend on the image or the grid: crops equal the whole.
+        taps = taps_needed(self.inside, self.phases_px, self.covariance, share)
+        matrix = spline_sampling(positions_px, self.kernel, size)
+        return shortened(matrix, positions_px, min(taps, size), self.covariance)

@@ -10,17 +10,19 @@ from simulation.zoom_kernels.kernel_table import window_kernels
 from simulation.zoom_kernels.scene import CrossCovariance, SeenScene
 from simulation.zoom_kernels.window import FiniteWindow
 
-RADIUS_MAX_PX = 36
-"""Largest half of a window's side; the system of an astigmatic lens then takes two seconds."""
+_RADIUS_MAX_PX, _RADIUS_MAX_MIRRORED_PX = 36, 48
+"""Largest half of a window's side, for any PSF and for one that is the same in the mirror of either
+axis, whose systems are smaller; they take seconds."""
 
-_ALLOWED_OF_IDEAL = 0.15
+_ALLOWED_OF_IDEAL = 0.06
 """Part of the ideal error by which a window may exceed it ..."""
 
-_ALLOWED_LEAST = 0.15 * 0.01 / 60**2
+_ALLOWED_LEAST = 0.06 * 0.01 / 60**2
 """... and the same part of 0.01 DN^2 in scenes of 60 DN rms, relative to the scene's variance."""
 
-_TOLERATED_LEAST = 0.3 / 60**2
-"""At most 0.3 DN^2 where the largest window is too small for the lens's tails."""
+_TOLERATED = 0.005 / 60**2
+"""At most 0.005 DN^2 where the largest window is too small for the lens's tails; from there on
+model ``matched``, which has no window, is the better one."""
 
 _LEAST_PX, _LEAST_ZOOMS = 4, 2
 """Less saves no time, and this much costs a Gaussian lens nothing that could be measured."""
@@ -42,27 +44,28 @@ def window_radius_px(
 ) -> int | None:
     """Half the side of the smallest window that loses little.
 
-    None if that is beyond ``RADIUS_MAX_PX``, and the largest window would lose too much.
+    None if even the largest window would lose too much.
     """
     far = scene.across(zoom, zoom)
     ideal = _ideal_error(scene, far, noise_variance)
     allowed = _ALLOWED_OF_IDEAL * ideal + _ALLOWED_LEAST
     excesses: list[float] = []
+    largest = _RADIUS_MAX_MIRRORED_PX if scene.is_mirrored else _RADIUS_MAX_PX
     least = _LEAST_PX + ceil(_LEAST_ZOOMS * zoom)
-    radii = [min(round(least * _STEP**step), RADIUS_MAX_PX) for step in range(_TRIED_STEPS)]
+    radii = [min(round(least * _STEP**step), largest) for step in range(_TRIED_STEPS)]
     for radius in radii:
         excesses.append(_window_error(scene, far, windows(2 * radius, 2 * radius)) - ideal)
         if excesses[-1] <= allowed:
             return radius
     if radii[-2] == radii[-1]:
-        return RADIUS_MAX_PX if excesses[-1] <= _TOLERATED_LEAST else None
+        return largest if excesses[-1] <= _TOLERATED else None
     decay = log(excesses[-2] / excesses[-1]) / log(radii[-1] / radii[-2])
     decay = min(max(decay, _SLOWEST_DECAY), _FASTEST_DECAY)
-    at_most = excesses[-1] * (radii[-1] / RADIUS_MAX_PX) ** decay
-    if at_most > max(allowed, _TOLERATED_LEAST):
+    at_most = excesses[-1] * (radii[-1] / largest) ** decay
+    if at_most > max(allowed, _TOLERATED):
         return None
     growth = float((excesses[-1] / allowed) ** (1 / decay))
-    return min(ceil(radii[-1] * growth), RADIUS_MAX_PX)
+    return min(ceil(radii[-1] * growth), largest)
 
 
 def _window_error(scene: SeenScene, far: CrossCovariance, window: FiniteWindow) -> float:

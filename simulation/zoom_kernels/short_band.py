@@ -21,8 +21,8 @@ _ALIASES = 3
 _NOISE = 1e-6
 """White noise that is reckoned with, relative to the image's variance."""
 
-_TOLERANCE = 5e-9
-"""Largest variance of the difference, relative to the image's: 0.004 DN rms of 60 ..."""
+_TOLERANCE = 2e-8
+"""Largest variance of the difference, relative to the image's: 0.008 DN rms of 60 ..."""
 
 _TOLERANCE_OF_ALIASES = 1e-3
 """... or this part of what the pixels fold below Nyquist, which no model gets right."""
@@ -81,11 +81,24 @@ def shortened(
     return BandedMatrix(starts, weights, matrix.columns)
 
 
-def taps_needed(matrix: BandedMatrix, positions_px: FloatArray, covariance: ImageCovariance) -> int:
-    """Smallest even number of weights that changes the images of a camera by next to nothing."""
+def largest_variance(matrix: BandedMatrix, covariance: ImageCovariance) -> float:
+    """Largest variance of what a row of a matrix makes of an image of variance 1."""
+    return float(_variances(matrix, covariance).max())
+
+
+def taps_needed(
+    matrix: BandedMatrix, positions_px: FloatArray, covariance: ImageCovariance, share: float
+) -> int:
+    """Smallest even number of weights that changes the images of a camera by next to nothing.
+
+    ``share`` of the difference counts: the other axis leaves that much of an image's variance.
+    """
     band = matrix.weights.shape[1]
     for taps in range(6, band, 2):
-        if float(_fitted(matrix, positions_px, taps, covariance)[2].max()) <= covariance.tolerance:
+        if (
+            float(_fitted(matrix, positions_px, taps, covariance)[2].max()) * share
+            <= covariance.tolerance
+        ):
             return taps
     return int(band)
 
@@ -104,8 +117,6 @@ def _fitted(
         covariance.values[np.abs(near[:, :, None] - column[:, None, :])],
         matrix.weights,
     )
-    own = covariance.values[np.abs(column[:, :, None] - column[:, None, :])]
-    before = np.einsum("ra,rab,rb->r", matrix.weights, own, matrix.weights)
     system = toeplitz(covariance.values[:taps])
     place = np.arange(taps) - (taps - 1) / 2
     drift = np.stack([np.ones(taps), place])
@@ -116,5 +127,10 @@ def _fitted(
     factors = np.linalg.solve(drift @ drifts.T, moments - drift @ bare.T)
     weights = bare + factors.T @ drifts
     after = np.einsum("ra,ab,rb->r", weights, system, weights)
-    error = before - 2 * np.einsum("rn,rn->r", weights, wanted) + after
+    error = _variances(matrix, covariance) - 2 * np.einsum("rn,rn->r", weights, wanted) + after
     return starts, weights, error
+
+
+def _variances(matrix: BandedMatrix, covariance: ImageCovariance) -> FloatArray:
+    system = toeplitz(covariance.values[: matrix.weights.shape[1]])
+    return np.asarray(np.einsum("ra,ab,rb->r", matrix.weights, system, matrix.weights))

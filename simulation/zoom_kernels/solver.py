@@ -12,7 +12,7 @@ from simulation.zoom_kernels.reach import window_radius_px
 from simulation.zoom_kernels.scene import CrossCovariance, SeenScene
 from simulation.zoom_kernels.window import FiniteWindow
 
-_PERIOD_PX = 160
+_PERIOD_PX = 192
 """Period of the scene: four times the largest window's radius."""
 
 _RIDGE = 1e-7
@@ -24,8 +24,9 @@ _RIDGE_MIN = 1e-11
 _RIDGE_REACH = 1e-6
 """Least noise at which the window is chosen: without, a small one extrapolates beyond itself."""
 
-_RIDGE_BORDER = 1e-4
-"""Least noise for windows that do not lie around their pixel, for the same reason."""
+_RIDGE_BORDER = 5e-4
+"""Least noise for windows that do not lie around their pixel, and extrapolate: with 1e-4 and a
+noise of 0.5 DN the ring of a Gaussian of 1.2 px at zoom 3 is 5.8 DN off instead of 3.7."""
 
 _EXACT_POSITIONS_MAX = 11
 

@@ -124,16 +124,18 @@ def _parities(scene: SeenScene, taps_y: int, taps_x: int, ridge: float) -> list[
         ]
     else:
         classes = [(((whole, whole), 1.0), ((turned, turned), sign)) for sign in (1.0, -1.0)]
+    pixels = y[half[0]], x[half[1]]
+    blocks = [
+        _covariances(scene, pixels, (y[mirror[0]][half[0]], x[mirror[1]][half[1]]))
+        for mirror, _ in classes[0]
+    ]
     parities = []
     for reflections in classes:
-        system = sum(
-            sign
-            * _covariances(scene, (y[half[0]], x[half[1]]), (y[m[0]][half[0]], x[m[1]][half[1]]))
-            for m, sign in reflections
-        )
-        matrix = np.asarray(system)
+        matrix = blocks[0].copy()
+        for block, (_, sign) in zip(blocks[1:], reflections[1:], strict=True):
+            matrix += sign * block
         matrix[np.diag_indices_from(matrix)] += ridge * scene.variance
-        factor = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
+        factor = cho_factor(matrix.T, lower=False, overwrite_a=True, check_finite=False)
         parities.append(_Parity(half, reflections, factor))
     return parities
 
