@@ -297,13 +297,14 @@ def _true_psf(camera: Camera, total: GaussianPsf) -> Psf:
 
 _POSE_MODEL = signature(simulate_pose).parameters.get("model")
 POSE_DEFAULT: str = _POSE_MODEL.default if _POSE_MODEL else "matched"
-POSE_MODELS = ("matched", "lmmse") if _POSE_MODEL else ("matched",)
+_TAKES_MODEL = not signature(simulate_pose).parameters.keys().isdisjoint({"model", "how"})
+POSE_MODELS = ("matched", "lmmse") if _TAKES_MODEL else ("matched",)
 
 
 def _pose_image(reference: FloatArray, pose: Pose, psf: Any, model: str) -> FloatImage:  # noqa: ANN401
     size = (pose.followup_side, pose.followup_side)
     options: dict[str, Any] = {"distortion_k1": pose.distortion_k1}
-    if _POSE_MODEL:
+    if _TAKES_MODEL:
         options["model"] = model
     else:
         psf = GaussianPsf.from_covariance(psf.covariance_px2)
