@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from inspect import signature
-from math import ceil, inf
+from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -94,6 +94,23 @@ FLOOR_DN2 = 0.01
 ZOOM_MEAN_MOST, ZOOM_WORST_MOST, POSE_MOST = 1.5, 4.0, 2.0
 LMMSE_MOST, LMMSE_SLACK_DN2 = 1.01, 0.001
 
+COLUMNS = (
+    "bicubic",
+    "paper",
+    "Pillow + scipy",
+    "OpenCV",
+    "pyBSM",
+    "matched, Gaussian",
+    "lmmse, Gaussian",
+    "matched",
+    "lmmse",
+    "matched, true",
+    "lmmse, true",
+    "ideal",
+)
+"""A model's name alone is with the PSF as measured; with the Gaussian nearest to it, or the true
+one, it says so."""
+
 DEFAULT: Model = signature(zoom_out).parameters["model"].default
 
 
@@ -118,9 +135,7 @@ class Taken:
 
     def zoomed(self, reference: FloatArray, zoom: float) -> dict[str, FloatImage]:
         """Follow-up by every model and peer."""
-        sigma_px = self.camera.sigma_px
-        if self.camera.has_pixel or not sigma_px:
-            sigma_px = float(np.sqrt(self.total.sigma_x_px * self.total.sigma_y_px))
+        sigma_px = sqrt(self.total.sigma_x_px * self.total.sigma_y_px)
         made = {
             "bicubic": zoom_out(reference, zoom, None, "bicubic"),
             "paper": zoom_out(reference, zoom, self.total, "paper"),
@@ -169,7 +184,7 @@ class Results:
 
     def table(self) -> str:
         """Markdown table of all cases, then mean and worst ratio of those that bounds count."""
-        columns = list(self.errors)
+        columns = [name for name in COLUMNS if name in self.errors]
         lines = [f"| case | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
         for index, case in enumerate(self.cases):
             values = " | ".join(_brief(self.errors[column][index]) for column in columns)
@@ -282,13 +297,14 @@ def _true_psf(camera: Camera, total: GaussianPsf) -> Psf:
 
 _POSE_MODEL = signature(simulate_pose).parameters.get("model")
 POSE_DEFAULT: str = _POSE_MODEL.default if _POSE_MODEL else "matched"
-POSE_MODELS = ("matched", "lmmse") if _POSE_MODEL else ("matched",)
+_TAKES_MODEL = not signature(simulate_pose).parameters.keys().isdisjoint({"model", "how"})
+POSE_MODELS = ("matched", "lmmse") if _TAKES_MODEL else ("matched",)
 
 
 def _pose_image(reference: FloatArray, pose: Pose, psf: Any, model: str) -> FloatImage:  # noqa: ANN401
     size = (pose.followup_side, pose.followup_side)
     options: dict[str, Any] = {"distortion_k1": pose.distortion_k1}
-    if _POSE_MODEL:
+    if _TAKES_MODEL:
         options["model"] = model
     else:
         psf = GaussianPsf.from_covariance(psf.covariance_px2)

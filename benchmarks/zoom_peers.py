@@ -1,4 +1,4 @@
-"""Zoom-outs as other libraries make them, on the same pixels; all know the true blur.
+"""Zoom-outs as other libraries make them, on the same pixels, with the blur that was measured.
 
 pyBSM pins an older numba than this project needs, and is optional: ``pip install --no-deps pybsm``
 installs what is used here.
