@@ -6,6 +6,10 @@ Model = Literal["bicubic", "paper", "matched", "lmmse"]
 MODELS: tuple[Model, ...] = get_args(Model)
 """Capture models, which ``simulation.zoom`` explains."""
 
+PoseModel = Literal["matched", "lmmse"]
+POSE_MODELS: tuple[PoseModel, ...] = get_args(PoseModel)
+"""Capture models of any pose, which ``simulation.pose.simulate`` explains."""
+
 GaussianForm = Literal["transfer", "sampled"]
 """How a Gaussian becomes a kernel: by its transfer function, or sampled as in libraries."""
 
