@@ -3,12 +3,6 @@ from .banded import (
     apply_separable as apply_separable,
     put_separable as put_separable,
 )
-from .blurred_spline_weights import (
-    LEVELS_PER_LOG as LEVELS_PER_LOG,
-    PHASES as PHASES,
-    SplineGaussianTable as SplineGaussianTable,
-    spline_gaussian as spline_gaussian,
-)
 from .cubic import (
     antialiased_cubic as antialiased_cubic,
     blur as blur,
@@ -30,14 +24,11 @@ from .reference_image import (
 from .scattered import simulate_at as simulate_at
 
 __all__ = [
-    "LEVELS_PER_LOG",
-    "PHASES",
     "ZOOM_MIN",
     "BandedMatrix",
     "BlurCovariance",
     "SamplingGrid",
     "SeparableTerm",
-    "SplineGaussianTable",
     "antialiased_cubic",
     "apply_separable",
     "blur",
@@ -48,7 +39,6 @@ __all__ = [
     "reference_shape",
     "refuse_non_finite",
     "simulate_at",
-    "spline_gaussian",
     "spline_sampling",
     "spline_transfer",
 ]

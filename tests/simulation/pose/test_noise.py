@@ -27,8 +27,8 @@ def test_an_axial_follow_up_has_the_exact_sum_of_squared_weights(
     shape = (150, 160)
     exact = propagated_variance(zoom_operator(shape, grid, psf), np.ones(shape))
     gain = pose_noise_gain(grid.matrix, shape, (30, 25), psf)
-    # The operator's kernel is cut off at weights of 1e-3.
-    assert gain == pytest.approx(exact, rel=2e-3)
+    # The operator's kernel is cut off at weights of 1e-3; at zoom 1.1 that is 2.01e-3 of the sum.
+    assert gain == pytest.approx(exact, rel=2.5e-3)
 
 
 @pytest.mark.slow
