@@ -98,7 +98,7 @@ def simulate_pose(
         pose.matrix,
         size or pose.size,
         camera_psf(psf, frame if pose.size == frame else None, model),
-        model,
+        model=model,
         distortion_k1=pose.distortion_k1,
     )
 
