@@ -91,7 +91,7 @@ def test_the_measured_transfer_takes_the_place_of_the_gaussian(
         # The samples are joined by cubics, and end at 1 cy/px where 6e-5 is left. White noise is
         # as much at Nyquist, where a cut kernel shows, as anywhere.
         spread = float(outputs["gaussian"].std())
-        assert np.std(outputs["measured"] - outputs["gaussian"]) < 0.01 * spread
+        assert np.std(outputs["measured"] - outputs["gaussian"]) < 0.015 * spread
 
 
 def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
