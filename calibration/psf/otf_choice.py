@@ -14,15 +14,14 @@ from calibration.psf.otf_slices import EdgeStack
 from simulation.arrays import FloatArray
 
 _SAME_DIRECTION_DEG = 8.0
-_WIDEST_GAP_DEG = 65.0  # three directions a third of a turn apart tell an ellipse
+_WIDEST_GAP_DEG = 100.0  # vertical, horizontal and one diagonal edge between them tell an ellipse
 _FEWEST_FOR_CORRECTION = 6  # directions; cos 2a and sin 2a need more than twice 2
 _FEWEST_FOR_FOURFOLD = 8
 _CORRECTION_REDUCED = 1.02  # of chi-squared: below, no correction can be worth its noise
-_RACE_EDGES, _RACE_STEPS = 6, 8
-_MUCH_BETTER = (
-    10.0  # of BIC: "very strong" evidence (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
-)
+# Of a criterion: "very strong" evidence (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995).
+_MUCH_BETTER = 10.0
 _LEAST_VARIANCE_PX2 = 2.5e-3
+_START_EDGES, _START_STEPS = 6, 8
 # Starts: cut-off period and Gaussian width over the optical width of the edges, squared defocus.
 _START_PERIODS = (0.25, 0.5, 1.0, 2.0, 3.5)
 _START_WIDTHS = (0.0, 0.7)
@@ -33,7 +32,7 @@ _START_DEFOCUS_WAVES2 = (0.0, 0.25, 1.0, 6.0)
 class OtfChoice:
     """The form chosen and why; ``scale`` multiplies the inverse to give the covariance.
 
-    ``chi2_reduced`` is over the bins of all edges, ``directions`` are the edges' normals.
+    ``chi2_reduced`` is over the bins of all edges.
     """
 
     fit: OtfFit
@@ -104,8 +103,8 @@ def _round_start(edges: Sequence[BinnedEdge], variance_px2: float) -> FloatArray
 
     Chi-squared has valleys with and without defocus.
     """
-    pace = max(len(edges) // _RACE_EDGES, 1)
-    stack = EdgeStack(edges[::pace][:_RACE_EDGES])
+    pace = max(len(edges) // _START_EDGES, 1)
+    stack = EdgeStack(edges[::pace][:_START_EDGES])
     width = variance_px2**0.5
     best, least = np.array([width, 0.0, variance_px2]), np.inf
     for waves2 in _START_DEFOCUS_WAVES2:
@@ -115,7 +114,7 @@ def _round_start(edges: Sequence[BinnedEdge], variance_px2: float) -> FloatArray
         ]
         slices = [ROUND.slices(start, stack.normal_rad) for start in starts]
         squares = [stack.residuals(one, with_slopes=False).squares for one in slices]
-        fit = fit_form(stack, ROUND, starts[int(np.argmin(squares))], _RACE_STEPS)
+        fit = fit_form(stack, ROUND, starts[int(np.argmin(squares))], _START_STEPS)
         if fit is not None and fit.squares < least:
             best, least = fit.parameters, fit.squares
     return best

@@ -64,6 +64,22 @@ def test_two_directions_give_a_gaussian_or_a_round_lens() -> None:
         assert "2 directions do not tell an elliptic one" in choice.reason
 
 
+def test_a_vertical_a_horizontal_and_a_diagonal_edge_tell_a_turned_gaussian() -> None:
+    # As the sum of two Gaussians' variances: 0.6 px across, 0.4 px along 30 degrees.
+    class Turned(Lens):
+        def otf(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
+            u = fx * np.cos(np.pi / 6) + fy * np.sin(np.pi / 6)
+            v = fy * np.cos(np.pi / 6) - fx * np.sin(np.pi / 6)
+            gauss = np.exp(-2 * np.pi**2 * (0.36 * u * u + 0.16 * v * v))
+            return np.asarray(gauss * np.sinc(fx) * np.sinc(fy))
+
+    choice = choose_otf(binned(Turned(0.0, 0.0), (4.0, 49.0, 94.0)))
+    assert choice is not None
+    assert choice.fit.form.name == "gaussian"
+    # S xy is (0.36 - 0.16) cos 30 sin 30 = 0.087.
+    assert choice.fit.parameters.tolist() == pytest.approx([0.31, 0.0866, 0.21], abs=0.006)
+
+
 def test_edges_that_differ_widen_the_covariance_and_do_not_change_the_form() -> None:
     # Focus drifts from edge to edge by 5 % of the width, at an SNR of 500.
     sigmas = 0.6 * (1 + 0.05 * np.array([1, -1, 0.5, -0.7, 0.9, -0.2, -1, 0.5]))
