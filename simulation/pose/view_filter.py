@@ -24,7 +24,7 @@ from simulation.pose.view import PoseView
 RADII_PX = (8, 12, 16, 20, 24)
 """Half-widths of solved kernels: the compiled filter takes eight taps at a time, and one."""
 
-_EXCESS, _ONE_EXCESS = 2e-6, 1e-7
+_EXCESS, _ONE_EXCESS = 2e-6, 2e-8
 """Mean squared error, over the scene's variance, for which a wider kernel is taken: 0.007 DN^2
 where the scene's standard deviation is 60 DN. An affine map needs so few terms that it has the
 tighter limit."""
