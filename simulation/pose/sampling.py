@@ -82,7 +82,7 @@ def render(
     places = np.empty((3, shape[1]))
     weights = np.empty((12, shape[1]), coefficients.dtype)
     corners = np.empty(shape[1], np.int64)
-    x, y, least = places
+    x, y, least = places[0], places[1], places[2]  # unpacked, they would count as strided
     right, bottom = size[1] - 1 + BORDER_PX, size[0] - 1 + BORDER_PX
     for i in range(shape[0]):
         _place_row(view, first[0] + i, first[1], places)
@@ -107,7 +107,7 @@ def render(
 def _place_row(view: BlurredWarp, row: int, first: int, places: FloatArray) -> None:
     """Fill in positions x, y and the least eigenvalues of the missing blur for a row's pixels."""
     matrix, lens, psf, frame = view
-    x, y, least = places
+    x, y, least = places[0], places[1], places[2]  # unpacked, they would count as strided
     count = len(x)
     x0, y0, a0, c0, least0 = surveyed(matrix, lens, psf, frame, first, row)
     start, length = 0, _BLOCK_PX

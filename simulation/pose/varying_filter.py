@@ -15,9 +15,12 @@ from scipy.linalg import cholesky, solve_triangular
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 
 _CORRELATION_PX = 30.0
-_MEAN_SQUARE = 7.0
-"""Covariance of the images that terms are chosen for, over their variance: ``exp(-|d| / 30 px)``
-along either axis, about a mean of 2.6 standard deviations, as in photographs."""
+_EVEN = 7**0.5
+"""Covariance of the images that terms are chosen for: along either axis ``exp(-|d| / 30 px)`` plus
+this, so that most of what they show is even along one axis, as across an edge, or along both."""
+
+_VARIANCE = 1 + 2 * _EVEN
+"""Of such images, their mean aside."""
 
 _TERMS_MAX = 40
 
@@ -119,7 +122,7 @@ def separable_terms(
     gram = (columns @ columns.T) * (rows @ rows.T)
     shares = np.einsum("ti,nij,tj->tn", columns, seen, rows, optimize=True)
     squares = float((seen**2).sum())
-    limit = count * tolerance**2
+    limit = count * tolerance**2 * _VARIANCE
     for terms in range(1, len(order) + 1):
         weights = np.linalg.lstsq(gram[:terms, :terms], shares[:terms], rcond=1e-12)[0]
         missed = squares - float((weights * shares[:terms]).sum())
@@ -168,16 +171,14 @@ def _solution(gram: FloatArray, shares: FloatArray) -> FloatArray:
 def image_rms(kernels: FloatArray) -> FloatArray:
     """Rms of images filtered by kernels ``(n, size, size)``, over their standard deviation."""
     root = _image_root(kernels.shape[-1])
-    return np.asarray(np.linalg.norm(root.T @ kernels @ root, axis=(1, 2)))
+    return np.asarray(np.linalg.norm(root.T @ kernels @ root, axis=(1, 2)) / sqrt(_VARIANCE))
 
 
 def _image_root(size: int) -> FloatArray:
     """Root by which, on either side, a kernel's norm becomes the rms of the filtered image."""
     offset = np.arange(size)
     distance = np.abs(offset[:, None] - offset)
-    return np.asarray(
-        cholesky(np.exp(-distance / _CORRELATION_PX) + sqrt(_MEAN_SQUARE), lower=True)
-    )
+    return np.asarray(cholesky(np.exp(-distance / _CORRELATION_PX) + _EVEN, lower=True))
 
 
 def _cells(nodes_px: FloatArray, at_px: IntArray | FloatArray) -> tuple[IntArray, FloatArray]:

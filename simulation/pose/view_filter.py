@@ -24,7 +24,7 @@ from simulation.pose.view import PoseView
 RADII_PX = (8, 12, 16, 20, 24)
 """Half-widths of solved kernels: the compiled filter takes eight taps at a time, and one."""
 
-_EXCESS, _ONE_EXCESS = 2e-6, 1e-8
+_EXCESS, _ONE_EXCESS = 2e-6, 2e-8
 """Mean squared error, over the scene's variance, for which a wider kernel is taken: 0.007 DN^2
 where the scene's standard deviation is 60 DN. An affine map needs so few terms that it has the
 tighter limit."""
@@ -32,18 +32,19 @@ tighter limit."""
 _BLUR_SIGMAS, _SPLINE_REACH_PX = 4.5, 4
 """A Gaussian is below 1e-4 of its peak there, and the spline's inverse below 3 %."""
 
-_SHARP_PX2, _SHARP_RADIUS_PX = 0.1, 12
-"""Below such a blur the spline's inverse has its whole length: 4e-5 at 12 px."""
+_SHARP_PX2, _SHARP_RADIUS_PX = 0.15, 16
+"""With less blur than this the spline's inverse has its whole length, 4e-5 at 12 px, and the edge
+of the band at the Nyquist frequency shows."""
 
 BLUR_MAX_PX = 32.0
 """Widest blur; its kernel has 297 x 297 taps."""
 
-_TERMS_TOLERANCE, _ONE_TERMS_TOLERANCE = 7e-4, 1e-4
-"""Error that the separable terms leave, over the image's standard deviation: 0.04 DN of 60. An
+_TERMS_TOLERANCE, _ONE_TERMS_TOLERANCE = 5e-4, 1e-4
+"""Error that the separable terms leave, over the image's standard deviation: 0.03 DN of 60. An
 affine map needs so few terms that it has the tighter limit."""
 
 _NODES_TOLERANCE = 1e-3
-"""Error between the nodes, likewise; found at the middles of cells."""
+"""Largest error at the middles of cells, that of the terms included."""
 
 _NODES = (3, 5, 9)
 """Nodes along either axis; the last is for views that come near the horizon."""
@@ -184,16 +185,15 @@ def _radius(poses: tuple[LocalPose, ...], model: PoseModel, noise_ratio: float) 
     widest_px = sqrt(max(0.0, float(missing_px2.max())))
     if widest_px > BLUR_MAX_PX:
         raise ValueError(f"a local blur of {widest_px:.3g} px is wider than {BLUR_MAX_PX:g} px")
-    least = ceil(_BLUR_SIGMAS * widest_px) + _SPLINE_REACH_PX
+    least = _SHARP_RADIUS_PX if missing_px2.min() < _SHARP_PX2 else 0
     excess = _ONE_EXCESS if _is_one(poses) else _EXCESS
-    if missing_px2.min() < _SHARP_PX2:
-        least = max(least, _SHARP_RADIUS_PX)
     for radius in RADII_PX:
         if radius < least:
             continue
         if all(prefilter(pose, model, noise_ratio, radius).excess <= excess for pose in poses):
             return radius
-    return max(4 * ceil(least / 4), RADII_PX[-1])
+    widest = 4 * ceil((_BLUR_SIGMAS * widest_px + _SPLINE_REACH_PX) / 4)
+    return max(widest, RADII_PX[-1])
 
 
 def _missing_px2(pose: LocalPose) -> FloatArray:
