@@ -59,8 +59,7 @@ class SeparableSum:
     def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the transformed image, in the dtype of ``image``, shape (rows, cols)."""
         out = np.empty((self.terms[0][0].rows, self.terms[0][1].rows), dtype=image.dtype)
-        for index, (y, x) in enumerate(self.terms):
-            put_separable(y, (x,), image, out, is_added=index > 0, threads=threads)
+        put_separable(tuple((y, (x,)) for y, x in self.terms), image, out, threads=threads)
         return out
 
 
@@ -83,9 +82,9 @@ class ZoomOperator:
             # Both stages along x at once: the image is transposed once and back once.
             (((first_y, first_x),), ((then_y, then_x),)) = (s.terms for s in self.stages)
             made = np.empty((first_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(first_y, (first_x, then_x), image, made, is_added=False, threads=threads)
+            put_separable(((first_y, (first_x, then_x)),), image, made, threads=threads)
             out = np.empty((then_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(then_y, (), made, out, is_added=False, threads=threads)
+            put_separable(((then_y, ()),), made, out, threads=threads)
             return out
         for stage in self.stages:
             image = stage.apply(image, threads)
