@@ -1,18 +1,20 @@
 """Zoom-out: the image a camera would take of the same scene from ``zoom`` times further away.
 
-Four models. All are linear, noise-free and, for an uncorrelated PSF, separable.
+Four models, all linear and noise-free: sums of separable terms, one for a Gaussian PSF.
 
 ``bicubic``
     Pillow's antialiased bicubic alone; the baseline.
 ``paper``
-    The same, then a blur by ``Sigma (1 - 1 / zoom^2)`` in follow-up px^2.
+    The same, then a Gaussian blur by ``Sigma (1 - 1 / zoom^2)`` in follow-up px^2; the paper's
+    ``Sigma`` is the diagonal of the PSF's covariance.
 ``matched``
-    A blur by ``Sigma (zoom^2 - 1)`` at the reference's resolution, then point samples of the
-    quintic spline through the result: no antialiasing, as a real distant camera has none beyond
-    its own PSF. The theory and the comparison are in ``docs/theory-simulation.md``.
+    The near image times ``H(zoom f) / H(f)``, which for a Gaussian is a blur by
+    ``Sigma (zoom^2 - 1)``, then point samples of the quintic spline through the result: no
+    antialiasing, as a real distant camera has none beyond its own PSF. The theory and the
+    comparison are in ``docs/theory-simulation.md``.
 ``lmmse``
-    The best linear resampler for scenes with a first-order covariance, with the pixel's own
-    square (``docs/theory-lmmse.md``); takes any transfer function through ``lmmse_operator``.
+    The best linear estimate from the reference pixels around, for scenes with a first-order
+    covariance (``docs/theory-lmmse.md``); ``lmmse_operator`` takes the reference's noise too.
 """
 
 from dataclasses import dataclass, field, replace
@@ -59,8 +61,7 @@ class SeparableSum:
     def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the transformed image, in the dtype of ``image``, shape (rows, cols)."""
         out = np.empty((self.terms[0][0].rows, self.terms[0][1].rows), dtype=image.dtype)
-        for index, (y, x) in enumerate(self.terms):
-            put_separable(y, (x,), image, out, is_added=index > 0, threads=threads)
+        put_separable(tuple((y, (x,)) for y, x in self.terms), image, out, threads=threads)
         return out
 
 
@@ -83,9 +84,9 @@ class ZoomOperator:
             # Both stages along x at once: the image is transposed once and back once.
             (((first_y, first_x),), ((then_y, then_x),)) = (s.terms for s in self.stages)
             made = np.empty((first_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(first_y, (first_x, then_x), image, made, is_added=False, threads=threads)
+            put_separable(((first_y, (first_x, then_x)),), image, made, threads=threads)
             out = np.empty((then_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(then_y, (), made, out, is_added=False, threads=threads)
+            put_separable(((then_y, ()),), made, out, threads=threads)
             return out
         for stage in self.stages:
             image = stage.apply(image, threads)

@@ -171,32 +171,31 @@ def apply_separable(along_y: BandedMatrix, along_x: BandedMatrix, image: FloatIm
         In the image's dtype.
     """
     out = np.empty((along_y.rows, along_x.rows), dtype=image.dtype)
-    put_separable(along_y, (along_x,), image, out, is_added=False)
+    put_separable(((along_y, (along_x,)),), image, out)
     return out
 
 
-def put_separable(
-    along_y: BandedMatrix,
-    along_x: tuple[BandedMatrix, ...],
-    image: FloatImage,
-    out: FloatImage,
-    *,
-    is_added: bool,
-    threads: int = 1,
-) -> None:
-    """Write the image, combined along y and then by each of ``along_x``, to ``out``, or add it.
+Term = tuple[BandedMatrix, tuple[BandedMatrix, ...]]
+"""A matrix along y, and those to apply along x one after another."""
 
-    ``out`` has the result's shape and the image's dtype. Without any ``along_x`` the image is
-    combined along y alone. ``threads`` share the strips of rows; the result is the same.
+
+def put_separable(
+    terms: tuple[Term, ...], image: FloatImage, out: FloatImage, *, threads: int = 1
+) -> None:
+    """Write the sum of the image combined by each term to ``out``.
+
+    ``out`` has the result's shape and the image's dtype. Terms without a matrix along x combine
+    along y alone. ``threads`` share the strips of rows; the result is the same.
     """
-    expected = along_y.columns, along_x[0].columns if along_x else out.shape[1]
-    if image.shape != expected:
-        raise ValueError(f"the operator takes images of shape {expected}, got {image.shape}")
+    for along_y, along_x in terms:
+        expected = along_y.columns, along_x[0].columns if along_x else out.shape[1]
+        if image.shape != expected:
+            raise ValueError(f"the operator takes images of shape {expected}, got {image.shape}")
     image = np.ascontiguousarray(image)
     fitting = _STRIP_BYTES // (image.shape[1] * image.itemsize) // 2 * 2
     strip_rows = int(np.clip(fitting, _STRIP_ROWS_MIN, _STRIP_ROWS_MAX))
-    strips = [slice(first, first + strip_rows) for first in range(0, along_y.rows, strip_rows)]
-    put = partial(_put_strip, along_y, along_x, image, out, is_added)
+    strips = [slice(first, first + strip_rows) for first in range(0, len(out), strip_rows)]
+    put = partial(_put_strip, terms, image, out)
     if threads == 1 or len(strips) == 1:
         for rows in strips:
             put(rows)
@@ -206,25 +205,21 @@ def put_separable(
             pass
 
 
-def _put_strip(
-    along_y: BandedMatrix,
-    along_x: tuple[BandedMatrix, ...],
-    image: FloatImage,
-    out: FloatImage,
-    is_added: bool,  # bound by position
-    rows: slice,
-) -> None:
-    y = along_y.pairs
+def _put_strip(terms: tuple[Term, ...], image: FloatImage, out: FloatImage, rows: slice) -> None:
     target = out[rows]
     pairs = slice(rows.start // 2, (rows.start + len(target) + 1) // 2)
-    weights = y.weights_as(image.dtype)[2 * pairs.start : 2 * pairs.stop]
-    strip = _combined(image, y.starts[pairs], weights)
-    if along_x:
-        strip = _along_columns(strip, along_x)
-    if is_added:
-        target += strip[: len(target)]
-    else:
-        target[:] = strip[: len(target)]
+    turned: FloatImage | None = None
+    for along_y, along_x in terms:
+        y = along_y.pairs
+        weights = y.weights_as(image.dtype)[2 * pairs.start : 2 * pairs.stop]
+        strip = _combined(image, y.starts[pairs], weights)
+        if not along_x:
+            target[:] = strip[: len(target)]
+            return
+        # The sum is taken in the cache, before it is turned back.
+        part = _along_columns(strip, along_x)
+        turned = part if turned is None else np.add(turned, part, out=turned)
+    target[:] = cv2.transpose(cast("Any", turned))[: len(target)]
 
 
 def _along_columns(strip: FloatImage, along_x: tuple[BandedMatrix, ...]) -> FloatImage:
@@ -232,7 +227,7 @@ def _along_columns(strip: FloatImage, along_x: tuple[BandedMatrix, ...]) -> Floa
     for matrix in along_x:
         pairs = matrix.pairs
         turned = _combined(turned, pairs.starts, pairs.weights_as(strip.dtype))[: matrix.rows]
-    return cast("FloatImage", cv2.transpose(turned))
+    return turned
 
 
 def _combined(image: FloatImage, starts: IntArray, weights: FloatImage) -> FloatImage:

@@ -24,7 +24,7 @@ _NOISE = 1e-6
 _TOLERANCE = 2e-8
 """Largest variance of the difference, relative to the image's: 0.008 DN rms of 60 ..."""
 
-_TOLERANCE_OF_ALIASES = 1e-3
+_TOLERANCE_OF_ALIASES = 2e-3
 """... or this part of what the pixels fold below Nyquist, which no model gets right."""
 
 

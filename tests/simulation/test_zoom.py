@@ -99,12 +99,13 @@ def test_bicubic_on_an_off_centre_grid_is_pillows() -> None:
 
 
 @pytest.mark.parametrize("zoom", [1.05, 1.3, 2.0, 3.0, 4.0])
-@pytest.mark.parametrize("sigma_px", [0.5, 0.935])
+@pytest.mark.parametrize(("sigma_px", "rho"), [(0.5, 0.0), (0.935, 0.0), (0.935, 0.4)])
 def test_paper_is_pillow_then_the_exact_gaussian_on_a_photograph(
-    zoom: float, sigma_px: float
+    zoom: float, sigma_px: float, rho: float
 ) -> None:
+    # Whether the PSF has a correlation or not: the paper's Sigma is diagonal.
     image = PHOTOGRAPH[100:400, 60:400]
-    psf = GaussianPsf(sigma_x_px=sigma_px, sigma_y_px=sigma_px)
+    psf = GaussianPsf(sigma_x_px=sigma_px, sigma_y_px=sigma_px, rho=rho)
     pillow = pillow_bicubic(image, SamplingGrid.centred((300, 340), zoom))
     expected = exact_gaussian(pillow, sigma_px * sqrt(1 - zoom**-2))
     np.testing.assert_allclose(zoom_out(image, zoom, psf, "paper"), expected, atol=0.05)

@@ -58,5 +58,5 @@ def test_two_threads_give_the_same_bits() -> None:
     image = rng.normal(size=(900, 90)).astype(np.float32)
     results = [np.empty((801, 70), np.float32) for _ in range(2)]
     for threads, out in zip((1, 2), results, strict=True):
-        put_separable(along_y, (along_x,), image, out, is_added=False, threads=threads)
+        put_separable(((along_y, (along_x,)),) * 2, image, out, threads=threads)
     np.testing.assert_array_equal(results[0], results[1])
