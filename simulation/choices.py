@@ -10,6 +10,9 @@ PoseModel = Literal["matched", "lmmse"]
 POSE_MODELS: tuple[PoseModel, ...] = get_args(PoseModel)
 """The models that take any pose, a PSF of any shape, and a PSF that varies over the frame."""
 
+DEFAULT_MODEL: PoseModel = "lmmse"
+"""Over lenses, zooms and noise it has the least error: ``benchmarks/bench_capture_model.py``."""
+
 PsfForm = Literal["gaussian", "separable", "round", "elliptic", "free"]
 """What a PSF's shape is known as: a Gaussian, a curve along either axis, a lens of the same
 sharpness in every direction, one of two, or one with a measured correction to it."""

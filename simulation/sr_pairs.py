@@ -12,7 +12,7 @@ from math import ceil, floor, sqrt
 import numpy as np
 
 from simulation.arrays import AnyArray, FloatImage
-from simulation.choices import Model
+from simulation.choices import DEFAULT_MODEL, Model
 from simulation.psf import Psf
 from simulation.resampling import SamplingGrid
 from simulation.zoom import zoom_out_on_grid
@@ -69,7 +69,7 @@ def sr_pairs(
     *,
     crop_px: int,
     stride_px: int,
-    model: Model = "matched",
+    model: Model = DEFAULT_MODEL,
 ) -> Iterator[SrPair]:
     """Cut an image into crops, row by row, each with its low-resolution partner.
 

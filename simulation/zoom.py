@@ -26,7 +26,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
-from simulation.choices import MODELS, GaussianForm, Model
+from simulation.choices import DEFAULT_MODEL, MODELS, GaussianForm, Model
 from simulation.psf import Psf
 from simulation.resampling import (
     BandedMatrix,
@@ -97,7 +97,7 @@ def zoom_out(
     image: AnyArray,
     zoom: float,
     psf: Psf | None = None,
-    model: Model = "matched",
+    model: Model = DEFAULT_MODEL,
     *,
     gaussian: GaussianForm = "transfer",
     threads: int = 1,
@@ -143,7 +143,7 @@ def zoom_out_on_grid(
     image: AnyArray,
     grid: SamplingGrid,
     psf: Psf | None = None,
-    model: Model = "matched",
+    model: Model = DEFAULT_MODEL,
     *,
     gaussian: GaussianForm = "transfer",
     threads: int = 1,
@@ -176,7 +176,7 @@ def zoom_operator(
     shape: tuple[int, int],
     grid: SamplingGrid,
     psf: Psf | None = None,
-    model: Model = "matched",
+    model: Model = DEFAULT_MODEL,
     *,
     gaussian: GaussianForm = "transfer",
 ) -> ZoomOperator:

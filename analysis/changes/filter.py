@@ -23,6 +23,7 @@ from calibration.robust import robust_sigma
 from simulation import Psf, PsfField, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
+from simulation.choices import PoseModel
 from simulation.pose import pose_noise_gain
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ SOFTNESS_LIMIT_PX2 = 0.15
 
 _SURE = 2.0
 """Standard errors by which the extra blur must exceed the limit."""
+
+_MODEL: PoseModel = "matched"
+"""The capture model with which the rates of false alarms were measured."""
 
 _SMOOTHING_PX = 1.0
 """Width of the Gaussian that gathers a change's pixels before the decision."""
@@ -172,7 +176,12 @@ def find_changes(
     variance = None
     if options.noise is not None:
         own = pose_noise_gain(
-            pose.matrix, _shape(near), (far.shape[1], far.shape[0]), psf, distortion_k1=pose.k1
+            pose.matrix,
+            _shape(near),
+            (far.shape[1], far.shape[0]),
+            psf,
+            distortion_k1=pose.k1,
+            model=_MODEL,
         )
         noise = options.noise
         variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
@@ -217,7 +226,12 @@ def _simulated(
     """The follow-up as its pose alone would make it, and the pixels that may be compared."""
     try:
         simulated = simulate_pose(
-            near, pose.matrix, (far.shape[1], far.shape[0]), psf, distortion_k1=pose.k1
+            near,
+            pose.matrix,
+            (far.shape[1], far.shape[0]),
+            psf,
+            distortion_k1=pose.k1,
+            model=_MODEL,
         )
     except ValueError as error:
         raise AnalysisError(str(error)) from error

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from simulation.arrays import FloatArray
+from simulation.choices import DEFAULT_MODEL
 from simulation.pose.local_poses import poses_at_followup
 from simulation.pose.prefilter import kernel_transfer, prefilter
 from simulation.pose.simulate import PoseComputation
@@ -63,7 +64,7 @@ def pose_noise_gain(
     lattice = [np.linspace(0.0, max(count - 1, 1), _POINTS) for count in view.follow_up]
     x, y = np.meshgrid(lattice[1], lattice[0])
     poses = poses_at_followup(view, np.stack([x.ravel(), y.ravel()], axis=-1))
-    model, noise_ratio = how.get("model", "matched"), how.get("noise_ratio", 0.0)
+    model, noise_ratio = how.get("model", DEFAULT_MODEL), how.get("noise_ratio", 0.0)
     radius = view_radius(view, model, noise_ratio)
     kernels = [prefilter(pose, model, noise_ratio, radius).kernel for pose in poses]
     series = np.stack([_series(kernel) for kernel in kernels]).reshape(_POINTS, _POINTS, -1)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import AnyArray, BoolArray, FloatImage
-from simulation.choices import PoseModel
+from simulation.choices import DEFAULT_MODEL, PoseModel
 from simulation.pose.sampling import BORDER_PX, SPLINE_REACH_PX, SplineWindow, render
 from simulation.pose.varying_filter import VaryingFilter
 from simulation.pose.view import PoseView
@@ -70,7 +70,7 @@ class PoseComputation(TypedDict, total=False):
     """How a follow-up is computed; what is not given has the default."""
 
     model: PoseModel
-    """One of ``POSE_MODELS``; ``"matched"`` by default."""
+    """One of ``POSE_MODELS``; ``DEFAULT_MODEL`` by default."""
 
     noise_ratio: float
     """Variance of the reference's noise over that of the scene, for ``lmmse``; 0 by default."""
@@ -130,7 +130,7 @@ def simulate_pose(
     """
     view = PoseView.of(homography, reference_shape(image), size, psf, origin_px, distortion_k1)
     height, width = view.follow_up
-    filtered = view_filter(view, how.get("model", "matched"), how.get("noise_ratio", 0.0))
+    filtered = view_filter(view, how.get("model", DEFAULT_MODEL), how.get("noise_ratio", 0.0))
     threads = how.get("threads", 1)
     if threads < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")

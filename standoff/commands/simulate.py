@@ -9,8 +9,10 @@ import typer
 
 from analysis.choices import CACHE_VARIABLE
 from simulation.choices import (
+    DEFAULT_MODEL,
     KERNEL_MODELS,
     MODELS,
+    POSE_MODELS,
     TRAINING_STEPS,
     GaussianForm,
     KernelModel,
@@ -55,14 +57,14 @@ _SHAPES: dict[PsfForm, str] = {
 
 _RULES = (
     exactly_one("zoom", "homography"),
-    needs("homography", Option("model", ("matched", "lmmse"))),
+    needs("homography", Option("model", POSE_MODELS)),
     needs("nearer", "homography"),
     needs(Option("model", tuple(name for name in MODELS if name != "bicubic")), "psf"),
     needs("psf", Option("model", MODELS)),
     needs(Option("gaussian", ("sampled",)), Option("model", ("paper",))),
     needs(
         Option("transfer", ("measured",)),
-        Option("model", ("matched", "lmmse")),
+        Option("model", POSE_MODELS),
         because="only matched and lmmse take a measured PSF",
     ),
     *(
@@ -89,7 +91,7 @@ def simulate(
         typer.Option(help="Also write a mask (PNG) of pixels sharper than the reference."),
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
-    model: Annotated[AnyModel, typer.Option(help="Capture model.")] = "matched",
+    model: Annotated[AnyModel, typer.Option(help="Capture model.")] = DEFAULT_MODEL,
     transfer: TransferForm = "best",
     gaussian: Annotated[
         GaussianForm,

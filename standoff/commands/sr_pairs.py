@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simulation.choices import Model
+from simulation.choices import DEFAULT_MODEL, Model
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     EncodingName,
@@ -44,7 +44,7 @@ def sr_pairs(
     transfer: TransferForm = "best",
     zoom: Annotated[float, typer.Option(help="Distance ratio, at least 1.", callback=checked_zoom)],
     out: Annotated[Path, typer.Option(help="Folder for the pairs; an existing one is resumed.")],
-    model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
+    model: Annotated[Model, typer.Option(help="Capture model.")] = DEFAULT_MODEL,
     crop: Annotated[
         int, typer.Option(min=8, help="Side of the high-resolution crops in px.")
     ] = 192,

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.files import read_homography
 from calibration.registration import Homography
 from simulation import MODELS, Model, SimulatedPose, simulate_pose as simulate_pose_of_array
-from simulation.choices import PoseModel
+from simulation.choices import DEFAULT_MODEL, PoseModel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
 from standoff.workflows import zoomed_out
 
 
 def zoom_out(
-    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = "matched"
+    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = DEFAULT_MODEL
 ) -> NDArray[np.floating[Any]]:
     """Return the image of the same scene from ``zoom`` times further away.
 
@@ -60,7 +60,7 @@ def simulate_pose(
     homography: ArrayLike | Homography | FilePath,
     psf: PsfLike,
     size: tuple[int, int] | None = None,
-    model: PoseModel = "matched",
+    model: PoseModel = DEFAULT_MODEL,
 ) -> SimulatedPose:
     """Return the image of the same plane from another pose of the same camera.
 

@@ -19,7 +19,7 @@ from simulation import (
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
-from simulation.choices import POSE_MODELS, GaussianForm, PoseModel, PsfForm
+from simulation.choices import DEFAULT_MODEL, POSE_MODELS, GaussianForm, PoseModel, PsfForm
 from simulation.pose import pose_noise_gain
 
 
@@ -122,7 +122,7 @@ def from_pose(
     reference: AnyArray,
     pose: Homography,
     psf: Psf | PsfField,
-    model: PoseModel = "matched",
+    model: PoseModel = DEFAULT_MODEL,
     noise: CaptureNoise | None = None,
     *,
     origin_px: tuple[float, float] | None = None,
