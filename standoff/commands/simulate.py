@@ -197,13 +197,17 @@ def simulate(
             }
         )
         return
-    shape = "" if followup.psf_form is None else f", PSF: {_SHAPES[followup.psf_form]}"
-    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, model {model}{shape}")
+    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, {_how(model, followup)}")
     if masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+
+
+def _how(model: AnyModel, followup: FollowUp) -> str:
+    form = followup.psf_form
+    return f"model {model}" if form is None else f"model {model}, PSF: {_SHAPES[form]}"
 
 
 def _camera(
