@@ -185,9 +185,7 @@ def simulate(
                 "image": str(image),
                 "zoom": zoom,
                 "model": model,
-                "transfer": "gaussian" if followup.psf_form in (None, "gaussian") else "measured",
-                "psf_form": followup.psf_form,
-                "psf_field": followup.is_field,
+                **_psf_facts(followup),
                 "size": [written.shape[1], written.shape[0]],
                 "min": float(written.min()),
                 "max": float(written.max()),
@@ -203,6 +201,15 @@ def simulate(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+
+
+def _psf_facts(followup: FollowUp) -> dict[str, Any]:
+    form = followup.psf_form
+    return {
+        "transfer": "gaussian" if form in (None, "gaussian") else "measured",
+        "psf_form": form,
+        "psf_field": followup.is_field,
+    }
 
 
 def _how(model: AnyModel, followup: FollowUp) -> str:
