@@ -1,7 +1,7 @@
 """How large a window must be: where more reference pixels would add little."""
 
 from collections.abc import Callable
-from math import ceil, log, sqrt
+from math import ceil, log, pi, sqrt
 
 import numpy as np
 
@@ -31,6 +31,8 @@ _LEAST_SIGMAS = 3.5
 """Standard deviations of the missing blur: cut off earlier, a Gaussian takes three products and
 twice the noise instead of one product."""
 
+_LOW_CY_PER_PX = 0.1
+
 _TRIED_STEPS = 3
 _STEP = 1.4
 """Ratio of the radii solved before the excess, which falls with a power, is extrapolated."""
@@ -55,7 +57,7 @@ def window_radius_px(
     allowed = _ALLOWED_OF_IDEAL * ideal + _ALLOWED_LEAST
     excesses: list[float] = []
     largest = _RADIUS_MAX_MIRRORED_PX if scene.is_mirrored else _RADIUS_MAX_PX
-    blur_px = sqrt(float(scene.psf.covariance_px2.diagonal().max()) * (zoom**2 - 1))
+    blur_px = _width_px(scene) * sqrt(zoom**2 - 1)
     least = max(_LEAST_PX + ceil(_LEAST_ZOOMS * zoom), ceil(_LEAST_SIGMAS * blur_px))
     radii = [min(round(least * _STEP**step), largest) for step in range(_TRIED_STEPS)]
     for radius in radii:
@@ -72,6 +74,13 @@ def window_radius_px(
         return None
     growth = float((excesses[-1] / allowed) ** (1 / decay))
     return min(ceil(radii[-1] * growth), largest)
+
+
+def _width_px(scene: SeenScene) -> float:
+    """Standard deviation of the Gaussian with the PSF's transfer at a low frequency."""
+    low, zero = np.array([_LOW_CY_PER_PX, 0.0]), np.array([0.0, _LOW_CY_PER_PX])
+    seen = float(np.clip(scene.psf.otf(low, zero).min(), 1e-3, 1.0))
+    return sqrt(-log(seen) / 2) / (pi * _LOW_CY_PER_PX)
 
 
 def _window_error(
