@@ -7,6 +7,7 @@ from .cubic import (
     antialiased_cubic as antialiased_cubic,
     blur as blur,
     blur_at as blur_at,
+    mirrored_rows as mirrored_rows,
     spline_sampling as spline_sampling,
 )
 from .gaussian_kernel import (
@@ -35,6 +36,7 @@ __all__ = [
     "blur_at",
     "gaussian_terms",
     "matched_terms",
+    "mirrored_rows",
     "put_separable",
     "reference_shape",
     "refuse_non_finite",

@@ -194,6 +194,9 @@ def put_separable(
     image = np.ascontiguousarray(image)
     fitting = _STRIP_BYTES // (image.shape[1] * image.itemsize) // 2 * 2
     strip_rows = int(np.clip(fitting, _STRIP_ROWS_MIN, _STRIP_ROWS_MAX))
+    # As many strips for each thread.
+    rounds = -(-len(out) // (strip_rows * threads))
+    strip_rows = min(strip_rows, -(-len(out) // (2 * rounds * threads)) * 2)
     strips = [slice(first, first + strip_rows) for first in range(0, len(out), strip_rows)]
     put = partial(_put_strip, terms, image, out)
     if threads == 1 or len(strips) == 1:

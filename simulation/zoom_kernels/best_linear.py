@@ -105,7 +105,7 @@ class _Windows:
         return table_positions(around if len(around) else np.zeros(1))
 
     def matrices(
-        self, inside: AxisKernels, at_border: Callable[[FloatArray], AxisKernels]
+        self, inside: AxisKernels, at_border: Callable[[FloatArray], FloatArray]
     ) -> list[BandedMatrix]:
         """Weights of all outputs, one matrix for each term."""
         weights = np.empty((len(inside.weights), len(self.starts), self.taps))
@@ -123,5 +123,5 @@ class _Windows:
         if not self.is_around.all():
             shifted = np.round(self.position_px[~self.is_around], 9)
             places, which = np.unique(shifted, return_inverse=True)
-            weights[:, ~self.is_around] = at_border(places).weights[:, which]
+            weights[:, ~self.is_around] = at_border(places)[:, which]
         return [BandedMatrix(self.starts, term, self.size) for term in weights]

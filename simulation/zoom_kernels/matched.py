@@ -9,6 +9,7 @@ from functools import lru_cache
 from math import ceil
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, Psf
@@ -18,6 +19,7 @@ from simulation.resampling import (
     SamplingGrid,
     SeparableTerm,
     matched_terms,
+    mirrored_rows,
     spline_sampling,
     spline_transfer,
 )
@@ -25,12 +27,14 @@ from simulation.zoom_kernels.kernel_table import KernelTable
 from simulation.zoom_kernels.short_band import (
     ImageCovariance,
     largest_variance,
-    shortened,
-    taps_needed,
+    shortest,
 )
 
 _NEAR_ZERO = 3e-3
 """Where ``|H|`` is below, as at the zeros of a lens out of focus, noise would be amplified."""
+
+_POSITIONS_PX: FloatArray = np.arange(-2, 19) / 16
+"""Positions from the pixel before, of rows that a cubic spline is laid through: right to 2e-5."""
 
 _SIZE_MIN, _SIZE_ZOOMS = 128, 32
 """Period of the kernels in px, and least in far pixels."""
@@ -76,43 +80,69 @@ def spline_terms(
     shape: tuple[int, int], grid: SamplingGrid, psf: Psf
 ) -> tuple[tuple[BandedMatrix, BandedMatrix], ...]:
     """Pairs ``(Wy, Wx)`` whose ``Wy image Wx^T`` sum to the follow-up of model ``matched``."""
-    zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    zero: FloatArray = np.zeros(1)
-    covariance_y = ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq))
-    covariance_x = ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero))
-    terms = []
-    kernels = spline_prefilter(psf, zoom_y, zoom_x)
-    for kernel in kernels:
-        y = _AxisSampling.of(kernel.along_y, covariance_y)
-        x = _AxisSampling.of(kernel.along_x, covariance_x)
-        terms.append(
-            (
-                y.at(grid.rows_px, shape[0], len(kernels) * x.variance),
-                x.at(grid.cols_px, shape[1], len(kernels) * y.variance),
-            )
+    rows = _short_rows(psf, max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0))
+    return tuple((y.at(grid.rows_px, shape[0]), x.at(grid.cols_px, shape[1])) for y, x in rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ShortRows:
+    """Weights that sample the spline along one axis, by the position between the pixels.
+
+    ``weights`` has shape ``(len(_POSITIONS_PX), taps)``, with an even number of taps.
+    """
+
+    weights: FloatArray
+
+    def at(self, positions_px: FloatArray, size: int) -> BandedMatrix:
+        """Sample at positions in an image, which is mirrored at its edges."""
+        taps = self.weights.shape[1]
+        starts = np.floor(positions_px).astype(np.int64) + 1 - taps // 2
+        between, which = np.unique(
+            np.round(positions_px - np.floor(positions_px), 9), return_inverse=True
         )
+        weights = CubicSpline(_POSITIONS_PX, self.weights)(between)
+        return mirrored_rows(starts, weights[which], size)
+
+
+@lru_cache(maxsize=64)
+def _short_rows(
+    psf: Psf, zoom_y: float, zoom_x: float
+) -> tuple[tuple[_ShortRows, _ShortRows], ...]:
+    """Terms along y and x, the same for all images and grids: crops equal the whole."""
+    zero: FloatArray = np.zeros(1)
+    kernels = spline_prefilter(psf, zoom_y, zoom_x)
+    widest = max(len(taps) for kernel in kernels for taps in (kernel.along_y, kernel.along_x))
+    lags = 2 * _reach_px(widest)
+    covariance_y = ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq), lags)
+    covariance_x = ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero), lags)
+    terms = []
+    for kernel in kernels:
+        y = _LongRows.of(kernel.along_y, covariance_y)
+        x = _LongRows.of(kernel.along_x, covariance_x)
+        count = len(kernels)
+        terms.append((y.shortened(count * x.variance), x.shortened(count * y.variance)))
     return tuple(terms)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _AxisSampling:
+class _LongRows:
     """Sampling of the spline along one axis, and what it leaves of an image's variance."""
 
-    kernel: FloatArray
+    weights: FloatArray
     covariance: ImageCovariance
-    inside: BandedMatrix
-    phases_px: FloatArray
     variance: float
 
     @classmethod
-    def of(cls, kernel: FloatArray, covariance: ImageCovariance) -> "_AxisSampling":
-        phases_px: FloatArray = np.arange(8) / 8 + len(kernel)
-        inside = spline_sampling(phases_px, kernel, 2 * len(kernel) + 2)
-        return cls(kernel, covariance, inside, phases_px, largest_variance(inside, covariance))
+    def of(cls, kernel: FloatArray, covariance: ImageCovariance) -> "_LongRows":
+        reach = _reach_px(len(kernel))
+        weights = spline_sampling(reach - 1 + _POSITIONS_PX, kernel, 2 * reach).dense()
+        return cls(weights, covariance, largest_variance(weights, covariance))
 
-    def at(self, positions_px: FloatArray, size: int, share: float) -> BandedMatrix:
-        """Sample at positions in an image; ``share`` of its error counts."""
-        # The number of weights does not depend on the image or the grid: crops equal the whole.
-        taps = taps_needed(self.inside, self.phases_px, self.covariance, share)
-        matrix = spline_sampling(positions_px, self.kernel, size)
-        return shortened(matrix, positions_px, min(taps, size), self.covariance)
+    def shortened(self, share: float) -> _ShortRows:
+        """Fit rows as short as possible; ``share`` of the error counts."""
+        return _ShortRows(shortest(self.weights, self.covariance, share))
+
+
+def _reach_px(taps: int) -> int:
+    """Pixels on either side that a spline through the pixels blurred by ``taps`` reads."""
+    return taps // 2 + 4

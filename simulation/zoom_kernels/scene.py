@@ -69,6 +69,12 @@ class SeenScene:
         return bool(np.allclose(mirrored, self.covariance, rtol=0, atol=1e-12 * self.variance))
 
     @property
+    def is_diagonal(self) -> bool:
+        """Whether the covariance is the same when rows and columns are exchanged."""
+        tolerance = 1e-12 * self.variance
+        return bool(np.allclose(self.covariance.T, self.covariance, rtol=0, atol=tolerance))
+
+    @property
     def variance(self) -> float:
         """Variance of a reference pixel."""
         return float(self.covariance[0, 0])

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import toeplitz
 
-from simulation.arrays import FloatArray, IntArray
-from simulation.resampling import BandedMatrix
+from simulation.arrays import FloatArray
 
 _SCENE_CORRELATION_PX = 30.0
-_STEPS_PER_CYCLE = 512
+_STEPS_PER_CYCLE = 512  # at least
 _ALIASES = 3
 
 _NOISE = 1e-6
 """White noise that is reckoned with, relative to the image's variance."""
+
+_TAPS_MIN = 6
+"""As many pixels as a quintic spline has between its knots."""
 
 _TOLERANCE = 2e-8
 """Largest variance of the difference, relative to the image's: 0.008 DN rms of 60 ..."""
@@ -44,9 +46,11 @@ class ImageCovariance:
     tolerance: float
 
     @classmethod
-    def seen_through(cls, transfer: Callable[[FloatArray], FloatArray]) -> "ImageCovariance":
+    def seen_through(
+        cls, transfer: Callable[[FloatArray], FloatArray], lags: int
+    ) -> "ImageCovariance":
         """Covariance of a first-order scene seen through a transfer function."""
-        count = _STEPS_PER_CYCLE
+        count = max(_STEPS_PER_CYCLE, 2 * lags)
         freq = np.arange(-_ALIASES * count, _ALIASES * count) / count
         angular = 2 * np.pi * _SCENE_CORRELATION_PX * freq
         power = np.abs(transfer(freq)) ** 2 / (1 + angular**2)
@@ -57,80 +61,57 @@ class ImageCovariance:
         return cls(np.asarray(values), max(_TOLERANCE, _TOLERANCE_OF_ALIASES * aliased))
 
 
-def shortened(
-    matrix: BandedMatrix, positions_px: FloatArray, taps: int, covariance: ImageCovariance
-) -> BandedMatrix:
-    """Fit every row of a matrix by ``taps`` weights around its position.
+def shortest(rows: FloatArray, covariance: ImageCovariance, share: float) -> FloatArray:
+    """Fit rows by the fewest weights that change the images of a camera by next to nothing.
 
     The response to a constant and to a ramp stays the same.
 
     Parameters
     ----------
-    matrix
-        Rows of weights.
-    positions_px
-        Column at which each row stands, shape ``(matrix.rows,)``.
-    taps
-        Weights of the new rows.
+    rows
+        Weights over the same columns, shape ``(n, columns)``, an even number of columns.
     covariance
         Of the columns' pixels.
+    share
+        Part of the difference that counts: the other axis leaves that much of an image's variance.
+
+    Returns
+    -------
+    ndarray of shape (n, taps)
+        Weights of the middle columns.
     """
-    if taps >= matrix.weights.shape[1]:
-        return matrix
-    starts, weights, _ = _fitted(matrix, positions_px, taps, covariance)
-    return BandedMatrix(starts, weights, matrix.columns)
+    for taps in range(_TAPS_MIN, rows.shape[1], 2):
+        weights, difference = _fitted(rows, taps, covariance)
+        if float(difference.max()) * share <= covariance.tolerance:
+            return weights
+    return rows
 
 
-def largest_variance(matrix: BandedMatrix, covariance: ImageCovariance) -> float:
-    """Largest variance of what a row of a matrix makes of an image of variance 1."""
-    return float(_variances(matrix, covariance).max())
-
-
-def taps_needed(
-    matrix: BandedMatrix, positions_px: FloatArray, covariance: ImageCovariance, share: float
-) -> int:
-    """Smallest even number of weights that changes the images of a camera by next to nothing.
-
-    ``share`` of the difference counts: the other axis leaves that much of an image's variance.
-    """
-    band = matrix.weights.shape[1]
-    for taps in range(6, band, 2):
-        if (
-            float(_fitted(matrix, positions_px, taps, covariance)[2].max()) * share
-            <= covariance.tolerance
-        ):
-            return taps
-    return int(band)
+def largest_variance(rows: FloatArray, covariance: ImageCovariance) -> float:
+    """Largest variance of what a row of weights makes of an image of variance 1."""
+    return float(_variances(rows, covariance).max())
 
 
 def _fitted(
-    matrix: BandedMatrix, positions_px: FloatArray, taps: int, covariance: ImageCovariance
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """First columns, weights, and the variance of the difference, row by row."""
-    band = matrix.weights.shape[1]
-    first = np.floor(positions_px - taps / 2).astype(np.int64) + 1
-    starts = np.clip(first, 0, matrix.columns - taps)
-    column = matrix.starts[:, None] + np.arange(band)
-    near = starts[:, None] + np.arange(taps)
-    wanted = np.einsum(
-        "rnb,rb->rn",
-        covariance.values[np.abs(near[:, :, None] - column[:, None, :])],
-        matrix.weights,
-    )
+    rows: FloatArray, taps: int, covariance: ImageCovariance
+) -> tuple[FloatArray, FloatArray]:
+    """Return weights of the middle columns, and the variance of the difference, row by row."""
+    count = rows.shape[1]
+    column = np.arange(count)
+    near = column[(count - taps) // 2 :][:taps]
+    wanted = rows @ covariance.values[np.abs(np.subtract.outer(column, near))]
     system = toeplitz(covariance.values[:taps])
-    place = np.arange(taps) - (taps - 1) / 2
-    drift = np.stack([np.ones(taps), place])
-    far_place = column - starts[:, None] - (taps - 1) / 2
-    moments = np.stack([matrix.weights.sum(axis=1), (matrix.weights * far_place).sum(axis=1)])
+    middle = (count - 1) / 2
+    drift = np.stack([np.ones(taps), near - middle])
+    moments = np.stack([rows.sum(axis=1), rows @ (column - middle)])
     solved = np.linalg.solve(system, np.concatenate([wanted, drift]).T).T
     bare, drifts = solved[:-2], solved[-2:]
     factors = np.linalg.solve(drift @ drifts.T, moments - drift @ bare.T)
     weights = bare + factors.T @ drifts
-    after = np.einsum("ra,ab,rb->r", weights, system, weights)
-    error = _variances(matrix, covariance) - 2 * np.einsum("rn,rn->r", weights, wanted) + after
-    return starts, weights, error
+    change = _variances(rows, covariance) - 2 * np.einsum("rn,rn->r", weights, wanted)
+    return weights, change + _variances(weights, covariance)
 
 
-def _variances(matrix: BandedMatrix, covariance: ImageCovariance) -> FloatArray:
-    system = toeplitz(covariance.values[: matrix.weights.shape[1]])
-    return np.asarray(np.einsum("ra,ab,rb->r", matrix.weights, system, matrix.weights))
+def _variances(rows: FloatArray, covariance: ImageCovariance) -> FloatArray:
+    system = toeplitz(covariance.values[: rows.shape[1]])
+    return np.asarray(np.einsum("ra,ra->r", rows @ system, rows))

@@ -26,6 +26,7 @@ from standoff.terminal import (
     Mean,
     Option,
     Page,
+    Threads,
     TransferForm,
     check_options,
     checked_zoom,
@@ -136,6 +137,7 @@ def simulate(
             help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
         ),
     ] = None,
+    threads: Threads = 1,
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
@@ -170,6 +172,7 @@ def simulate(
             is_centre_crop=centre_crop,
             sampler=sampler or "exact",
             kernel_cache=kernel_cache,
+            threads=threads,
         )
     )
     pose = f"homography {homography.name}" if homography else f"zoom {zoom!r}"

@@ -16,6 +16,7 @@ from standoff.terminal import (
     Json,
     Mean,
     Page,
+    Threads,
     TransferForm,
     checked_zoom,
     note,
@@ -62,6 +63,7 @@ def sr_pairs(
     is_float: Annotated[
         bool, typer.Option("--float", help="Write float32 TIFFs instead of rounded PNGs.")
     ] = False,
+    threads: Threads = 1,
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
@@ -71,15 +73,18 @@ def sr_pairs(
     from standoff.workflows import (
         SrDatasetSettings,
         expanded_images,
-        read_camera_psf,
+        psf_and_field,
         write_sr_dataset,
     )
 
     inputs = photograph_inputs(encoding, page, mean, files=(psf,))
+    one, field = psf_and_field(psf, model, transfer)
     settings = SrDatasetSettings(
         zoom=zoom,
         model=model,
-        psf=read_camera_psf(psf, transfer),
+        psf=one,
+        field=field,
+        threads=threads,
         crop_px=crop,
         stride_px=stride or crop,
         test_fraction=test_fraction,

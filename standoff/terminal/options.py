@@ -31,6 +31,9 @@ TransferForm = Annotated[
         help="PSF of psf.json to use: the best it has, the Gaussian, or the measured one.",
     ),
 ]
+Threads = Annotated[
+    int, typer.Option("--threads", min=1, help="Threads that share the rows of an image.")
+]
 BenchFile = Annotated[Path, typer.Option("--bench", help="Bench file (TOML).")]
 BenchKeys = Annotated[
     list[str] | None,

@@ -65,7 +65,7 @@ from .practice import (
 from .provenance import (
     provenance_of as provenance_of,
 )
-from .psf_files import read_camera_psf as read_camera_psf
+from .psf_files import psf_and_field as psf_and_field, read_camera_psf as read_camera_psf
 from .reports import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     make_folder as make_folder,
@@ -131,6 +131,7 @@ __all__ = [
     "place_errors_px",
     "place_in_simulation",
     "provenance_of",
+    "psf_and_field",
     "read_camera_psf",
     "refuse_half_simulated",
     "require_writable",

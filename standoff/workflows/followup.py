@@ -53,6 +53,22 @@ class CaptureOptions:
                 )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rendering:
+    """How a follow-up is computed.
+
+    ``noise`` is what the reference is assumed to have, ``gaussian`` the form of model ``paper``'s
+    blur, ``threads`` how many share the rows; the image does not depend on that.
+    """
+
+    noise: CaptureNoise | None = None
+    gaussian: GaussianForm = "transfer"
+    threads: int = 1
+
+
+_DEFAULTS = Rendering()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FollowUp:
     """The output of the capture model, before the camera's own effects.
@@ -76,11 +92,9 @@ def zoomed_out(
     zoom: float,
     psf: Psf | PsfField | None,
     model: Model,
-    noise: CaptureNoise | None = None,
-    *,
-    gaussian: GaussianForm = "transfer",
+    how: Rendering = _DEFAULTS,
 ) -> FollowUp:
-    """Follow-up from ``zoom`` times further away; the reference is assumed to have ``noise``.
+    """Follow-up from ``zoom`` times further away.
 
     Raises
     ------
@@ -96,25 +110,29 @@ def zoomed_out(
         pose = Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
         # The follow-up is the middle of the camera's frame.
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
-        return from_pose(reference, pose, psf, noise, model=taking[0], origin_px=origin_px)
-    image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
+        return from_pose(reference, pose, psf, taking[0], how, origin_px=origin_px)
+    image = zoom_out(reference, zoom, psf, model, gaussian=how.gaussian, threads=how.threads)
     own = None
-    if noise is not None:
-        own = _own_variance(reference, zoom_operator(shape, grid, psf, model), noise)
+    if how.noise is not None:
+        own = _own_variance(reference, zoom_operator(shape, grid, psf, model), how.noise)
     form = None if psf is None or model == "bicubic" else psf.form
     return FollowUp(image=image, own_variance_dn2=own, psf_form=form)
 
 
 def followup_by(
-    reference: AnyArray, operator: ZoomOperator, noise: CaptureNoise | None = None
+    reference: AnyArray, operator: ZoomOperator, how: Rendering = _DEFAULTS
 ) -> FollowUp:
     """Follow-up by an operator for images of this size, plane by plane."""
     dtype = np.float64 if reference.dtype == np.float64 else np.float32
     planes = reference[:, :, None] if reference.ndim == 2 else reference
     image = np.stack(
-        [operator.apply(planes[:, :, k].astype(dtype)) for k in range(planes.shape[2])], axis=-1
+        [
+            operator.apply(planes[:, :, k].astype(dtype), how.threads)
+            for k in range(planes.shape[2])
+        ],
+        axis=-1,
     )
-    own = None if noise is None else _own_variance(reference, operator, noise)
+    own = None if how.noise is None else _own_variance(reference, operator, how.noise)
     return FollowUp(image=image[:, :, 0] if reference.ndim == 2 else image, own_variance_dn2=own)
 
 
@@ -122,12 +140,12 @@ def from_pose(
     reference: AnyArray,
     pose: Homography,
     psf: Psf | PsfField,
-    noise: CaptureNoise | None = None,
-    *,
     model: PoseModel = DEFAULT_MODEL,
+    how: Rendering = _DEFAULTS,
+    *,
     origin_px: tuple[float, float] | None = None,
 ) -> FollowUp:
-    """Follow-up from any pose; the reference is assumed to have ``noise``.
+    """Follow-up from any pose.
 
     ``origin_px`` is the origin of the follow-up in the camera's frame, as for ``simulate_pose``.
 
@@ -138,17 +156,24 @@ def from_pose(
     """
     size, matrix, distortion_k1 = pose.size, pose.matrix, pose.distortion_k1
     simulated = simulate_pose(
-        reference, matrix, size, psf, model=model, origin_px=origin_px, distortion_k1=distortion_k1
+        reference,
+        matrix,
+        size,
+        psf,
+        model=model,
+        origin_px=origin_px,
+        distortion_k1=distortion_k1,
+        threads=how.threads,
     )
     own = None
-    if noise is not None:
+    if how.noise is not None:
         shape = reference.shape[0], reference.shape[1]
         gain = pose_noise_gain(
             matrix, shape, size, psf, model=model, origin_px=origin_px, distortion_k1=distortion_k1
         )
         # At an edge the reference's variance is taken to be that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
-        own = planes * noise.variance_dn2(simulated.image)
+        own = planes * how.noise.variance_dn2(simulated.image)
     return FollowUp(
         image=simulated.image,
         own_variance_dn2=own,

@@ -50,12 +50,10 @@ def frame_psf(
         As ``read_camera_psf``.
     """
     stored = read_psf(path)
-    field = stored.total_field(str(path), is_measured=shape != "gaussian")
+    field = _field(stored, path, model, shape)
     if field is None:
         return _psf(stored, path, shape)
-    if model not in POSE_MODELS:
-        note(f"{path}: model {model} uses one PSF for the whole frame, not the field")
-    elif frame != (field.width_px, field.height_px):
+    if frame != (field.width_px, field.height_px):
         note(
             f"{path}: its field belongs to frames of {field.width_px} x {field.height_px} px; "
             "one PSF for the whole frame is used"
@@ -63,6 +61,37 @@ def frame_psf(
     else:
         return field
     return _psf(stored, path, shape)
+
+
+def psf_and_field(
+    path: Path, model: Model, shape: PsfShape = "best"
+) -> tuple[Psf, PsfField | None]:
+    """Read the PSF of a psf.json, and its field if it has one and the model takes it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    model
+        The capture model that takes the PSF.
+    shape
+        As in ``read_camera_psf``.
+
+    Raises
+    ------
+    PsfFileError
+        As ``read_camera_psf``.
+    """
+    stored = read_psf(path)
+    return _psf(stored, path, shape), _field(stored, path, model, shape)
+
+
+def _field(stored: PsfCalibration, path: Path, model: Model, shape: PsfShape) -> PsfField | None:
+    field = stored.total_field(str(path), is_measured=shape != "gaussian")
+    if field is not None and model not in POSE_MODELS:
+        note(f"{path}: model {model} uses one PSF for the whole frame, not the field")
+        return None
+    return field
 
 
 def _psf(stored: PsfCalibration, path: Path, shape: PsfShape) -> Psf:

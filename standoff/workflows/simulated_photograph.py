@@ -26,6 +26,7 @@ from standoff.terminal import note, progress_bar
 from standoff.workflows.followup import (
     CaptureOptions,
     FollowUp,
+    Rendering,
     captured,
     followup_by,
     from_pose,
@@ -40,8 +41,8 @@ class FollowUpRequest:
 
     ``inputs`` reads the photograph. The pose is ``zoom`` or the H.json ``homography``. ``transfer``
     says which PSF of the psf.json is used. ``correct`` is the
-    noise.json whose maps correct the photograph first. The last four are for models that learn
-    their kernel.
+    noise.json whose maps correct the photograph first. The four before ``threads`` are for models
+    that learn their kernel.
     """
 
     image: Path
@@ -58,6 +59,7 @@ class FollowUpRequest:
     is_centre_crop: bool = False
     sampler: Sampler = "exact"
     kernel_cache: Path | None = None
+    threads: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +157,7 @@ def _by_kernel(reference: AnyArray, request: FollowUpRequest, kernel: EstimatedK
     shape = reference_shape(reference)
     grid = SamplingGrid.centred(shape, _zoom(request))
     operator = kernel_operator(shape, grid, kernel, request.sampler)
-    return followup_by(reference, operator, request.camera.noise)
+    return followup_by(reference, operator, _rendering(request))
 
 
 def _from_pose(reference: AnyArray, request: FollowUpRequest, pose: Homography) -> FollowUp:
@@ -164,17 +166,21 @@ def _from_pose(reference: AnyArray, request: FollowUpRequest, pose: Homography) 
     model: PoseModel = "lmmse" if request.model == "lmmse" else "matched"
     own = frame if pose.size == frame else None
     psf = frame_psf(request.psf, own, model, request.transfer)
-    return from_pose(reference, pose, psf, request.camera.noise, model=model)
+    return from_pose(reference, pose, psf, model, _rendering(request))
 
 
 def _zoomed_out(reference: AnyArray, request: FollowUpRequest, model: Model) -> FollowUp:
-    zoom, noise = _zoom(request), request.camera.noise
+    zoom, how = _zoom(request), _rendering(request)
     if request.psf is None:
-        return zoomed_out(reference, zoom, None, model, noise)
+        return zoomed_out(reference, zoom, None, model, how)
     # The paper's model knows a Gaussian only.
     shape = "gaussian" if model == "paper" else request.transfer
     psf = frame_psf(request.psf, (reference.shape[1], reference.shape[0]), model, shape)
-    return zoomed_out(reference, zoom, psf, model, noise, gaussian=request.gaussian)
+    return zoomed_out(reference, zoom, psf, model, how)
+
+
+def _rendering(request: FollowUpRequest) -> Rendering:
+    return Rendering(noise=request.camera.noise, gaussian=request.gaussian, threads=request.threads)
 
 
 def _zoom(request: FollowUpRequest) -> float:

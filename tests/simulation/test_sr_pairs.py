@@ -9,6 +9,7 @@ from simulation import (
     LensOtf,
     MeasuredPsf,
     Psf,
+    PsfField,
     SamplingGrid,
     zoom_out_on_grid,
 )
@@ -86,6 +87,35 @@ def test_colour_and_dtype_are_kept() -> None:
     pair = next(sr_pairs(image, 2.0, PSF, crop_px=40, stride_px=40))
     assert pair.high.dtype == np.uint8
     assert pair.low.shape == (20, 20, 3)
+
+
+# 0.5 px^2 in the middle of the frame, three times that at its corners.
+FIELD = PsfField(
+    width_px=330,
+    height_px=260,
+    coefficients_px2=np.array([[0.5, 0, 0, 1, 0, 1], [0] * 6, [0.5, 0, 0, 1, 0, 1]]),
+)
+
+
+def test_a_crop_of_a_frame_gets_the_psf_of_its_part_of_the_frame() -> None:
+    image = np.random.default_rng(8).uniform(0.0, 255.0, (260, 330))
+    of_field, of_middle = (
+        list(sr_pairs(image, 2.0, psf, crop_px=60, stride_px=100))
+        for psf in (FIELD, FIELD.at(*FIELD.centre_px))
+    )
+    corner, middle = of_field[0], of_field[5]
+    assert (middle.top_px, middle.left_px) == (100, 100)
+    # The parts are 66 px wide and 52 px high: the corner's crop lies in the first.
+    own = FIELD.at(32.5, 25.5)
+    assert own.covariance_px2[0, 0] > 1.1
+    (expected, *_) = sr_pairs(image, 2.0, own, crop_px=60, stride_px=100)
+    np.testing.assert_array_equal(corner.low, expected.low)
+    assert np.abs(corner.low - of_middle[0].low).max() > 5.0
+
+
+def test_a_field_of_another_frame_is_refused() -> None:
+    with pytest.raises(ValueError, match="330 x 260"):
+        list(sr_pairs(np.ones((330, 260)), 2.0, FIELD, crop_px=60, stride_px=60))
 
 
 @pytest.mark.parametrize(("crop", "zoom"), [(100, 2.0), (2, 3.0)])

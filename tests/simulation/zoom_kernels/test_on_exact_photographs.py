@@ -69,6 +69,21 @@ def test_lmmse_is_as_good_as_the_ideal_and_no_worse_than_matched(lens: str, zoom
     assert matched <= 3.0 * (ideal + 0.01)  # 2.3 at most, astigmatic at zoom 3
 
 
+@pytest.mark.parametrize("noise_dn", [0.5, 1.5])
+@pytest.mark.parametrize("sigma_px", [0.7, 1.2])
+def test_noise_in_the_reference_does_lmmse_no_more_harm_than_matched(
+    sigma_px: float, noise_dn: float
+) -> None:
+    optics = Optics(sigma_px=sigma_px)
+    near, far = photographed(0, optics, 1.0), photographed(0, optics, 3.0)
+    near = near + noise_dn * np.random.default_rng(2).standard_normal(near.shape)
+    lmmse, matched = (
+        middle_mse(simulated(near, far.shape, psf_of(optics), 3.0, model), far, 3.0)
+        for model in ("lmmse", "matched")
+    )
+    assert lmmse <= max(1.01 * matched, matched + 0.001)
+
+
 def test_a_lens_whose_axes_are_exchanged_is_far_off() -> None:
     near, far = photographed(0, ASTIGMATIC, 1.0), photographed(0, ASTIGMATIC, 2.0)
     right = psf_of(ASTIGMATIC)

@@ -56,7 +56,7 @@ def test_the_field_of_a_psf_file_is_used_where_it_fits(
         height_px=90,
         coefficients_px2=np.array(document["field"]["coefficients_px2"], dtype=np.float64),
     )
-    np.testing.assert_array_equal(with_field, zoomed_out(pixels, 1.5, field, "matched").image)
+    np.testing.assert_array_equal(with_field, zoomed_out(pixels, 1.5, field, "lmmse").image)
     for source, options, message in (
         (other, (), "belongs to frames of 120 x 90 px"),
         (image, ("--model", "paper"), "model paper uses one PSF for the whole frame"),

@@ -6,15 +6,24 @@ import pytest
 from calibration.registration import Homography
 from simulation import GaussianPsf, PsfField, SamplingGrid
 from simulation.capture_noise import CaptureNoise
-from standoff.workflows.followup import CaptureOptions, FollowUp, captured, from_pose, zoomed_out
+from standoff.workflows.followup import (
+    CaptureOptions,
+    FollowUp,
+    Rendering,
+    captured,
+    from_pose,
+    zoomed_out,
+)
 
 NOISE = CaptureNoise(gain_e_per_dn=4.0, read_noise_e=8.0, black_level_dn=64.0)
 PSF = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
 
 
 LOOKS = {
-    "zoom": lambda image, noise: zoomed_out(image, 2.0, PSF, "matched", noise),
-    "pose": lambda image, noise: from_pose(image, pose_of_zoom(image.shape, 2.0), PSF, noise),
+    "zoom": lambda image, noise: zoomed_out(image, 2.0, PSF, "matched", Rendering(noise=noise)),
+    "pose": lambda image, noise: from_pose(
+        image, pose_of_zoom(image.shape, 2.0), PSF, "matched", Rendering(noise=noise)
+    ),
 }
 
 
