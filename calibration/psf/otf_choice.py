@@ -237,6 +237,11 @@ def _best(
     if corrected is not None:
         if scatter > _SCATTERED:
             corrected = _corrected(stack, correction, best, scatter)
+            # Edges that differ from each other have no common shape to tell so finely.
+            if corrected is not None:
+                gained = (best.squares - corrected.squares) / scatter
+                if gained < 2 * (corrected.freedom - best.freedom) + _MUCH_BETTER:
+                    corrected = None
         best = corrected or best
     reason = ", ".join(
         f"{fit.form.name} {fit.squares / scatter:.0f} ({fit.freedom:.0f})" for fit in compared
@@ -254,4 +259,6 @@ def _corrected(
     stack: EdgeStack, correction: _Correction, best: OtfFit, scatter: float
 ) -> OtfFit | None:
     evidence = correction.likely(best, scatter)
-    return evidence and fit_correction(stack, correction.base, evidence, scatter)
+    if evidence is None:
+        return None
+    return fit_correction(stack, correction.base, evidence, scatter)

@@ -14,6 +14,9 @@ from simulation.psf import GaussianPsf, LensOtf, MeasuredPsf
 
 _ANGLES_DEG = tuple(range(0, 181, 15))
 _FREQ_CY_PER_PX = tuple(round(0.02 * k, 2) for k in range(51))
+_MTF50_FREQ = np.linspace(0.0, 2.0, 801)
+_SOME_WAVES = 0.005  # less is none in two decimals
+_AXES = ((0.0, "x"), (90.0, "y"))
 _DECIMALS = 6  # of the table, which is there to be read
 _DIGITS = 6  # of the covariance: with 8, bands are right to 1e-5 of themselves, with 6 to 1e-3
 
@@ -135,6 +138,24 @@ class Transfer2d(BaseModel):
         pixel = np.abs(self._pixel(fx, fy))
         return np.asarray(pixel * np.sqrt(np.maximum(variance, 0.0)).reshape(fx.shape))
 
+    def mtf50_cy_per_px(self, angle_deg: float) -> float | None:
+        """Return the frequency at which the contrast falls to a half; None for none up to 2 cy/px.
+
+        ``angle_deg`` is the direction of the frequency from +x, y down.
+        """
+        angle = np.deg2rad(angle_deg)
+        values = np.abs(self.otf(_MTF50_FREQ * np.cos(angle), _MTF50_FREQ * np.sin(angle)))
+        below = np.flatnonzero(values < 0.5)
+        if below.size == 0:
+            return None
+        pair = slice(below[0] - 1, below[0] + 1)
+        return float(np.interp(-0.5, -values[pair], _MTF50_FREQ[pair]))
+
+    @property
+    def defocus_waves(self) -> float:
+        """Defocus of the pupil in wavelengths, 0 for a form without a pupil."""
+        return float(np.sqrt(self.parameters.get("defocus_waves2", 0.0)))
+
     def _pixel(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
         """What the square pixel passes; 1 where the form contains it."""
         return np.asarray(np.sinc(fx) * np.sinc(fy)) if self._form.has_pixel else np.ones_like(fx)
@@ -159,9 +180,11 @@ class Transfer2d(BaseModel):
         return np.array(list(self.parameters.values()))
 
     def __str__(self) -> str:
+        focus = f" (defocus {self.defocus_waves:.2f} waves)" * (self.defocus_waves >= _SOME_WAVES)
+        halves = [f"{_brief(self.mtf50_cy_per_px(angle))} along {axis}" for angle, axis in _AXES]
         return (
-            f"{self.form} from {self.edges} edges at {len(self.angles_deg)} angles, "
-            f"chi2/dof {self.chi2_reduced:.2f}"
+            f"{self.form}{focus}, from {self.edges} edges at {len(self.angles_deg)} angles; "
+            f"MTF50 in cy/px: {', '.join(halves)}"
         )
 
 
@@ -169,6 +192,10 @@ def measure_transfer_2d(edges: Sequence[BinnedEdge]) -> Transfer2d | None:
     """Fit the two-dimensional transfer function; None where the edges have one direction alone."""
     choice = choose_otf(edges)
     return None if choice is None else Transfer2d.of(choice, [edge.normal_rad for edge in edges])
+
+
+def _brief(freq_cy_per_px: float | None) -> str:
+    return "beyond 2" if freq_cy_per_px is None else f"{freq_cy_per_px:.3f}"
 
 
 def _lower_triangle(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
