@@ -15,7 +15,7 @@ from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
 from calibration.psf.transfer_2d import Transfer2d
-from simulation.psf import GaussianPsf, Psf, PsfField, SampledTransfer, SeparablePsf
+from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -306,7 +306,8 @@ class PsfCalibration(PsfWidths, _PsfDocument):
             return None
         shape = None
         if is_measured and self.transfer_2d is not None:
-            shape = self.transfer_2d.psf(self.total_psf(source))
+            best = self.best_psf(source)
+            shape = best if isinstance(best, MeasuredPsf) else None
         try:
             return self.field.total_of(shape)
         except ValueError as error:

@@ -24,6 +24,7 @@ _INK = "#1b1f24"
 _NORMAL_95 = 1.96
 _DIRECTIONS = ((0.0, "along x"), (45.0, "at 45 deg"), (90.0, "along y"), (135.0, "at 135 deg"))
 _DIRECTION_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#CC79A7")
+_DIRECTION_DASHES = ("-", (0, (6, 6)), (4, (3, 9)), ":")  # where curves coincide, all show
 _AXES = (("x", "vertical"), ("y", "horizontal"))
 
 
@@ -81,11 +82,13 @@ def draw_widths_by_angle(
 def draw_transfer_2d(axes: Axes, transfer: "Transfer2d") -> None:
     """Draw the transfer function along x, y and both diagonals, with its pointwise 95 % band."""
     freq = np.linspace(0, 1, 201)
-    for (angle_deg, label), colour in zip(_DIRECTIONS, _DIRECTION_COLOURS, strict=True):
+    for (angle_deg, label), colour, dashes in zip(
+        _DIRECTIONS, _DIRECTION_COLOURS, _DIRECTION_DASHES, strict=True
+    ):
         angle = np.deg2rad(angle_deg)
         fx, fy = freq * np.cos(angle), freq * np.sin(angle)
         values, reach = transfer.otf(fx, fy), _NORMAL_95 * transfer.otf_err(fx, fy)
-        axes.plot(freq, values, color=colour, linewidth=1.2, label=label)
+        axes.plot(freq, values, color=colour, linestyle=dashes, linewidth=1.6, label=label)
         axes.fill_between(freq, values - reach, values + reach, color=colour, alpha=0.25, lw=0)
     axes.axhline(0.0, color=_INK, linewidth=0.6)
     axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
@@ -93,7 +96,7 @@ def draw_transfer_2d(axes: Axes, transfer: "Transfer2d") -> None:
         xlim=(0, 1),
         xlabel="frequency / (cy/px)",
         ylabel="transfer (OTF)",
-        title=f"all edges together: {transfer.form}",
+        title=f"all edges together: {transfer.form}, with its 95 % band",
     )
     axes.legend(fontsize=8)
 

@@ -14,7 +14,11 @@ from simulation.psf import GaussianPsf, LensOtf, MeasuredPsf
 
 _ANGLES_DEG = tuple(range(0, 181, 15))
 _FREQ_CY_PER_PX = tuple(round(0.02 * k, 2) for k in range(51))
-_DECIMALS = 8  # of the table, which is there to be read
+_MTF50_FREQ = np.linspace(0.0, 2.0, 801)
+_SOME_WAVES = 0.005  # less is none in two decimals
+_AXES = ((0.0, "x"), (90.0, "y"))
+_DECIMALS = 6  # of the table, which is there to be read
+_DIGITS = 6  # of the covariance: with 8, bands are right to 1e-5 of themselves, with 6 to 1e-3
 
 
 class OtfTable(BaseModel):
@@ -40,15 +44,17 @@ class Transfer2d(BaseModel):
     Attributes
     ----------
     form
-        ``gaussian``: a Gaussian lens. ``round``: a circular pupil out of focus, and a Gaussian.
-        ``elliptic``: the same with the pupil's cut-off stretched to an ellipse. ``free``: with a
-        correction by radial splines and angular harmonics.
+        ``gaussian``: a Gaussian lens. ``total-gaussian``: a Gaussian for lens and pixel in one, as
+        rendered edges have. ``round``: a circular pupil out of focus, and a Gaussian. ``elliptic``:
+        the same with the pupil's cut-off stretched to an ellipse. ``free``: with a correction by
+        radial splines and angular harmonics.
     reason
         Why this form: by how much the Bayesian information criterion of others is larger.
     parameters
         By name, the unit in it; ``defocus_waves2`` is the square of the defocus in waves.
     covariance
-        Covariance matrix of the parameters, in their order. It holds the scatter from edge to edge.
+        Covariance matrix of the parameters, in their order: its lower triangle, row by row. It
+        holds the scatter from edge to edge.
     angles_deg
         Directions of the frequencies that edges measured: their normals, modulo 180 degrees.
     edges, chi2_reduced
@@ -72,9 +78,10 @@ class Transfer2d(BaseModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         count = len(self.parameters)
-        matrix = self.covariance
-        if len(matrix) != count or any(len(row) != count for row in matrix):
-            raise ValueError(f"covariance must have {count} rows and columns, as the parameters")
+        if [len(row) for row in self.covariance] != list(range(1, count + 1)):
+            raise ValueError(
+                f"covariance must have {count} rows of 1 to {count} numbers, as the parameters"
+            )
         self._form.lens(self._values)
         return self
 
@@ -87,7 +94,7 @@ class Transfer2d(BaseModel):
             form=fit.form.name,
             reason=choice.reason,
             parameters=dict(zip(fit.form.names, fit.parameters.tolist(), strict=True)),
-            covariance=_rows(covariance),
+            covariance=_lower_triangle(covariance),
             angles_deg=tuple(np.round(distinct_directions_deg(normal_rad), 2).tolist()),
             edges=len(normal_rad),
             chi2_reduced=choice.chi2_reduced,
@@ -97,17 +104,28 @@ class Transfer2d(BaseModel):
 
     @property
     def lens(self) -> LensOtf:
-        """Transfer function of the lens without the pixel."""
+        """Transfer function without the pixel: of the lens, or all of a total Gaussian."""
         return self._form.lens(self._values)
 
-    def psf(self, gaussian: GaussianPsf) -> MeasuredPsf:
+    @property
+    def covariance_matrix(self) -> FloatArray:
+        """Covariance matrix of the parameters, whole."""
+        count = len(self.parameters)
+        lower = np.zeros((count, count))
+        lower[np.tril_indices(count)] = [value for row in self.covariance for value in row]
+        return np.asarray(lower + np.tril(lower, -1).T)
+
+    def psf(self, gaussian: GaussianPsf) -> GaussianPsf | MeasuredPsf:
         """Return the total PSF; ``gaussian`` is the Gaussian nearest to it."""
-        return MeasuredPsf(lens=self.lens, gaussian=gaussian)
+        if self._form.has_pixel:
+            return MeasuredPsf(lens=self.lens, gaussian=gaussian)
+        xx, xy, yy = self.lens.gaussian_px2
+        return GaussianPsf.from_covariance(np.array([[xx, xy], [xy, yy]]))
 
     def otf(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
         """Return the transfer of lens and pixel at frequencies; the two broadcast."""
         fx, fy = np.asarray(fx_cy_per_px), np.asarray(fy_cy_per_px)
-        return np.asarray(self.lens(fx, fy) * np.sinc(fx) * np.sinc(fy))
+        return np.asarray(self.lens(fx, fy) * self._pixel(fx, fy))
 
     def otf_err(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
         """Return the standard error of the transfer at frequencies; the two broadcast.
@@ -116,9 +134,31 @@ class Transfer2d(BaseModel):
         """
         fx, fy = np.broadcast_arrays(fx_cy_per_px, fy_cy_per_px)
         slopes = self._form.otf_slopes(self._values, fx.ravel(), fy.ravel())
-        variance = np.einsum("np,pq,nq->n", slopes, np.array(self.covariance), slopes)
-        pixel = np.abs(np.sinc(fx) * np.sinc(fy))
+        variance = np.sum((slopes @ self.covariance_matrix) * slopes, axis=1)
+        pixel = np.abs(self._pixel(fx, fy))
         return np.asarray(pixel * np.sqrt(np.maximum(variance, 0.0)).reshape(fx.shape))
+
+    def mtf50_cy_per_px(self, angle_deg: float) -> float | None:
+        """Return the frequency at which the contrast falls to a half; None for none up to 2 cy/px.
+
+        ``angle_deg`` is the direction of the frequency from +x, y down.
+        """
+        angle = np.deg2rad(angle_deg)
+        values = np.abs(self.otf(_MTF50_FREQ * np.cos(angle), _MTF50_FREQ * np.sin(angle)))
+        below = np.flatnonzero(values < 0.5)
+        if below.size == 0:
+            return None
+        pair = slice(below[0] - 1, below[0] + 1)
+        return float(np.interp(-0.5, -values[pair], _MTF50_FREQ[pair]))
+
+    @property
+    def defocus_waves(self) -> float:
+        """Defocus of the pupil in wavelengths, 0 for a form without a pupil."""
+        return float(np.sqrt(self.parameters.get("defocus_waves2", 0.0)))
+
+    def _pixel(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
+        """What the square pixel passes; 1 where the form contains it."""
+        return np.asarray(np.sinc(fx) * np.sinc(fy)) if self._form.has_pixel else np.ones_like(fx)
 
     def _table(self) -> OtfTable:
         angle = np.deg2rad(_ANGLES_DEG)[:, None]
@@ -140,9 +180,11 @@ class Transfer2d(BaseModel):
         return np.array(list(self.parameters.values()))
 
     def __str__(self) -> str:
+        focus = f" (defocus {self.defocus_waves:.2f} waves)" * (self.defocus_waves >= _SOME_WAVES)
+        halves = [f"{_brief(self.mtf50_cy_per_px(angle))} along {axis}" for angle, axis in _AXES]
         return (
-            f"{self.form} from {self.edges} edges at {len(self.angles_deg)} angles, "
-            f"chi2/dof {self.chi2_reduced:.2f}"
+            f"{self.form}{focus}, from {self.edges} edges at {len(self.angles_deg)} angles; "
+            f"MTF50 in cy/px: {', '.join(halves)}"
         )
 
 
@@ -150,6 +192,18 @@ def measure_transfer_2d(edges: Sequence[BinnedEdge]) -> Transfer2d | None:
     """Fit the two-dimensional transfer function; None where the edges have one direction alone."""
     choice = choose_otf(edges)
     return None if choice is None else Transfer2d.of(choice, [edge.normal_rad for edge in edges])
+
+
+def _brief(freq_cy_per_px: float | None) -> str:
+    return "beyond 2" if freq_cy_per_px is None else f"{freq_cy_per_px:.3f}"
+
+
+def _lower_triangle(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """Rows up to the diagonal, with the digits that a band needs."""
+    return tuple(
+        tuple(float(f"{value:.{_DIGITS}g}") for value in row[: k + 1])
+        for k, row in enumerate(matrix.tolist())
+    )
 
 
 def _rows(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:

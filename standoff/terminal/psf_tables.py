@@ -55,6 +55,8 @@ def print_psf(calibration: PsfCalibration) -> None:
             )
         ],
     )
+    if calibration.transfer_2d is not None:
+        say(f"measured transfer: {calibration.transfer_2d}")
     if calibration.channels is not None:
         print_table(
             "Colours",

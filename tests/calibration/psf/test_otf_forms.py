@@ -4,9 +4,11 @@ from hypothesis import given, settings, strategies as st
 
 from calibration.psf.otf_forms import (
     AXIAL_GAUSSIAN,
+    AXIAL_TOTAL_GAUSSIAN,
     ELLIPTIC,
     GAUSSIAN,
     ROUND,
+    TOTAL_GAUSSIAN,
     TWO_ELLIPSES,
     OtfForm,
     form_of,
@@ -17,6 +19,8 @@ from simulation.psf.lens import pupil_otf
 FORMS = {
     "gaussian": (GAUSSIAN, [0.3, 0.1, 0.2]),
     "axial gaussian": (AXIAL_GAUSSIAN, [0.3, 0.2]),
+    "total gaussian": (TOTAL_GAUSSIAN, [0.3, 0.1, 0.2]),
+    "axial total gaussian": (AXIAL_TOTAL_GAUSSIAN, [0.3, 0.2]),
     "round": (ROUND, [0.4, 0.2, 0.1]),
     "elliptic": (ELLIPTIC, [0.5, 0.1, 0.3, 0.3, 0.05]),
     "two ellipses": (TWO_ELLIPSES, [0.5, 0.1, 0.3, 0.3, 0.05, 0.02, 0.1]),

@@ -32,6 +32,21 @@ LENSES = {
 }
 
 
+class MovedLens(Lens):
+    """A round lens that moved by a pixel at 30 degrees during the exposure."""
+
+    def otf(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
+        moved = np.sinc(fx * np.cos(np.pi / 6) + fy * np.sin(np.pi / 6))
+        return np.asarray(super().otf(fx, fy) * moved)
+
+
+class TotalGaussian(Lens):
+    """A Gaussian of lens and pixel in one, as rendered edges have."""
+
+    def otf(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
+        return np.asarray(np.exp(-2 * (np.pi * self.sigma_px) ** 2 * (fx * fx + fy * fy)))
+
+
 @cache
 def calibrated(
     lens: Lens, normals_deg: tuple[float, ...], snr: float, seed: int = 3, length_px: float = 100.0
@@ -83,6 +98,19 @@ def test_the_95_percent_band_holds_the_truth() -> None:
     assert np.mean(inside) > 0.95 - 3.1 * 0.03
 
 
+def test_the_band_of_a_lens_that_no_form_has_holds_the_truth() -> None:
+    lens = MovedLens(0.37, 0.37)
+    fx, fy = frequencies(np.array([0.125, 0.25, 0.4]), step_deg=15.0)
+    truth = lens.otf(fx, fy)
+    inside = []
+    for seed in range(6):
+        transfer = transfer_of(calibrated(lens, TWELVE_DEG, 100, seed=seed, length_px=200.0))
+        away = np.abs(transfer.otf(fx, fy) - truth)
+        inside.append(np.mean(away < 1.96 * transfer.otf_err(fx, fy)))
+    # 97 % of 1,080 in the benchmark's way; with an elliptic lens alone, 58 %.
+    assert np.mean(inside) > 0.95 - 3.1 * 0.04
+
+
 def test_noise_does_not_bias_it_as_it_does_the_mean_of_the_edges_curves() -> None:
     period = 5.6 * PX_PER_F_NUMBER
     lens = Lens(period, period)
@@ -111,14 +139,51 @@ def test_a_gaussian_lens_keeps_its_widths() -> None:
     assert transfer.lens.gaussian_px2 == pytest.approx((xx, xy, yy), abs=1e-3)
 
 
+def test_edges_without_a_pixel_give_the_gaussian_itself(tmp_path: Path) -> None:
+    psf = calibrated(TotalGaussian(0.0, 0.0, sigma_px=0.5), EIGHT_DEG, 200)
+    assert transfer_of(psf).form == "total-gaussian"
+    write_psf(tmp_path / "psf.json", psf)
+    best = read_psf(tmp_path / "psf.json").best_psf("psf.json")
+    assert isinstance(best, GaussianPsf)
+    # Widths are known to 0.03 % from 8 edges at this SNR.
+    assert (best.sigma_x_px, best.sigma_y_px) == pytest.approx((0.5, 0.5), rel=0.002)
+    fx, fy = frequencies(np.linspace(0, 1, 11))
+    np.testing.assert_allclose(transfer_of(psf).otf(fx, fy), best.otf(fx, fy), atol=1e-12)
+    error = np.abs(transfer_of(psf).otf(fx, fy) - np.exp(-0.5 * np.pi**2 * (fx**2 + fy**2)))
+    assert np.all(error < 5 * transfer_of(psf).otf_err(fx, fy) + 1e-9)
+
+
+def test_it_says_form_defocus_edges_and_contrast_in_one_line() -> None:
+    transfer = transfer_of(calibrated(Lens(0.19, 0.19, waves=1.0), EIGHT_DEG, 500))
+    half = transfer.mtf50_cy_per_px(0.0)
+    assert half is not None
+    assert transfer.otf(np.array([half]), np.array([0.0]))[0] == pytest.approx(0.5, abs=1e-4)
+    said = str(transfer)
+    assert said.startswith("round (defocus 1.00 waves), from 8 edges at 8 angles; MTF50 in cy/px: ")
+    assert f"{half:.3f} along x" in said
+
+
+def test_psf_json_stays_small_with_a_correction(tmp_path: Path) -> None:
+    lens = MovedLens(0.37, 0.37)
+    psf = calibrated(lens, TWELVE_DEG, 100, length_px=200.0)
+    transfer = transfer_of(psf)
+    assert transfer.form == "free"
+    write_psf(tmp_path / "psf.json", psf.model_copy(update={"edges": ()}))
+    assert (tmp_path / "psf.json").stat().st_size < 100_000
+    assert np.linalg.eigvalsh(transfer.covariance_matrix).min() > -1e-6 * np.trace(
+        transfer.covariance_matrix
+    )
+
+
 def test_the_table_holds_the_function() -> None:
     transfer = transfer_of(calibrated(ASTIGMATIC, TWELVE_DEG, 100))
     assert transfer.table is not None
     angle = np.deg2rad(np.array(transfer.table.angle_deg))[:, None]
     freq = np.array(transfer.table.freq_cy_per_px)
     fx, fy = freq * np.cos(angle), freq * np.sin(angle)
-    np.testing.assert_allclose(transfer.table.otf, transfer.otf(fx, fy), atol=1e-8)
-    np.testing.assert_allclose(transfer.table.otf_err, transfer.otf_err(fx, fy), atol=1e-8)
+    # Six decimals.
+    np.testing.assert_allclose(transfer.table.otf, transfer.otf(fx, fy), atol=6e-7)
+    np.testing.assert_allclose(transfer.table.otf_err, transfer.otf_err(fx, fy), atol=6e-7)
     assert transfer.table.angle_deg[::6] == (0.0, 90.0, 180.0)
     assert transfer.angles_deg == pytest.approx(np.sort(TWELVE_DEG), abs=0.1)
     assert transfer.edges >= 12
@@ -141,7 +206,7 @@ def test_a_transfer_is_1_at_0_even_and_never_more_and_is_read_back_as_written(
         form="elliptic",
         reason="",
         parameters={**parameters, "defocus_waves2": waves2, "gaussian_px2": spread},
-        covariance=tuple(map(tuple, np.diag([1e-6] * 5).tolist())),
+        covariance=tuple(tuple(np.diag([1e-6] * 5)[k, : k + 1].tolist()) for k in range(5)),
         angles_deg=(0.0, 90.0),
         edges=2,
         chi2_reduced=1.0,
