@@ -72,7 +72,7 @@ def judge(record: Recorder) -> Iterator[str]:
             values = " | ".join(f"{truth:.2f} ({whole:.2f})" for truth, whole in found.values())
             record.say(f"| {case} | {most_dn:.2f} | {values} |")
             for model, (truth_dn, _) in found.items():
-                # A measured PSF's longer kernel mirrors more: matched is at 1.02 for f/5.6, zoom 1.5.
+                # A measured kernel is longer and mirrors more: 1.02 for f/5.6 at zoom 1.5.
                 is_bound = model == DEFAULT_MODEL or (model == "matched" and not camera.has_pixel)
                 if is_bound and not truth_dn <= most_dn * BEFORE_MOST:
                     yield f"{case}: {model} is {truth_dn:.3f} DN off, matched was {most_dn:.3f}"
