@@ -175,14 +175,7 @@ def find_changes(
         )
     variance = None
     if options.noise is not None:
-        own = pose_noise_gain(
-            pose.matrix,
-            _shape(near),
-            (far.shape[1], far.shape[0]),
-            psf,
-            distortion_k1=pose.k1,
-            model=_MODEL,
-        )
+        own = _noise_gain(near, far, psf, pose)
         noise = options.noise
         variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
     uncertainty = fit_variance(difference, expected, valid, variance)
@@ -245,6 +238,20 @@ def _simulated(
             shared_px=int(valid.sum()),
         )
     return np.asarray(simulated.image, dtype=np.float64), np.asarray(valid)
+
+
+def _noise_gain(
+    near: FloatArray, far: FloatArray, psf: Psf | PsfField, pose: DistortedPose
+) -> FloatArray:
+    """Variance of the simulated follow-up where each pixel of the reference has variance 1."""
+    return pose_noise_gain(
+        pose.matrix,
+        _shape(near),
+        (far.shape[1], far.shape[0]),
+        psf,
+        distortion_k1=pose.k1,
+        model=_MODEL,
+    )
 
 
 def _light(

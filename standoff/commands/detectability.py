@@ -144,15 +144,14 @@ def detectability(
     made = inputs.provenance(command_line())
     name = found.signal if signal is None else signal.name
     found = found.model_copy(update={"signal": name, "provenance": made})
-    curves = found.curves
     write_results(out, found)
-    figures = curve_figures(out, curves, contrasts[0])
+    figures = curve_figures(out, found.curves, contrasts[0])
     if json:
         print_json(
             {"out": str(out), "figures": [str(path) for path in figures], **json_object(found)}
         )
         return
-    _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
+    _print_curves([curve for curve in found.curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
     say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
 

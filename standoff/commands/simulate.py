@@ -185,9 +185,7 @@ def simulate(
                 "image": str(image),
                 "zoom": zoom,
                 "model": model,
-                "transfer": "gaussian" if followup.psf_form in (None, "gaussian") else "measured",
-                "psf_form": followup.psf_form,
-                "psf_field": followup.is_field,
+                **_psf_facts(followup),
                 "size": [written.shape[1], written.shape[0]],
                 "min": float(written.min()),
                 "max": float(written.max()),
@@ -197,13 +195,26 @@ def simulate(
             }
         )
         return
-    shape = "" if followup.psf_form is None else f", PSF: {_SHAPES[followup.psf_form]}"
-    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, model {model}{shape}")
+    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, {_how(model, followup)}")
     if masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+
+
+def _psf_facts(followup: FollowUp) -> dict[str, Any]:
+    form = followup.psf_form
+    return {
+        "transfer": "gaussian" if form in (None, "gaussian") else "measured",
+        "psf_form": form,
+        "psf_field": followup.is_field,
+    }
+
+
+def _how(model: AnyModel, followup: FollowUp) -> str:
+    form = followup.psf_form
+    return f"model {model}" if form is None else f"model {model}, PSF: {_SHAPES[form]}"
 
 
 def _camera(

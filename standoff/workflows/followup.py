@@ -96,7 +96,7 @@ def zoomed_out(
         pose = Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
         # The follow-up is the middle of the camera's frame.
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
-        return from_pose(reference, pose, psf, taking[0], noise, origin_px=origin_px)
+        return from_pose(reference, pose, psf, noise, model=taking[0], origin_px=origin_px)
     image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
     own = None
     if noise is not None:
@@ -122,9 +122,9 @@ def from_pose(
     reference: AnyArray,
     pose: Homography,
     psf: Psf | PsfField,
-    model: PoseModel = DEFAULT_MODEL,
     noise: CaptureNoise | None = None,
     *,
+    model: PoseModel = DEFAULT_MODEL,
     origin_px: tuple[float, float] | None = None,
 ) -> FollowUp:
     """Follow-up from any pose; the reference is assumed to have ``noise``.

@@ -164,7 +164,7 @@ def _from_pose(reference: AnyArray, request: FollowUpRequest, pose: Homography) 
     model: PoseModel = "lmmse" if request.model == "lmmse" else "matched"
     own = frame if pose.size == frame else None
     psf = frame_psf(request.psf, own, model, request.transfer)
-    return from_pose(reference, pose, psf, model, request.camera.noise)
+    return from_pose(reference, pose, psf, request.camera.noise, model=model)
 
 
 def _zoomed_out(reference: AnyArray, request: FollowUpRequest, model: Model) -> FollowUp:
