@@ -1,8 +1,9 @@
 """An edge as few numbers: its pixels averaged in narrow bins of distance, for fits of the PSF.
 
 The bins are the same for all edges: 1/16 px wide at the edge, and wider with the distance, where no
-PSF has detail. The mean of a bin's levels is moved to the bin's centre along the edge itself, so
-that what is left of the binning is far below the noise.
+PSF has detail. The mean of a bin's levels is that at the mean distance of its pixels, which is
+kept: along rows and columns all pixels of a bin may lie to one side of its centre. What the edge
+bends within a bin is taken out with the Gaussian that was fitted to it.
 """
 
 from dataclasses import dataclass, field
@@ -20,14 +21,13 @@ from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _STEP = 1 / 16  # px, at the edge
 _WIDENS_PX = 2.0  # from about this distance on, bins grow in proportion to it
-_FEWEST_BINS = 40
+_FEWEST_BINS = 20  # along rows and columns there is one a pixel
 _FEWEST_PIXELS = 60
 _LEAST_REACH_PX = 3.0
 _FLAT = 0.02  # of the contrast: nearer to a level than this, a pixel tells the noise
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast
 _LEAST_NOISE = 2e-4  # of the contrast: no camera is better, and the model is no more exact
-_SLOPE_BINS = 2  # to either side, over which the slope is taken that moves a mean to the centre
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,11 +35,14 @@ class BinnedEdge:
     """Levels across one edge in units of its contrast; shape ``(n,)`` each.
 
     ``bin_index`` counts the bins of ``bin_centres_px`` from the edge, negative on the dark side;
-    ``weights`` are the inverse variances of ``levels``. ``normal_rad`` is the direction of the
+    ``levels`` hold at ``away_px`` from their centres, and ``weights`` are their inverse variances.
+    ``along_px`` is the pixels' mean position along the edge. ``normal_rad`` is the direction of the
     normal, ``sigma_px`` the total width of the fitted Gaussian. Lengths are in sensor pixels.
     """
 
     bin_index: IntArray = field(repr=False)
+    away_px: FloatArray = field(repr=False)
+    along_px: FloatArray = field(repr=False)
     levels: FloatArray = field(repr=False)
     weights: FloatArray = field(repr=False)
     normal_rad: float
@@ -47,8 +50,8 @@ class BinnedEdge:
 
     @property
     def distance_px(self) -> FloatArray:
-        """Signed distances of the bins' centres from the edge."""
-        return bin_centres_px(self.bin_index)
+        """Signed distances of the levels from the edge: means of the bins' pixels."""
+        return bin_centres_px(self.bin_index) + self.away_px
 
 
 def bin_centres_px(bin_index: IntArray) -> FloatArray:
@@ -79,6 +82,7 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
         None where the pixels are too few or reach too little to either side.
     """
     distance, levels = samples.distance_px * pitch_px, samples.unit_levels
+    along = samples.along_px * pitch_px
     if distance.size < _FEWEST_PIXELS:
         return None
     if min(-float(distance.min()), float(distance.max())) < _LEAST_REACH_PX * pitch_px:
@@ -88,19 +92,21 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
     bins = index - index.min()
     kept = ~_outliers(bins, levels - edge)
     bins, levels, edge, distance = bins[kept], levels[kept], edge[kept], distance[kept]
+    along = along[kept]
     count = np.bincount(bins)
     filled = count > 0
     number = np.flatnonzero(filled) + int(index.min())
     if number.size < _FEWEST_BINS:
         return None
     count = count[filled]
-    beyond = _means(bins, levels - edge, filled)
-    centre = bin_centres_px(number)
-    away = _means(bins, distance, filled) - centre
-    variance = _variances(bins, levels - edge, _gaussian_edge(centre, fit), filled)
+    at = _means(bins, distance, filled)
+    level = _gaussian_edge(at, fit)
+    variance = _variances(bins, levels - edge, level, filled)
     return BinnedEdge(
         bin_index=number,
-        levels=_gaussian_edge(centre, fit) + beyond - _slope(number, beyond, count) * away,
+        away_px=at - bin_centres_px(number),
+        along_px=_means(bins, along, filled),
+        levels=level + _means(bins, levels - edge, filled),
         weights=count / variance,
         normal_rad=samples.normal_rad,
         sigma_px=fit.sigma_px,
@@ -152,26 +158,6 @@ def _outliers(bins: IntArray, values: FloatArray) -> BoolArray:
     away = values - mean[bins]
     limit = max(_OUTLIER_SIGMAS * robust_sigma(away), _OUTLIER_LEAST)
     return np.asarray(np.abs(away) > limit)
-
-
-def _slope(number: IntArray, values: FloatArray, count: IntArray) -> FloatArray:
-    """Slope at each bin of a curve through the bins next to it, by weighted straight lines.
-
-    0 where there are none: an edge along the rows has bins a pixel apart.
-    """
-    window = np.ones(2 * _SLOPE_BINS + 1)
-    place = number - number[0]
-    centre_px = bin_centres_px(number)
-
-    def total(terms: FloatArray) -> FloatArray:
-        all_bins = np.bincount(place, terms, minlength=window.size)
-        return np.asarray(np.convolve(all_bins, window, mode="same")[place])
-
-    weight = count.astype(np.float64)
-    n, x, y = total(weight), total(weight * centre_px), total(weight * values)
-    xx, xy = total(weight * centre_px**2), total(weight * centre_px * values)
-    spread = xx - x * x / n
-    return np.where(spread > 0, (xy - x * y / n) / np.maximum(spread, 1e-12), 0.0)
 
 
 def _variances(

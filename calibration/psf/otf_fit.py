@@ -12,13 +12,10 @@ import numpy as np
 from calibration.psf.otf_forms import OtfForm
 from calibration.psf.otf_slices import EdgeStack, Residuals
 from simulation.arrays import BoolArray, FloatArray
-from simulation.psf import correction_roughness
 
 FULL_STEPS = 40
 _MAX_DAMPINGS = 8  # tenfold each
-_LEAST_GAIN = 1e-2  # of chi-squared, in units of its reduced value: a tenth of a standard error
-_PENALTIES = np.logspace(-8, 6, 43)  # over the weight of the data
-_CORRECTION_STEPS = 6
+LEAST_GAIN = 1e-2  # of chi-squared, in units of its reduced value: a tenth of a standard error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,11 +47,11 @@ def fit_form(
     here = stack.residuals(form.slices(best, stack.normal_rad))
     damping = 1e-3
     for _ in range(steps):
-        hessian, gradient = _normal_equations(stack, form, best, here)
+        hessian, gradient = normal_equations(stack, form, best, here)
         trial, there = best, here
         gain = -1.0
         for _ in range(_MAX_DAMPINGS):
-            trial = form.bounded(best + _step(hessian, gradient, best - form.least, damping))
+            trial = form.bounded(best + bounded_step(hessian, gradient, best - form.least, damping))
             there = stack.residuals(form.slices(trial, stack.normal_rad))
             gain = here.squares - there.squares
             if gain >= 0:
@@ -64,11 +61,11 @@ def fit_form(
             break
         best, here = trial, there
         damping *= 0.1
-        if gain <= _LEAST_GAIN * max(here.squares / stack.bins, 1e-3):
+        if gain <= LEAST_GAIN * max(here.squares / stack.bins, 1e-3):
             break
-    hessian, gradient = _normal_equations(stack, form, best, here)
-    free = _free(form, best, gradient)
-    inverse = _inverse(hessian, free)
+    hessian, gradient = normal_equations(stack, form, best, here)
+    free = free_parameters(form, best, gradient)
+    inverse = inverse_over(hessian, free)
     if inverse is None:
         return None
     return OtfFit(
@@ -80,52 +77,14 @@ def fit_form(
     )
 
 
-def fit_correction(stack: EdgeStack, fit: OtfFit, harmonics: int) -> OtfFit | None:
-    """Fit a correction beside the parameters, its smoothness by generalised cross-validation.
+def expected_gain(stack: EdgeStack, form: OtfForm, fit: OtfFit, start: FloatArray) -> float:
+    """How much smaller chi-squared gets if a fit goes on in a richer form, to second order.
 
-    The penalty is the integral of the squared second derivative along each radius. The inverse is
-    the Bayesian covariance, whose bands hold the truth on average over frequencies (Nychka,
-    "Bayesian confidence intervals for smoothing splines", J. Am. Stat. Assoc. 83, 1988).
+    ``start`` are the parameters of ``form`` that are the lens of ``fit``.
     """
-    form = fit.form.with_correction(harmonics)
-    best = np.concatenate([fit.parameters, np.zeros(form.corrections)])
-    here = stack.residuals(form.slices(best, stack.normal_rad), with_splines=True)
-    hessian, gradient = _normal_equations(stack, form, best, here)
-    penalty = _roughness(form)
-    # A parameter at its bound must not seem to explain what only a correction can.
-    free = _free(form, best, gradient)
-    kept = np.ix_(free, free)
-    penalty *= _cross_validated(stack, hessian[kept], gradient[free], here, penalty[kept])
-    damping = 1e-6
-    for k in range(_CORRECTION_STEPS):
-        pull = gradient - penalty @ best
-        step = _step(hessian + penalty, pull, best - form.least, damping)
-        if k == 0:  # the correction alone is a linear problem: a good start for both
-            linear = slice(fit.parameters.size, None)
-            step[: fit.parameters.size] = 0.0
-            normal = (hessian + penalty)[linear, linear]
-            step[linear] = np.linalg.lstsq(normal, pull[linear], rcond=1e-12)[0]
-        trial = form.bounded(best + step)
-        there = stack.residuals(form.slices(trial, stack.normal_rad), with_splines=True)
-        gain = here.squares + best @ penalty @ best
-        gain -= there.squares + trial @ penalty @ trial
-        if gain < 0:
-            damping *= 100.0
-            continue
-        best, here = trial, there
-        hessian, gradient = _normal_equations(stack, form, best, here)
-        if gain <= _LEAST_GAIN * here.squares / stack.bins:
-            break
-    inverse = _inverse(hessian + penalty, _free(form, best, gradient - penalty @ best))
-    if inverse is None:
-        return None
-    return OtfFit(
-        form=form,
-        parameters=best,
-        residuals=here,
-        inverse=inverse,
-        freedom=float(np.sum(inverse * hessian)),
-    )
+    hessian, gradient = normal_equations(stack, form, start, fit.residuals)
+    step = bounded_step(hessian, gradient, start - form.least, 1e-9)
+    return float(2 * gradient @ step - step @ hessian @ step)
 
 
 def dispersion(stack: EdgeStack, fit: OtfFit) -> float:
@@ -147,7 +106,7 @@ def dispersion(stack: EdgeStack, fit: OtfFit) -> float:
     return gained / expected if expected > 1 else 1.0
 
 
-def _normal_equations(
+def normal_equations(
     stack: EdgeStack, form: OtfForm, parameters: FloatArray, here: Residuals
 ) -> tuple[FloatArray, FloatArray]:
     """J'J and J'r over all edges."""
@@ -159,12 +118,12 @@ def _normal_equations(
     return np.asarray(hessian), np.asarray(np.einsum("etp,et->p", by_parameter, right))
 
 
-def _free(form: OtfForm, parameters: FloatArray, gradient: FloatArray) -> BoolArray:
+def free_parameters(form: OtfForm, parameters: FloatArray, gradient: FloatArray) -> BoolArray:
     """Parameters that are not held at the least that they can be."""
     return np.asarray((parameters > form.least) | (gradient > 0))
 
 
-def _step(
+def bounded_step(
     hessian: FloatArray, gradient: FloatArray, room: FloatArray, damping: float
 ) -> FloatArray:
     """Damped step that goes down by at most ``room``: whatever would go further stops there."""
@@ -184,7 +143,7 @@ def _step(
     return step
 
 
-def _inverse(hessian: FloatArray, free: BoolArray) -> FloatArray | None:
+def inverse_over(hessian: FloatArray, free: BoolArray) -> FloatArray | None:
     """Inverse over the free parameters, 0 elsewhere; None where it is not determined."""
     scale = np.sqrt(np.diag(hessian)[free])
     if not np.all(scale > 0):
@@ -195,33 +154,3 @@ def _inverse(hessian: FloatArray, free: BoolArray) -> FloatArray | None:
     inverse = np.zeros_like(hessian)
     inverse[np.ix_(free, free)] = np.linalg.inv(scaled) / np.outer(scale, scale)
     return inverse
-
-
-def _roughness(form: OtfForm) -> FloatArray:
-    """Penalty on the correction's coefficients, as a matrix over all parameters."""
-    count = len(form.parameter_names)
-    penalty = np.zeros((count + form.corrections,) * 2)
-    penalty[count:, count:] = np.kron(np.eye(form.harmonics), correction_roughness())
-    return penalty
-
-
-def _cross_validated(
-    stack: EdgeStack,
-    hessian: FloatArray,
-    gradient: FloatArray,
-    here: Residuals,
-    penalty: FloatArray,
-) -> float:
-    """Weight of the penalty with the least generalised cross-validation score."""
-    best, least = float(_PENALTIES[-1]), np.inf
-    unit = float(np.trace(hessian) / np.trace(penalty))
-    ridge = np.diag(1e-10 * np.diag(hessian))
-    for candidate in (_PENALTIES * unit).tolist():
-        regular = hessian + candidate * penalty + ridge
-        hat = np.linalg.solve(regular, np.column_stack([gradient, hessian]))
-        step, used = hat[:, 0], float(np.trace(hat[:, 1:]))
-        left = here.squares - 2 * float(gradient @ step) + float(step @ hessian @ step)
-        score = left / (1 - used / stack.bins) ** 2
-        if score < least:
-            best, least = candidate, score
-    return best

@@ -2,10 +2,10 @@
 
 All are ``OTF(|B f|, w) exp(-2 pi^2 f^T S f)`` with a symmetric matrix B of cut-off periods, a
 defocus w and the covariance S of a Gaussian, and their parameters are linear in the elements of B,
-the square of w and the elements of S.
+the square of w and the elements of S. The square pixel comes on top, except over a total Gaussian.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -24,7 +24,7 @@ from simulation.psf import (
     pupil_slopes,
 )
 
-FormName = Literal["gaussian", "round", "elliptic", "free"]
+FormName = Literal["total-gaussian", "gaussian", "round", "elliptic", "free"]
 
 _B, _DEFOCUS, _S = slice(0, 3), 3, slice(4, 7)
 _ELEMENTS = 7
@@ -44,6 +44,11 @@ class OtfForm:
     parameter_names: tuple[str, ...]
     elements: FloatArray = field(repr=False)
     harmonics: int = 0
+
+    @property
+    def has_pixel(self) -> bool:
+        """Whether the square pixel comes on top."""
+        return self.name != "total-gaussian"
 
     @property
     def corrections(self) -> int:
@@ -87,6 +92,7 @@ class OtfForm:
             defocus_waves2=float(elements[_DEFOCUS]),
             variance_px2=square @ elements[_S],
             correction=correction,
+            has_pixel=self.has_pixel,
         )
 
     def slice_slopes(self, parameters: FloatArray, normal_rad: FloatArray) -> FloatArray:
@@ -115,7 +121,7 @@ class OtfForm:
         return slopes
 
     def lens(self, parameters: FloatArray) -> LensOtf:
-        """Return the transfer function."""
+        """Return the transfer function without the pixel that may come on top."""
         shape, coefficients = self._split(parameters)
         elements = self.elements @ shape
         correction = None
@@ -184,6 +190,8 @@ GAUSSIAN: Final = _form(
     "gaussian", gaussian_xx_px2=(4,), gaussian_xy_px2=(5,), gaussian_yy_px2=(6,)
 )
 AXIAL_GAUSSIAN: Final = _form("gaussian", gaussian_xx_px2=(4,), gaussian_yy_px2=(6,))
+TOTAL_GAUSSIAN: Final = replace(GAUSSIAN, name="total-gaussian")
+AXIAL_TOTAL_GAUSSIAN: Final = replace(AXIAL_GAUSSIAN, name="total-gaussian")
 ROUND: Final = _form("round", cut_off_period_px=(0, 2), defocus_waves2=(3,), gaussian_px2=(4, 6))
 ELLIPTIC: Final = _form(
     "elliptic",
@@ -218,7 +226,8 @@ def form_of(name: str, names: tuple[str, ...]) -> OtfForm:
         for base in (ELLIPTIC, TWO_ELLIPSES)
         for harmonics in CORRECTION_HARMONICS
     ]
-    for form in (GAUSSIAN, AXIAL_GAUSSIAN, ROUND, ELLIPTIC, TWO_ELLIPSES, *corrected):
+    gaussians = (GAUSSIAN, AXIAL_GAUSSIAN, TOTAL_GAUSSIAN, AXIAL_TOTAL_GAUSSIAN)
+    for form in (*gaussians, ROUND, ELLIPTIC, TWO_ELLIPSES, *corrected):
         if (form.name, form.names) == (name, names):
             return form
     raise ValueError(f"there is no form {name!r} with the parameters {', '.join(names)}")

@@ -14,7 +14,8 @@ from simulation.psf import GaussianPsf, LensOtf, MeasuredPsf
 
 _ANGLES_DEG = tuple(range(0, 181, 15))
 _FREQ_CY_PER_PX = tuple(round(0.02 * k, 2) for k in range(51))
-_DECIMALS = 8  # of the table, which is there to be read
+_DECIMALS = 6  # of the table, which is there to be read
+_DIGITS = 6  # of the covariance: with 8, bands are right to 1e-5 of themselves, with 6 to 1e-3
 
 
 class OtfTable(BaseModel):
@@ -40,15 +41,17 @@ class Transfer2d(BaseModel):
     Attributes
     ----------
     form
-        ``gaussian``: a Gaussian lens. ``round``: a circular pupil out of focus, and a Gaussian.
-        ``elliptic``: the same with the pupil's cut-off stretched to an ellipse. ``free``: with a
-        correction by radial splines and angular harmonics.
+        ``gaussian``: a Gaussian lens. ``total-gaussian``: a Gaussian for lens and pixel in one, as
+        rendered edges have. ``round``: a circular pupil out of focus, and a Gaussian. ``elliptic``:
+        the same with the pupil's cut-off stretched to an ellipse. ``free``: with a correction by
+        radial splines and angular harmonics.
     reason
         Why this form: by how much the Bayesian information criterion of others is larger.
     parameters
         By name, the unit in it; ``defocus_waves2`` is the square of the defocus in waves.
     covariance
-        Covariance matrix of the parameters, in their order. It holds the scatter from edge to edge.
+        Covariance matrix of the parameters, in their order: its lower triangle, row by row. It
+        holds the scatter from edge to edge.
     angles_deg
         Directions of the frequencies that edges measured: their normals, modulo 180 degrees.
     edges, chi2_reduced
@@ -72,9 +75,10 @@ class Transfer2d(BaseModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         count = len(self.parameters)
-        matrix = self.covariance
-        if len(matrix) != count or any(len(row) != count for row in matrix):
-            raise ValueError(f"covariance must have {count} rows and columns, as the parameters")
+        if [len(row) for row in self.covariance] != list(range(1, count + 1)):
+            raise ValueError(
+                f"covariance must have {count} rows of 1 to {count} numbers, as the parameters"
+            )
         self._form.lens(self._values)
         return self
 
@@ -87,7 +91,7 @@ class Transfer2d(BaseModel):
             form=fit.form.name,
             reason=choice.reason,
             parameters=dict(zip(fit.form.names, fit.parameters.tolist(), strict=True)),
-            covariance=_rows(covariance),
+            covariance=_lower_triangle(covariance),
             angles_deg=tuple(np.round(distinct_directions_deg(normal_rad), 2).tolist()),
             edges=len(normal_rad),
             chi2_reduced=choice.chi2_reduced,
@@ -97,17 +101,28 @@ class Transfer2d(BaseModel):
 
     @property
     def lens(self) -> LensOtf:
-        """Transfer function of the lens without the pixel."""
+        """Transfer function without the pixel: of the lens, or all of a total Gaussian."""
         return self._form.lens(self._values)
 
-    def psf(self, gaussian: GaussianPsf) -> MeasuredPsf:
+    @property
+    def covariance_matrix(self) -> FloatArray:
+        """Covariance matrix of the parameters, whole."""
+        count = len(self.parameters)
+        lower = np.zeros((count, count))
+        lower[np.tril_indices(count)] = [value for row in self.covariance for value in row]
+        return np.asarray(lower + np.tril(lower, -1).T)
+
+    def psf(self, gaussian: GaussianPsf) -> GaussianPsf | MeasuredPsf:
         """Return the total PSF; ``gaussian`` is the Gaussian nearest to it."""
-        return MeasuredPsf(lens=self.lens, gaussian=gaussian)
+        if self._form.has_pixel:
+            return MeasuredPsf(lens=self.lens, gaussian=gaussian)
+        xx, xy, yy = self.lens.gaussian_px2
+        return GaussianPsf.from_covariance(np.array([[xx, xy], [xy, yy]]))
 
     def otf(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
         """Return the transfer of lens and pixel at frequencies; the two broadcast."""
         fx, fy = np.asarray(fx_cy_per_px), np.asarray(fy_cy_per_px)
-        return np.asarray(self.lens(fx, fy) * np.sinc(fx) * np.sinc(fy))
+        return np.asarray(self.lens(fx, fy) * self._pixel(fx, fy))
 
     def otf_err(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
         """Return the standard error of the transfer at frequencies; the two broadcast.
@@ -116,9 +131,13 @@ class Transfer2d(BaseModel):
         """
         fx, fy = np.broadcast_arrays(fx_cy_per_px, fy_cy_per_px)
         slopes = self._form.otf_slopes(self._values, fx.ravel(), fy.ravel())
-        variance = np.einsum("np,pq,nq->n", slopes, np.array(self.covariance), slopes)
-        pixel = np.abs(np.sinc(fx) * np.sinc(fy))
+        variance = np.sum((slopes @ self.covariance_matrix) * slopes, axis=1)
+        pixel = np.abs(self._pixel(fx, fy))
         return np.asarray(pixel * np.sqrt(np.maximum(variance, 0.0)).reshape(fx.shape))
+
+    def _pixel(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
+        """What the square pixel passes; 1 where the form contains it."""
+        return np.asarray(np.sinc(fx) * np.sinc(fy)) if self._form.has_pixel else np.ones_like(fx)
 
     def _table(self) -> OtfTable:
         angle = np.deg2rad(_ANGLES_DEG)[:, None]
@@ -150,6 +169,14 @@ def measure_transfer_2d(edges: Sequence[BinnedEdge]) -> Transfer2d | None:
     """Fit the two-dimensional transfer function; None where the edges have one direction alone."""
     choice = choose_otf(edges)
     return None if choice is None else Transfer2d.of(choice, [edge.normal_rad for edge in edges])
+
+
+def _lower_triangle(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """Rows up to the diagonal, with the digits that a band needs."""
+    return tuple(
+        tuple(float(f"{value:.{_DIGITS}g}") for value in row[: k + 1])
+        for k, row in enumerate(matrix.tolist())
+    )
 
 
 def _rows(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:

@@ -16,11 +16,10 @@ DEFOCUS_MAX_WAVES = 8.0
 
 _PUPIL_NODES = 96
 _TABLE_STEPS = 1024
-# A coarser table, quick to make for each step of a fit, up to a defocus of 2 waves.
-_SLOPE_WAVES2 = 4.0
-_SLOPE_NODES = 48
+# Coarser tables, quick to make for each step of a fit: steps and nodes that are right to 3e-5 up to
+# a squared defocus.
+_SLOPE_TABLES = ((1.0, 128, 24), (4.0, 256, 24), (16.0, 512, 40))
 _NO_WAVES = 1e-4  # below, the sine is its argument
-_SLOPE_STEPS = 256
 
 SymmetricMatrix = tuple[float, float, float]
 """Elements xx, xy and yy."""
@@ -129,9 +128,10 @@ def pupil_slopes(relative_freq: FloatArray, defocus_waves2: float) -> PupilSlope
 @lru_cache(maxsize=8)
 def _slope_table(defocus_waves2: float) -> CubicSpline:
     """Spline over the angle ``acos(nu)``: the transfer, and its slope by the squared defocus."""
-    if defocus_waves2 > _SLOPE_WAVES2:
-        return CubicSpline(*_pupil_values(defocus_waves2, _TABLE_STEPS, _PUPIL_NODES))
-    return CubicSpline(*_pupil_values(defocus_waves2, _SLOPE_STEPS, _SLOPE_NODES))
+    for most, steps, nodes in _SLOPE_TABLES:
+        if defocus_waves2 <= most:
+            return CubicSpline(*_pupil_values(defocus_waves2, steps, nodes))
+    return CubicSpline(*_pupil_values(defocus_waves2, _TABLE_STEPS, _PUPIL_NODES))
 
 
 @lru_cache(maxsize=64)
@@ -151,7 +151,7 @@ def _pupil_values(defocus_waves2: float, steps: int, nodes: int) -> tuple[FloatA
     return angle, np.column_stack([otf, slope])
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _pupil_slices(steps: int, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angles; per angle, the areas of slices of the common part of the pupil and its shifted copy.
 
