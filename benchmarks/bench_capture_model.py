@@ -273,8 +273,16 @@ def broken_zoom_bounds(zooms: ModelErrors) -> Iterator[str]:
         at = zooms.at(index)
         if zooms.counted[index] and not at[DEFAULT_MODEL] <= at["bicubic"]:
             yield f"{case}: worse than bicubic"
-        if not at["lmmse"] <= max(at["matched"] * LMMSE_MOST, at["matched"] + SLACK_DN2):
-            yield f"{case}: lmmse leaves {brief(at['lmmse'])}, matched {brief(at['matched'])}"
+
+
+def broken_choice_bounds(by_noise: dict[float, ModelErrors]) -> Iterator[str]:
+    """Yield where ``lmmse`` is worse than ``matched``, with noise in the reference too."""
+    for noise_dn, results in by_noise.items():
+        for index, case in enumerate(results.cases):
+            own, other = (results.at(index)[model] for model in ("lmmse", "matched"))
+            if not own <= max(other * LMMSE_MOST, other + SLACK_DN2):
+                noise = f"noise {noise_dn:g} DN"
+                yield f"{case}, {noise}: lmmse leaves {brief(own)}, matched {brief(other)}"
 
 
 def broken_gaussian_bounds(zooms: ModelErrors) -> Iterator[str]:
@@ -348,6 +356,7 @@ def judge(record: Recorder, cameras: Sequence[Calibrated]) -> Iterator[str]:
     noise_free = by_noise[0.0]
     if any(noise_free.counted):
         yield from broken_zoom_bounds(noise_free)
+    yield from broken_choice_bounds(by_noise)
     yield from broken_gaussian_bounds(noise_free)
     posed = [calibrated for calibrated in cameras if calibrated.camera in POSE_LENSES]
     if posed:

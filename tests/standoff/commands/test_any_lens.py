@@ -26,7 +26,7 @@ LEVELS_PER_DN = 200.0
 def test_the_follow_up_is_as_near_the_truth_as_a_linear_one_can_be(
     camera: Camera, command: Command, tmp_path: Path
 ) -> None:
-    edges = []
+    edges: list[Path] = []
     for photograph in edge_photographs(camera, ANGLES_DEG, 160, snr=500.0, seed=4):
         edges.append(tmp_path / f"edge{len(edges)}.tif")
         tifffile.imwrite(edges[-1], np.rint(photograph * LEVELS_PER_DN).astype(np.uint16))
