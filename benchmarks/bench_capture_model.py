@@ -40,12 +40,14 @@ from simulation import (
     LensOtf,
     MeasuredPsf,
     Model,
+    PoseOptions,
     Psf,
     SamplingGrid,
     simulate_pose,
     zoom_out,
 )
 from simulation.arrays import FloatArray, FloatImage
+from simulation.choices import DEFAULT_MODEL, POSE_MODELS, PoseModel
 
 BOUND_LENSES = (
     f_number(1.4),
@@ -271,7 +273,7 @@ def broken_bounds(zooms: Results, poses: Results) -> list[str]:
             broken.append(
                 f"{case}: lmmse leaves {_brief(at['lmmse'])}, matched {_brief(at['matched'])}"
             )
-    worst = poses.ratios(POSE_DEFAULT).max()
+    worst = poses.ratios(DEFAULT_MODEL).max()
     if not worst <= POSE_MOST:
         broken.append(f"poses: the worst ratio is {worst:.2f}, not {POSE_MOST}")
     return broken
@@ -295,20 +297,10 @@ def _true_psf(camera: Camera, total: GaussianPsf) -> Psf:
     return MeasuredPsf(lens=lens, gaussian=total)
 
 
-_POSE_MODEL = signature(simulate_pose).parameters.get("model")
-POSE_DEFAULT: str = _POSE_MODEL.default if _POSE_MODEL else "matched"
-_TAKES_MODEL = not signature(simulate_pose).parameters.keys().isdisjoint({"model", "how"})
-POSE_MODELS = ("matched", "lmmse") if _TAKES_MODEL else ("matched",)
-
-
-def _pose_image(reference: FloatArray, pose: Pose, psf: Any, model: str) -> FloatImage:  # noqa: ANN401
+def _pose_image(reference: FloatArray, pose: Pose, psf: Psf, model: PoseModel) -> FloatImage:
     size = (pose.followup_side, pose.followup_side)
-    options: dict[str, Any] = {"distortion_k1": pose.distortion_k1}
-    if _TAKES_MODEL:
-        options["model"] = model
-    else:
-        psf = GaussianPsf.from_covariance(psf.covariance_px2)
-    return simulate_pose(reference, pose.homography, size, psf, **options).image
+    options = PoseOptions(model=model, distortion_k1=pose.distortion_k1)
+    return simulate_pose(reference, pose.homography, size, psf, options).image
 
 
 def _noisy(image: FloatArray, noise_dn: float) -> FloatArray:
@@ -366,8 +358,8 @@ def record_figures(record: Recorder, by_noise: dict[float, Results], poses: Resu
                 peer_value=float(summary(results.ratios("OpenCV"))),
             )
     record.figure(
-        f"worst MSE over the ideal's, poses, {POSE_DEFAULT}",
-        float(poses.ratios(POSE_DEFAULT).max()),
+        f"worst MSE over the ideal's, poses, {DEFAULT_MODEL}",
+        float(poses.ratios(DEFAULT_MODEL).max()),
         "",
     )
 

@@ -20,7 +20,7 @@ from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
 from calibration.robust import robust_sigma
-from simulation import Psf, PsfField, simulate_pose
+from simulation import PoseOptions, Psf, PsfField, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from simulation.choices import PoseModel
@@ -180,8 +180,7 @@ def find_changes(
             _shape(near),
             (far.shape[1], far.shape[0]),
             psf,
-            distortion_k1=pose.k1,
-            model=_MODEL,
+            PoseOptions(distortion_k1=pose.k1, model=_MODEL),
         )
         noise = options.noise
         variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
@@ -230,8 +229,7 @@ def _simulated(
             pose.matrix,
             (far.shape[1], far.shape[0]),
             psf,
-            distortion_k1=pose.k1,
-            model=_MODEL,
+            PoseOptions(distortion_k1=pose.k1, model=_MODEL),
         )
     except ValueError as error:
         raise AnalysisError(str(error)) from error

@@ -8,6 +8,7 @@ import numpy as np
 from calibration.registration import Homography
 from simulation import (
     Model,
+    PoseOptions,
     Psf,
     PsfField,
     SamplingGrid,
@@ -138,13 +139,21 @@ def from_pose(
     """
     size, matrix, distortion_k1 = pose.size, pose.matrix, pose.distortion_k1
     simulated = simulate_pose(
-        reference, matrix, size, psf, model=model, origin_px=origin_px, distortion_k1=distortion_k1
+        reference,
+        matrix,
+        size,
+        psf,
+        PoseOptions(model=model, origin_px=origin_px, distortion_k1=distortion_k1),
     )
     own = None
     if noise is not None:
         shape = reference.shape[0], reference.shape[1]
         gain = pose_noise_gain(
-            matrix, shape, size, psf, model=model, origin_px=origin_px, distortion_k1=distortion_k1
+            matrix,
+            shape,
+            size,
+            psf,
+            PoseOptions(model=model, origin_px=origin_px, distortion_k1=distortion_k1),
         )
         # At an edge the reference's variance is taken to be that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
