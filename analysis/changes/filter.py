@@ -175,13 +175,7 @@ def find_changes(
         )
     variance = None
     if options.noise is not None:
-        own = pose_noise_gain(
-            pose.matrix,
-            _shape(near),
-            (far.shape[1], far.shape[0]),
-            psf,
-            PoseOptions(distortion_k1=pose.k1, model=_MODEL),
-        )
+        own = pose_noise_gain(pose.matrix, _shape(near), _shape(far)[::-1], psf, _options(pose))
         noise = options.noise
         variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
     uncertainty = fit_variance(difference, expected, valid, variance)
@@ -219,6 +213,10 @@ def find_changes(
     )
 
 
+def _options(pose: DistortedPose) -> PoseOptions:
+    return PoseOptions(distortion_k1=pose.k1, model=_MODEL)
+
+
 def _simulated(
     near: FloatArray, far: FloatArray, psf: Psf | PsfField, pose: DistortedPose
 ) -> tuple[FloatArray, BoolArray]:
@@ -229,7 +227,7 @@ def _simulated(
             pose.matrix,
             (far.shape[1], far.shape[0]),
             psf,
-            PoseOptions(distortion_k1=pose.k1, model=_MODEL),
+            _options(pose),
         )
     except ValueError as error:
         raise AnalysisError(str(error)) from error
