@@ -38,6 +38,7 @@ from simulation import (
     GaussianPsf,
     LensOtf,
     MeasuredPsf,
+    PoseOptions,
     Psf,
     SamplingGrid,
     simulate_pose,
@@ -180,7 +181,7 @@ class Calibrated:
         size, k1 = (pose.followup_side, pose.followup_side), pose.distortion_k1
         return {
             model + suffix: simulate_pose(
-                reference, pose.homography, size, psf, distortion_k1=k1, model=model
+                reference, pose.homography, size, psf, PoseOptions(model=model, distortion_k1=k1)
             ).image
             for (suffix, psf), model in product(self.psfs, MODELS)
         }

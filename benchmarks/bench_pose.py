@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import shortest_s
-from simulation import GaussianPsf, LensOtf, MeasuredPsf, Psf, simulate_pose
+from simulation import GaussianPsf, LensOtf, MeasuredPsf, PoseOptions, Psf, simulate_pose
 from simulation.arrays import Float32Array, FloatArray
 from simulation.choices import POSE_MODELS
 
@@ -81,7 +81,7 @@ def compare(record: Recorder, shape: tuple[int, int]) -> None:
         for tilt_deg, bearing_deg, zoom in POSES:
             matrix = homography(shape, tilt_deg, bearing_deg, zoom)
             for model in POSE_MODELS:
-                own = partial(simulate_pose, image, matrix, size, psf, model=model)
+                own = partial(simulate_pose, image, matrix, size, psf, PoseOptions(model=model))
                 first_s = seconds_of(own)
                 peer = partial(blurred_and_warped, image, matrix, zoom)
                 own_s, peer_s = shortest_s([own, peer], seconds)

@@ -1,4 +1,5 @@
 from .choices import MODELS as MODELS, Model as Model
+from .pose.options import PoseOptions as PoseOptions
 from .pose.simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
 from .psf.field import PsfField as PsfField
 from .psf.gaussian import GaussianPsf as GaussianPsf
@@ -25,6 +26,7 @@ __all__ = [
     "LensOtf",
     "MeasuredPsf",
     "Model",
+    "PoseOptions",
     "Psf",
     "PsfField",
     "SampledTransfer",

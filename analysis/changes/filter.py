@@ -20,7 +20,7 @@ from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
 from calibration.robust import robust_sigma
-from simulation import Psf, PsfField, simulate_pose
+from simulation import PoseOptions, Psf, PsfField, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from simulation.choices import PoseModel
@@ -175,7 +175,7 @@ def find_changes(
         )
     variance = None
     if options.noise is not None:
-        own = _noise_gain(near, far, psf, pose)
+        own = pose_noise_gain(pose.matrix, _shape(near), _shape(far)[::-1], psf, _options(pose))
         noise = options.noise
         variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
     uncertainty = fit_variance(difference, expected, valid, variance)
@@ -213,6 +213,10 @@ def find_changes(
     )
 
 
+def _options(pose: DistortedPose) -> PoseOptions:
+    return PoseOptions(distortion_k1=pose.k1, model=_MODEL)
+
+
 def _simulated(
     near: FloatArray, far: FloatArray, psf: Psf | PsfField, pose: DistortedPose
 ) -> tuple[FloatArray, BoolArray]:
@@ -223,8 +227,7 @@ def _simulated(
             pose.matrix,
             (far.shape[1], far.shape[0]),
             psf,
-            distortion_k1=pose.k1,
-            model=_MODEL,
+            _options(pose),
         )
     except ValueError as error:
         raise AnalysisError(str(error)) from error
@@ -238,20 +241,6 @@ def _simulated(
             shared_px=int(valid.sum()),
         )
     return np.asarray(simulated.image, dtype=np.float64), np.asarray(valid)
-
-
-def _noise_gain(
-    near: FloatArray, far: FloatArray, psf: Psf | PsfField, pose: DistortedPose
-) -> FloatArray:
-    """Variance of the simulated follow-up where each pixel of the reference has variance 1."""
-    return pose_noise_gain(
-        pose.matrix,
-        _shape(near),
-        (far.shape[1], far.shape[0]),
-        psf,
-        distortion_k1=pose.k1,
-        model=_MODEL,
-    )
 
 
 def _light(

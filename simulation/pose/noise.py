@@ -3,22 +3,22 @@
 ``simulate_pose`` weights reference pixels, so the variance at a follow-up pixel is the sum of its
 squared weights times their variances. That sum depends on the prefilter at the position and on
 where the position is between the pixels. With ``G`` the prefilter's transfer function, which is
-periodic, and ``B`` that of the quintic B-spline, it is a short Fourier series in the position x,
+periodic, and ``B`` that of the sampling kernel, it is a short Fourier series in the position x,
 ``sum_m cos(2 pi m x) integral of G(f)^2 B(f) B(m - f) df``, because ``B`` is almost zero beyond
 1.5 cycles per pixel.
 """
 
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from simulation.arrays import FloatArray
-from simulation.choices import DEFAULT_MODEL
 from simulation.pose.local_poses import poses_at_followup
+from simulation.pose.options import DEFAULT_OPTIONS, PoseOptions
 from simulation.pose.prefilter import kernel_transfer, prefilter
-from simulation.pose.simulate import PoseComputation
+from simulation.pose.sampling_kernel import SAMPLING_KERNELS, SamplingKernel
 from simulation.pose.view import PoseView
 from simulation.pose.view_filter import view_radius
 from simulation.psf import Psf, PsfField
@@ -35,16 +35,13 @@ def pose_noise_gain(
     reference: tuple[int, int],
     size: tuple[int, int],
     psf: Psf | PsfField | None,
-    *,
-    origin_px: tuple[float, float] | None = None,
-    distortion_k1: float = 0.0,
-    **how: Unpack[PoseComputation],
+    options: PoseOptions = DEFAULT_OPTIONS,
 ) -> FloatArray:
     """Variance of the simulated follow-up if every reference pixel has variance 1.
 
     Parameters
     ----------
-    homography, size, psf, origin_px, distortion_k1, how
+    homography, size, psf, options
         As in ``simulate_pose``.
     reference
         ``(rows, cols)`` of the reference.
@@ -60,14 +57,17 @@ def pose_noise_gain(
     ValueError
         As for ``simulate_pose``, about the homography, the size and the PSF.
     """
-    view = PoseView.of(homography, reference, size, psf, origin_px, distortion_k1)
+    view = PoseView.of(homography, reference, size, psf, options.origin_px, options.distortion_k1)
     lattice = [np.linspace(0.0, max(count - 1, 1), _POINTS) for count in view.follow_up]
     x, y = np.meshgrid(lattice[1], lattice[0])
     poses = poses_at_followup(view, np.stack([x.ravel(), y.ravel()], axis=-1))
-    model, noise_ratio = how.get("model", DEFAULT_MODEL), how.get("noise_ratio", 0.0)
+    model, noise_ratio = options.model, options.noise_ratio
     radius = view_radius(view, model, noise_ratio)
     kernels = [prefilter(pose, model, noise_ratio, radius).kernel for pose in poses]
-    series = np.stack([_series(kernel) for kernel in kernels]).reshape(_POINTS, _POINTS, -1)
+    sampling = SAMPLING_KERNELS[model]
+    series = np.stack([_series(kernel, sampling) for kernel in kernels]).reshape(
+        _POINTS, _POINTS, -1
+    )
     height, width = view.follow_up
     along_series = RegularGridInterpolator((lattice[0], lattice[1]), series, method="cubic")
     gain = np.empty((height, width))
@@ -80,7 +80,7 @@ def pose_noise_gain(
     return gain
 
 
-def _series(kernel: FloatArray) -> FloatArray:
+def _series(kernel: FloatArray, sampling: SamplingKernel) -> FloatArray:
     """Coefficients of ``_ORDERS`` for a prefilter."""
     period = 2 * len(kernel)
     square = kernel_transfer(kernel, period) ** 2
@@ -89,12 +89,14 @@ def _series(kernel: FloatArray) -> FloatArray:
     fy: FloatArray = np.fft.fftfreq(period).astype(np.float64)
     fx: FloatArray = np.fft.rfftfreq(period).astype(np.float64)
     return (
-        np.array([_spline_product(fy, n) @ square @ _spline_product(fx, m) for m, n in _ORDERS])
+        np.array(
+            [_product(sampling, fy, n) @ square @ _product(sampling, fx, m) for m, n in _ORDERS]
+        )
         / period**2
     )
 
 
-def _spline_product(freq: FloatArray, order: int) -> FloatArray:
+def _product(kernel: SamplingKernel, freq: FloatArray, order: int) -> FloatArray:
     """Sum of ``B(f) B(order - f)`` over the aliases of f."""
     alias = freq + np.arange(-3, 4.0)[:, None]
-    return np.asarray(((np.sinc(alias) * np.sinc(order - alias)) ** 6).sum(axis=0))
+    return np.asarray((kernel.transfer(alias) * kernel.transfer(order - alias)).sum(axis=0))

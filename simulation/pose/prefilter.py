@@ -1,9 +1,9 @@
-"""The best filter of a reference before a quintic B-spline samples it, for one local warp.
+"""The best filter of a reference before a piecewise polynomial samples it, for one local warp.
 
 The follow-up's camera sees the scene through ``H(A^T f)`` in the reference's coordinates, A being
-the derivative of the warp. What a filter G of the reference's pixels and a B-spline of transfer
-``B = (sinc sinc)^6`` make of them is ``G B``; the best G is the projection of the best linear
-estimate onto what a spline can sample. The kernel is solved for the taps that it has, rather than
+the derivative of the warp. What a filter G of the reference's pixels and a sampling kernel of
+transfer B make of them is ``G B``; the best G is the projection of the best linear estimate onto
+what the kernel can sample. The kernel is solved for the taps that it has, rather than
 cut out of an infinite one. The derivation is in ``docs/theory-pose.md``.
 """
 
@@ -16,8 +16,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from simulation.arrays import FloatArray, IntArray
 from simulation.choices import PoseModel
+from simulation.pose.sampling_kernel import SAMPLING_KERNELS, SamplingKernel
 from simulation.psf import Psf
-from simulation.resampling import spline_transfer
 
 SCENE_CORRELATION_PX = 30.0
 """Correlation length of the scene; from 3 to 100 px the errors differ by less than 1 %."""
@@ -25,8 +25,8 @@ SCENE_CORRELATION_PX = 30.0
 _ALIASES = 2
 """Orders of the sampled spectrum on either side; beyond, scene times pixel is below 1e-6."""
 
-_SPLINE_ALIASES = 1
-"""The spline's transfer is 9e-5 at 1.5 cycles per pixel."""
+_COPIES = 1
+"""Orders at which the sampling kernels pass a scene: beyond 1.5 cycles per pixel 1e-4 at most."""
 
 _RIDGE = 1e-6
 """Least noise over the scene's variance, where the lens passes nothing: 0.05 DN for one of 50."""
@@ -66,11 +66,24 @@ class Prefilter:
     excess: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """What the reference decides.
+
+    ``near`` is its PSF, or None for pixels that show the scene up to the Nyquist frequency;
+    ``noise`` their noise over the scene's variance.
+    """
+
+    near: Psf | None
+    noise: float
+    kernel: SamplingKernel
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spectra:
-    """What the reference decides, on the half plane of frequencies ``fx >= 0``.
+    """A reference's spectra, on the half plane of frequencies ``fx >= 0``.
 
-    ``power`` is the spectrum of its pixels times the squares of the splines. ``weighted`` is what
+    ``power`` is that of its pixels times the squares of the sampling kernel. ``weighted`` is what
     the far camera's transfer multiplies, shape (orders, orders, rows, cols).
     """
 
@@ -99,28 +112,31 @@ def prefilter(pose: LocalPose, model: PoseModel, noise_ratio: float, radius: int
     Y. C. Eldar and M. Unser, "Nonideal sampling and interpolation from noisy observations in
     shift-invariant spaces", IEEE Trans. Signal Processing 54 (2006), section IV.
     """
-    near = pose.near if model == "lmmse" else None
-    noise = max(noise_ratio, _RIDGE) if model == "lmmse" else _MATCHED_NOISE
+    kernel = SAMPLING_KERNELS[model]
+    if model == "lmmse":
+        source = _Source(pose.near, max(noise_ratio, _RIDGE), kernel)
+    else:
+        source = _Source(None, _MATCHED_NOISE, kernel)
     period = _period(radius)
     fy, fx = _frequencies(period)
-    spectra = _spectra(near, noise, period)
-    if near is None:
-        ratio = _ratio(pose, fy, fx) / (spline_transfer(fy) * spline_transfer(fx))
-        target = ratio * spectra.power
+    spectra = _spectra(source, period)
+    if source.near is None:
+        passed = kernel.transfer_at_pixels(fy) * kernel.transfer_at_pixels(fx)
+        target = _ratio(pose, fy, fx) / passed * spectra.power
     else:
-        seen = _far_transfer(pose, *_orders(fy, fx, _SPLINE_ALIASES))
+        seen = _far_transfer(pose, *_orders(fy, fx, _COPIES))
         target = np.einsum("ijkl,ijkl->kl", spectra.weighted, seen)
     ideal = target / spectra.power
     if radius <= _SOLVED_RADIUS_MAX:
-        kernel = _solved(near, noise, radius, np.fft.irfft2(target, (period, period)))
+        taps = _solved(source, radius, np.fft.irfft2(target, (period, period)))
     else:
-        kernel = _cut(np.fft.irfft2(ideal, (period, period)), radius)
-    kernel = kernel / kernel.sum()
-    kernel.setflags(write=False)
-    missed = np.abs(kernel_transfer(kernel, period) - ideal) ** 2 * spectra.power
+        taps = _cut(np.fft.irfft2(ideal, (period, period)), radius)
+    taps = taps / taps.sum()
+    taps.setflags(write=False)
+    missed = np.abs(kernel_transfer(taps, period) - ideal) ** 2 * spectra.power
     # The columns inside the half plane stand for two frequencies each.
     excess = (2 * missed.sum() - missed[:, [0, -1]].sum()) / period**2
-    return Prefilter(kernel, float(excess))
+    return Prefilter(taps, float(excess))
 
 
 def kernel_transfer(kernel: FloatArray, period: int) -> FloatArray:
@@ -164,19 +180,19 @@ def _ratio(pose: LocalPose, fy: FloatArray, fx: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=256)
-def _spectra(near: Psf | None, noise: float, period: int) -> _Spectra:
-    """Spectra for a PSF, or for pixels that show the scene up to the Nyquist frequency."""
+def _spectra(source: _Source, period: int) -> _Spectra:
     fy, fx = _frequencies(period)
-    splines = _spline_squares(fy) * _spline_squares(fx)
-    if near is None:
-        return _Spectra((_scene(fy, fx) + noise) * splines, np.empty((0, 0, 0, 0)))
+    kernel = source.kernel
+    squares = _squares(kernel, fy) * _squares(kernel, fx)
+    if source.near is None:
+        return _Spectra((_scene(fy, fx) + source.noise) * squares, np.empty((0, 0, 0, 0)))
     y, x = _orders(fy, fx, _ALIASES)
-    transfer, scene = near.otf(x, y), _scene(y, x)
-    power = (transfer**2 * scene).sum(axis=(0, 1)) + noise
-    inner = slice(_ALIASES - _SPLINE_ALIASES, _ALIASES + _SPLINE_ALIASES + 1)
-    y, x = _orders(fy, fx, _SPLINE_ALIASES)
-    weighted = np.sinc(y) ** 6 * np.sinc(x) ** 6 * (transfer * scene)[inner, inner]
-    return _Spectra(power * splines, weighted)
+    transfer, scene = source.near.otf(x, y), _scene(y, x)
+    power = (transfer**2 * scene).sum(axis=(0, 1)) + source.noise
+    inner = slice(_ALIASES - _COPIES, _ALIASES + _COPIES + 1)
+    y, x = _orders(fy, fx, _COPIES)
+    weighted = kernel.transfer(y) * kernel.transfer(x) * (transfer * scene)[inner, inner]
+    return _Spectra(power * squares, weighted)
 
 
 def _scene(fy: FloatArray, fx: FloatArray) -> FloatArray:
@@ -186,10 +202,10 @@ def _scene(fy: FloatArray, fx: FloatArray) -> FloatArray:
     return np.asarray(length * SCENE_CORRELATION_PX / (1 + length**2 * squares) ** 1.5)
 
 
-def _spline_squares(freq: FloatArray) -> FloatArray:
-    """Sum of the spline's squared transfer over all aliases, those beyond 3 cy/px left out."""
+def _squares(kernel: SamplingKernel, freq: FloatArray) -> FloatArray:
+    """Sum of a kernel's squared transfer over all its copies, those beyond 3 cy/px left out."""
     orders = np.arange(-3, 4.0)[:, None, None]
-    return np.asarray((np.sinc(freq + orders) ** 12).sum(axis=0))
+    return np.asarray((kernel.transfer(freq + orders) ** 2).sum(axis=0))
 
 
 def _half_plane(radius: int) -> tuple[IntArray, IntArray]:
@@ -200,20 +216,20 @@ def _half_plane(radius: int) -> tuple[IntArray, IntArray]:
 
 
 @lru_cache(maxsize=64)
-def _system(near: Psf | None, noise: float, radius: int) -> tuple[FloatArray, bool]:
+def _system(source: _Source, radius: int) -> tuple[FloatArray, bool]:
     """Cholesky factor of the normal equations of a symmetric kernel."""
     period = _period(radius)
-    covariance = np.fft.irfft2(_spectra(near, noise, period).power, (period, period))
+    covariance = np.fft.irfft2(_spectra(source, period).power, (period, period))
     y, x = _half_plane(radius)
     matrix = covariance[y[:, None] - y, x[:, None] - x] + covariance[y[:, None] + y, x[:, None] + x]
     matrix[np.diag_indices_from(matrix)] += _PIVOT
     return cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
 
 
-def _solved(near: Psf | None, noise: float, radius: int, wanted: FloatArray) -> FloatArray:
+def _solved(source: _Source, radius: int, wanted: FloatArray) -> FloatArray:
     """Kernel of the least error ``g' M g - 2 b' g`` among those of a radius."""
     y, x = _half_plane(radius)
-    half = cho_solve(_system(near, noise, radius), wanted[y, x], check_finite=False)
+    half = cho_solve(_system(source, radius), wanted[y, x], check_finite=False)
     # The centre is its own opposite and stands twice in the system.
     half[-1] *= 2
     return np.concatenate([half, half[-2::-1]]).reshape(2 * radius + 1, -1)

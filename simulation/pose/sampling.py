@@ -1,4 +1,4 @@
-"""Sampling a quintic spline along a warp; compiled.
+"""Sampling the filtered reference along a warp; compiled.
 
 Along a row of the follow-up the warp is evaluated every few pixels and interpolated by cubics
 between, which is exact to 1e-6 px wherever its derivative changes slowly; elsewhere, and where the
@@ -17,7 +17,7 @@ from simulation.pose.missing_blur import NEARER_TOLERANCE_PX2, BlurredWarp, surv
 BORDER_PX = 0.5 + 1e-6
 """How far outside the outermost pixel centres a position still counts as inside."""
 
-SPLINE_REACH_PX = 3
+KERNEL_REACH_PX = 3
 """Coefficients on either side of a position."""
 
 _BLOCK_PX = 32
@@ -35,16 +35,18 @@ _DOUBT = 2.0
 """Changes of the least eigenvalue over a piece within which its sign is not interpolated."""
 
 
-class SplineWindow(NamedTuple):
-    """A part of the reference as spline coefficients, including those beyond its border.
+class CoefficientWindow(NamedTuple):
+    """A part of the filtered reference, including what is beyond its border.
 
     Element (0, 0) of ``coefficients`` belongs to the reference pixel ``origin`` (row, col);
-    ``size`` are the rows and columns of the whole reference.
+    ``size`` are the rows and columns of the whole reference, ``pieces`` those of the sampling
+    kernel in the dtype of the coefficients, shape (3, 6).
     """
 
     coefficients: FloatImage
     origin: tuple[int, int]
     size: tuple[int, int]
+    pieces: FloatImage
 
 
 class Tile(NamedTuple):
@@ -70,13 +72,13 @@ _inlined = njit(
 
 @_compiled
 def render(
-    view: BlurredWarp, window: SplineWindow, first: tuple[int, int], shape: tuple[int, int]
+    view: BlurredWarp, window: CoefficientWindow, first: tuple[int, int], shape: tuple[int, int]
 ) -> Tile:
     """Tile of the follow-up whose first pixel is ``first``, both as (row, col).
 
     A missing variance below ``-NEARER_TOLERANCE_PX2`` marks it ``nearer``.
     """
-    coefficients, origin, size = window
+    coefficients, origin, size, pieces = window
     image = np.zeros(shape, coefficients.dtype)
     nearer, outside = np.zeros(shape, np.bool_), np.ones(shape, np.bool_)
     places = np.empty((3, shape[1]))
@@ -96,7 +98,7 @@ def render(
             _sample_row(
                 coefficients,
                 (x[start:stop], origin[1], y[start:stop], origin[0]),
-                (weights[:, : stop - start], corners[: stop - start]),
+                (weights[:, : stop - start], corners[: stop - start], pieces),
                 outside[i, start:stop],
                 image[i, start:stop],
             )
@@ -141,40 +143,42 @@ def _place_row(view: BlurredWarp, row: int, first: int, places: FloatArray) -> N
 
 
 @_compiled
-def _put_weights(fraction: FloatImage, out: FloatImage) -> None:
-    """Quintic B-spline at ``t + 2 ... t - 3`` for every t from 0 to 1, shape (6, n)."""
+def _put_weights(fraction: FloatImage, pieces: FloatImage, out: FloatImage) -> None:
+    """Sampling kernel at ``t + 2 ... t - 3`` for every t from 0 to 1, shape (6, n)."""
+    a0, a1, a2 = pieces[2, 0], pieces[2, 1], pieces[2, 2]
+    a3, a4, a5 = pieces[2, 3], pieces[2, 4], pieces[2, 5]
+    b0, b1, b2 = pieces[1, 0], pieces[1, 1], pieces[1, 2]
+    b3, b4, b5 = pieces[1, 3], pieces[1, 4], pieces[1, 5]
     one = fraction.dtype.type(1)
-    share = one / fraction.dtype.type(120)
-    c66, c60, c50, c30, c26 = one * 66, one * 60, one * 50, one * 30, one * 26
-    c20, c10, c5 = one * 20, one * 10, one * 5
     w0, w1, w2, w3, w4, w5 = out[0], out[1], out[2], out[3], out[4], out[5]
     for j in range(len(fraction)):
         t = fraction[j]
         s = one - t
-        t2, s2 = t * t, s * s
-        first, last = s2 * s2 * s * share, t2 * t2 * t * share
-        second = (c26 + t * (t * (c20 + t * (c20 + t * (c5 * t - c20))) - c50)) * share
-        fifth = (c26 + s * (s * (c20 + s * (c20 + s * (c5 * s - c20))) - c50)) * share
-        third = (c66 + t2 * (t2 * (c30 - c10 * t) - c60)) * share
-        w0[j], w1[j], w2[j], w4[j], w5[j] = first, second, third, fifth, last
-        w3[j] = one - (first + second + third) - (fifth + last)
+        first = a0 + t * (a1 + t * (a2 + t * (a3 + t * (a4 + t * a5))))
+        second = b0 + t * (b1 + t * (b2 + t * (b3 + t * (b4 + t * b5))))
+        fifth = b0 + s * (b1 + s * (b2 + s * (b3 + s * (b4 + s * b5))))
+        last = a0 + s * (a1 + s * (a2 + s * (a3 + s * (a4 + s * a5))))
+        # The middle two make constants and ramps exact.
+        fourth = t + (first + first + second) - (fifth + fifth) - (last + last + last)
+        w0[j], w1[j], w4[j], w5[j] = first, second, fifth, last
+        w2[j], w3[j] = one - (first + second) - (fifth + last) - fourth, fourth
 
 
 @_compiled
 def _sample_row(
     coefficients: FloatImage,
     places: tuple[FloatArray, int, FloatArray, int],
-    scratch: tuple[FloatImage, IntArray],
+    scratch: tuple[FloatImage, IntArray, FloatImage],
     outside: BoolArray,
     out: FloatImage,
 ) -> None:
-    """Write the spline's values at reference positions, except where they are outside.
+    """Write the image at reference positions, except where they are outside.
 
     ``places`` are x and y, each with the origin of the coefficients; ``scratch`` has room for 12
-    weights and an index for every position.
+    weights and an index for every position, and the sampling kernel's pieces.
     """
     x, left, y, top = places
-    weights, corners = scratch
+    weights, corners, pieces = scratch
     stride, pixels = coefficients.shape[1], coefficients.reshape(-1)
     # The fractions are written where the last weights will be.
     part_x, part_y = weights[5], weights[11]
@@ -182,8 +186,8 @@ def _sample_row(
         col, row = np.floor(x[j]), np.floor(y[j])
         corners[j] = (int(row) - 2 - top) * stride + int(col) - 2 - left
         part_x[j], part_y[j] = x[j] - col, y[j] - row
-    _put_weights(part_x, weights[:6])
-    _put_weights(part_y, weights[6:])
+    _put_weights(part_x, pieces, weights[:6])
+    _put_weights(part_y, pieces, weights[6:])
     w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     v0, v1, v2, v3, v4, v5 = (
         weights[6],

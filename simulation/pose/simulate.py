@@ -1,11 +1,11 @@
 """The image that a camera would take of the same plane from another pose.
 
 For any homography (tilt, rotation, perspective), lens distortion and PSF the reference is filtered
-by a kernel that varies over it, and the quintic spline with the resulting coefficients is sampled
-once. The theory is in ``docs/theory-pose.md``. Two models choose the kernel:
+by a kernel that varies over it, and sampled once by a piecewise polynomial. The theory is in
+``docs/theory-pose.md``. Two models choose both:
 
 ``matched``
-    The ratio of the two transfer functions, up to the Nyquist frequency.
+    The ratio of the two transfer functions, up to the Nyquist frequency, then a quintic spline.
 ``lmmse``
     The least mean squared error for scenes with a first-order covariance, aliases included.
 """
@@ -14,15 +14,16 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import ceil
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import AnyArray, BoolArray, FloatImage
-from simulation.choices import DEFAULT_MODEL, PoseModel
-from simulation.pose.sampling import BORDER_PX, SPLINE_REACH_PX, SplineWindow, render
+from simulation.pose.options import DEFAULT_OPTIONS, PoseOptions
+from simulation.pose.sampling import BORDER_PX, KERNEL_REACH_PX, CoefficientWindow, render
+from simulation.pose.sampling_kernel import SAMPLING_KERNELS
 from simulation.pose.varying_filter import VaryingFilter
 from simulation.pose.view import PoseView
 from simulation.pose.view_filter import view_filter
@@ -66,28 +67,12 @@ class SimulatedPose:
         )
 
 
-class PoseComputation(TypedDict, total=False):
-    """How a follow-up is computed; what is not given has the default."""
-
-    model: PoseModel
-    """One of ``POSE_MODELS``; ``DEFAULT_MODEL`` by default."""
-
-    noise_ratio: float
-    """Variance of the reference's noise over that of the scene, for ``lmmse``; 0 by default."""
-
-    threads: int
-    """How many work at a time, 1 by default; the result is the same to the last bit."""
-
-
 def simulate_pose(
     image: AnyArray,
     homography: NDArray[np.floating[Any]],
     size: tuple[int, int],
     psf: Psf | PsfField | None,
-    *,
-    origin_px: tuple[float, float] | None = None,
-    distortion_k1: float = 0.0,
-    **how: Unpack[PoseComputation],
+    options: PoseOptions = DEFAULT_OPTIONS,
 ) -> SimulatedPose:
     """Image of the same plane from another pose of the same camera.
 
@@ -104,16 +89,8 @@ def simulate_pose(
     psf
         Total PSF (optics and pixel) of the camera. A field is evaluated at each image's own
         pixel: the reference's for the reference, the follow-up's for the follow-up.
-    origin_px
-        Position ``(x, y)`` of the follow-up's pixel (0, 0) in the camera's frame, if the
-        follow-up is a part of that frame; by default it is the whole frame. It matters only for
-        a field and a distortion.
-    distortion_k1
-        Radial distortion of the lens that took both: an ideal point at the radius r from the
-        reference's centre, 1 at its corner, is seen at ``r (1 + k1 r^2)``. The homography is then
-        that of the ideal points.
-    how
-        ``model``, ``noise_ratio`` and ``threads``.
+    options
+        Model, noise, threads, the follow-up's place in the frame, and the lens's distortion.
 
     Returns
     -------
@@ -128,16 +105,16 @@ def simulate_pose(
         finite; if the PSF is missing or a field belongs to another frame; if no lens has such a
         distortion; if the follow-up needs too wide a blur.
     """
-    view = PoseView.of(homography, reference_shape(image), size, psf, origin_px, distortion_k1)
+    view = PoseView.of(
+        homography, reference_shape(image), size, psf, options.origin_px, options.distortion_k1
+    )
     height, width = view.follow_up
-    filtered = view_filter(view, how.get("model", DEFAULT_MODEL), how.get("noise_ratio", 0.0))
-    threads = how.get("threads", 1)
-    if threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
+    filtered = view_filter(view, options.model, options.noise_ratio)
     refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
     result = np.zeros((planes.shape[2], height, width), dtype=dtype)
+    pieces = np.array(SAMPLING_KERNELS[options.model].pieces, dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
 
@@ -147,15 +124,15 @@ def simulate_pose(
         if seen is None:
             return
         for channel in range(planes.shape[2]):
-            spline = _spline_window(planes[:, :, channel], seen, filtered, dtype)
-            made = render(view.warp, spline, first, shape)
+            window = _window(planes[:, :, channel], seen, filtered, pieces)
+            made = render(view.warp, window, first, shape)
             result[channel][tile], nearer[tile], outside[tile] = made
 
-    if threads == 1:
+    if options.threads == 1:
         for tile in _tiles(height, width):
             make(tile)
     else:
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(options.threads) as pool:
             list(pool.map(make, _tiles(height, width)))
     if outside.all():
         raise ValueError("the follow-up shows nothing of the reference")
@@ -169,27 +146,27 @@ def _tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:
             yield slice(top, top + _TILE_PX), slice(left, left + _TILE_PX)
 
 
-def _spline_window(
-    image: AnyArray, seen: tuple[int, int, int, int], filtered: VaryingFilter, dtype: np.dtype[Any]
-) -> SplineWindow:
-    """Spline coefficients around a window, its ends included; mirrored at the image's edge."""
+def _window(
+    image: AnyArray, seen: tuple[int, int, int, int], filtered: VaryingFilter, pieces: FloatImage
+) -> CoefficientWindow:
+    """Coefficients around a window, its ends included; mirrored at the image's edge."""
     top, bottom, left, right = seen
-    margin = SPLINE_REACH_PX + filtered.radius
+    margin = KERNEL_REACH_PX + filtered.radius
     rows, cols = image.shape
     inside = image[
         max(top - margin, 0) : bottom + margin + 1, max(left - margin, 0) : right + margin + 1
     ]
     window = cv2.copyMakeBorder(
-        inside.astype(dtype),
+        inside.astype(pieces.dtype),
         max(margin - top, 0),
         max(bottom + margin + 1 - rows, 0),
         max(margin - left, 0),
         max(right + margin + 1 - cols, 0),
         cv2.BORDER_REFLECT,
     )
-    origin = (top - SPLINE_REACH_PX, left - SPLINE_REACH_PX)
+    origin = (top - KERNEL_REACH_PX, left - KERNEL_REACH_PX)
     coefficients = filtered.apply(np.asarray(window), origin)
-    return SplineWindow(coefficients, origin, (image.shape[0], image.shape[1]))
+    return CoefficientWindow(coefficients, origin, image.shape[:2], pieces)
 
 
 def _seen(

@@ -13,7 +13,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_dilation
 
 from simulation.arrays import FloatArray
-from simulation.choices import POSE_MODELS, PoseModel
+from simulation.choices import PoseModel
 from simulation.pose.local_poses import poses_at_reference
 from simulation.pose.missing_blur import derivatives
 from simulation.pose.prefilter import LocalPose, prefilter
@@ -129,9 +129,8 @@ def view_filter(view: PoseView, model: PoseModel, noise_ratio: float) -> Varying
     Raises
     ------
     ValueError
-        If the model is unknown, the noise is negative, or the follow-up needs too wide a blur.
+        If the follow-up needs too wide a blur.
     """
-    _check(model, noise_ratio)
     return _view_filter(_ViewRequest(view.key, model, noise_ratio, view))
 
 
@@ -168,16 +167,8 @@ def _view_filter(request: _ViewRequest) -> VaryingFilter:
 
 def view_radius(view: PoseView, model: PoseModel, noise_ratio: float) -> int:
     """Half-width of the kernels of ``view_filter``; the parameters and errors are the same."""
-    _check(model, noise_ratio)
     seen = Seen.of(view)
     return _radius(_poses(view, seen, _places(seen, 3)), model, noise_ratio)
-
-
-def _check(model: PoseModel, noise_ratio: float) -> None:
-    if model not in POSE_MODELS:
-        raise ValueError(f"model must be one of {', '.join(POSE_MODELS)}, got {model!r}")
-    if not (noise_ratio >= 0 and np.isfinite(noise_ratio)):
-        raise ValueError(f"noise_ratio must not be negative, got {noise_ratio}")
 
 
 def _radius(poses: tuple[LocalPose, ...], model: PoseModel, noise_ratio: float) -> int:

@@ -9,7 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.files import read_homography
 from calibration.registration import Homography
-from simulation import MODELS, Model, SimulatedPose, simulate_pose as simulate_pose_of_array
+from simulation import (
+    MODELS,
+    Model,
+    PoseOptions,
+    SimulatedPose,
+    simulate_pose as simulate_pose_of_array,
+)
 from simulation.choices import DEFAULT_MODEL, PoseModel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
 from standoff.workflows import zoomed_out
@@ -98,8 +104,7 @@ def simulate_pose(
         pose.matrix,
         size or pose.size,
         camera_psf(psf, frame if pose.size == frame else None, model),
-        model=model,
-        distortion_k1=pose.distortion_k1,
+        PoseOptions(model=model, distortion_k1=pose.distortion_k1),
     )
 
 

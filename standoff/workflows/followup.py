@@ -8,6 +8,7 @@ import numpy as np
 from calibration.registration import Homography
 from simulation import (
     Model,
+    PoseOptions,
     Psf,
     PsfField,
     SamplingGrid,
@@ -154,23 +155,14 @@ def from_pose(
     ValueError
         As ``simulate_pose``.
     """
-    size, matrix, distortion_k1 = pose.size, pose.matrix, pose.distortion_k1
-    simulated = simulate_pose(
-        reference,
-        matrix,
-        size,
-        psf,
-        model=model,
-        origin_px=origin_px,
-        distortion_k1=distortion_k1,
-        threads=how.threads,
+    options = PoseOptions(
+        model=model, threads=how.threads, origin_px=origin_px, distortion_k1=pose.distortion_k1
     )
+    simulated = simulate_pose(reference, pose.matrix, pose.size, psf, options)
     own = None
     if how.noise is not None:
         shape = reference.shape[0], reference.shape[1]
-        gain = pose_noise_gain(
-            matrix, shape, size, psf, model=model, origin_px=origin_px, distortion_k1=distortion_k1
-        )
+        gain = pose_noise_gain(pose.matrix, shape, pose.size, psf, options)
         # At an edge the reference's variance is taken to be that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
         own = planes * how.noise.variance_dn2(simulated.image)
