@@ -41,7 +41,7 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from standoff.workflows import CaptureOptions, FollowUp, FoundKernel
+    from standoff.workflows import CaptureOptions, FollowUp, FoundKernel, SimulatedPhotograph
 
 
 AnyModel = Literal[Model, KernelModel]
@@ -200,8 +200,15 @@ def simulate(
             }
         )
         return
-    shape = "" if followup.psf_form is None else f", PSF: {_SHAPES[followup.psf_form]}"
-    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, model {model}{shape}")
+    _say_written(out, simulated, f"{pose}, model {model}", masks)
+
+
+def _say_written(
+    out: Path, simulated: SimulatedPhotograph, how: str, masks: dict[str, float]
+) -> None:
+    written, form = simulated.image, simulated.followup.psf_form
+    shape = "" if form is None else f", PSF: {_SHAPES[form]}"
+    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {how}{shape}")
     if masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
