@@ -198,43 +198,73 @@ def put_separable(
     rounds = -(-len(out) // (strip_rows * threads))
     strip_rows = min(strip_rows, -(-len(out) // (2 * rounds * threads)) * 2)
     strips = [slice(first, first + strip_rows) for first in range(0, len(out), strip_rows)]
-    put = partial(_put_strip, terms, image, out)
-    if threads == 1 or len(strips) == 1:
-        for rows in strips:
-            put(rows)
+    threads = min(threads, len(strips))
+    put = partial(_put_strips, terms, image, out)
+    if threads == 1:
+        put(strips)
         return
     with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(put, strips):
+        for _ in pool.map(put, [strips[first::threads] for first in range(threads)]):
             pass
 
 
-def _put_strip(terms: tuple[Term, ...], image: FloatImage, out: FloatImage, rows: slice) -> None:
-    target = out[rows]
-    pairs = slice(rows.start // 2, (rows.start + len(target) + 1) // 2)
-    turned: FloatImage | None = None
+@dataclass(frozen=True, slots=True)
+class _Scratch:
+    """Arrays to write to, kept from strip to strip: fresh memory costs as much as the sums."""
+
+    arrays: dict[tuple[str, tuple[int, int]], FloatImage] = field(default_factory=dict)
+
+    def array(self, name: str, shape: tuple[int, int], dtype: "np.dtype[Any]") -> FloatImage:
+        if (name, shape) not in self.arrays:
+            self.arrays[name, shape] = np.empty(shape, dtype)
+        return self.arrays[name, shape]
+
+
+def _put_strips(
+    terms: tuple[Term, ...], image: FloatImage, out: FloatImage, strips: list[slice]
+) -> None:
+    scratch = _Scratch()
+    for rows in strips:
+        _put_strip(terms, image, out[rows], rows.start // 2, scratch)
+
+
+def _put_strip(
+    terms: tuple[Term, ...],
+    image: FloatImage,
+    target: FloatImage,
+    first_pair: int,
+    scratch: _Scratch,
+) -> None:
+    pairs = slice(first_pair, first_pair + (len(target) + 1) // 2)
+    total: FloatImage | None = None
     for along_y, along_x in terms:
         y = along_y.pairs
         weights = y.weights_as(image.dtype)[2 * pairs.start : 2 * pairs.stop]
-        strip = _combined(image, y.starts[pairs], weights)
+        strip = _combined(image, y.starts[pairs], weights, "strip", scratch)
         if not along_x:
             target[:] = strip[: len(target)]
             return
+        turned = _transposed(strip, "turned", scratch)
+        name = "total" if total is None else "part"
+        for number, matrix in enumerate(along_x):
+            x = matrix.pairs
+            weights = x.weights_as(image.dtype)
+            turned = _combined(turned, x.starts, weights, f"{name} {number}", scratch)
+            turned = turned[: matrix.rows]
         # The sum is taken in the cache, before it is turned back.
-        part = _along_columns(strip, along_x)
-        turned = part if turned is None else np.add(turned, part, out=turned)
-    target[:] = cv2.transpose(cast("Any", turned))[: len(target)]
+        total = turned if total is None else np.add(total, turned, out=total)
+    target[:] = _transposed(cast("FloatImage", total), "result", scratch)[: len(target)]
 
 
-def _along_columns(strip: FloatImage, along_x: tuple[BandedMatrix, ...]) -> FloatImage:
-    turned = cast("FloatImage", cv2.transpose(strip))
-    for matrix in along_x:
-        pairs = matrix.pairs
-        turned = _combined(turned, pairs.starts, pairs.weights_as(strip.dtype))[: matrix.rows]
-    return turned
+def _transposed(image: FloatImage, name: str, scratch: _Scratch) -> FloatImage:
+    into = scratch.array(name, (image.shape[1], image.shape[0]), image.dtype)
+    return cast("FloatImage", cv2.transpose(image, into))
 
 
-def _combined(image: FloatImage, starts: IntArray, weights: FloatImage) -> FloatImage:
-    out = np.empty((len(weights), image.shape[1]), image.dtype)
+def _combined(
+    image: FloatImage, starts: IntArray, weights: FloatImage, name: str, scratch: _Scratch
+) -> FloatImage:
+    out = scratch.array(name, (len(weights), image.shape[1]), image.dtype)
     _combine_rows(image, starts, weights, out)
     return out
 

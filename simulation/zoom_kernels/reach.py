@@ -24,7 +24,7 @@ _TOLERATED = 0.005 / 60**2
 """At most 0.005 DN^2 where the largest window is too small for the lens's tails; from there on
 model ``matched``, which has no window, is the better one."""
 
-_LEAST_PX, _LEAST_ZOOMS = 2, 2
+_LEAST_PX, _LEAST_ZOOMS = 3, 2
 """Less saves no time, and this much costs a Gaussian lens nothing that could be measured."""
 
 _LEAST_SIGMAS = 3.5

@@ -41,7 +41,7 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from standoff.workflows import CaptureOptions, FollowUp, FoundKernel
+    from standoff.workflows import CaptureOptions, FollowUp, FoundKernel, SimulatedPhotograph
 
 
 AnyModel = Literal[Model, KernelModel]
@@ -198,7 +198,15 @@ def simulate(
             }
         )
         return
-    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, {_how(model, followup)}")
+    _say_written(out, simulated, f"{pose}, model {model}", masks)
+
+
+def _say_written(
+    out: Path, simulated: SimulatedPhotograph, how: str, masks: dict[str, float]
+) -> None:
+    written, form = simulated.image, simulated.followup.psf_form
+    shape = "" if form is None else f", PSF: {_SHAPES[form]}"
+    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {how}{shape}")
     if masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
@@ -213,11 +221,6 @@ def _psf_facts(followup: FollowUp) -> dict[str, Any]:
         "psf_form": form,
         "psf_field": followup.is_field,
     }
-
-
-def _how(model: AnyModel, followup: FollowUp) -> str:
-    form = followup.psf_form
-    return f"model {model}" if form is None else f"model {model}, PSF: {_SHAPES[form]}"
 
 
 def _camera(

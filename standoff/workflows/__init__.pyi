@@ -79,6 +79,7 @@ from .session_report import write_session_report as write_session_report
 from .simulated_photograph import (
     FollowUpRequest as FollowUpRequest,
     FoundKernel as FoundKernel,
+    SimulatedPhotograph as SimulatedPhotograph,
     simulate_photograph as simulate_photograph,
 )
 from .sr_dataset import (
@@ -108,6 +109,7 @@ __all__ = [
     "PracticeCommandError",
     "PracticeConsole",
     "Reading",
+    "SimulatedPhotograph",
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
