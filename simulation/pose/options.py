@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from simulation.choices import DEFAULT_MODEL, POSE_MODELS, PoseModel
+from simulation.choices import DEFAULT_POSE_MODEL, POSE_MODELS, PoseModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +33,7 @@ class PoseOptions:
         If the model is unknown, the noise is negative, or there is no thread.
     """
 
-    model: PoseModel = DEFAULT_MODEL
+    model: PoseModel = DEFAULT_POSE_MODEL
     noise_ratio: float = 0.0
     threads: int = 1
     origin_px: tuple[float, float] | None = None

@@ -31,6 +31,7 @@ from .option_rules import (
     check_options as check_options,
     exactly_one as exactly_one,
     excludes as excludes,
+    is_from_user as is_from_user,
     needs as needs,
 )
 from .options import (
@@ -103,6 +104,7 @@ __all__ = [
     "excludes",
     "flicker_warnings",
     "frame_shape_of",
+    "is_from_user",
     "needs",
     "note",
     "note_at_end",
