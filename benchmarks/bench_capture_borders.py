@@ -39,8 +39,9 @@ BEFORE_DN = {
 """Error of ``matched`` against the truth, by camera, noise and zoom, with the Gaussian that was
 calibrated: measured at commit 98780cf by the code below."""
 
-BEFORE_MOST = 1.001
-"""The calibrations then and now differ by some 1e-4."""
+BEFORE_MOST = 1.005
+"""Calibrations differ by some 1e-4, kernels as short as speed wants them by 1e-3: 1.002 at most was
+measured of ``matched``, for Gaussian cameras."""
 
 ANGLES_DEG = tuple(8.0 + 18.0 * k for k in range(10))
 SNR = 500.0
@@ -72,9 +73,7 @@ def judge(record: Recorder) -> Iterator[str]:
             values = " | ".join(f"{truth:.2f} ({whole:.2f})" for truth, whole in found.values())
             record.say(f"| {case} | {most_dn:.2f} | {values} |")
             for model, (truth_dn, _) in found.items():
-                # A measured kernel is longer and mirrors more: 1.02 for f/5.6 at zoom 1.5.
-                is_bound = model == DEFAULT_MODEL or (model == "matched" and not camera.has_pixel)
-                if is_bound and not truth_dn <= most_dn * BEFORE_MOST:
+                if model != "paper" and not truth_dn <= most_dn * BEFORE_MOST:
                     yield f"{case}: {model} is {truth_dn:.3f} DN off, matched was {most_dn:.3f}"
             record.figure(
                 f"outermost ring, {case}, {DEFAULT_MODEL}",
