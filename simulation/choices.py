@@ -15,8 +15,8 @@ DEFAULT_MODEL: PoseModel = "lmmse"
 ``benchmarks/bench_capture_model.py`` shows."""
 
 DEFAULT_POSE_MODEL: PoseModel = "matched"
-"""For any other pose, and for a PSF field: as near as ``lmmse``, and it takes the reference as it is
-where the pose changes nothing."""
+"""For any other pose: as near as ``lmmse``, and it returns the reference where the pose changes
+nothing."""
 
 PsfForm = Literal["gaussian", "separable", "round", "elliptic", "free"]
 """What a PSF's shape is known as: a Gaussian, a curve along either axis, a lens of the same
