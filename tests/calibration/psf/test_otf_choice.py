@@ -105,8 +105,10 @@ def test_edges_that_differ_widen_the_covariance_and_do_not_change_the_form() -> 
 
 
 def test_the_residuals_slopes_are_differences_of_the_levels() -> None:
-    stack = EdgeStack(binned(Lens(0.55, 0.35, turn_deg=30.0), EIGHT_DEG))
-    parameters = np.array([0.5, 0.05, 0.4, 0.3, 0.1])
+    lens = Lens(0.55, 0.35, turn_deg=30.0, waves=0.5, sigma_px=0.3)
+    stack = EdgeStack(binned(lens, EIGHT_DEG))
+    # The lens itself: B xy is (0.55 - 0.35) cos 30 sin 30.
+    parameters = np.array([0.5, 0.0866, 0.4, 0.25, 0.09])
     here = stack.residuals(ELLIPTIC.slices(parameters, stack.normal_rad))
     by_parameter = ELLIPTIC.slice_slopes(parameters, stack.normal_rad)
     for k in range(parameters.size):
@@ -116,7 +118,7 @@ def test_the_residuals_slopes_are_differences_of_the_levels() -> None:
         below = stack.residuals(ELLIPTIC.slices(parameters - step, stack.normal_rad))
         change = (above.values - below.values) / 2e-5
         slopes = (here.slopes @ by_parameter)[:, :, k]
-        # Kaufman's slopes leave out how the levels' projection turns: 2 % of a slope here.
+        # Kaufman's slopes leave out how the projection turns, which is nothing without a misfit.
         assert np.abs(change + slopes).max() < 0.05 * np.abs(slopes).max()
 
 
@@ -134,14 +136,20 @@ def test_one_gaussian_for_lens_and_pixel_keeps_its_width_from_two_directions() -
     assert choice.fit.parameters.tolist() == pytest.approx([0.36, 0.36], rel=0.005)
 
 
-@pytest.mark.parametrize("off_deg", [0.0, 0.3, 1.0])
-def test_edges_along_the_rows_and_columns_measure_a_sharp_lens(off_deg: float) -> None:
+@pytest.mark.parametrize(
+    ("off_deg", "misfit"),
+    # At 1 degree a misfit of 1 % of the contrast stays in some bins of 90 px of edge.
+    [(0.0, 1.4), (0.3, 1.4), (1.0, 6.0)],
+)
+def test_edges_along_the_rows_and_columns_measure_a_sharp_lens(
+    off_deg: float, misfit: float
+) -> None:
     # A Gaussian fitted to f/2.8 finds the angle and the bend of such edges up to 0.06 px wrong.
     lens = Lens(0.186, 0.186)
     choice = choose_otf(binned(lens, (off_deg, 90.0 + off_deg), snr=500))
     assert choice is not None
     assert choice.fit.form.name == "round"
-    assert choice.chi2_reduced < 1.4  # 16 and more with the places of the Gaussian
+    assert choice.chi2_reduced < misfit  # at 0.3 degrees 16 with the places of the Gaussian
     freq = np.linspace(0.0, 0.5, 11)
     found = choice.fit.form.lens(choice.fit.parameters)(freq, 0 * freq) * np.sinc(freq)
     # Exactly along them an edge has samples a whole pixel apart: 0.0013.
