@@ -35,7 +35,7 @@ _FEWEST_FOR_FOURFOLD = 8
 _MUCH_BETTER, _BETTER = 10.0, 6.0
 _NOT_WORTH_A_FIT = 8.0  # expected of chi-squared: two parameters must gain 26 to be taken
 _FEW_STEPS = 2
-# JPEG photographs of chessboards stand at 1200: their edges differ by far more than their noise, and
+# JPEG photographs of chessboards stand at 1200: their edges differ by far more than their noise;
 # what they share of a shape cannot be told from that.
 _TOO_SCATTERED = 10.0
 _SCATTERED = 1.5  # below, the correction stays as it is for the noise alone
