@@ -35,6 +35,9 @@ _FEWEST_FOR_FOURFOLD = 8
 _MUCH_BETTER, _BETTER = 10.0, 6.0
 _NOT_WORTH_A_FIT = 8.0  # expected of chi-squared: two parameters must gain 26 to be taken
 _FEW_STEPS = 2
+# JPEG photographs of chessboards stand at 1200: their edges differ by far more than their noise;
+# what they share of a shape cannot be told from that.
+_TOO_SCATTERED = 10.0
 _SCATTERED = 1.5  # below, the correction stays as it is for the noise alone
 _LEAST_VARIANCE_PX2 = 2.5e-3
 _START_EDGES, _START_STEPS = 6, 3
@@ -236,12 +239,7 @@ def _best(
     compared = [*plain, corrected] if corrected else plain
     if corrected is not None:
         if scatter > _SCATTERED:
-            corrected = _corrected(stack, correction, best, scatter)
-            # Edges that differ from each other have no common shape to tell so finely.
-            if corrected is not None:
-                gained = (best.squares - corrected.squares) / scatter
-                if gained < 2 * (corrected.freedom - best.freedom) + _MUCH_BETTER:
-                    corrected = None
+            corrected = _corrected_over_scatter(stack, correction, best, scatter)
         best = corrected or best
     reason = ", ".join(
         f"{fit.form.name} {fit.squares / scatter:.0f} ({fit.freedom:.0f})" for fit in compared
@@ -262,3 +260,20 @@ def _corrected(
     if evidence is None:
         return None
     return fit_correction(stack, correction.base, evidence, scatter)
+
+
+def _corrected_over_scatter(
+    stack: EdgeStack, correction: _Correction, best: OtfFit, scatter: float
+) -> OtfFit | None:
+    """A correction where edges differ from each other: of what they have in common, if that tells.
+
+    Akaike's criterion must ask for it as well.
+    """
+    if scatter > _TOO_SCATTERED:
+        return None
+    corrected = _corrected(stack, correction, best, scatter)
+    if corrected is None:
+        return None
+    gained = (best.squares - corrected.squares) / scatter
+    asked = 2 * (corrected.freedom - best.freedom) + _MUCH_BETTER
+    return corrected if gained >= asked else None

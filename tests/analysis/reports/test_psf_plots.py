@@ -52,13 +52,14 @@ def test_the_transfer_is_drawn_along_both_axes_and_diagonals_with_its_band() -> 
         chi2_reduced=1.0,
         scatter=1.0,
     )
-    axes = plot_transfer_2d(transfer).axes[0]
-    assert legend_of(axes.figure) == ["along x", "at 45 deg", "along y", "at 135 deg"]
+    figure = plot_transfer_2d(transfer)
+    axes = figure.axes[0]
+    assert legend_of(figure) == ["along x", "at 45 deg", "along y", "at 135 deg"]
     freq, values = np.asarray(axes.lines[0].get_data())
     np.testing.assert_allclose(values, np.exp(-2 * np.pi**2 * 0.36 * freq**2), atol=1e-12)
     # d/dv exp(-2 pi^2 v f^2) = -2 pi^2 f^2 of it; the variance is known to 0.01.
     reach = 1.96 * 0.01 * 2 * np.pi**2 * freq**2 * values
-    upper = axes.collections[0].get_paths()[0].vertices[:, 1].max()
+    upper = np.asarray(axes.collections[0].get_paths()[0].vertices)[:, 1].max()
     assert upper == pytest.approx((values + reach).max(), abs=1e-9)
     assert len(axes.collections) == 4
 
