@@ -1,7 +1,9 @@
-"""Speed of the zoom-out models beside Pillow + scipy.ndimage.
+"""Speed of the zoom-out models beside OpenCV, and beside Pillow + scipy.ndimage.
 
-Everything here runs on one thread by itself; float32, weights cached. ``peer`` is ``Image.resize``
-with the same box, then ``gaussian_filter`` with the paper's width; ``memcpy`` copies the input.
+On one thread, float32, the finite check included, kernels built before. OpenCV's
+peer is ``GaussianBlur`` by sigma ``sqrt(z^2 - 1)``, then ``resize`` by ``INTER_CUBIC``; Pillow's is
+``Image.resize`` with the same box, then ``gaussian_filter`` with the paper's width; ``memcpy``
+copies the input. The kernels' build is timed apart, first for any size and then for another one.
 
     python -m benchmarks.bench_zoom_out [--plot docs/images/zoom-out-cost.png]
 
@@ -9,10 +11,13 @@ plots how the cost grows with image size and zoom as well.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from math import sqrt
 from pathlib import Path
+from time import perf_counter
 
+import cv2
 import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
@@ -21,10 +26,33 @@ from analysis.detectability import MODEL_COLOURS
 from analysis.reports import in_report_style, new_figure, png_bytes
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
-from simulation import MODELS, GaussianPsf, SamplingGrid, zoom_out
-from simulation.arrays import Float32Array
+from simulation import (
+    MODELS,
+    GaussianPsf,
+    LensOtf,
+    MeasuredPsf,
+    Model,
+    Psf,
+    SamplingGrid,
+    zoom_operator,
+    zoom_out,
+)
+from simulation.arrays import AnyArray, Float32Array
 
 SIGMA_PX = 0.935
+GREEN_PER_PITCH = 0.55 / 8.3
+NEAREST = GaussianPsf(sigma_x_px=0.5, sigma_y_px=0.5)
+PSFS: dict[str, Psf] = {
+    "Gaussian": GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX),
+    "round": MeasuredPsf(
+        lens=LensOtf(cut_off_period_px=(5.6 * GREEN_PER_PITCH, 0.0, 5.6 * GREEN_PER_PITCH)),
+        gaussian=NEAREST,
+    ),
+    # f/4 and f/9 along axes turned by 30 degrees.
+    "astigmatic": MeasuredPsf(
+        lens=LensOtf(cut_off_period_px=(0.3479, -0.1435, 0.5136)), gaussian=NEAREST
+    ),
+}
 SHAPES = ((580, 780), (3000, 4000))
 ZOOMS = (1.3, 2.0, 3.0)
 GROWTH_MEGAPIXELS = (0.1, 0.3, 1.0, 3.0, 12.0, 24.0)
@@ -74,34 +102,67 @@ def plot_growth(path: Path) -> None:
     path.write_bytes(png_bytes(figure))
 
 
+def opencv(image: Float32Array, zoom: float) -> AnyArray:
+    grid = SamplingGrid.centred((image.shape[0], image.shape[1]), zoom)
+    blurred = cv2.GaussianBlur(image, (0, 0), sqrt(zoom**2 - 1))
+    return cv2.resize(blurred, (grid.cols, grid.rows), interpolation=cv2.INTER_CUBIC)
+
+
 def compare(record: Recorder, shape: tuple[int, int]) -> None:
-    """Print a table of all models and zooms for one size."""
-    psf = GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
+    """Print a table of all models, PSFs and zooms for one size."""
     image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
     copy = np.empty_like(image)
     memcpy_s = best_s(partial(np.copyto, copy, image), record.pick(1.0, 0.1))
-    record.say(f"\n{shape[1]} x {shape[0]}, memcpy {memcpy_s * 1e3:.2f} ms")
-    record.say("  zoom  model        ms   peer ms  times faster  memcpys")
-    speedups: dict[str, list[float]] = {model: [] for model in MODELS}
+    size = f"{shape[1]} x {shape[0]}"
+    record.say(f"\n{size}, memcpy {memcpy_s * 1e3:.2f} ms")
+    record.say("  zoom  model     PSF            ms  of OpenCV  of Pillow + scipy  memcpys")
+    rows: list[tuple[Model, str]] = [("bicubic", "Gaussian"), ("paper", "Gaussian")]
+    rows += [(model, name) for model in ("matched", "lmmse") for name in PSFS]
     for zoom in ZOOMS:
-        calls: list[Callable[[], object]] = [partial(pillow_and_scipy, image, zoom)]
-        calls += [partial(zoom_out, image, zoom, psf, model) for model in MODELS]
-        peer_s, *times_s = shortest_s(calls, record.pick(4.0, 0.3))
-        for model, own_s in zip(MODELS, times_s, strict=True):
-            speedups[model].append(peer_s / own_s)
+        calls: list[Callable[[], object]] = [
+            partial(opencv, image, zoom),
+            partial(pillow_and_scipy, image, zoom),
+        ]
+        calls += [partial(zoom_out, image, zoom, PSFS[name], model) for model, name in rows]
+        opencv_s, pillow_s, *times_s = shortest_s(calls, record.pick(6.0, 0.5))
+        for (model, name), own_s in zip(rows, times_s, strict=True):
             record.figure(
-                f"{model}, {shape[1]} x {shape[0]}, zoom {zoom}",
+                f"{model}, {name} PSF, {size}, zoom {zoom}",
                 own_s * 1e3,
                 "ms",
-                peer="Pillow + scipy",
-                peer_value=peer_s * 1e3,
+                peer="OpenCV",
+                peer_value=opencv_s * 1e3,
             )
             record.say(
-                f"  {zoom:4.1f}  {model:8s} {own_s * 1e3:7.2f} {peer_s * 1e3:8.2f}"
-                f" {peer_s / own_s:12.1f} {own_s / memcpy_s:9.1f}"
+                f"  {zoom:4.1f}  {model:8s}  {name:10s} {own_s * 1e3:7.2f} {own_s / opencv_s:10.2f}"
+                f" {own_s / pillow_s:18.2f} {own_s / memcpy_s:8.1f}"
             )
-    means = ", ".join(f"{model} {np.mean(ratios):.1f}" for model, ratios in speedups.items())
-    record.say(f"  mean times faster: {means}")
+
+
+def build(record: Recorder) -> None:
+    """Time the kernels of a PSF that was not seen before, then those of another image size."""
+    record.say("\n  kernels     zoom  PSF          first ms  another size ms")
+    for zoom in ZOOMS:
+        for model in ("matched", "lmmse"):
+            for name, psf in PSFS.items():
+                times_ms = []
+                # A seed in the width makes it another PSF to the caches.
+                fresh = _slightly_wider(psf)
+                for shape in ((580, 780), (600, 811)):
+                    start_s = perf_counter()
+                    zoom_operator(shape, SamplingGrid.centred(shape, zoom), fresh, model)
+                    times_ms.append((perf_counter() - start_s) * 1e3)
+                record.figure(f"build {model}, {name} PSF, zoom {zoom}", times_ms[0], "ms")
+                record.say(
+                    f"  {model:10s} {zoom:5.1f}  {name:10s} {times_ms[0]:10.0f} {times_ms[1]:16.0f}"
+                )
+
+
+def _slightly_wider(psf: Psf) -> Psf:
+    if isinstance(psf, GaussianPsf):
+        return replace(psf, sigma_x_px=psf.sigma_x_px + 1e-9)
+    assert isinstance(psf, MeasuredPsf)
+    return replace(psf, lens=replace(psf.lens, gaussian_px2=(1e-9, 0.0, 1e-9)))
 
 
 def main() -> None:
@@ -111,11 +172,13 @@ def main() -> None:
     with Recorder.of(
         given,
         "zoom_out",
-        packages=("numpy", "numba", "scipy", "Pillow"),
-        note=f"one thread, float32, sigma {SIGMA_PX} px",
+        packages=("numpy", "numba", "opencv-contrib-python-headless", "scipy", "Pillow"),
+        note=f"one thread, float32; PSFs: Gaussian of {SIGMA_PX} px, f/5.6, f/4 and f/9",
     ) as record:
-        for shape in SHAPES:
+        cv2.setNumThreads(1)
+        for shape in record.pick(SHAPES, SHAPES[:1]):
             compare(record, shape)
+        build(record)
         if given.plot is not None:
             plot_growth(given.plot)
             record.say(f"\nwrote {given.plot}")

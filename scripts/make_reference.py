@@ -41,8 +41,10 @@ from calibration.psf import (
     FieldFit,
     HeightGroup,
     HeightTrend,
+    OtfTable,
     PairWidths,
     PsfCalibration,
+    Transfer2d,
 )
 from standoff.terminal import application
 
@@ -131,6 +133,8 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
             HeightGroup,
             MeasuredTransfer,
             AxisTransfer,
+            Transfer2d,
+            OtfTable,
             CameraIdentity,
             ColourPsf,
             PairWidths,

@@ -1,11 +1,11 @@
 from .choices import MODELS as MODELS, Model as Model
+from .pose.options import PoseOptions as PoseOptions
 from .pose.simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
 from .psf.field import PsfField as PsfField
 from .psf.gaussian import GaussianPsf as GaussianPsf
 from .psf.lens import LensOtf as LensOtf
 from .psf.measured import MeasuredPsf as MeasuredPsf, Psf as Psf, SeparablePsf as SeparablePsf
 from .psf.transfer import (
-    CameraTransfer as CameraTransfer,
     GaussianTransfer as GaussianTransfer,
     SampledTransfer as SampledTransfer,
     Transfer as Transfer,
@@ -21,12 +21,12 @@ from .zoom import (
 
 __all__ = [
     "MODELS",
-    "CameraTransfer",
     "GaussianPsf",
     "GaussianTransfer",
     "LensOtf",
     "MeasuredPsf",
     "Model",
+    "PoseOptions",
     "Psf",
     "PsfField",
     "SampledTransfer",

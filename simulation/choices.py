@@ -6,6 +6,25 @@ Model = Literal["bicubic", "paper", "matched", "lmmse"]
 MODELS: tuple[Model, ...] = get_args(Model)
 """Capture models, which ``simulation.zoom`` explains."""
 
+PoseModel = Literal["matched", "lmmse"]
+POSE_MODELS: tuple[PoseModel, ...] = get_args(PoseModel)
+"""The models that take any pose, a PSF of any shape, and a PSF that varies over the frame."""
+
+DEFAULT_MODEL: PoseModel = "lmmse"
+"""For a zoom-out: over lenses, zooms and noise it has the least error, as
+``benchmarks/bench_capture_model.py`` shows."""
+
+DEFAULT_POSE_MODEL: PoseModel = "matched"
+"""For any other pose: as near as ``lmmse``, and it returns the reference where the pose changes
+nothing."""
+
+PsfForm = Literal["gaussian", "separable", "round", "elliptic", "free"]
+"""What a PSF's shape is known as: a Gaussian, a curve along either axis, a lens of the same
+sharpness in every direction, one of two, or one with a measured correction to it."""
+
+PsfShape = Literal["best", "gaussian", "measured"]
+"""Which PSF of a psf.json is used: the best one, the Gaussian, or none but a measured one."""
+
 GaussianForm = Literal["transfer", "sampled"]
 """How a Gaussian becomes a kernel: by its transfer function, or sampled as in libraries."""
 

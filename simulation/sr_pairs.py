@@ -7,11 +7,14 @@ square of the scene.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import ceil, floor
+from math import ceil, floor, sqrt
+from typing import TypedDict, Unpack
+
+import numpy as np
 
 from simulation.arrays import AnyArray, FloatImage
-from simulation.choices import Model
-from simulation.psf import GaussianPsf
+from simulation.choices import DEFAULT_MODEL, Model
+from simulation.psf import Psf, PsfField
 from simulation.resampling import SamplingGrid
 from simulation.zoom import zoom_out_on_grid
 
@@ -19,6 +22,21 @@ _WHOLE_PIXEL_SLACK = 1e-9
 _MARGIN_PX = 24.0  # the spline's own reach at the reference's resolution
 _MARGIN_ZOOMS = 24.0  # the antialiasing cubic and the blur's tail, in follow-up pixels
 _MARGIN_SIGMAS = 6.0
+
+
+_PLACES = 5
+"""Positions per axis at which a field's PSF is taken: the kernels of each are solved once, which
+takes 0.1-5 s, where a crop takes milliseconds."""
+
+
+class SrComputation(TypedDict, total=False):
+    """How the partners are computed; what is not given has the default."""
+
+    model: Model
+    """The capture model; ``DEFAULT_MODEL`` by default."""
+
+    threads: int
+    """How many share the rows of a crop, 1 by default; the result is the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,11 +81,11 @@ def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
 def sr_pairs(
     image: AnyArray,
     zoom: float,
-    psf: GaussianPsf,
+    psf: Psf | PsfField,
     *,
     crop_px: int,
     stride_px: int,
-    model: Model = "matched",
+    **how: Unpack[SrComputation],
 ) -> Iterator[SrPair]:
     """Cut an image into crops, row by row, each with its low-resolution partner.
 
@@ -78,25 +96,34 @@ def sr_pairs(
     zoom
         How many times further away the low-resolution camera is, at least 1.
     psf
-        Total PSF of the camera.
+        Total PSF of the camera. Of a field, which must be of the image's size, every crop takes
+        the PSF in the middle of that one of 5 x 5 parts of the frame in which its centre lies.
     crop_px, stride_px
         Side of the high-resolution crops, and the distance between their origins.
-    model
-        The capture model.
+    how
+        ``model`` and ``threads``.
 
     Raises
     ------
     ValueError
-        If the crop does not fit into the image, or leaves no low-resolution pixel.
+        If the crop does not fit into the image, or leaves no low-resolution pixel; if a field
+        belongs to another frame.
     """
     rows, cols = image.shape[:2]
+    if isinstance(psf, PsfField) and (psf.width_px, psf.height_px) != (cols, rows):
+        raise ValueError(
+            f"a field of {psf.width_px} x {psf.height_px} px is not that of an image of "
+            f"{cols} x {rows} px"
+        )
+    model, threads = how.get("model", DEFAULT_MODEL), how.get("threads", 1)
     small = floor(crop_px / zoom + _WHOLE_PIXEL_SLACK)
     if small < 1:
         raise ValueError(f"a crop of {crop_px} px leaves no pixel at zoom {zoom:g}")
     centred = SamplingGrid.centred((crop_px, crop_px), zoom)
-    margin = _margin_px(zoom, psf)
     for top in crop_origins(rows, crop_px, stride_px):
         for left in crop_origins(cols, crop_px, stride_px):
+            own = _psf_at(psf, top + (crop_px - 1) / 2, left + (crop_px - 1) / 2)
+            margin = _margin_px(zoom, own)
             # Crops away from the border have the same window and grid: one cached operator.
             window_top, window_left = max(top - margin, 0), max(left - margin, 0)
             window = image[
@@ -111,11 +138,22 @@ def sr_pairs(
                 top_px=top,
                 left_px=left,
                 high=image[top : top + crop_px, left : left + crop_px],
-                low=zoom_out_on_grid(window, grid, psf, model),
+                low=zoom_out_on_grid(window, grid, own, model, threads=threads),
             )
 
 
-def _margin_px(zoom: float, psf: GaussianPsf) -> int:
+def _psf_at(psf: Psf | PsfField, y_px: float, x_px: float) -> Psf:
+    """PSF of the part of the frame in which a position lies."""
+    if not isinstance(psf, PsfField):
+        return psf
+    y_px, x_px = (
+        (floor((at_px + 0.5) * _PLACES / size) + 0.5) * size / _PLACES - 0.5
+        for at_px, size in ((y_px, psf.height_px), (x_px, psf.width_px))
+    )
+    return psf.at(x_px, y_px)
+
+
+def _margin_px(zoom: float, psf: Psf) -> int:
     """Pixels around a crop that its low-resolution pixels may depend on."""
-    widest = max(psf.sigma_x_px, psf.sigma_y_px)
+    widest = sqrt(max(np.diag(psf.covariance_px2).tolist()))
     return ceil(_MARGIN_PX + _MARGIN_ZOOMS * zoom + _MARGIN_SIGMAS * widest * zoom)

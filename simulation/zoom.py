@@ -1,31 +1,33 @@
 """Zoom-out: the image a camera would take of the same scene from ``zoom`` times further away.
 
-Four models. All are linear, noise-free and, for an uncorrelated PSF, separable.
+Four models, all linear and noise-free: sums of separable terms, one for a Gaussian PSF.
 
 ``bicubic``
     Pillow's antialiased bicubic alone; the baseline.
 ``paper``
-    The same, then a blur by ``Sigma (1 - 1 / zoom^2)`` in follow-up px^2.
+    The same, then a Gaussian blur by ``Sigma (1 - 1 / zoom^2)`` in follow-up px^2; the paper's
+    ``Sigma`` is the diagonal of the PSF's covariance.
 ``matched``
-    A blur by ``Sigma (zoom^2 - 1)`` at the reference's resolution, then point samples of the
-    quintic spline through the result: no antialiasing, as a real distant camera has none beyond
-    its own PSF. The theory and the comparison are in ``docs/theory-simulation.md``.
+    The near image times ``H(zoom f) / H(f)``, which for a Gaussian is a blur by
+    ``Sigma (zoom^2 - 1)``, then point samples of the quintic spline through the result: no
+    antialiasing, as a real distant camera has none beyond its own PSF. The theory and the
+    comparison are in ``docs/theory-simulation.md``.
 ``lmmse``
-    The best linear resampler for scenes with a first-order covariance, with the pixel's own
-    square (``docs/theory-lmmse.md``); takes any transfer function through ``lmmse_operator``.
+    The best linear estimate from the reference pixels around, for scenes with a first-order
+    covariance (``docs/theory-lmmse.md``); ``lmmse_operator`` takes the reference's noise too.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from math import floor
 from typing import Self
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
-from simulation.choices import MODELS, GaussianForm, Model
-from simulation.lmmse import SCENE_CORRELATION_PX, lmmse_terms
-from simulation.psf import CameraTransfer, GaussianPsf, Transfer
+from simulation.choices import DEFAULT_MODEL, MODELS, GaussianForm, Model
+from simulation.psf import Psf
 from simulation.resampling import (
     BandedMatrix,
     BlurCovariance,
@@ -33,18 +35,19 @@ from simulation.resampling import (
     antialiased_cubic,
     blur,
     gaussian_terms,
-    matched_terms,
     put_separable,
     reference_shape,
     refuse_non_finite,
-    spline_sampling,
+)
+from simulation.zoom_kernels import (
+    SCENE_CORRELATION_PX,
+    lmmse_terms,
+    spline_prefilter,
+    spline_terms,
 )
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
-
-_FAINT_ENDS = 3e-6
-"""Fraction of a row's weights cut off on either side: at most 0.003 of 255 in the result."""
 
 _BORDER_SLACK_PX = 1e-6
 
@@ -55,11 +58,10 @@ class SeparableSum:
 
     terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]
 
-    def apply(self, image: FloatImage) -> FloatImage:
+    def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the transformed image, in the dtype of ``image``, shape (rows, cols)."""
         out = np.empty((self.terms[0][0].rows, self.terms[0][1].rows), dtype=image.dtype)
-        for index, (y, x) in enumerate(self.terms):
-            put_separable(y, (x,), image, out, is_added=index > 0)
+        put_separable(tuple((y, (x,)) for y, x in self.terms), image, out, threads=threads)
         return out
 
 
@@ -76,28 +78,29 @@ class ZoomOperator:
             f"{last_x.rows} x {last_y.rows} px)"
         )
 
-    def apply(self, image: FloatImage) -> FloatImage:
+    def apply(self, image: FloatImage, threads: int = 1) -> FloatImage:
         """Return the follow-up of ``image``, shape (rows, cols), float32 or float64."""
         if len(self.stages) == 2 and all(len(stage.terms) == 1 for stage in self.stages):
             # Both stages along x at once: the image is transposed once and back once.
             (((first_y, first_x),), ((then_y, then_x),)) = (s.terms for s in self.stages)
             made = np.empty((first_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(first_y, (first_x, then_x), image, made, is_added=False)
+            put_separable(((first_y, (first_x, then_x)),), image, made, threads=threads)
             out = np.empty((then_y.rows, then_x.rows), dtype=image.dtype)
-            put_separable(then_y, (), made, out, is_added=False)
+            put_separable(((then_y, ()),), made, out, threads=threads)
             return out
         for stage in self.stages:
-            image = stage.apply(image)
+            image = stage.apply(image, threads)
         return image
 
 
 def zoom_out(
     image: AnyArray,
     zoom: float,
-    psf: GaussianPsf | None = None,
-    model: Model = "matched",
+    psf: Psf | None = None,
+    model: Model = DEFAULT_MODEL,
     *,
     gaussian: GaussianForm = "transfer",
+    threads: int = 1,
 ) -> FloatImage:
     """Image of the same scene from ``zoom`` times further away, both image centres coinciding.
 
@@ -116,6 +119,8 @@ def zoom_out(
     gaussian
         ``"sampled"`` blurs model ``paper`` as ``scipy.ndimage.gaussian_filter`` would, for
         comparison.
+    threads
+        Threads that share the rows; the result is the same bit by bit.
 
     Returns
     -------
@@ -131,16 +136,17 @@ def zoom_out(
     """
     rows, cols = reference_shape(image)
     grid = SamplingGrid.centred((rows, cols), zoom)
-    return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian)
+    return zoom_out_on_grid(image, grid, psf, model, gaussian=gaussian, threads=threads)
 
 
 def zoom_out_on_grid(
     image: AnyArray,
     grid: SamplingGrid,
-    psf: GaussianPsf | None = None,
-    model: Model = "matched",
+    psf: Psf | None = None,
+    model: Model = DEFAULT_MODEL,
     *,
     gaussian: GaussianForm = "transfer",
+    threads: int = 1,
 ) -> FloatImage:
     """Like ``zoom_out``, on the pixels of a real follow-up: any zoom, offset and size per axis.
 
@@ -151,15 +157,17 @@ def zoom_out_on_grid(
     ValueError
         As for ``zoom_out``, or if the grid is outside the reference by more than half a pixel.
     """
+    if threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
     shape = reference_shape(image)
     operator = zoom_operator(shape, grid, psf, model, gaussian=gaussian)
     refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     if image.ndim == 2:
-        return operator.apply(image.astype(dtype, copy=False))
+        return operator.apply(image.astype(dtype, copy=False), threads)
     result = np.empty((grid.rows, grid.cols, image.shape[2]), dtype=dtype)
     for channel in range(image.shape[2]):
-        result[:, :, channel] = operator.apply(image[:, :, channel].astype(dtype))
+        result[:, :, channel] = operator.apply(image[:, :, channel].astype(dtype), threads)
     return result
 
 
@@ -167,8 +175,8 @@ def zoom_out_on_grid(
 def zoom_operator(
     shape: tuple[int, int],
     grid: SamplingGrid,
-    psf: GaussianPsf | None = None,
-    model: Model = "matched",
+    psf: Psf | None = None,
+    model: Model = DEFAULT_MODEL,
     *,
     gaussian: GaussianForm = "transfer",
 ) -> ZoomOperator:
@@ -189,34 +197,22 @@ def zoom_operator(
     if model == "matched":
         return ZoomOperator((_matched(shape, grid, _needed(psf, model)),))
     if model == "lmmse":
-        if grid == SamplingGrid.centred(shape, 1.0):
-            return ZoomOperator((_identity(shape),))
-        transfer = CameraTransfer.of_psf(_needed(psf, model))
-        return ZoomOperator((_without_faint_ends(lmmse_terms(shape, grid, transfer)),))
-    antialiased = SeparableSum(
-        (
-            (
-                antialiased_cubic(grid.rows_px, grid.zoom_y, shape[0]),
-                antialiased_cubic(grid.cols_px, grid.zoom_x, shape[1]),
-            ),
-        )
-    )
+        return lmmse_operator(shape, grid, _needed(psf, model))
     if model == "bicubic":
-        return ZoomOperator((antialiased,))
-    return ZoomOperator((antialiased, _paper_blur(grid, _needed(psf, model), gaussian)))
+        return ZoomOperator((_antialiased(shape, grid),))
+    return _paper(shape, grid, _needed(psf, model), gaussian)
 
 
 @lru_cache(maxsize=32)
 def lmmse_operator(
     shape: tuple[int, int],
     grid: SamplingGrid,
-    transfer_y: Transfer,
-    transfer_x: Transfer,
+    psf: Psf,
     *,
     noise_ratio: float = 0.0,
     scene_correlation_px: float = SCENE_CORRELATION_PX,
 ) -> ZoomOperator:
-    """Operator of model ``lmmse`` for a measured transfer function; cached.
+    """Operator of model ``lmmse`` for a noisy reference or another scene; cached.
 
     Parameters
     ----------
@@ -224,11 +220,10 @@ def lmmse_operator(
         ``(rows, cols)`` of the references.
     grid
         Pixels of the follow-up.
-    transfer_y, transfer_x
-        Transfer functions along rows and columns, pixel included: a ``SampledTransfer`` of an
-        edge's curve, or anything hashable that returns amplitudes for frequencies.
+    psf
+        Total PSF of the camera.
     noise_ratio
-        Variance of the reference's noise over that of the scene. With noise, zoom 1 smooths.
+        Variance of a reference pixel's noise over that of the scene. With noise, zoom 1 smooths.
     scene_correlation_px
         Correlation length of the scene; hardly matters.
 
@@ -239,13 +234,14 @@ def lmmse_operator(
     """
     _check_grid(shape, grid)
     terms = lmmse_terms(
-        shape,
-        grid,
-        CameraTransfer(along_y=transfer_y, along_x=transfer_x),
-        noise_ratio=noise_ratio,
-        scene_correlation_px=scene_correlation_px,
+        shape, grid, psf, noise_ratio=noise_ratio, scene_correlation_px=scene_correlation_px
     )
-    return ZoomOperator((_without_faint_ends(terms),))
+    if terms is None:
+        # Without a limit to its window, and at such zooms without aliasing to speak of.
+        return ZoomOperator((_matched(shape, grid, psf),))
+    if noise_ratio == 0 and grid == SamplingGrid.centred(shape, 1.0):
+        return ZoomOperator((_identity(shape),))
+    return ZoomOperator((SeparableSum(terms),))
 
 
 def _check_grid(shape: tuple[int, int], grid: SamplingGrid) -> None:
@@ -258,52 +254,64 @@ def _check_grid(shape: tuple[int, int], grid: SamplingGrid) -> None:
             raise ValueError(f"the grid's {name} extend beyond the reference by {outermost:.3g} px")
 
 
-def _without_faint_ends(terms: tuple[tuple[BandedMatrix, BandedMatrix], ...]) -> SeparableSum:
-    return SeparableSum(tuple((y.trimmed(_FAINT_ENDS), x.trimmed(_FAINT_ENDS)) for y, x in terms))
-
-
 def _identity(shape: tuple[int, int]) -> SeparableSum:
     return SeparableSum(((blur(np.ones(1), shape[0]), blur(np.ones(1), shape[1])),))
 
 
-def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: GaussianPsf) -> SeparableSum:
+def _matched(shape: tuple[int, int], grid: SamplingGrid, psf: Psf) -> SeparableSum:
     if grid == SamplingGrid.centred(shape, 1.0):
         # The spline through the pixels reproduces the pixel values except for rounding.
         return _identity(shape)
-    zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    kernels = matched_terms(_scaled(psf, zoom_y**2 - 1, zoom_x**2 - 1, zoom_y * zoom_x - 1))
-    return _without_faint_ends(
-        tuple(
+    return SeparableSum(spline_terms(shape, grid, psf))
+
+
+def _antialiased(shape: tuple[int, int], grid: SamplingGrid) -> SeparableSum:
+    return SeparableSum(
+        (
             (
-                spline_sampling(grid.rows_px, kernel.along_y, shape[0]),
-                spline_sampling(grid.cols_px, kernel.along_x, shape[1]),
-            )
-            for kernel in kernels
+                antialiased_cubic(grid.rows_px, grid.zoom_y, shape[0]),
+                antialiased_cubic(grid.cols_px, grid.zoom_x, shape[1]),
+            ),
         )
     )
 
 
-def _paper_blur(grid: SamplingGrid, psf: GaussianPsf, gaussian: GaussianForm) -> SeparableSum:
+def _paper(
+    shape: tuple[int, int], grid: SamplingGrid, psf: Psf, gaussian: GaussianForm
+) -> ZoomOperator:
+    """Antialiased resizing, then the blur, which mirrors at the image's edge, not the grid's."""
     zoom_y, zoom_x = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    kernels = gaussian_terms(
-        _scaled(psf, 1 - zoom_y**-2, 1 - zoom_x**-2, 1 - 1 / (zoom_y * zoom_x)),
+    # The paper's Sigma has no correlation.
+    xx, yy = np.diag(psf.covariance_px2).tolist()
+    (kernel,) = gaussian_terms(
+        BlurCovariance(yy_px2=yy * (1 - zoom_y**-2), xx_px2=xx * (1 - zoom_x**-2)),
         tail_tolerance=_PAPER_TAIL_TOLERANCE,
         form=gaussian,
     )
-    return SeparableSum(
-        tuple(
-            (blur(kernel.along_y, grid.rows), blur(kernel.along_x, grid.cols)) for kernel in kernels
-        )
+    above, below = _pixels_around(grid.rows_px, grid.zoom_y, shape[0], len(kernel.along_y) // 2)
+    left, right = _pixels_around(grid.cols_px, grid.zoom_x, shape[1], len(kernel.along_x) // 2)
+    wider = replace(
+        grid,
+        origin_y_px=grid.origin_y_px - above * grid.zoom_y,
+        origin_x_px=grid.origin_x_px - left * grid.zoom_x,
+        rows=grid.rows + above + below,
+        cols=grid.cols + left + right,
     )
+    blurs = (
+        blur(kernel.along_y, wider.rows).of_rows(slice(above, above + grid.rows)),
+        blur(kernel.along_x, wider.cols).of_rows(slice(left, left + grid.cols)),
+    )
+    return ZoomOperator((_antialiased(shape, wider), SeparableSum((blurs,))))
 
 
-def _scaled(psf: GaussianPsf, yy: float, xx: float, xy: float) -> BlurCovariance:
-    """Covariance of the PSF, multiplied element by element."""
-    (cov_xx, cov_xy), (_, cov_yy) = psf.covariance_px2.tolist()
-    return BlurCovariance(yy_px2=cov_yy * yy, xx_px2=cov_xx * xx, xy_px2=cov_xy * xy)
+def _pixels_around(positions_px: FloatArray, zoom: float, size: int, reach: int) -> tuple[int, int]:
+    """Pixels that the grid can be extended by on either side, ``reach`` at most."""
+    before = (positions_px[0] + 0.5 + _BORDER_SLACK_PX) / zoom
+    after = (size - 0.5 + _BORDER_SLACK_PX - positions_px[-1]) / zoom
+    return min(max(floor(before), 0), reach), min(max(floor(after), 0), reach)
 
 
-def _needed(psf: GaussianPsf | None, model: Model) -> GaussianPsf:
+def _needed(psf: Psf | None, model: Model) -> Psf:
     if psf is None:
         raise ValueError(f"model {model!r} needs a PSF")
     return psf
@@ -316,7 +324,7 @@ class BlurredSpline:
     coefficients: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, image: AnyArray, psf: GaussianPsf, zoom: float) -> Self:
+    def of(cls, image: AnyArray, psf: Psf, zoom: float) -> Self:
         """Blur an image to its PSF from ``zoom`` times further away.
 
         Parameters
@@ -324,13 +332,12 @@ class BlurredSpline:
         image
             Grey, shape ``(rows, cols)``.
         psf
-            Total PSF; the blur is its covariance times ``zoom^2 - 1``.
+            Total PSF.
         zoom
             Ratio of the distances; 1 or less does not blur.
         """
-        excess = max(zoom, 1.0) ** 2 - 1
         rows, cols = image.shape
-        kernels = matched_terms(_scaled(psf, excess, excess, excess))
+        kernels = spline_prefilter(psf, max(zoom, 1.0), max(zoom, 1.0))
         prefilter = SeparableSum(
             tuple((blur(k.along_y, rows), blur(k.along_x, cols)) for k in kernels)
         )

@@ -8,6 +8,7 @@ from pydantic import Field
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument
 from calibration.documents import read_document
+from simulation.choices import PsfForm
 
 CHANGES_SCHEMA: Final = "standoff.changes/1"
 
@@ -40,6 +41,8 @@ class ChangeSummary(ResultsDocument):
     registration_err_px, width_err_px2
         Standard deviations of the registration along the gradient, and of the variance by which
         the simulated blur is wrong.
+    psf_form
+        What the shape of the camera's PSF was known as; None in files of before.
     """
 
     schema_name: Literal["standoff.changes/1"] = Field(default=CHANGES_SCHEMA, alias="schema")
@@ -60,6 +63,7 @@ class ChangeSummary(ResultsDocument):
     is_noise_known: bool
     registration_err_px: float
     width_err_px2: float
+    psf_form: PsfForm | None = None
 
 
 def read_changes(path: Path) -> ChangeSummary:

@@ -20,9 +20,10 @@ from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
 from calibration.robust import robust_sigma
-from simulation import GaussianPsf, simulate_pose
+from simulation import PoseOptions, Psf, PsfField, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
+from simulation.choices import PoseModel
 from simulation.pose import pose_noise_gain
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ SOFTNESS_LIMIT_PX2 = 0.15
 
 _SURE = 2.0
 """Standard errors by which the extra blur must exceed the limit."""
+
+_MODEL: PoseModel = "matched"
+"""The capture model with which the rates of false alarms were measured."""
 
 _SMOOTHING_PX = 1.0
 """Width of the Gaussian that gathers a change's pixels before the decision."""
@@ -127,7 +131,7 @@ class ChangeResult:
 def find_changes(
     reference: AnyArray,
     followup: AnyArray,
-    psf: GaussianPsf,
+    psf: Psf | PsfField,
     options: ChangeOptions | None = None,
 ) -> ChangeResult:
     """Find changes between two photographs that the change of pose does not explain.
@@ -156,7 +160,7 @@ def find_changes(
     near, far = (np.asarray(image, dtype=np.float64) for image in (reference, followup))
     pose, k1_err = options.pose, None
     if pose is None:
-        aligned = register_distorted(near, far, psf)
+        aligned = register_distorted(near, far, psf.gaussian)
         pose, k1_err = aligned.pose, aligned.k1_err
     seen, valid = _simulated(near, far, psf, pose)
     gain, offset = _light(seen, far, valid)
@@ -171,9 +175,7 @@ def find_changes(
         )
     variance = None
     if options.noise is not None:
-        own = pose_noise_gain(
-            pose.matrix, _shape(near), (far.shape[1], far.shape[0]), psf, distortion_k1=pose.k1
-        )
+        own = pose_noise_gain(pose.matrix, _shape(near), _shape(far)[::-1], psf, _options(pose))
         noise = options.noise
         variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
     uncertainty = fit_variance(difference, expected, valid, variance)
@@ -198,6 +200,7 @@ def find_changes(
             is_noise_known=options.noise is not None,
             registration_err_px=uncertainty.registration_err_px,
             width_err_px2=uncertainty.width_err_px2,
+            psf_form=psf.form,
         ),
         followup_dn=far,
         difference_dn=difference,
@@ -210,13 +213,21 @@ def find_changes(
     )
 
 
+def _options(pose: DistortedPose) -> PoseOptions:
+    return PoseOptions(distortion_k1=pose.k1, model=_MODEL)
+
+
 def _simulated(
-    near: FloatArray, far: FloatArray, psf: GaussianPsf, pose: DistortedPose
+    near: FloatArray, far: FloatArray, psf: Psf | PsfField, pose: DistortedPose
 ) -> tuple[FloatArray, BoolArray]:
     """The follow-up as its pose alone would make it, and the pixels that may be compared."""
     try:
         simulated = simulate_pose(
-            near, pose.matrix, (far.shape[1], far.shape[0]), psf, distortion_k1=pose.k1
+            near,
+            pose.matrix,
+            (far.shape[1], far.shape[0]),
+            psf,
+            _options(pose),
         )
     except ValueError as error:
         raise AnalysisError(str(error)) from error

@@ -14,6 +14,7 @@ from calibration.documents import read_document
 from calibration.notebook import html_table
 from simulation import Model
 from simulation.arrays import FloatArray
+from simulation.choices import PsfForm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -159,7 +160,8 @@ class DetectabilityCurve(StoredValues):
 class DetectabilityCurves(ResultsDocument):
     """Curves of several models, observers, noises and contrasts: the document of curves.json.
 
-    ``images`` to ``signal`` say what the curves were worked out from; None where that is not known.
+    ``images`` to ``psf_form`` say what the curves were worked out from, None where that is not
+    known.
     """
 
     schema_name: Literal["standoff.detectability/1"] = Field(default=CURVES_SCHEMA, alias="schema")
@@ -168,6 +170,7 @@ class DetectabilityCurves(ResultsDocument):
     reference_zoom: float | None = None
     window_px: int | None = None
     signal: str | None = None
+    psf_form: PsfForm | None = None
     curves: list[DetectabilityCurve] = Field(min_length=1)
 
     def __repr__(self) -> str:

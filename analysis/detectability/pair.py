@@ -7,12 +7,12 @@ simulated from c by the model under test; ``U`` brings the follow-up onto the re
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, hypot, sqrt
+from math import ceil, sqrt
 
 import numpy as np
 
 from analysis.choices import REFERENCE_ZOOM
-from simulation import GaussianPsf, Model, SamplingGrid, ZoomOperator, zoom_operator
+from simulation import Model, Psf, SamplingGrid, ZoomOperator, zoom_operator
 from simulation.arrays import FloatArray
 from simulation.resampling import BandedMatrix, antialiased_cubic, apply_separable
 
@@ -72,7 +72,7 @@ class ComparedPair:
 @lru_cache(maxsize=64)
 def compared_pair(
     shape: tuple[int, int],
-    psf: GaussianPsf | None,
+    psf: Psf | None,
     model: Model,
     zoom: float,
     reference_zoom: float = REFERENCE_ZOOM,
@@ -110,7 +110,7 @@ def compared_pair(
 
 
 def frame_size_px(
-    psf: GaussianPsf | None, signal_px: float, window_px: int, zoom: float, reference_zoom: float
+    psf: Psf | None, signal_px: float, window_px: int, zoom: float, reference_zoom: float
 ) -> int:
     """Side of a square scene image in which a signal near the middle meets no border.
 
@@ -126,7 +126,7 @@ def frame_size_px(
         As in ``compared_pair``.
     """
     total = reference_zoom * zoom
-    sigma_px = 0.0 if psf is None else hypot(psf.sigma_x_px, psf.sigma_y_px)
+    sigma_px = 0.0 if psf is None else sqrt(float(np.trace(psf.covariance_px2)))
     blur_px = 6.0 * sigma_px * sqrt(max(total**2 - 1, 0.0))
     reach = reference_zoom * window_px / 2 + signal_px + blur_px + 8 * total
     return 2 * ceil(reach) + 1

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.choices import REFERENCE_ZOOM, WINDOW_PX
-from simulation import GaussianPsf
+from simulation import Psf
 
 POSITIONS = 6
 """Positions of the signal against the pixel grids; d' over them scatters by 2 % at most."""
@@ -32,7 +32,7 @@ class Scenario:
         If a number is out of range.
     """
 
-    psf: GaussianPsf | None
+    psf: Psf | None
     reference_zoom: float = REFERENCE_ZOOM
     window_px: int = WINDOW_PX
     positions: int = POSITIONS

@@ -28,7 +28,7 @@ from analysis.errors import AnalysisError, ResultsFileError
 from simulation import Model
 from simulation.arrays import FloatArray
 
-_VERSION = 2
+_VERSION = 3
 """Version of a cell's contents; older cells are recomputed."""
 
 _TILES_WANTED = 16

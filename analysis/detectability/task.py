@@ -19,7 +19,7 @@ from analysis.detectability.sweep import (
     scene_statistics,
     tiles_per_side,
 )
-from simulation import GaussianPsf, Model
+from simulation import Model, Psf
 from simulation.arrays import FloatArray
 
 _USUAL_ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
@@ -70,7 +70,7 @@ class DetectionTask:
         if not self.zooms or self.zooms[0] < 1 or np.any(np.diff(self.zooms) <= 0):
             raise ValueError(f"zooms must increase and start at 1 or more, got {self.zooms}")
 
-    def plan(self, psf: GaussianPsf | None, images: int) -> SweepPlan:
+    def plan(self, psf: Psf | None, images: int) -> SweepPlan:
         """Return what is measured on each of so many images."""
         return SweepPlan(
             scenario=Scenario(
@@ -83,7 +83,7 @@ class DetectionTask:
 
 
 def d_prime_curves(
-    images: Sequence[FloatArray], psf: GaussianPsf | None, task: DetectionTask | None = None
+    images: Sequence[FloatArray], psf: Psf | None, task: DetectionTask | None = None
 ) -> DetectabilityCurves:
     """Compute how well a change can be detected at best, from different distances.
 
@@ -139,6 +139,7 @@ def curves_of(
         If the change is wider than the window, or a noise is not positive.
     """
     curves: list[DetectabilityCurve] = []
+    psf = plan.scenario.psf
     for number, model in enumerate(plan.models):
         artefacts = [
             ArtefactTiles.joined([cell.artefact(number, index) for cell in cells])
@@ -151,6 +152,7 @@ def curves_of(
         reference_zoom=plan.scenario.reference_zoom,
         window_px=plan.scenario.window_px,
         signal=task.signal.name,
+        psf_form=None if psf is None else psf.form,
         curves=curves,
     )
 

@@ -6,7 +6,13 @@ from pathlib import PurePath
 
 from analysis.reports.edge_plots import plot_edges, plot_profile
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
-from analysis.reports.psf_plots import field_section, plot_mtf, widths_section, with_err
+from analysis.reports.psf_plots import (
+    field_section,
+    plot_mtf,
+    plot_transfer_2d,
+    widths_section,
+    with_err,
+)
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.psf import PsfCalibration
 from simulation.arrays import FloatImage
@@ -101,6 +107,15 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
                 "Contrast at each frequency, optics and pixel together. The e-SFR is measured "
                 "without a model (median over edges); where it departs from the Gaussian curve, "
                 "the PSF is not Gaussian.",
+            )
+        )
+    if psf.transfer_2d is not None:
+        figures.append(
+            ReportFigure.of(
+                plot_transfer_2d(psf.transfer_2d),
+                "Transfer function of optics and pixel, fitted to the pixels of all edges at once, "
+                f"with its pointwise 95 % band: {psf.transfer_2d}. Below 0, light and dark are "
+                "exchanged.",
             )
         )
     return ReportSection(

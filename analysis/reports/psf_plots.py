@@ -17,7 +17,14 @@ from analysis.reports.page import (
 )
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
-from calibration.psf import ORIENTATION_COLOURS, HeightTrend, PsfCalibration, draw_mtf
+from calibration.psf import (
+    ORIENTATION_COLOURS,
+    HeightTrend,
+    PsfCalibration,
+    Transfer2d,
+    draw_mtf,
+    draw_transfer_2d,
+)
 from simulation.psf import PsfField
 
 _INK = "#1b1f24"
@@ -32,6 +39,14 @@ def plot_mtf(psf: PsfCalibration) -> Figure | None:
     """Plot the contrast by frequency along x and y; None where it is not known."""
     figure = new_figure(6.4, 3.4)
     return figure if draw_mtf(figure.subplots(), psf) else None
+
+
+@in_report_style
+def plot_transfer_2d(transfer: Transfer2d) -> Figure:
+    """Plot the transfer along x, y and both diagonals, with the 95 % band."""
+    figure = new_figure(6.4, 3.4)
+    draw_transfer_2d(figure.subplots(), transfer)
+    return figure
 
 
 @in_report_style

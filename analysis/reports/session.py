@@ -68,7 +68,10 @@ def render_session_report(
         verdicts = calibration_verdicts(psf)
         sections += calibration_sections(psf, load, frozenset(records))
     if validation is not None:
-        sections.append(agreement_section(validation, furthest_pair(session, validation)))
+        shown = None
+        if psf is not None:
+            shown = furthest_pair(session, validation, psf.best_psf(validation.psf))
+        sections.append(agreement_section(validation, shown))
         verdicts += _agreement_verdicts(validation)
     sections += [s for s in (noise_section(session, psf), stage_section(session)) if s]
     if psf is not None:
@@ -100,8 +103,11 @@ def _agreement_verdicts(validation: Validation) -> tuple[Verdict, ...]:
     )
 
 
-def agreement_section(validation: Validation, furthest: ShownPair) -> ReportSection:
-    """Say how well each model predicts the captured follow-ups: Table II and its figures."""
+def agreement_section(validation: Validation, furthest: ShownPair | None) -> ReportSection:
+    """Say how well each model predicts the captured follow-ups: Table II and its figures.
+
+    ``furthest`` is drawn where the PSF to simulate it with is at hand.
+    """
     rows = tuple(
         (
             model,
@@ -145,13 +151,17 @@ def agreement_section(validation: Validation, furthest: ShownPair) -> ReportSect
                 "Each metric between a reference and a follow-up aligned to it, against the "
                 "zoom-out. Dashed: the second reference.",
             ),
-            ReportFigure.of(
-                plot_furthest(furthest),
-                f"{furthest.pair.target} from {furthest.pair.zoom:.2f} times further away: "
-                "captured, simulated by each model, and their differences.",
-                form="png",
-            ),
+            *([] if furthest is None else [_furthest_figure(furthest)]),
         ),
+    )
+
+
+def _furthest_figure(furthest: ShownPair) -> ReportFigure:
+    return ReportFigure.of(
+        plot_furthest(furthest),
+        f"{furthest.pair.target} from {furthest.pair.zoom:.2f} times further away: "
+        "captured, simulated by each model, and their differences.",
+        form="png",
     )
 
 

@@ -1,5 +1,6 @@
 """The document validation.json: the results of a validation."""
 
+import hashlib
 from pathlib import Path
 from typing import Final, Literal
 
@@ -15,7 +16,8 @@ from analysis.validation.metrics import ImageMetrics
 from analysis.validation.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
 from calibration.documents import read_document
 from calibration.registration import DistortedPose
-from simulation import GaussianPsf
+from simulation import Psf
+from simulation.choices import PsfForm
 
 VALIDATION_SCHEMA: Final = "standoff.validation/1"
 
@@ -192,6 +194,8 @@ class Validation(ResultsDocument):
     session: str
     psf: str
     psf_covariance_px2: tuple[tuple[float, float], tuple[float, float]]
+    psf_form: PsfForm = "gaussian"
+    psf_sha256: str | None = None
     models: tuple[ValidationModel, ...]
     references_per_target: int
     training_steps: int
@@ -215,10 +219,14 @@ class Validation(ResultsDocument):
         """Return the rows of Table II of one procedure."""
         return {row.model: row for row in self.table_2 if row.alignment == alignment}
 
-    @property
-    def total_psf(self) -> GaussianPsf:
-        """Total PSF that the follow-ups were simulated with."""
-        return GaussianPsf.from_covariance(np.array(self.psf_covariance_px2))
+    def is_of(self, psf: Psf) -> bool:
+        """Whether the follow-ups were simulated with this PSF."""
+        return self.psf_sha256 == psf_sha256(psf)
+
+
+def psf_sha256(psf: Psf) -> str:
+    """Return a digest of all the numbers of a PSF."""
+    return hashlib.sha256(repr(psf).encode()).hexdigest()
 
 
 def read_validation(path: Path) -> Validation:

@@ -12,7 +12,7 @@ from analysis.errors import AnalysisError
 from analysis.validation.kernel_cache import KernelCache
 from analysis.validation.models import ModelInputs
 from analysis.validation.screening import RegisteredPair
-from simulation import GaussianPsf
+from simulation import Psf
 from simulation.arrays import AnyArray
 from simulation.choices import KERNEL_MODELS
 from simulation.kernelgan import EstimatedKernel, KernelGanError, KernelGanSettings, estimate_kernel
@@ -71,7 +71,7 @@ class KernelBook:
         image: AnyArray,
         models: Sequence[ValidationModel],
         zoom: float,
-        psf: GaussianPsf,
+        psf: Psf,
     ) -> ModelInputs:
         """Return what the models need to simulate a follow-up of a reference; see ``kernel``."""
         return ModelInputs(

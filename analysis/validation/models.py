@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.choices import ValidationModel
-from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
+from simulation import MODELS, Model, Psf, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import AnyArray, FloatArray
 from simulation.choices import KERNEL_MODELS, Sampler
 from simulation.kernelgan import EstimatedKernel, kernel_operator
@@ -30,7 +30,7 @@ class ModelInputs:
     ``kernels`` has an entry for every model to try, None for one that is not learned.
     """
 
-    psf: GaussianPsf
+    psf: Psf
     kernels: Mapping[ValidationModel, EstimatedKernel | None]
 
     def simulator(
@@ -63,7 +63,7 @@ class ModelInputs:
 
 
 def _on_grid(
-    image: FloatArray, psf: GaussianPsf, model: Model, grid: SamplingGrid
+    image: FloatArray, psf: Psf, model: Model, grid: SamplingGrid
 ) -> NDArray[np.floating[Any]]:
     return zoom_out_on_grid(image, grid, psf, model)
 

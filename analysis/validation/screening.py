@@ -16,7 +16,7 @@ from analysis.errors import AnalysisError
 from analysis.validation.document import ExcludedCapture
 from calibration.errors import RegistrationError
 from calibration.registration import DistortedRegistration, register_distorted
-from simulation import GaussianPsf
+from simulation import Psf
 
 _COMPARED_KINDS = ("texture", "chart")
 
@@ -81,7 +81,7 @@ def registrations_at_most(session: Session, references: int) -> int:
 
 def screen(
     session: Session,
-    psf: GaussianPsf,
+    psf: Psf,
     *,
     references: int = 2,
     progress: Callable[[int], None] = lambda _: None,
@@ -168,7 +168,7 @@ def _is_disqualifying(finding: QualityFinding) -> bool:
 def _screen_series(
     session: Session,
     records: list[CaptureRecord],
-    psf: GaussianPsf,
+    psf: Psf,
     references: int,
     done: _Done,
 ) -> Screening:
@@ -211,7 +211,7 @@ def _aligned(
     session: Session,
     reference: CaptureRecord,
     further: list[CaptureRecord],
-    psf: GaussianPsf,
+    psf: Psf,
     done: _Done,
 ) -> tuple[list[RegisteredPair], dict[int, str]]:
     near = session.load(reference).mean_dn
@@ -219,7 +219,7 @@ def _aligned(
     for record in further:
         try:
             registration = register_distorted(
-                near, session.load(record).mean_dn, psf, _expected_zoom(reference, record)
+                near, session.load(record).mean_dn, psf.gaussian, _expected_zoom(reference, record)
             )
         except RegistrationError as error:
             failed[record.index] = str(error)

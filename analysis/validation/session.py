@@ -23,6 +23,7 @@ from analysis.validation.document import (
     ModelMean,
     ValidatedPair,
     Validation,
+    psf_sha256,
 )
 from analysis.validation.kernel_cache import default_cache_folder
 from analysis.validation.kernels import KernelBook
@@ -30,7 +31,7 @@ from analysis.validation.metrics import ImageMetrics
 from analysis.validation.models import is_learned
 from analysis.validation.pair import AlignedPair, compare_pair
 from analysis.validation.screening import RegisteredPair, Screening, screen
-from simulation import MODELS, GaussianPsf
+from simulation import MODELS, Psf
 
 
 def _default_kernels() -> KernelBook:
@@ -65,7 +66,7 @@ class ValidationSettings:
 
 def validate(
     session: Session,
-    psf: GaussianPsf,
+    psf: Psf,
     settings: ValidationSettings | None = None,
     *,
     screening: Screening | None = None,
@@ -112,6 +113,8 @@ def validate(
         session=str(session.path),
         psf=psf_name,
         psf_covariance_px2=psf.covariance_px2.tolist(),
+        psf_form=psf.form,
+        psf_sha256=psf_sha256(psf),
         models=settings.models,
         references_per_target=settings.references,
         training_steps=settings.kernels.steps,
@@ -156,7 +159,7 @@ def _training_remarks(settings: ValidationSettings) -> Iterator[str]:
 
 
 def _validated(
-    session: Session, pair: RegisteredPair, psf: GaussianPsf, settings: ValidationSettings
+    session: Session, pair: RegisteredPair, psf: Psf, settings: ValidationSettings
 ) -> ValidatedPair:
     registration = pair.registration
     near = session.load(pair.reference).mean_dn

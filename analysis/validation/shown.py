@@ -10,7 +10,7 @@ from analysis.validation.document import ValidatedPair, Validation
 from analysis.validation.kernels import KernelBook
 from analysis.validation.models import ModelInputs
 from analysis.validation.pair import AlignedPair
-from simulation import MODELS
+from simulation import MODELS, Psf
 from simulation.arrays import FloatArray
 
 _SHOWN_ZOOM = 2.0
@@ -34,7 +34,9 @@ def drawn_procedure(model: ValidationModel) -> Procedure:
     return "followup-grid" if model in _OURS else "reference-grid"
 
 
-def shown_pairs(session: Session, validation: Validation, book: KernelBook) -> list[ShownPair]:
+def shown_pairs(
+    session: Session, validation: Validation, psf: Psf, book: KernelBook
+) -> list[ShownPair]:
     """Images for Figure 2, all on the reference's pixels: one pair of every target.
 
     Parameters
@@ -43,6 +45,8 @@ def shown_pairs(session: Session, validation: Validation, book: KernelBook) -> l
         The session that was validated.
     validation
         Of its captures as they are.
+    psf
+        Total PSF that it was made with.
     book
         Kernels of the learned models.
 
@@ -56,7 +60,7 @@ def shown_pairs(session: Session, validation: Validation, book: KernelBook) -> l
     shown = []
     for pair in _typical_pairs(validation.pairs):
         images = _aligned(session, pair)
-        inputs = book.inputs(images.reference, validation.models, pair.zoom, validation.total_psf)
+        inputs = book.inputs(images.reference, validation.models, pair.zoom, psf)
         shown.append(
             ShownPair(
                 pair=pair,
@@ -68,7 +72,7 @@ def shown_pairs(session: Session, validation: Validation, book: KernelBook) -> l
     return shown
 
 
-def furthest_pair(session: Session, validation: Validation) -> ShownPair:
+def furthest_pair(session: Session, validation: Validation, psf: Psf) -> ShownPair:
     """Images of the pair with the largest zoom, on the follow-up's pixels.
 
     Simulated by every model that needs no training.
@@ -80,7 +84,7 @@ def furthest_pair(session: Session, validation: Validation) -> ShownPair:
     """
     pair = max(validation.pairs, key=lambda pair: pair.zoom)
     images = _aligned(session, pair)
-    inputs = ModelInputs(psf=validation.total_psf, kernels=dict.fromkeys(MODELS))
+    inputs = ModelInputs(psf=psf, kernels=dict.fromkeys(MODELS))
     made = {model: images.on_followup_grid(inputs, model) for model in MODELS}
     return ShownPair(
         pair=pair,

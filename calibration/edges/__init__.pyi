@@ -1,3 +1,8 @@
+from .binned import (
+    BinnedEdge as BinnedEdge,
+    bin_centres_px as bin_centres_px,
+    bin_edge as bin_edge,
+)
 from .detection import find_edges as find_edges
 from .esfr import (
     SFR_FREQ_CY_PER_PX as SFR_FREQ_CY_PER_PX,
@@ -34,6 +39,7 @@ __all__ = [
     "REJECTING_FLAGS",
     "SFR_FREQ_CY_PER_PX",
     "AxisTransfer",
+    "BinnedEdge",
     "EdgeFit",
     "EdgeImage",
     "EdgeMeasurement",
@@ -46,6 +52,8 @@ __all__ = [
     "Region",
     "band_half_width",
     "band_pixels",
+    "bin_centres_px",
+    "bin_edge",
     "edge_profile",
     "edge_samples",
     "esfr_half_width_px",

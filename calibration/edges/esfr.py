@@ -61,6 +61,8 @@ _OUTLIER_LEAST = 0.01  # of the contrast
 _DETAIL_SIGMAS = 2.0
 _DETAIL_EXTRA_PX = 0.5
 _TAIL_SIGMAS = 4.0
+_MEDIAN_ERR = sqrt(pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
+_FEWEST_FOR_SCATTER = 4
 _FREQ_GRID = np.linspace(0.0, 1.0, 51)
 
 
@@ -71,7 +73,8 @@ class EdgeSfr:
     ``place_px`` and ``weight`` are the derivative of the edge as a sum of splines ``knot_px``
     wide: its transform is their sum times ``sinc(f h)^3``. Beyond ``reach_px`` on either side
     it goes on as ``tail_px / x^2``. The MTF values are None where the contrast does not fall
-    so far below 1 cy/px.
+    so far below 1 cy/px. ``factor`` is the banded Cholesky factor of the spline's normal equations,
+    ``variance`` that of a pixel in units of the squared contrast.
     """
 
     place_px: FloatArray = field(repr=False)
@@ -79,6 +82,8 @@ class EdgeSfr:
     knot_px: float
     reach_px: float
     tail_px: float
+    factor: FloatArray = field(repr=False)
+    variance: float
     mtf50_cy_per_px: float | None = None
     mtf50_err_cy_per_px: float | None = None
     mtf20_cy_per_px: float | None = None
@@ -97,6 +102,25 @@ class EdgeSfr:
         turns = 2 * pi * freq * self.reach_px
         beyond = (np.cos(turns) + turns * (sici(turns)[0] - pi / 2)) / self.reach_px
         return np.asarray(inside + 2 * self.tail_px * beyond)
+
+    def transform_err(self, freq_cy_per_px: FloatArray) -> FloatArray:
+        """Standard error, from the pixels' noise, of the part in phase with the edge."""
+        freq = np.asarray(freq_cy_per_px, dtype=np.float64)
+        transform = self.transform(freq).real
+        return np.array(
+            [
+                self.err_of(
+                    (np.cos(2 * pi * f * self.place_px) * np.sinc(f * self.knot_px) ** DEGREE) - t
+                )
+                for f, t in zip(freq.tolist(), transform.tolist(), strict=True)
+            ]
+        )
+
+    def err_of(self, by_step: FloatArray) -> float:
+        """Standard error of what depends so on the steps between the spline's coefficients."""
+        by_coefficient = np.concatenate([[-by_step[0]], -np.diff(by_step), [by_step[-1]]])
+        solved = band_solve(self.factor, by_coefficient)
+        return sqrt(max(self.variance * float(by_coefficient @ solved), 0.0))
 
 
 @njit(cache=True)
@@ -170,12 +194,14 @@ def measure_esfr(samples: EdgeSamples, sigma_px: float) -> EdgeSfr | None:
         knot_px=_KNOT_PX,
         reach_px=half,
         tail_px=tail / rise,
+        factor=factor,
+        variance=variance / rise**2,
     )
     contrast = curve.at(_FREQ_GRID)
     half_contrast = _falls_to(0.5, curve, contrast)
     err = None
     if half_contrast is not None:
-        err = _frequency_err(half_contrast, curve, factor, variance, rise)
+        err = _frequency_err(half_contrast, curve)
     return replace(
         curve,
         mtf50_cy_per_px=half_contrast,
@@ -237,9 +263,7 @@ def _falls_to(level: float, curve: EdgeSfr, contrast: FloatArray) -> float | Non
     return float(brentq(above, low, high, xtol=1e-9))
 
 
-def _frequency_err(
-    freq: float, curve: EdgeSfr, factor: FloatArray, variance: float, rise: float
-) -> float | None:
+def _frequency_err(freq: float, curve: EdgeSfr) -> float | None:
     """Standard error of a frequency that was read off the curve at a given contrast."""
     around = np.array([freq - 1e-4, freq + 1e-4])
     slope = float(np.diff(curve.at(around))[0]) / 2e-4
@@ -248,9 +272,7 @@ def _frequency_err(
     transform = curve.transform(np.array([freq]))[0]
     wave = np.exp(-2j * pi * freq * curve.place_px) * np.sinc(freq * curve.knot_px) ** DEGREE
     by_step = (np.conj(transform) / abs(transform) * wave).real - abs(transform)
-    by_coefficient = np.concatenate([[-by_step[0]], -np.diff(by_step), [by_step[-1]]]) / rise
-    spread2 = variance * float(by_coefficient @ band_solve(factor, by_coefficient))
-    return sqrt(max(spread2, 0.0)) / -slope
+    return curve.err_of(by_step) / -slope
 
 
 TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
@@ -258,13 +280,17 @@ TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
 
 
 class AxisTransfer(BaseModel):
-    """Contrast by frequency along one axis, lens and pixel together, from ``edges`` edges."""
+    """Contrast by frequency along one axis, lens and pixel together, from ``edges`` edges.
+
+    ``mtf_err`` are standard errors at each frequency; None in files of before.
+    """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     freq_cy_per_px: tuple[float, ...] = Field(repr=False)
     mtf: tuple[float, ...] = Field(repr=False)
     edges: int | None = None
+    mtf_err: tuple[float, ...] | None = Field(default=None, repr=False)
 
 
 class MeasuredTransfer(BaseModel):
@@ -290,4 +316,21 @@ def mean_transfer(edges: Sequence[EdgeSfr]) -> AxisTransfer | None:
         freq_cy_per_px=tuple(round(freq, 6) for freq in TRANSFER_FREQ_CY_PER_PX.tolist()),
         mtf=tuple(mtf.tolist()),
         edges=len(edges),
+        mtf_err=tuple(_median_err(edges, curves).tolist()),
     )
+
+
+def _median_err(edges: Sequence[EdgeSfr], curves: FloatArray) -> FloatArray:
+    """Standard error of the median: from the pixels' noise, or the edges' scatter if that is more.
+
+    The scatter of few edges is no measure: up to three, noise alone counts.
+    """
+    errs = np.array([edge.transform_err(TRANSFER_FREQ_CY_PER_PX) for edge in edges])
+    count = len(edges)
+    share = 1.0 if count < 3 else _MEDIAN_ERR
+    noise = share * np.sqrt(np.sum(errs**2, axis=0)) / count
+    if count < _FEWEST_FOR_SCATTER:
+        return np.asarray(noise)
+    away = curves - np.median(curves, axis=0)
+    scatter = np.array([robust_sigma(column) for column in away.T])
+    return np.asarray(np.maximum(noise, _MEDIAN_ERR * scatter / sqrt(count)))

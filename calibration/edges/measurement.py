@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from calibration.edges.binned import BinnedEdge, bin_edge, without_shading
 from calibration.edges.detection import find_edges
 from calibration.edges.esfr import (
     EdgeSfr,
@@ -104,7 +105,8 @@ class EdgeMeasurement(BaseModel):
     ``optical_sigma_px`` where the edge is as sharp as the pixel square alone. MTF50 is the
     frequency of half contrast across the edge: of the fitted Gaussian with its pixel, or with
     the prefix ``esfr_`` without a model of the PSF. ``contrast`` is Michelson's of the two
-    levels, ``clipped_fraction`` of the pixels of the fit. ``esfr`` is not kept in a file.
+    levels, ``clipped_fraction`` of the pixels of the fit. ``esfr`` and ``binned`` are not kept in
+    a file.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
@@ -131,7 +133,8 @@ class EdgeMeasurement(BaseModel):
     clipped_fraction: float | None = None
     chi2_reduced: float | None
     flags: tuple[str, ...]
-    esfr: EdgeSfr | None = Field(default=None, exclude=True)
+    esfr: EdgeSfr | None = Field(default=None, exclude=True, repr=False)
+    binned: BinnedEdge | None = Field(default=None, exclude=True, repr=False)
 
     @property
     def is_used(self) -> bool:
@@ -198,15 +201,19 @@ def measure_edges(
         if clipped is not None:
             fraction = float(np.mean(_picked(clipped, segment, fit, band)))
         wide = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
-        measurements.append(
-            _measurement(
-                source,
-                widened.moved(left, top),
-                measure_esfr(wide, fit.sigma_px),
-                roughness_px(samples, fit.sigma_px),
-                fraction,
-            )
+        binned = None
+        if method != "paper":
+            on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
+            even = without_shading(wide, image, segment, fit)
+            binned = bin_edge(even, on_sensor, source.pitch_px)
+        measured = _measurement(
+            source,
+            widened.moved(left, top),
+            measure_esfr(wide, fit.sigma_px),
+            roughness_px(samples, fit.sigma_px),
+            fraction,
         )
+        measurements.append(measured.model_copy(update={"binned": binned}))
     return measurements
 
 

@@ -27,7 +27,13 @@ from .linearise import REC601_LUMA as REC601_LUMA, luma_plane as luma_plane
 from .plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,
     draw_mtf as draw_mtf,
+    draw_transfer_2d as draw_transfer_2d,
     draw_widths_by_angle as draw_widths_by_angle,
+)
+from .transfer_2d import (
+    OtfTable as OtfTable,
+    Transfer2d as Transfer2d,
+    measure_transfer_2d as measure_transfer_2d,
 )
 
 __all__ = [
@@ -40,21 +46,25 @@ __all__ = [
     "FieldFit",
     "HeightGroup",
     "HeightTrend",
+    "OtfTable",
     "PairWidths",
     "PsfCalibration",
     "PsfEstimates",
     "PsfOrigin",
+    "Transfer2d",
     "calibrate_mosaic",
     "calibrate_psf",
     "capture_images",
     "compare_psfs",
     "draw_mtf",
+    "draw_transfer_2d",
     "draw_widths_by_angle",
     "edge_images",
     "edge_records",
     "estimates_of_covariance",
     "fit_covariance",
     "luma_plane",
+    "measure_transfer_2d",
     "scene_records",
     "share_of_correlation",
 ]

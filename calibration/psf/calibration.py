@@ -21,12 +21,20 @@ from calibration.edges import (
     plane_places,
 )
 from calibration.errors import NoEdgeError
-from calibration.psf.covariance import CovarianceFit, Estimate, fit_covariance, median_width
+from calibration.psf.covariance import (
+    CovarianceFit,
+    Estimate,
+    fit_covariance,
+    independent,
+    median_width,
+)
 from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
 from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
+from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from simulation.arrays import FloatArray
 
+_TRUSTED = 0.5  # robust weight from which an edge counts
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
 
@@ -97,6 +105,7 @@ def psf_of_edges(
         method=method,
         height_trend=_height_trend(used, total),
         transfer=_transfer(used),
+        transfer_2d=None if method == "paper" else _transfer_2d(used, total),
         edges=tuple(edges),
     )
 
@@ -125,11 +134,13 @@ def _fit(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> CovarianceFit
 
 
 def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
+    x, y = _median_width(edges, "vertical"), _median_width(edges, "horizontal")
     return CovarianceFit(
-        sigma_x_px=_median_width(edges, "vertical"),
-        sigma_y_px=_median_width(edges, "horizontal"),
+        sigma_x_px=x,
+        sigma_y_px=y,
         rho=None,
         covariance_px2=None,
+        estimate_covariance=independent(x, y),
         scatter_px=0.0,
         weights=np.array([float(edge.orientation != "diagonal") for edge in edges]),
     )
@@ -172,6 +183,17 @@ def _transfer(edges: Sequence[EdgeMeasurement]) -> MeasuredTransfer:
         for orientation in ("vertical", "horizontal")
     }
     return MeasuredTransfer(x=curves["vertical"], y=curves["horizontal"])
+
+
+def _transfer_2d(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> Transfer2d | None:
+    """The transfer function over both axes, without edges whose width the others contradict."""
+    trusted = [
+        edge.binned
+        for edge, weight in zip(edges, total.weights.tolist(), strict=True)
+        # Where no covariance is determined, a weight of 0 says only that an edge was not needed.
+        if edge.binned is not None and (weight > _TRUSTED or total.covariance_px2 is None)
+    ]
+    return measure_transfer_2d(trusted) if trusted else None
 
 
 def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> HeightTrend | None:

@@ -61,12 +61,17 @@ def median_width(sigma_px: FloatArray, sigma_err_px: FloatArray) -> Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PsfEstimates:
-    """A PSF's widths, correlation and covariance; None if not determined."""
+    """A PSF's widths, correlation and covariance; None if not determined.
+
+    ``estimate_covariance`` is that of the errors of ``sigma_x_px``, ``sigma_y_px`` and ``rho``, in
+    this order, without those that are None.
+    """
 
     sigma_x_px: Estimate | None
     sigma_y_px: Estimate | None
     rho: Estimate | None
     covariance_px2: FloatArray | None
+    estimate_covariance: FloatArray | None = None
 
 
 def estimates_of_covariance(
@@ -82,14 +87,27 @@ def estimates_of_covariance(
         Covariance matrix of its elements xx, xy and yy; shape ``(3, 3)``.
     """
     xx, xy, yy = covariance_px2[[0, 0, 1], [0, 1, 1]].tolist()
-    rho = xy / sqrt(xx * yy)
-    slope = np.array([-0.5 * rho / xx, 1 / sqrt(xx * yy), -0.5 * rho / yy])
-    err_xx, _, err_yy = np.sqrt(np.diag(element_covariance)).tolist()
+    slopes = _slopes(xx, xy, yy)
+    joint = slopes @ element_covariance @ slopes.T
+    x_err, y_err, rho_err = np.sqrt(np.diag(joint)).tolist()
     return PsfEstimates(
-        sigma_x_px=Estimate.normal(sqrt(xx), err_xx / (2 * sqrt(xx))),
-        sigma_y_px=Estimate.normal(sqrt(yy), err_yy / (2 * sqrt(yy))),
-        rho=Estimate.normal(rho, sqrt(float(slope @ element_covariance @ slope))),
+        sigma_x_px=Estimate.normal(sqrt(xx), x_err),
+        sigma_y_px=Estimate.normal(sqrt(yy), y_err),
+        rho=Estimate.normal(xy / sqrt(xx * yy), rho_err),
         covariance_px2=covariance_px2,
+        estimate_covariance=joint,
+    )
+
+
+def _slopes(xx: float, xy: float, yy: float) -> FloatArray:
+    """Derivatives of both widths and the correlation by the elements xx, xy and yy."""
+    rho = xy / sqrt(xx * yy)
+    return np.array(
+        [
+            [0.5 / sqrt(xx), 0.0, 0.0],
+            [0.0, 0.0, 0.5 / sqrt(yy)],
+            [-0.5 * rho / xx, 1 / sqrt(xx * yy), -0.5 * rho / yy],
+        ]
     )
 
 
@@ -166,9 +184,16 @@ def fit_covariance(
         sigma_y_px=fits["horizontal"],
         rho=None,
         covariance_px2=None,
+        estimate_covariance=independent(fits["vertical"], fits["horizontal"]),
         scatter_px=scatter,
         weights=weights,
     )
+
+
+def independent(*estimates: Estimate | None) -> FloatArray | None:
+    """Covariance of independent estimates, without those that are None."""
+    errs = [estimate.err for estimate in estimates if estimate is not None]
+    return np.diag(np.square(errs)) if errs else None
 
 
 def share_of_correlation(angles_deg: FloatArray) -> float:
@@ -221,8 +246,9 @@ def _determined_fully(
         return None
     x, y = _width(fit, 0), _width(fit, 2)
     rho = xy / sqrt(xx * yy)
-    gradient = np.array([-rho / (2 * xx), 1 / sqrt(xx * yy), -rho / (2 * yy)])
-    rho_err = sqrt(float(gradient @ fit.covariance @ gradient))
+    slopes = _slopes(xx, xy, yy)
+    joint = slopes @ fit.covariance @ slopes.T
+    rho_err = sqrt(float(joint[2, 2]))
     if x is None or y is None or rho_err > _RHO_ERR_MOST:
         return None
     if max(x.err / x.value, y.err / y.value) > _WIDTH_ERR_MOST:
@@ -236,6 +262,7 @@ def _determined_fully(
         sigma_y_px=y,
         rho=_estimate(rho, rho_err, replicates),
         covariance_px2=np.array([[xx, xy], [xy, yy]]),
+        estimate_covariance=joint,
         scatter_px=fit.scatter_px,
         weights=fit.weights,
     )
@@ -247,11 +274,17 @@ def _axis_aligned(
     fit = fit_variances(design[axial], sigma[axial], err[axial])
     weights = np.zeros(sigma.size)
     weights[axial] = fit.weights
+    x, y = _width(fit, 0), _width(fit, 1)
+    joint = None
+    if x is not None and y is not None:
+        by_variance = np.array([0.5 / x.value, 0.5 / y.value])
+        joint = fit.covariance * np.outer(by_variance, by_variance)
     return CovarianceFit(
-        sigma_x_px=_width(fit, 0),
-        sigma_y_px=_width(fit, 1),
+        sigma_x_px=x,
+        sigma_y_px=y,
         rho=None,
         covariance_px2=None,
+        estimate_covariance=independent(x, y) if joint is None else joint,
         scatter_px=fit.scatter_px,
         weights=weights,
     )

@@ -14,7 +14,8 @@ from calibration.provenance import Provenance
 from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
-from simulation.psf import CameraTransfer, GaussianPsf, PsfField, SampledTransfer
+from calibration.psf.transfer_2d import Transfer2d
+from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,6 +27,7 @@ _NAMES = ("sigma_x_px", "sigma_y_px", "rho")
 _NO_ESTIMATES = PsfEstimates(sigma_x_px=None, sigma_y_px=None, rho=None, covariance_px2=None)
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
+Matrix = tuple[tuple[float, ...], ...]
 
 
 class _PsfDocument(BaseModel):
@@ -81,6 +83,8 @@ class PsfWidths(BaseModel):
     """A PSF, total and of the lens alone, with standard errors; null means not determined.
 
     Total means optics and pixel together, which equation (1) of the paper calls Sigma.
+    ``estimate_covariance`` is the covariance matrix of sigma_x_px, sigma_y_px and rho, in this
+    order and without those that are null.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -99,6 +103,8 @@ class PsfWidths(BaseModel):
     optical_rho_err: float | None = None
     covariance_px2: Covariance | None = None
     optical_covariance_px2: Covariance | None = None
+    estimate_covariance: Matrix | None = None
+    optical_estimate_covariance: Matrix | None = None
     intervals_95: dict[str, tuple[float, float]] = {}
 
     @classmethod
@@ -115,6 +121,8 @@ class PsfWidths(BaseModel):
                     intervals[prefix + name] = (estimate.low, estimate.high)
             if known.covariance_px2 is not None:
                 values[f"{prefix}covariance_px2"] = known.covariance_px2.tolist()
+            if known.estimate_covariance is not None:
+                values[f"{prefix}estimate_covariance"] = known.estimate_covariance.tolist()
         return cls.model_validate({**values, "intervals_95": intervals, **others})
 
     @property
@@ -140,11 +148,13 @@ class PsfWidths(BaseModel):
 
     def _estimates(self, prefix: str) -> PsfEstimates:
         covariance: Covariance | None = getattr(self, f"{prefix}covariance_px2")
+        joint: Matrix | None = getattr(self, f"{prefix}estimate_covariance")
         return PsfEstimates(
             sigma_x_px=self.estimate(f"{prefix}sigma_x_px"),
             sigma_y_px=self.estimate(f"{prefix}sigma_y_px"),
             rho=self.estimate(f"{prefix}rho"),
             covariance_px2=None if covariance is None else np.array(covariance),
+            estimate_covariance=None if joint is None else np.array(joint),
         )
 
     def __repr__(self) -> str:
@@ -192,16 +202,19 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     """The PSF of a camera, and the edges or pairs of photographs it was measured from.
 
     ``field`` is null if, as far as the edges show, one PSF holds for the whole frame.
-    ``channels`` holds the PSF of each colour of a mosaic. ``pairs`` are the pairs of photographs of
-    a two-distance calibration, ``softness_px2`` is the mean variance that the scene adds in a
-    single-image calibration. ``photograph`` is what the files of the photographs say alike of their
-    taking: camera, lens, exposure. Files that give only the total values are accepted.
+    ``transfer_2d`` is the transfer function measured over both axes, null where the edges have one
+    direction alone and for methods that know Gaussians alone. ``channels`` holds the PSF of each
+    colour of a mosaic. ``pairs`` are the pairs of photographs of a two-distance calibration,
+    ``softness_px2`` is the mean variance that the scene adds in a single-image calibration.
+    ``photograph`` is what the files of the photographs say alike of their taking: camera, lens,
+    exposure. Files that give only the total values are accepted.
     """
 
     field: FieldFit | None = None
     method: str | None = None
     height_trend: HeightTrend | None = None
     transfer: MeasuredTransfer | None = None
+    transfer_2d: Transfer2d | None = Field(default=None, repr=False)
     camera: CameraIdentity | None = CameraIdentity()
     captured_utc: str | None = None
     region: str | None = None
@@ -256,21 +269,52 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         except ValueError as error:
             raise PsfFileError(f"{source}: {error}", source=source) from error
 
-    def total_field(self, source: str) -> PsfField | None:
-        """Return the total PSF over the frame, None if the file has no field.
+    def best_psf(self, source: str) -> Psf:
+        """Return the PSF as measured over both axes, or the Gaussian where the file has no more.
 
         Raises
         ------
         PsfFileError
-            If its coefficients do not give a valid PSF; the message names ``source``.
+            If a width is null; the message names ``source`` and the width.
         """
+        gaussian = self.total_psf(source)
+        return gaussian if self.transfer_2d is None else self.transfer_2d.psf(gaussian)
+
+    def measured_psf(self, source: str) -> Psf:
+        """Return the measured PSF: over both axes, or in files of before along either axis.
+
+        Raises
+        ------
+        PsfFileError
+            If the file has none, or a width is null; the message names ``source``.
+        """
+        best = self.best_psf(source)
+        return self.measured_transfer(source) if self.transfer_2d is None else best
+
+    def total_field(self, source: str, *, is_measured: bool = True) -> PsfField | None:
+        """Return the total PSF over the frame, None if the file has no field.
+
+        It has the shape that the edges measured, where the file holds that and ``is_measured``.
+
+        Raises
+        ------
+        PsfFileError
+            If its coefficients do not give a valid PSF, or a width of its shape is null; the
+            message names ``source``.
+        """
+        if self.field is None:
+            return None
+        shape = None
+        if is_measured and self.transfer_2d is not None:
+            best = self.best_psf(source)
+            shape = best if isinstance(best, MeasuredPsf) else None
         try:
-            return None if self.field is None else self.field.total
+            return self.field.total_of(shape)
         except ValueError as error:
             raise PsfFileError(f"{source}: field: {error}", source=source, key="field") from error
 
-    def measured_transfer(self, source: str) -> CameraTransfer:
-        """Return the transfer functions measured from the edges, with no Gaussian assumed.
+    def measured_transfer(self, source: str) -> SeparablePsf:
+        """Return the PSF of the transfer functions measured on the edges, no Gaussian assumed.
 
         Raises
         ------
@@ -292,7 +336,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
                 curves.append(SampledTransfer(curve.freq_cy_per_px, curve.mtf))
             except ValueError as error:
                 raise PsfFileError(f"{source}: {key}: {error}", source=source, key=key) from error
-        return CameraTransfer(along_y=curves[0], along_x=curves[1])
+        return SeparablePsf(along_y=curves[0], along_x=curves[1], gaussian=self.total_psf(source))
 
     def plot(self) -> "Figure":
         """Return a figure of the widths by angle and of the contrast by frequency."""

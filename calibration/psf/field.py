@@ -13,7 +13,7 @@ from scipy import stats
 
 from calibration.psf.variance import VarianceFit, fit_variances
 from simulation.arrays import FloatArray
-from simulation.psf import PsfField, field_monomials
+from simulation.psf import MeasuredPsf, PsfField, field_monomials
 
 FIELD_DEGREE = 2
 _TERMS = (FIELD_DEGREE + 1) * (FIELD_DEGREE + 2) // 2
@@ -68,7 +68,17 @@ class FieldFit(BaseModel):
         ValueError
             If the coefficients, in a damaged file, do not give a valid PSF.
         """
-        return self._field(self.coefficients_px2)
+        return self.total_of(None)
+
+    def total_of(self, shape: MeasuredPsf | None) -> PsfField:
+        """Return the total PSF over the frame as a measured shape that is stretched to it.
+
+        Raises
+        ------
+        ValueError
+            If the coefficients, in a damaged file, do not give a valid PSF.
+        """
+        return self._field(self.coefficients_px2, shape)
 
     @property
     def optical(self) -> PsfField | None:
@@ -92,11 +102,12 @@ class FieldFit(BaseModel):
             }
         )
 
-    def _field(self, coefficients_px2: Coefficients) -> PsfField:
+    def _field(self, coefficients_px2: Coefficients, shape: MeasuredPsf | None = None) -> PsfField:
         return PsfField(
             width_px=self.width_px,
             height_px=self.height_px,
             coefficients_px2=np.array(coefficients_px2, dtype=np.float64),
+            shape=shape,
         )
 
 

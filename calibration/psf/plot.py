@@ -15,28 +15,37 @@ from simulation.arrays import FloatArray
 
 if TYPE_CHECKING:
     from calibration.psf.document import PsfCalibration
+    from calibration.psf.transfer_2d import Transfer2d
 
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 ORIENTATION_COLOURS = {"vertical": "#0072B2", "horizontal": "#D55E00", "diagonal": "#009E73"}
 _INK = "#1b1f24"
+_NORMAL_95 = 1.96
+_DIRECTIONS = ((0.0, "along x"), (45.0, "at 45 deg"), (90.0, "along y"), (135.0, "at 135 deg"))
+_DIRECTION_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#CC79A7")
+_DIRECTION_DASHES = ("-", (0, (6, 6)), (4, (3, 9)), ":")  # where curves coincide, all show
 _AXES = (("x", "vertical"), ("y", "horizontal"))
 
 
 def psf_figure(psf: "PsfCalibration") -> Figure:
-    """Plot a PSF's edge widths against angle, and its contrast (MTF) against frequency.
+    """Plot a PSF's edge widths against angle, its contrast and its transfer against frequency.
 
     Parameters
     ----------
     psf
-        A PSF read from a file without edges shows the contrast only.
+        A PSF read from a file without edges, or without a transfer over both axes, has no panel
+        for them.
     """
-    figure = Figure(figsize=(10.0, 3.6) if psf.edges else (5.2, 3.6), layout="constrained")
-    panels = figure.subplots(1, 2 if psf.edges else 1, squeeze=False)[0]
-    draw_mtf(panels[-1], psf)
+    count = 1 + bool(psf.edges) + (psf.transfer_2d is not None)
+    figure = Figure(figsize=(0.4 + 4.8 * count, 3.6), layout="constrained")
+    panels = list(figure.subplots(1, count, squeeze=False)[0])
+    if psf.transfer_2d is not None:
+        draw_transfer_2d(panels[-1], psf.transfer_2d)
     if psf.edges:
         draw_widths_by_angle(panels[0], psf)
         panels[0].legend(fontsize=8)
+    draw_mtf(panels[1 if psf.edges else 0], psf)
     for axes in panels:
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
@@ -68,6 +77,28 @@ def draw_widths_by_angle(
         xlabel="angle of the edge from +x / deg",
         ylabel="sigma across the edge / px",
     )
+
+
+def draw_transfer_2d(axes: Axes, transfer: "Transfer2d") -> None:
+    """Draw the transfer function along x, y and both diagonals, with its pointwise 95 % band."""
+    freq = np.linspace(0, 1, 201)
+    for (angle_deg, label), colour, dashes in zip(
+        _DIRECTIONS, _DIRECTION_COLOURS, _DIRECTION_DASHES, strict=True
+    ):
+        angle = np.deg2rad(angle_deg)
+        fx, fy = freq * np.cos(angle), freq * np.sin(angle)
+        values, reach = transfer.otf(fx, fy), _NORMAL_95 * transfer.otf_err(fx, fy)
+        axes.plot(freq, values, color=colour, linestyle=dashes, linewidth=1.6, label=label)
+        axes.fill_between(freq, values - reach, values + reach, color=colour, alpha=0.25, lw=0)
+    axes.axhline(0.0, color=_INK, linewidth=0.6)
+    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
+    axes.set(
+        xlim=(0, 1),
+        xlabel="frequency / (cy/px)",
+        ylabel="transfer (OTF)",
+        title=f"all edges together: {transfer.form}, with its 95 % band",
+    )
+    axes.legend(fontsize=8)
 
 
 def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:

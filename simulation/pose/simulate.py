@@ -1,50 +1,42 @@
 """The image that a camera would take of the same plane from another pose.
 
-Model ``matched`` for a homography (tilt, rotation, perspective): at every follow-up pixel the
-reference is blurred by what its PSF lacks there, ``A Sigma A^T - Sigma`` with A the derivative of
-the homography, and the quintic spline through the result is point-sampled. The theory is in
-``docs/theory-pose.md``.
+For any homography (tilt, rotation, perspective), lens distortion and PSF the reference is filtered
+by a kernel that varies over it, and sampled once by a piecewise polynomial. The theory is in
+``docs/theory-pose.md``. Two models choose both:
+
+``matched``
+    The ratio of the two transfer functions, up to the Nyquist frequency, then a quintic spline.
+``lmmse``
+    The least mean squared error for scenes with a first-order covariance, aliases included.
 """
 
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from math import ceil, sqrt
+from math import ceil
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 
-from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
+from simulation.arrays import AnyArray, BoolArray, FloatImage
+from simulation.pose.options import DEFAULT_OPTIONS, PoseOptions
+from simulation.pose.sampling import BORDER_PX, KERNEL_REACH_PX, CoefficientWindow, render
+from simulation.pose.sampling_kernel import SAMPLING_KERNELS
+from simulation.pose.varying_filter import VaryingFilter
 from simulation.pose.view import PoseView
-from simulation.pose.warped_blur import BORDER_PX, SplineWindow, render
-from simulation.psf import GaussianPsf, PsfField
-from simulation.resampling import (
-    BlurCovariance,
-    SplineGaussianTable,
-    apply_separable,
-    blur_at,
-    matched_terms,
-    reference_shape,
-    refuse_non_finite,
-    spline_gaussian,
-)
+from simulation.pose.view_filter import view_filter
+from simulation.psf import Psf, PsfField
+from simulation.resampling import reference_shape, refuse_non_finite
 
-_TILE_PX = 512
-"""Side of the follow-up's tiles: each needs a few MB of memory."""
-
-_SURVEY_POINTS = 65
-"""Positions per axis at which the missing blur is surveyed beforehand."""
+_TILE_PX = 1024
+"""Side of the follow-up's tiles: at zoom 1.5 each needs 20 MB of memory in float32."""
 
 _BORDER_STEP_PX = 32
 _BOW_PX = 1.0
 """Steps along a tile's border, and the bow by a lens in between, up to zoom 4 at 10 %; the margin
 of the sampling is larger."""
-
-_LEAST_HELD_PX2 = 0.02
-"""A smaller common blur is left to the sampling."""
-
-_LINE_SIGMAS = 4
-"""Reach of the points that form a correlated blur."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,25 +67,12 @@ class SimulatedPose:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SharedBlur:
-    """Division of the missing blur into one for the whole image and one for each position."""
-
-    held_px2: FloatArray
-    """Elements xx, xy, yy."""
-
-    table: SplineGaussianTable
-    margin_px: int
-
-
 def simulate_pose(
     image: AnyArray,
     homography: NDArray[np.floating[Any]],
     size: tuple[int, int],
-    psf: GaussianPsf | PsfField | None,
-    *,
-    origin_px: tuple[float, float] | None = None,
-    distortion_k1: float = 0.0,
+    psf: Psf | PsfField | None,
+    options: PoseOptions = DEFAULT_OPTIONS,
 ) -> SimulatedPose:
     """Image of the same plane from another pose of the same camera.
 
@@ -110,14 +89,8 @@ def simulate_pose(
     psf
         Total PSF (optics and pixel) of the camera. A field is evaluated at each image's own
         pixel: the reference's for the reference, the follow-up's for the follow-up.
-    origin_px
-        Position ``(x, y)`` of the follow-up's pixel (0, 0) in the camera's frame, if the
-        follow-up is a part of that frame; by default it is the whole frame. It matters only for
-        a field and a distortion.
-    distortion_k1
-        Radial distortion of the lens that took both: an ideal point at the radius r from the
-        reference's centre, 1 at its corner, is seen at ``r (1 + k1 r^2)``. The homography is then
-        that of the ideal points.
+    options
+        Model, noise, threads, the follow-up's place in the frame, and the lens's distortion.
 
     Returns
     -------
@@ -132,95 +105,68 @@ def simulate_pose(
         finite; if the PSF is missing or a field belongs to another frame; if no lens has such a
         distortion; if the follow-up needs too wide a blur.
     """
-    view = PoseView.of(homography, reference_shape(image), size, psf, origin_px, distortion_k1)
+    view = PoseView.of(
+        homography, reference_shape(image), size, psf, options.origin_px, options.distortion_k1
+    )
     height, width = view.follow_up
-    shares = shared_blur(view)
+    filtered = view_filter(view, options.model, options.noise_ratio)
+    refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
-    refuse_non_finite(image)
     result = np.zeros((planes.shape[2], height, width), dtype=dtype)
+    pieces = np.array(SAMPLING_KERNELS[options.model].pieces, dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
-    for top in range(0, height, _TILE_PX):
-        for left in range(0, width, _TILE_PX):
-            tile = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
-            seen = _seen(view, (top, left), nearer[tile].shape)
-            if seen is None:
-                continue
-            for channel in range(planes.shape[2]):
-                spline = _spline_window(planes[:, :, channel], seen, shares, dtype)
-                made = render(view.warp, spline, shares.table, (top, left), nearer[tile].shape)
-                result[channel][tile], nearer[tile], outside[tile] = made
+
+    def make(tile: tuple[slice, slice]) -> None:
+        first, shape = (tile[0].start, tile[1].start), nearer[tile].shape
+        seen = _seen(view, first, shape)
+        if seen is None:
+            return
+        for channel in range(planes.shape[2]):
+            window = _window(planes[:, :, channel], seen, filtered, pieces)
+            made = render(view.warp, window, first, shape)
+            result[channel][tile], nearer[tile], outside[tile] = made
+
+    if options.threads == 1:
+        for tile in _tiles(height, width):
+            make(tile)
+    else:
+        with ThreadPoolExecutor(options.threads) as pool:
+            list(pool.map(make, _tiles(height, width)))
     if outside.all():
         raise ValueError("the follow-up shows nothing of the reference")
     pixels = result[0] if image.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, 0, -1))
     return SimulatedPose(image=pixels, nearer=nearer, outside=outside)
 
 
-def shared_blur(view: PoseView) -> SharedBlur:
-    """Find the largest blur that every position needs, and the widest rest."""
-    rows, cols = (np.unique(np.linspace(0, n - 1, min(n, _SURVEY_POINTS))) for n in view.follow_up)
-    seen = view.survey(rows, cols)
-    x, y = seen[..., 0], seen[..., 1]
-    inside = (
-        (x >= -BORDER_PX)
-        & (x <= view.reference[1] - 1 + BORDER_PX)
-        & (y >= -BORDER_PX)
-        & (y <= view.reference[0] - 1 + BORDER_PX)
-    )
-    # The reference's border may be between two positions.
-    counted = np.asarray(binary_dilation(inside, np.ones((3, 3), dtype=np.bool_)))
-    blurs: FloatArray = seen.reshape(-1, 5)[counted.ravel(), 2:]
-    if len(blurs) == 0:
-        blurs = np.zeros((1, 3))
-    held = _common_blur(blurs)
-    rest = blurs - held
-    sigma_px = 1.05 * sqrt(max(float(rest[:, [0, 2]].max()), 0.0))
-    table = spline_gaussian(sigma_px)
-    return SharedBlur(held, table, table.weights.shape[2] // 2 + ceil(_LINE_SIGMAS * sigma_px) + 2)
+def _tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:
+    for top in range(0, height, _TILE_PX):
+        for left in range(0, width, _TILE_PX):
+            yield slice(top, top + _TILE_PX), slice(left, left + _TILE_PX)
 
 
-def _common_blur(blurs_px2: FloatArray) -> FloatArray:
-    """Largest multiple of the mean blur that leaves no position a negative rest; (xx, xy, yy)."""
-    mean = blurs_px2.mean(axis=0)
-    xx, xy, yy = mean
-    if not (xx > 0 and xx * yy - xy * xy > 0):
-        return np.zeros(3)
-    # Least eigenvalue of inverse(mean) blur: both are 2 x 2.
-    determinant = xx * yy - xy * xy
-    trace = (yy * blurs_px2[:, 0] - 2 * xy * blurs_px2[:, 1] + xx * blurs_px2[:, 2]) / determinant
-    product = (blurs_px2[:, 0] * blurs_px2[:, 2] - blurs_px2[:, 1] ** 2) / determinant
-    least = (trace / 2 - np.sqrt(np.maximum(trace**2 / 4 - product, 0.0))).min()
-    share = 1.0 if least > 1 - 1e-6 else float(least)
-    if share * max(xx, yy) < _LEAST_HELD_PX2:
-        return np.zeros(3)
-    return np.asarray(share * mean)
-
-
-def _spline_window(
-    image: AnyArray,
-    seen: tuple[int, int, int, int],
-    shares: SharedBlur,
-    dtype: np.dtype[Any],
-) -> SplineWindow:
-    """Spline through the commonly blurred pixels around a window, its ends included.
-
-    The margin that the sampling reaches into is mirrored at the image's edge.
-    """
+def _window(
+    image: AnyArray, seen: tuple[int, int, int, int], filtered: VaryingFilter, pieces: FloatImage
+) -> CoefficientWindow:
+    """Coefficients around a window, its ends included; mirrored at the image's edge."""
     top, bottom, left, right = seen
-    margin = shares.margin_px
-    rows = np.arange(top - margin, bottom + margin + 1)
-    cols = np.arange(left - margin, right + margin + 1)
-    size = (image.shape[0], image.shape[1])
-    xx, xy, yy = shares.held_px2.tolist()
-    total: FloatImage | None = None
-    for kernel in matched_terms(BlurCovariance(yy_px2=yy, xx_px2=xx, xy_px2=xy)):
-        along_y, used_rows = blur_at(rows, kernel.along_y, size[0])
-        along_x, used_cols = blur_at(cols, kernel.along_x, size[1])
-        part = apply_separable(along_y, along_x, image[used_rows, used_cols].astype(dtype))
-        total = part if total is None else np.add(total, part, out=total)
-    assert total is not None
-    return SplineWindow(total, (top - margin, left - margin), (xx, xy, yy), size)
+    margin = KERNEL_REACH_PX + filtered.radius
+    rows, cols = image.shape
+    inside = image[
+        max(top - margin, 0) : bottom + margin + 1, max(left - margin, 0) : right + margin + 1
+    ]
+    window = cv2.copyMakeBorder(
+        inside.astype(pieces.dtype),
+        max(margin - top, 0),
+        max(bottom + margin + 1 - rows, 0),
+        max(margin - left, 0),
+        max(right + margin + 1 - cols, 0),
+        cv2.BORDER_REFLECT,
+    )
+    origin = (top - KERNEL_REACH_PX, left - KERNEL_REACH_PX)
+    coefficients = filtered.apply(np.asarray(window), origin)
+    return CoefficientWindow(coefficients, origin, image.shape[:2], pieces)
 
 
 def _seen(

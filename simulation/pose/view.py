@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from simulation.arrays import FloatArray
 from simulation.pose.homography import projection_depth
 from simulation.pose.lens import ideal_points, lens_of, refuse_folding
-from simulation.pose.warped_blur import BlurredWarp, survey
-from simulation.psf import GaussianPsf, PsfField
+from simulation.pose.missing_blur import BlurredWarp, survey
+from simulation.psf import Psf, PsfField
 
 _SINGULAR = 1e-9
 """Least determinant of a homography between frames scaled to unit squares, relative."""
@@ -33,6 +33,8 @@ class PoseView:
         Radial distortion, as in `simulation.pose.lens`.
     reference, follow_up
         ``(rows, cols)`` of the two frames.
+    psf
+        Total PSF, or its field over the camera's frame.
     coefficients_px2
         Shape ``(3, n)``: the PSF's covariance as ``PsfField`` writes it.
     frame
@@ -44,6 +46,7 @@ class PoseView:
     lens: FloatArray
     reference: tuple[int, int]
     follow_up: tuple[int, int]
+    psf: Psf | PsfField
     coefficients_px2: FloatArray
     frame: FloatArray
 
@@ -53,7 +56,7 @@ class PoseView:
         homography: NDArray[np.floating[Any]],
         reference: tuple[int, int],
         size: tuple[int, int],
-        psf: GaussianPsf | PsfField | None,
+        psf: Psf | PsfField | None,
         origin_px: tuple[float, float] | None,
         distortion_k1: float = 0.0,
     ) -> Self:
@@ -68,7 +71,7 @@ class PoseView:
         """
         width, height = _checked_size(size)
         if psf is None:
-            raise ValueError("model 'matched' needs a PSF")
+            raise ValueError("another pose needs a PSF")
         rows, cols = reference
         coefficients, frame = _polynomials(psf, (cols, rows), (width, height), origin_px)
         lens = lens_of(distortion_k1, reference, (height, width), origin_px)
@@ -78,6 +81,7 @@ class PoseView:
             lens=lens,
             reference=reference,
             follow_up=(height, width),
+            psf=psf,
             coefficients_px2=coefficients,
             frame=frame,
         )
@@ -86,6 +90,24 @@ class PoseView:
     def warp(self) -> BlurredWarp:
         """The view as the compiled functions take it."""
         return BlurredWarp(self.matrix, self.lens, self.coefficients_px2, self.frame)
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What makes two views the same, hashable."""
+        arrays = (self.matrix, self.lens, self.frame)
+        return (*(a.tobytes() for a in arrays), self.reference, self.follow_up, self.psf)
+
+    def psf_near(self, x_px: float, y_px: float) -> Psf:
+        """PSF at a reference position; that of the nearest pixel for one outside the frame."""
+        if not isinstance(self.psf, PsfField):
+            return self.psf
+        x, y = np.clip([x_px, y_px], 0, [self.psf.width_px - 1, self.psf.height_px - 1]).tolist()
+        return self.psf.at(x, y)
+
+    def psf_far(self, x_px: float, y_px: float) -> Psf:
+        """PSF at a follow-up position, which lies elsewhere in the camera's frame."""
+        x, y = self.frame[3:].tolist()
+        return self.psf_near(x_px + x, y_px + y)
 
     def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
         """Evaluate a lattice of positions in the follow-up.
@@ -100,13 +122,13 @@ class PoseView:
 
 
 def _polynomials(
-    psf: GaussianPsf | PsfField,
+    psf: Psf | PsfField,
     reference: tuple[int, int],
     follow_up: tuple[int, int],
     origin_px: tuple[float, float] | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Coefficients and frame of a PSF; sizes are (width, height)."""
-    if isinstance(psf, GaussianPsf):
+    if not isinstance(psf, PsfField):
         (xx, xy), (_, yy) = psf.covariance_px2.tolist()
         return np.array([[xx], [xy], [yy]]), np.zeros(5)
     frame = (psf.width_px, psf.height_px)

@@ -6,6 +6,7 @@ from math import hypot, isqrt, sqrt
 import numpy as np
 
 from simulation.arrays import FloatArray
+from simulation.choices import PsfForm
 from simulation.psf.gaussian import GaussianPsf
 from simulation.psf.measured import MeasuredPsf, Psf
 
@@ -79,6 +80,16 @@ class PsfField:
             f"PsfField({self.width_px} x {self.height_px} px, degree {self.degree}, "
             f"in the centre sigma_x_px={sqrt(xx):.4g}, sigma_y_px={sqrt(yy):.4g})"
         )
+
+    @property
+    def gaussian(self) -> GaussianPsf:
+        """The Gaussian nearest to the PSF in the centre of the frame."""
+        return GaussianPsf.from_covariance(self.covariance_px2(*self.centre_px))
+
+    @property
+    def form(self) -> PsfForm:
+        """What is known about the shape."""
+        return "gaussian" if self.shape is None else self.shape.form
 
     @property
     def degree(self) -> int:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
@@ -41,6 +41,16 @@ class GaussianPsf:
         if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
             raise ValueError(f"covariance must be positive definite, got {covariance_px2!r}")
         return cls(sigma_x_px=sqrt(xx), sigma_y_px=sqrt(yy), rho=xy / sqrt(xx * yy))
+
+    @property
+    def gaussian(self) -> Self:
+        """The Gaussian nearest to it: itself."""
+        return self
+
+    @property
+    def form(self) -> Literal["gaussian"]:
+        """What is known about the shape."""
+        return "gaussian"
 
     @property
     def covariance_px2(self) -> FloatArray:

@@ -6,11 +6,13 @@ from typing import Protocol, Self
 import numpy as np
 
 from simulation.arrays import FloatArray
+from simulation.choices import PsfForm
 from simulation.psf.gaussian import PIXEL_VARIANCE_PX2, GaussianPsf
 from simulation.psf.lens import LensOtf
 from simulation.psf.transfer import Transfer
 
 _LEAST_VARIANCE_PX2 = 1e-3
+"""Least variance of the optics where a PSF is hardly wider than its pixel."""
 
 
 class Psf(Protocol):
@@ -24,8 +26,18 @@ class Psf(Protocol):
         ...
 
     @property
+    def gaussian(self) -> GaussianPsf:
+        """The Gaussian nearest to it."""
+        ...
+
+    @property
+    def form(self) -> PsfForm:
+        """What is known about its shape."""
+        ...
+
+    @property
     def covariance_px2(self) -> FloatArray:
-        """Covariance of the Gaussian nearest to it, shape (2, 2), order (x, y)."""
+        """Covariance of the nearest Gaussian, shape (2, 2), order (x, y)."""
         ...
 
     def __hash__(self) -> int: ...
@@ -59,6 +71,19 @@ class MeasuredPsf:
         return np.asarray(np.sinc(fx) * np.sinc(fy) * lens)
 
     @property
+    def form(self) -> PsfForm:
+        """What is known about the lens's shape."""
+        if self.lens.correction is not None:
+            return "free"
+        if self.lens.cut_off_period_px == (0.0, 0.0, 0.0):
+            return "gaussian"
+        is_round = all(
+            xx == yy and xy == 0
+            for xx, xy, yy in (self.lens.cut_off_period_px, self.lens.gaussian_px2)
+        )
+        return "round" if is_round else "elliptic"
+
+    @property
     def covariance_px2(self) -> FloatArray:
         """Covariance of the nearest Gaussian, shape (2, 2), order (x, y)."""
         return self.gaussian.covariance_px2
@@ -87,6 +112,11 @@ class SeparablePsf:
         """Return the transfer function at frequencies in cycles per pixel."""
         along_x = self.along_x(np.abs(np.asarray(fx_cy_per_px)))
         return np.asarray(along_x * self.along_y(np.abs(np.asarray(fy_cy_per_px))))
+
+    @property
+    def form(self) -> PsfForm:
+        """A curve along either axis."""
+        return "separable"
 
     @property
     def covariance_px2(self) -> FloatArray:

@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from simulation.arrays import FloatArray
-from simulation.psf.gaussian import PIXEL_VARIANCE_PX2, GaussianPsf
 
 _LOWEST_END_CY_PER_PX = 0.5
 """A measured curve must reach the Nyquist frequency."""
@@ -115,57 +113,3 @@ class SampledTransfer:
         """Return the transfer at frequencies in cycles per pixel."""
         curve = PchipInterpolator(self.freq_cy_per_px, self.values, extrapolate=False)
         return np.asarray(np.nan_to_num(curve(freq_cy_per_px), nan=0.0))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraTransfer:
-    """Transfer of a camera along both axes, and the correlation between them.
-
-    Parameters
-    ----------
-    along_y, along_x
-        Transfer functions of the line spread functions along rows and columns.
-    covariance_px2
-        Covariance of the Gaussian between the axes; both must be Gaussian if it is not 0.
-
-    Raises
-    ------
-    ValueError
-        If there is a correlation without Gaussians, or it is not below 1.
-    """
-
-    along_y: Transfer
-    along_x: Transfer
-    covariance_px2: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.covariance_px2 == 0:
-            return
-        y, x = self.along_y, self.along_x
-        if not (isinstance(y, GaussianTransfer) and isinstance(x, GaussianTransfer)):
-            raise ValueError(  # noqa: TRY004  # the combination is wrong, not a type
-                "only Gaussian transfer functions can be correlated"
-            )
-        if not abs(self.covariance_px2) < y.sigma_px * x.sigma_px:
-            raise ValueError(
-                f"a covariance of {self.covariance_px2} px^2 is too large for the widths "
-                f"{y.sigma_px} and {x.sigma_px} px"
-            )
-
-    @classmethod
-    def of_psf(cls, psf: GaussianPsf) -> Self:
-        """Make the transfer of a PSF that is an optical Gaussian over square pixels.
-
-        The optical covariance is the PSF's minus a pixel's 1/12 px^2. If the result is not
-        positive definite, the PSF is taken as a Gaussian without a pixel.
-        """
-        (xx, xy), (_, yy) = psf.covariance_px2.tolist()
-        optical_xx, optical_yy = xx - PIXEL_VARIANCE_PX2, yy - PIXEL_VARIANCE_PX2
-        has_pixel = min(optical_xx, optical_yy) > 0 and optical_xx * optical_yy > xy * xy
-        if has_pixel:
-            xx, yy = optical_xx, optical_yy
-        return cls(
-            along_y=GaussianTransfer(sigma_px=sqrt(yy), over_pixel=has_pixel),
-            along_x=GaussianTransfer(sigma_px=sqrt(xx), over_pixel=has_pixel),
-            covariance_px2=xy,
-        )

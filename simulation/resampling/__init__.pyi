@@ -3,20 +3,16 @@ from .banded import (
     apply_separable as apply_separable,
     put_separable as put_separable,
 )
-from .blurred_spline_weights import (
-    LEVELS_PER_LOG as LEVELS_PER_LOG,
-    PHASES as PHASES,
-    SplineGaussianTable as SplineGaussianTable,
-    spline_gaussian as spline_gaussian,
-)
 from .cubic import (
     antialiased_cubic as antialiased_cubic,
     blur as blur,
     blur_at as blur_at,
+    mirrored_rows as mirrored_rows,
     spline_sampling as spline_sampling,
 )
 from .gaussian_kernel import (
     BlurCovariance as BlurCovariance,
+    SeparableTerm as SeparableTerm,
     gaussian_terms as gaussian_terms,
     matched_terms as matched_terms,
     spline_transfer as spline_transfer,
@@ -29,24 +25,22 @@ from .reference_image import (
 from .scattered import simulate_at as simulate_at
 
 __all__ = [
-    "LEVELS_PER_LOG",
-    "PHASES",
     "ZOOM_MIN",
     "BandedMatrix",
     "BlurCovariance",
     "SamplingGrid",
-    "SplineGaussianTable",
+    "SeparableTerm",
     "antialiased_cubic",
     "apply_separable",
     "blur",
     "blur_at",
     "gaussian_terms",
     "matched_terms",
+    "mirrored_rows",
     "put_separable",
     "reference_shape",
     "refuse_non_finite",
     "simulate_at",
-    "spline_gaussian",
     "spline_sampling",
     "spline_transfer",
 ]

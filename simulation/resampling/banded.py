@@ -6,7 +6,9 @@ combination also runs along contiguous memory, and transposes the result back. R
 a time, because neighbours read nearly the same input. Measured by ``benchmarks/bench_zoom_out.py``.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, cast
 
 import cv2
@@ -136,35 +138,9 @@ class BandedMatrix:
         """Return the elementwise product, times ``factor``."""
         return self._from_sparse(self._sparse().multiply(other._sparse()).tocsr() * factor)
 
-    def trimmed(self, tolerance: float) -> "BandedMatrix":
-        """Return the matrix without the faint ends of its rows.
-
-        The response of each row to a constant and to a ramp stays the same: its largest weight
-        and a neighbour compensate.
-
-        Parameters
-        ----------
-        tolerance
-            Fraction of a row's absolute weights that may be cut off on either side.
-        """
-        band = self.weights.shape[1]
-        if band == 1:
-            return self
-        share = np.abs(self.weights)
-        share /= share.sum(axis=1, keepdims=True)
-        from_left, from_right = np.cumsum(share, axis=1), np.cumsum(share[:, ::-1], axis=1)
-        is_kept = (from_left > tolerance) & (from_right[:, ::-1] > tolerance)
-        row = np.arange(self.rows)
-        centre = np.minimum(np.argmax(share, axis=1), band - 2)
-        cut = np.where(is_kept, 0.0, self.weights)
-        moment = (cut * (np.arange(band) - centre[:, None])).sum(axis=1)
-        kept = self.weights - cut
-        kept[row, centre] += cut.sum(axis=1) - moment
-        kept[row, centre + 1] += moment
-        index = np.nonzero(kept)
-        return self.from_entries(
-            self.rows, self.columns, index[0], self.starts[index[0]] + index[1], kept[index]
-        )
+    def of_rows(self, rows: slice) -> "BandedMatrix":
+        """Return the matrix of some of the rows."""
+        return BandedMatrix(self.starts[rows], self.weights[rows], self.columns)
 
     def dense(self) -> FloatArray:
         """Same matrix as an array of shape ``(rows, columns)``."""
@@ -195,60 +171,108 @@ def apply_separable(along_y: BandedMatrix, along_x: BandedMatrix, image: FloatIm
         In the image's dtype.
     """
     out = np.empty((along_y.rows, along_x.rows), dtype=image.dtype)
-    put_separable(along_y, (along_x,), image, out, is_added=False)
+    put_separable(((along_y, (along_x,)),), image, out)
     return out
 
 
-def put_separable(
-    along_y: BandedMatrix,
-    along_x: tuple[BandedMatrix, ...],
-    image: FloatImage,
-    out: FloatImage,
-    *,
-    is_added: bool,
-) -> None:
-    """Write the image, combined along y and then by each of ``along_x``, to ``out``, or add it.
+Term = tuple[BandedMatrix, tuple[BandedMatrix, ...]]
+"""A matrix along y, and those to apply along x one after another."""
 
-    ``out`` has the result's shape and the image's dtype. Without any ``along_x`` the image is
-    combined along y alone.
+
+def put_separable(
+    terms: tuple[Term, ...], image: FloatImage, out: FloatImage, *, threads: int = 1
+) -> None:
+    """Write the sum of the image combined by each term to ``out``.
+
+    ``out`` has the result's shape and the image's dtype. Terms without a matrix along x combine
+    along y alone. ``threads`` share the strips of rows; the result is the same.
     """
-    expected = along_y.columns, along_x[0].columns if along_x else out.shape[1]
-    if image.shape != expected:
-        raise ValueError(f"the operator takes images of shape {expected}, got {image.shape}")
+    for along_y, along_x in terms:
+        expected = along_y.columns, along_x[0].columns if along_x else out.shape[1]
+        if image.shape != expected:
+            raise ValueError(f"the operator takes images of shape {expected}, got {image.shape}")
     image = np.ascontiguousarray(image)
-    y = along_y.pairs
-    weights = y.weights_as(image.dtype)
     fitting = _STRIP_BYTES // (image.shape[1] * image.itemsize) // 2 * 2
     strip_rows = int(np.clip(fitting, _STRIP_ROWS_MIN, _STRIP_ROWS_MAX))
-    for first in range(0, along_y.rows, strip_rows):
-        count = min(strip_rows, along_y.rows - first)
-        pairs = slice(first // 2, (first + count + 1) // 2)
-        strip = _combined(image, y.starts[pairs], weights[2 * pairs.start : 2 * pairs.stop])
-        if along_x:
-            strip = _along_columns(strip, along_x)
-        target = out[first : first + count]
-        if is_added:
-            target += strip[:count]
-        else:
-            target[:] = strip[:count]
+    # As many strips for each thread.
+    rounds = -(-len(out) // (strip_rows * threads))
+    strip_rows = min(strip_rows, -(-len(out) // (2 * rounds * threads)) * 2)
+    strips = [slice(first, first + strip_rows) for first in range(0, len(out), strip_rows)]
+    threads = min(threads, len(strips))
+    put = partial(_put_strips, terms, image, out)
+    if threads == 1:
+        put(strips)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(put, [strips[first::threads] for first in range(threads)]):
+            pass
 
 
-def _along_columns(strip: FloatImage, along_x: tuple[BandedMatrix, ...]) -> FloatImage:
-    turned = cast("FloatImage", cv2.transpose(strip))
-    for matrix in along_x:
-        pairs = matrix.pairs
-        turned = _combined(turned, pairs.starts, pairs.weights_as(strip.dtype))[: matrix.rows]
-    return cast("FloatImage", cv2.transpose(turned))
+@dataclass(frozen=True, slots=True)
+class _Scratch:
+    """Arrays to write to, kept from strip to strip: fresh memory costs as much as the sums."""
+
+    arrays: dict[tuple[str, tuple[int, int]], FloatImage] = field(default_factory=dict)
+
+    def array(self, name: str, shape: tuple[int, int], dtype: "np.dtype[Any]") -> FloatImage:
+        if (name, shape) not in self.arrays:
+            self.arrays[name, shape] = np.empty(shape, dtype)
+        return self.arrays[name, shape]
 
 
-def _combined(image: FloatImage, starts: IntArray, weights: FloatImage) -> FloatImage:
-    out = np.empty((len(weights), image.shape[1]), image.dtype)
+def _put_strips(
+    terms: tuple[Term, ...], image: FloatImage, out: FloatImage, strips: list[slice]
+) -> None:
+    scratch = _Scratch()
+    for rows in strips:
+        _put_strip(terms, image, out[rows], rows.start // 2, scratch)
+
+
+def _put_strip(
+    terms: tuple[Term, ...],
+    image: FloatImage,
+    target: FloatImage,
+    first_pair: int,
+    scratch: _Scratch,
+) -> None:
+    pairs = slice(first_pair, first_pair + (len(target) + 1) // 2)
+    total: FloatImage | None = None
+    for along_y, along_x in terms:
+        y = along_y.pairs
+        weights = y.weights_as(image.dtype)[2 * pairs.start : 2 * pairs.stop]
+        strip = _combined(image, y.starts[pairs], weights, "strip", scratch)
+        if not along_x:
+            target[:] = strip[: len(target)]
+            return
+        turned = _transposed(strip, "turned", scratch)
+        name = "total" if total is None else "part"
+        for number, matrix in enumerate(along_x):
+            x = matrix.pairs
+            weights = x.weights_as(image.dtype)
+            turned = _combined(turned, x.starts, weights, f"{name} {number}", scratch)
+            turned = turned[: matrix.rows]
+        # The sum is taken in the cache, before it is turned back.
+        total = turned if total is None else np.add(total, turned, out=total)
+    target[:] = _transposed(cast("FloatImage", total), "result", scratch)[: len(target)]
+
+
+def _transposed(image: FloatImage, name: str, scratch: _Scratch) -> FloatImage:
+    into = scratch.array(name, (image.shape[1], image.shape[0]), image.dtype)
+    return cast("FloatImage", cv2.transpose(image, into))
+
+
+def _combined(
+    image: FloatImage, starts: IntArray, weights: FloatImage, name: str, scratch: _Scratch
+) -> FloatImage:
+    out = scratch.array(name, (len(weights), image.shape[1]), image.dtype)
     _combine_rows(image, starts, weights, out)
     return out
 
 
 # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-_compiled = njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+_compiled = njit(
+    cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy"
+)
 
 
 @_compiled

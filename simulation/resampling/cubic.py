@@ -97,6 +97,21 @@ def spline_sampling(positions_px: FloatArray, prefilter: FloatArray, size: int) 
     return _from_taps(_mirrored(column, size), weights, size)
 
 
+def mirrored_rows(starts: IntArray, weights: FloatArray, size: int) -> BandedMatrix:
+    """Rows of weights at columns ``starts`` and following of an image mirrored at its edges.
+
+    Parameters
+    ----------
+    starts
+        First column of each row, shape ``(n,)``; it may lie outside the image.
+    weights
+        Shape ``(n, taps)``.
+    size
+        Pixels of the image.
+    """
+    return _from_taps(_mirrored(starts[:, None] + np.arange(weights.shape[1]), size), weights, size)
+
+
 def _from_taps(column: IntArray, weights: FloatArray, size: int) -> BandedMatrix:
     row = np.repeat(np.arange(len(column)), column.shape[1])
     return BandedMatrix.from_entries(len(column), size, row, column.ravel(), weights.ravel())

@@ -25,6 +25,14 @@ def reference_shape(image: AnyArray) -> tuple[int, int]:
 
 def refuse_non_finite(image: AnyArray) -> None:
     """Raise ``ValueError`` if a value is NaN or infinite."""
-    # The extremes are NaN or infinite if any value is, and are found at memory speed.
-    if image.dtype.kind == "f" and not (np.isfinite(image.min()) and np.isfinite(image.max())):
+    if image.dtype.kind != "f":
+        return
+    if image.flags.c_contiguous:
+        # One pass at memory speed; huge values may overflow, and are looked at again.
+        flat = image.reshape(-1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            if np.isfinite(np.dot(flat, flat)):
+                return
+    # The extremes are NaN or infinite if any value is.
+    if not (np.isfinite(image.min()) and np.isfinite(image.max())):
         raise ValueError("the image has NaN or infinite values")

@@ -13,6 +13,7 @@ from standoff.terminal import (
     Json,
     Mean,
     Page,
+    TransferForm,
     command_line,
     photograph_inputs,
     print_json,
@@ -25,6 +26,7 @@ def changes(
     followup: Annotated[Path, typer.Argument(help="The later photograph.")],
     *,
     psf: Annotated[Path, typer.Option(help="psf.json of the camera.")],
+    transfer: TransferForm = "best",
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     noise: Annotated[
         Path | None, typer.Option(help="noise.json of the camera; the noise is fitted by default.")
@@ -46,7 +48,6 @@ def changes(
     from standoff.workflows import (
         find_changes_of_files,
         make_folder,
-        read_total_psf,
         write_change_pictures,
     )
 
@@ -55,7 +56,7 @@ def changes(
         noise=None if noise is None else read_noise(noise).capture_noise,
         false_alarms=false_alarms,
     )
-    found = find_changes_of_files(reference, followup, read_total_psf(psf), options, inputs)
+    found = find_changes_of_files(reference, followup, psf, options, inputs, transfer)
     make_folder(out)
     write_change_pictures(out, followup.name, found)
     summary = found.summary.model_copy(

@@ -16,6 +16,7 @@ from standoff.terminal import (
     ListedNumbers,
     Mean,
     Page,
+    TransferForm,
     checked_zoom,
     command_line,
     number_list,
@@ -56,6 +57,7 @@ def detectability(
         Path, typer.Option(help="Where to write curves.json; the figures are written beside it.")
     ],
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
+    transfer: TransferForm = "best",
     zooms: Annotated[
         str, typer.Option(help="Distance ratios, each at least 1.")
     ] = "1,1.01,1.1,1.2,1.35,1.5,1.75,2,2.5,3,4",
@@ -123,6 +125,7 @@ def detectability(
     request = CurvesRequest(
         images=tuple(expanded_images(images)),
         psf=psf,
+        transfer=transfer,
         task=DetectionTask(
             signal=change,
             contrasts_dn=tuple(contrasts),
@@ -141,15 +144,14 @@ def detectability(
     made = inputs.provenance(command_line())
     name = found.signal if signal is None else signal.name
     found = found.model_copy(update={"signal": name, "provenance": made})
-    curves = found.curves
     write_results(out, found)
-    figures = curve_figures(out, curves, contrasts[0])
+    figures = curve_figures(out, found.curves, contrasts[0])
     if json:
         print_json(
             {"out": str(out), "figures": [str(path) for path in figures], **json_object(found)}
         )
         return
-    _print_curves([curve for curve in curves if curve.contrast_dn == contrasts[0]])
+    _print_curves([curve for curve in found.curves if curve.contrast_dn == contrasts[0]])
     say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
     say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
 

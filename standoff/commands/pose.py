@@ -125,10 +125,10 @@ def pose(
         from analysis.pose import judge_pose
         from analysis.reports import plot_pose
         from calibration.registration import register
-        from standoff.workflows import read_total_psf, write_figure
+        from standoff.workflows import read_camera_psf, write_figure
 
         far = inputs.grey(followup)
-        total = None if psf is None else read_total_psf(psf)
+        total = None if psf is None else read_camera_psf(psf).gaussian
         try:
             found = register(near, far, total)
         except CalibrationError as error:

@@ -9,12 +9,16 @@ import typer
 
 from analysis.choices import CACHE_VARIABLE
 from simulation.choices import (
+    DEFAULT_MODEL,
+    DEFAULT_POSE_MODEL,
     KERNEL_MODELS,
     MODELS,
+    POSE_MODELS,
     TRAINING_STEPS,
     GaussianForm,
     KernelModel,
     Model,
+    PsfForm,
     Sampler,
 )
 from standoff.terminal import (
@@ -23,10 +27,13 @@ from standoff.terminal import (
     Mean,
     Option,
     Page,
+    Threads,
+    TransferForm,
     check_options,
     checked_zoom,
     command_line,
     exactly_one,
+    is_from_user,
     needs,
     photograph_inputs,
     print_json,
@@ -36,25 +43,32 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from standoff.workflows import CaptureOptions, FollowUp, FoundKernel
+    from standoff.workflows import CaptureOptions, FollowUp, FoundKernel, SimulatedPhotograph
 
 
-TransferForm = Literal["gaussian", "measured"]
 AnyModel = Literal[Model, KernelModel]
 
 _SHARPENING_SIGMA_PX = 1.0
 
+_SHAPES: dict[PsfForm, str] = {
+    "gaussian": "Gaussian",
+    "separable": "measured along x and y",
+    "round": "measured, round",
+    "elliptic": "measured, elliptic",
+    "free": "measured, free in shape",
+}
+
 _RULES = (
     exactly_one("zoom", "homography"),
-    needs("homography", Option("model", ("matched",))),
+    needs("homography", Option("model", POSE_MODELS)),
     needs("nearer", "homography"),
     needs(Option("model", tuple(name for name in MODELS if name != "bicubic")), "psf"),
     needs("psf", Option("model", MODELS)),
     needs(Option("gaussian", ("sampled",)), Option("model", ("paper",))),
     needs(
         Option("transfer", ("measured",)),
-        Option("model", ("lmmse",)),
-        because="only model lmmse takes a measured transfer function",
+        Option("model", POSE_MODELS),
+        because="only matched and lmmse take a measured PSF",
     ),
     *(
         needs(option, Option("model", KERNEL_MODELS))
@@ -80,11 +94,11 @@ def simulate(
         typer.Option(help="Also write a mask (PNG) of pixels sharper than the reference."),
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
-    model: Annotated[AnyModel, typer.Option(help="Capture model.")] = "matched",
-    transfer: Annotated[
-        TransferForm,
-        typer.Option(help="Use the Gaussian PSF, or the e-SFR measured in psf.json (lmmse)."),
-    ] = "gaussian",
+    model: Annotated[
+        AnyModel,
+        typer.Option(help=f"Capture model; {DEFAULT_POSE_MODEL} by default with --homography."),
+    ] = DEFAULT_MODEL,
+    transfer: TransferForm = "best",
     gaussian: Annotated[
         GaussianForm,
         typer.Option(help="Blur by the exact transfer function, or by sampled weights (paper)."),
@@ -128,6 +142,7 @@ def simulate(
             help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
         ),
     ] = None,
+    threads: Threads = 1,
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
@@ -145,6 +160,8 @@ def simulate(
         write_mask,
     )
 
+    if homography is not None and not is_from_user(context, "model"):
+        model = DEFAULT_POSE_MODEL
     inputs = photograph_inputs(encoding, page, mean, files=(psf, noise, homography, correct))
     simulated = simulate_photograph(
         FollowUpRequest(
@@ -155,13 +172,14 @@ def simulate(
             zoom=zoom,
             homography=homography,
             psf=psf,
-            is_measured=transfer == "measured",
+            transfer=transfer,
             gaussian=gaussian,
             correct=correct,
             steps=steps or TRAINING_STEPS,
             is_centre_crop=centre_crop,
             sampler=sampler or "exact",
             kernel_cache=kernel_cache,
+            threads=threads,
         )
     )
     pose = f"homography {homography.name}" if homography else f"zoom {zoom!r}"
@@ -177,8 +195,7 @@ def simulate(
                 "image": str(image),
                 "zoom": zoom,
                 "model": model,
-                "transfer": transfer,
-                "psf_field": followup.is_field,
+                **_psf_facts(followup),
                 "size": [written.shape[1], written.shape[0]],
                 "min": float(written.min()),
                 "max": float(written.max()),
@@ -188,12 +205,29 @@ def simulate(
             }
         )
         return
-    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {pose}, model {model}")
+    _say_written(out, simulated, f"{pose}, model {model}", masks)
+
+
+def _say_written(
+    out: Path, simulated: SimulatedPhotograph, how: str, masks: dict[str, float]
+) -> None:
+    written, form = simulated.image, simulated.followup.psf_form
+    shape = "" if form is None else f", PSF: {_SHAPES[form]}"
+    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {how}{shape}")
     if masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+
+
+def _psf_facts(followup: FollowUp) -> dict[str, Any]:
+    form = followup.psf_form
+    return {
+        "transfer": "gaussian" if form in (None, "gaussian") else "measured",
+        "psf_form": form,
+        "psf_field": followup.is_field,
+    }
 
 
 def _camera(

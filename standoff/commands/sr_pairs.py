@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simulation.choices import Model
+from simulation.choices import DEFAULT_MODEL, Model
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     EncodingName,
     Json,
     Mean,
     Page,
+    Threads,
+    TransferForm,
     checked_zoom,
     note,
     photograph_inputs,
@@ -40,9 +42,10 @@ def sr_pairs(
     ],
     *,
     psf: Annotated[Path, typer.Option(help="psf.json of the camera.")],
+    transfer: TransferForm = "best",
     zoom: Annotated[float, typer.Option(help="Distance ratio, at least 1.", callback=checked_zoom)],
     out: Annotated[Path, typer.Option(help="Folder for the pairs; an existing one is resumed.")],
-    model: Annotated[Model, typer.Option(help="Capture model.")] = "matched",
+    model: Annotated[Model, typer.Option(help="Capture model.")] = DEFAULT_MODEL,
     crop: Annotated[
         int, typer.Option(min=8, help="Side of the high-resolution crops in px.")
     ] = 192,
@@ -60,6 +63,7 @@ def sr_pairs(
     is_float: Annotated[
         bool, typer.Option("--float", help="Write float32 TIFFs instead of rounded PNGs.")
     ] = False,
+    threads: Threads = 1,
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
@@ -69,15 +73,18 @@ def sr_pairs(
     from standoff.workflows import (
         SrDatasetSettings,
         expanded_images,
-        read_total_psf,
+        psf_and_field,
         write_sr_dataset,
     )
 
     inputs = photograph_inputs(encoding, page, mean, files=(psf,))
+    one, field = psf_and_field(psf, model, transfer)
     settings = SrDatasetSettings(
         zoom=zoom,
         model=model,
-        psf=read_total_psf(psf),
+        psf=one,
+        field=field,
+        threads=threads,
         crop_px=crop,
         stride_px=stride or crop,
         test_fraction=test_fraction,

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from analysis.choices import CACHE_VARIABLE, PAPER_TRAINING_STEPS, VALIDATION_MODELS
-from standoff.terminal import Json, chosen_models, print_json, say
+from standoff.terminal import Json, TransferForm, chosen_models, print_json, say
 
 
 def validate(
@@ -15,6 +15,7 @@ def validate(
     psf: Annotated[
         Path, typer.Option(help="psf.json of the camera, best calibrated with --region centre.")
     ],
+    transfer: TransferForm = "best",
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     models: Annotated[
         str | None,
@@ -57,14 +58,14 @@ def validate(
     from standoff.terminal import print_validation
     from standoff.workflows import (
         default_models,
-        read_total_psf,
+        read_camera_psf,
         run_validation,
     )
 
     chosen = default_models() if models is None else chosen_models(models)
     if not any(map(is_learned, chosen)) and (steps is not None or seed or kernel_cache):
         raise typer.BadParameter("--steps, --seed and --kernel-cache need a learned model")
-    total = read_total_psf(psf)
+    camera = read_camera_psf(psf, transfer)
     settings = ValidationSettings(
         models=chosen,
         kernels=KernelBook(
@@ -75,7 +76,7 @@ def validate(
         references=references,
         workers=workers,
     )
-    validation = run_validation(out, Session(session), total, str(psf), settings)
+    validation = run_validation(out, Session(session), camera, str(psf), settings)
     if json:
         print_json(json_object(validation))
         return

@@ -8,8 +8,9 @@ from standoff.library.inputs import (
     NoiseLike,
     PsfLike,
     camera_noise,
+    camera_psf,
     grey_image,
-    total_psf,
+    whole_frame_psf,
 )
 
 
@@ -36,7 +37,7 @@ def register(reference: ImageLike, followup: ImageLike, psf: PsfLike | None = No
         If the two cannot be aligned; ``reason`` and ``at_fault`` say why.
     """
     near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
-    return registered(near, far, None if psf is None else total_psf(psf))
+    return registered(near, far, None if psf is None else whole_frame_psf(psf).gaussian)
 
 
 def find_changes(
@@ -71,4 +72,5 @@ def find_changes(
     """
     near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
     options = ChangeOptions(noise=camera_noise(noise), false_alarms=false_alarms)
-    return changes_between(near, far, total_psf(psf), options)
+    frame = (near.shape[1], near.shape[0]) if near.shape == far.shape else None
+    return changes_between(near, far, camera_psf(psf, frame, "matched"), options)

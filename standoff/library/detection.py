@@ -21,7 +21,7 @@ from standoff.library.inputs import (
     grey_image,
     listed_images,
     path_of,
-    total_psf,
+    whole_frame_psf,
 )
 
 
@@ -57,7 +57,7 @@ def d_prime_curves(
     scenes = [
         grey_image(image, f"images[{number}]") for number, image in enumerate(listed_images(images))
     ]
-    return curves_of_images(scenes, None if psf is None else total_psf(psf), task)
+    return curves_of_images(scenes, None if psf is None else whole_frame_psf(psf), task)
 
 
 def pose_limits(

@@ -9,13 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.files import read_homography
 from calibration.registration import Homography
-from simulation import MODELS, Model, SimulatedPose, simulate_pose as simulate_pose_of_array
+from simulation import (
+    MODELS,
+    Model,
+    PoseOptions,
+    SimulatedPose,
+    simulate_pose as simulate_pose_of_array,
+)
+from simulation.choices import DEFAULT_MODEL, DEFAULT_POSE_MODEL, PoseModel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
 from standoff.workflows import zoomed_out
 
 
 def zoom_out(
-    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = "matched"
+    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = DEFAULT_MODEL
 ) -> NDArray[np.floating[Any]]:
     """Return the image of the same scene from ``zoom`` times further away.
 
@@ -27,9 +34,9 @@ def zoom_out(
     zoom
         Ratio of the distances, at least 1.
     psf
-        The camera's PSF: a ``GaussianPsf``, a calibration or the path of a psf.json. ``matched``
-        uses a PSF that varies over the frame if the image is a whole frame. ``bicubic`` needs
-        no PSF.
+        The camera's PSF: a ``GaussianPsf``, a ``MeasuredPsf``, a calibration or the path of a
+        psf.json, of which the best is taken. ``matched`` and ``lmmse`` use a PSF that varies over
+        the frame if the image is a whole frame. ``bicubic`` needs no PSF.
     model
         ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
 
@@ -59,6 +66,7 @@ def simulate_pose(
     homography: ArrayLike | Homography | FilePath,
     psf: PsfLike,
     size: tuple[int, int] | None = None,
+    model: PoseModel = DEFAULT_POSE_MODEL,
 ) -> SimulatedPose:
     """Return the image of the same plane from another pose of the same camera.
 
@@ -73,6 +81,8 @@ def simulate_pose(
         The camera's PSF.
     size
         ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
+    model
+        ``matched`` or ``lmmse``.
 
     Returns
     -------
@@ -93,8 +103,8 @@ def simulate_pose(
         planes,
         pose.matrix,
         size or pose.size,
-        camera_psf(psf, frame if pose.size == frame else None, "matched"),
-        distortion_k1=pose.distortion_k1,
+        camera_psf(psf, frame if pose.size == frame else None, model),
+        PoseOptions(model=model, distortion_k1=pose.distortion_k1),
     )
 
 

@@ -10,16 +10,17 @@ from numpy.typing import NDArray
 
 from calibration.files import read_noise, read_psf
 from calibration.psf import PsfCalibration
-from simulation import GaussianPsf, Model, PsfField
+from simulation import GaussianPsf, MeasuredPsf, Model, Psf, PsfField, SeparablePsf
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
+from simulation.choices import POSE_MODELS
 from standoff.photographs import Photograph, read_image
 
 FilePath: TypeAlias = str | PathLike[str]
 ImageLike: TypeAlias = NDArray[Any] | Photograph | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""
 
-PsfLike: TypeAlias = GaussianPsf | PsfCalibration | FilePath
+PsfLike: TypeAlias = GaussianPsf | MeasuredPsf | SeparablePsf | PsfCalibration | FilePath
 """A PSF, a calibration that holds one, or the path of a psf.json."""
 
 NoiseLike: TypeAlias = CaptureNoise | FilePath
@@ -83,8 +84,8 @@ def listed_images(images: object) -> list[ImageLike]:
     return listed
 
 
-def total_psf(psf: PsfLike) -> GaussianPsf:
-    """Return the total PSF (optics and pixel) as one Gaussian for the whole frame.
+def whole_frame_psf(psf: PsfLike) -> Psf:
+    """Return the total PSF (optics and pixel), the best that is known, for the whole frame.
 
     Raises
     ------
@@ -93,14 +94,14 @@ def total_psf(psf: PsfLike) -> GaussianPsf:
     PsfFileError
         If the file cannot be read, or a width is not determined.
     """
-    if isinstance(psf, GaussianPsf):
+    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
         return psf
     calibration, source = _calibration(psf)
-    return calibration.total_psf(source)
+    return calibration.best_psf(source)
 
 
-def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> GaussianPsf | PsfField:
-    """Return the PSF in the form a model takes: a field if it can, else one Gaussian.
+def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> Psf | PsfField:
+    """Return the best PSF that is known and that a model takes: a field if it can.
 
     Parameters
     ----------
@@ -109,15 +110,15 @@ def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> Gau
     frame
         Columns and rows of the image; None if it is not a whole frame of the camera.
     model
-        Only ``matched`` takes a PSF that varies over the frame.
+        Those of ``POSE_MODELS`` take a PSF that varies over the frame; ``paper`` a Gaussian only.
     """
-    if isinstance(psf, GaussianPsf):
+    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
         return psf
     calibration, source = _calibration(psf)
-    field = calibration.total_field(source) if model == "matched" else None
+    field = calibration.total_field(source) if model in POSE_MODELS else None
     if field is not None and frame == (field.width_px, field.height_px):
         return field
-    return calibration.total_psf(source)
+    return calibration.total_psf(source) if model == "paper" else calibration.best_psf(source)
 
 
 def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
@@ -133,8 +134,7 @@ def _calibration(psf: PsfLike) -> tuple[PsfCalibration, str]:
     if isinstance(psf, str | PathLike):
         return read_psf(Path(psf)), str(psf)
     raise TypeError(
-        "psf: expected a GaussianPsf, a PSF calibration or the path of a psf.json, "
-        f"got {_kind(psf)}"
+        f"psf: expected a PSF, a PSF calibration or the path of a psf.json, got {_kind(psf)}"
     )
 
 

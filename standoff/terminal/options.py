@@ -14,6 +14,7 @@ from acquisition.quantities import ImplausibleQuantityError, understood
 from acquisition.spelling import decimal_comma_remedy
 from acquisition.units import UnknownUnitError
 from analysis.choices import VALIDATION_MODELS, ValidationModel
+from simulation.choices import PsfShape
 
 if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
@@ -22,6 +23,16 @@ if TYPE_CHECKING:
 
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")
+]
+TransferForm = Annotated[
+    PsfShape,
+    typer.Option(
+        "--transfer",
+        help="PSF of psf.json to use: the best it has, the Gaussian, or the measured one.",
+    ),
+]
+Threads = Annotated[
+    int, typer.Option("--threads", min=1, help="Threads that share the rows of an image.")
 ]
 BenchFile = Annotated[Path, typer.Option("--bench", help="Bench file (TOML).")]
 BenchKeys = Annotated[

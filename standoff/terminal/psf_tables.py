@@ -22,26 +22,7 @@ _REMARKS = {
 
 def print_psf(calibration: PsfCalibration) -> None:
     """Print widths and correlation, and what they are based on."""
-    if calibration.pairs:
-        print_table(
-            "Pairs",
-            ["near", "far", "zoom", "sigma_x / px", "sigma_y / px"],
-            [
-                [
-                    Path(pair.near).name,
-                    Path(pair.far).name,
-                    f"{pair.zoom:.4f}",
-                    f"{pair.sigma_x_px:.4f} ± {pair.sigma_x_err_px:.4f}",
-                    f"{pair.sigma_y_px:.4f} ± {pair.sigma_y_err_px:.4f}",
-                ]
-                for pair in calibration.pairs
-            ],
-        )
-    elif calibration.softness_px2 is not None:
-        clear = sum(is_clear(edge) for edge in calibration.edges)
-        say(f"{clear} of {len(calibration.edges)} edges are clear enough")
-    else:
-        say(f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used")
+    _print_source(calibration)
     total, optical = calibration.total, calibration.optical
     print_table(
         "PSF",
@@ -55,6 +36,8 @@ def print_psf(calibration: PsfCalibration) -> None:
             )
         ],
     )
+    if calibration.transfer_2d is not None:
+        say(f"measured transfer: {calibration.transfer_2d}")
     if calibration.channels is not None:
         print_table(
             "Colours",
@@ -81,6 +64,30 @@ def print_psf(calibration: PsfCalibration) -> None:
             "one image cannot tell a soft scene from a soft lens; the intervals assume a scene "
             "with edges sharper than a pixel; --method two-distance does better"
         )
+
+
+def _print_source(calibration: PsfCalibration) -> None:
+    """Print the pairs, or how many edges counted."""
+    if calibration.pairs:
+        print_table(
+            "Pairs",
+            ["near", "far", "zoom", "sigma_x / px", "sigma_y / px"],
+            [
+                [
+                    Path(pair.near).name,
+                    Path(pair.far).name,
+                    f"{pair.zoom:.4f}",
+                    f"{pair.sigma_x_px:.4f} ± {pair.sigma_x_err_px:.4f}",
+                    f"{pair.sigma_y_px:.4f} ± {pair.sigma_y_err_px:.4f}",
+                ]
+                for pair in calibration.pairs
+            ],
+        )
+    elif calibration.softness_px2 is not None:
+        clear = sum(is_clear(edge) for edge in calibration.edges)
+        say(f"{clear} of {len(calibration.edges)} edges are clear enough")
+    else:
+        say(f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used")
 
 
 def print_psf_remarks(calibration: PsfCalibration) -> None:

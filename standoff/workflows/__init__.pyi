@@ -65,7 +65,7 @@ from .practice import (
 from .provenance import (
     provenance_of as provenance_of,
 )
-from .psf_files import read_total_psf as read_total_psf
+from .psf_files import psf_and_field as psf_and_field, read_camera_psf as read_camera_psf
 from .reports import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     make_folder as make_folder,
@@ -79,6 +79,7 @@ from .session_report import write_session_report as write_session_report
 from .simulated_photograph import (
     FollowUpRequest as FollowUpRequest,
     FoundKernel as FoundKernel,
+    SimulatedPhotograph as SimulatedPhotograph,
     simulate_photograph as simulate_photograph,
 )
 from .sr_dataset import (
@@ -108,6 +109,7 @@ __all__ = [
     "PracticeCommandError",
     "PracticeConsole",
     "Reading",
+    "SimulatedPhotograph",
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
@@ -131,7 +133,8 @@ __all__ = [
     "place_errors_px",
     "place_in_simulation",
     "provenance_of",
-    "read_total_psf",
+    "psf_and_field",
+    "read_camera_psf",
     "refuse_half_simulated",
     "require_writable",
     "run_demo",

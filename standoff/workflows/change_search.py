@@ -8,20 +8,22 @@ from analysis.changes import ChangeOptions, ChangeResult, find_changes
 from analysis.errors import AnalysisError
 from analysis.reports import plot_changes
 from calibration.errors import CalibrationError
-from simulation import GaussianPsf
+from simulation.choices import PsfShape
 from standoff.photographs import Inputs
 from standoff.workflows.figure_files import write_figure
 from standoff.workflows.image_files import write_float_tiff, write_mask
+from standoff.workflows.psf_files import frame_psf
 
 
 def find_changes_of_files(
     reference: Path,
     followup: Path,
-    psf: GaussianPsf,
+    psf: Path,
     options: ChangeOptions,
     inputs: Inputs,
+    transfer: PsfShape = "best",
 ) -> ChangeResult:
-    """Align two photographs and compare them.
+    """Align two photographs and compare them; ``psf`` is the psf.json of the camera.
 
     Raises
     ------
@@ -31,8 +33,10 @@ def find_changes_of_files(
         If they cannot be compared or aligned; the message names the follow-up.
     """
     near, far = inputs.grey(reference), inputs.grey(followup)
+    frame = (near.shape[1], near.shape[0]) if near.shape == far.shape else None
+    camera = frame_psf(psf, frame, "matched", transfer)
     try:
-        return find_changes(near, far, psf, options)
+        return find_changes(near, far, camera, options)
     except CalibrationError as error:
         raise CalibrationError(f"{followup}: {error}") from error
     except AnalysisError as error:

@@ -101,10 +101,11 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     psf_path = results / "psf.json"
     write_psf(psf_path, calibration)
     name = str(psf_path)
-    validation = session_validation(session, calibration.total_psf(name), name)
+    psf = calibration.best_psf(name)
+    validation = session_validation(session, psf, name)
     report = out / "report.html"
     write_session_report(session, report)
-    furthest = furthest_pair(session, validation)
+    furthest = furthest_pair(session, validation, psf)
     write_file(out / "comparison.png", png_bytes(plot_furthest(furthest)))
     truth = BenchTruth(config)
     return DemoResult(

@@ -19,22 +19,25 @@ from analysis.detectability import (
 from analysis.reports import plot_detectability
 from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
+from simulation.choices import PsfShape
 from standoff.photographs import Inputs, ReadOptions, read_image
 from standoff.terminal import progress_bar
 from standoff.workflows.figure_files import write_figure
-from standoff.workflows.psf_files import read_total_psf
+from standoff.workflows.psf_files import read_camera_psf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurvesRequest:
     """The photographs, the change to detect in them, and the workers.
 
-    ``noise`` is a camera's noise, instead of the task's; its value at the mean level of the
-    photographs is used. ``inputs`` reads the photographs; its list of them is filled here.
+    ``transfer`` says which PSF of the psf.json is used. ``noise`` is a camera's noise, instead of
+    the task's; its value at the mean level of the photographs is used. ``inputs`` reads the
+    photographs; its list of them is filled here.
     """
 
     images: tuple[Path, ...]
     psf: Path | None
+    transfer: PsfShape
     task: DetectionTask
     noise: CaptureNoise | None
     workers: SweepWorkers
@@ -52,7 +55,7 @@ def measure_curves(request: CurvesRequest, results: Path) -> DetectabilityCurves
         If a photograph, the PSF or the results cannot be read.
     """
     task = request.task
-    psf = None if request.psf is None else read_total_psf(request.psf)
+    psf = None if request.psf is None else read_camera_psf(request.psf, request.transfer)
     plan = replace(task.plan(psf, len(request.images)), reading=str(request.inputs.options))
     for image in request.images:
         request.inputs.add_photograph(image)

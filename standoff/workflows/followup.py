@@ -7,13 +7,12 @@ import numpy as np
 
 from calibration.registration import Homography
 from simulation import (
-    CameraTransfer,
-    GaussianPsf,
     Model,
+    PoseOptions,
+    Psf,
     PsfField,
     SamplingGrid,
     ZoomOperator,
-    lmmse_operator,
     simulate_pose,
     zoom_operator,
     zoom_out,
@@ -21,9 +20,8 @@ from simulation import (
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
-from simulation.choices import GaussianForm
+from simulation.choices import DEFAULT_POSE_MODEL, POSE_MODELS, GaussianForm, PoseModel, PsfForm
 from simulation.pose import pose_noise_gain
-from simulation.resampling import reference_shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,95 +54,101 @@ class CaptureOptions:
                 )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rendering:
+    """How a follow-up is computed.
+
+    ``noise`` is what the reference is assumed to have, ``gaussian`` the form of model ``paper``'s
+    blur, ``threads`` how many share the rows; the image does not depend on that.
+    """
+
+    noise: CaptureNoise | None = None
+    gaussian: GaussianForm = "transfer"
+    threads: int = 1
+
+
+_DEFAULTS = Rendering()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FollowUp:
     """The output of the capture model, before the camera's own effects.
 
     ``own_variance_dn2`` is the variance that the reference's noise left in it, with the image's
     shape; None if no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows,
-    cols), for another pose only. ``is_field`` says that the PSF varied over the frame.
+    cols), for another pose only. ``psf_form`` says what the PSF's shape was known as, ``is_field``
+    that it varied over the frame.
     """
 
     image: FloatImage
     own_variance_dn2: FloatArray | None
     nearer: BoolArray | None = None
     outside: BoolArray | None = None
+    psf_form: PsfForm | None = None
     is_field: bool = False
 
 
 def zoomed_out(
     reference: AnyArray,
     zoom: float,
-    psf: GaussianPsf | PsfField | None,
+    psf: Psf | PsfField | None,
     model: Model,
-    noise: CaptureNoise | None = None,
-    *,
-    gaussian: GaussianForm = "transfer",
+    how: Rendering = _DEFAULTS,
 ) -> FollowUp:
-    """Follow-up from ``zoom`` times further away; the reference is assumed to have ``noise``.
+    """Follow-up from ``zoom`` times further away.
 
     Raises
     ------
     ValueError
-        As ``zoom_out``; or if a field is given to a model other than ``matched``.
+        As ``zoom_out``; or if a field is given to a model that takes none.
     """
     shape = reference.shape[0], reference.shape[1]
     grid = SamplingGrid.centred(shape, zoom)
     if isinstance(psf, PsfField):
-        if model != "matched":
+        taking = [name for name in POSE_MODELS if name == model]
+        if not taking:
             raise ValueError(f"model {model!r} takes one PSF for the whole frame")
         pose = Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
         # The follow-up is the middle of the camera's frame.
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
-        return from_pose(reference, pose, psf, noise, origin_px=origin_px)
-    image = zoom_out(reference, zoom, psf, model, gaussian=gaussian)
+        # At zoom 1 every model returns the reference; of another pose `lmmse` samples anew.
+        by = "matched" if zoom == 1 else taking[0]
+        return from_pose(reference, pose, psf, by, how, origin_px=origin_px)
+    image = zoom_out(reference, zoom, psf, model, gaussian=how.gaussian, threads=how.threads)
     own = None
-    if noise is not None:
-        own = _own_variance(reference, zoom_operator(shape, grid, psf, model), noise)
-    return FollowUp(image=image, own_variance_dn2=own)
-
-
-def zoomed_out_as_measured(
-    reference: AnyArray,
-    zoom: float,
-    transfer: CameraTransfer,
-    noise: CaptureNoise | None = None,
-) -> FollowUp:
-    """Follow-up by model ``lmmse`` with the transfer functions measured on edges.
-
-    Raises
-    ------
-    ValueError
-        As ``zoom_out``.
-    """
-    shape = reference_shape(reference)
-    grid = SamplingGrid.centred(shape, zoom)
-    operator = lmmse_operator(shape, grid, transfer.along_y, transfer.along_x)
-    return followup_by(reference, operator, noise)
+    if how.noise is not None:
+        own = _own_variance(reference, zoom_operator(shape, grid, psf, model), how.noise)
+    form = None if psf is None or model == "bicubic" else psf.form
+    return FollowUp(image=image, own_variance_dn2=own, psf_form=form)
 
 
 def followup_by(
-    reference: AnyArray, operator: ZoomOperator, noise: CaptureNoise | None = None
+    reference: AnyArray, operator: ZoomOperator, how: Rendering = _DEFAULTS
 ) -> FollowUp:
     """Follow-up by an operator for images of this size, plane by plane."""
     dtype = np.float64 if reference.dtype == np.float64 else np.float32
     planes = reference[:, :, None] if reference.ndim == 2 else reference
     image = np.stack(
-        [operator.apply(planes[:, :, k].astype(dtype)) for k in range(planes.shape[2])], axis=-1
+        [
+            operator.apply(planes[:, :, k].astype(dtype), how.threads)
+            for k in range(planes.shape[2])
+        ],
+        axis=-1,
     )
-    own = None if noise is None else _own_variance(reference, operator, noise)
+    own = None if how.noise is None else _own_variance(reference, operator, how.noise)
     return FollowUp(image=image[:, :, 0] if reference.ndim == 2 else image, own_variance_dn2=own)
 
 
 def from_pose(
     reference: AnyArray,
     pose: Homography,
-    psf: GaussianPsf | PsfField,
-    noise: CaptureNoise | None = None,
+    psf: Psf | PsfField,
+    model: PoseModel = DEFAULT_POSE_MODEL,
+    how: Rendering = _DEFAULTS,
     *,
     origin_px: tuple[float, float] | None = None,
 ) -> FollowUp:
-    """Follow-up from any pose; the reference is assumed to have ``noise``.
+    """Follow-up from any pose.
 
     ``origin_px`` is the origin of the follow-up in the camera's frame, as for ``simulate_pose``.
 
@@ -153,24 +157,23 @@ def from_pose(
     ValueError
         As ``simulate_pose``.
     """
-    size, matrix, distortion_k1 = pose.size, pose.matrix, pose.distortion_k1
-    simulated = simulate_pose(
-        reference, matrix, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
+    options = PoseOptions(
+        model=model, threads=how.threads, origin_px=origin_px, distortion_k1=pose.distortion_k1
     )
+    simulated = simulate_pose(reference, pose.matrix, pose.size, psf, options)
     own = None
-    if noise is not None:
+    if how.noise is not None:
         shape = reference.shape[0], reference.shape[1]
-        gain = pose_noise_gain(
-            matrix, shape, size, psf, origin_px=origin_px, distortion_k1=distortion_k1
-        )
+        gain = pose_noise_gain(pose.matrix, shape, pose.size, psf, options)
         # At an edge the reference's variance is taken to be that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
-        own = planes * noise.variance_dn2(simulated.image)
+        own = planes * how.noise.variance_dn2(simulated.image)
     return FollowUp(
         image=simulated.image,
         own_variance_dn2=own,
         nearer=simulated.nearer,
         outside=simulated.outside,
+        psf_form=psf.form,
         is_field=isinstance(psf, PsfField),
     )
 

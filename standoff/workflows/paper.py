@@ -69,7 +69,7 @@ def run_paper(
     session = Session(session_path)
     psf_path = make_folder(session_path / RESULTS_FOLDER) / "psf.json"
     _calibrate_centre(session, psf_path)
-    psf = read_psf(psf_path).total_psf(str(psf_path))
+    psf = read_psf(psf_path).best_psf(str(psf_path))
     validation = run_validation(out, session, psf, str(psf_path), settings)
     truth = BenchTruth(config)
     assert config.simulated is not None

@@ -45,4 +45,4 @@ def write_session_report(session: Session, path: Path) -> None:
 
 def _validation(session: Session, psf: PsfCalibration, psf_path: Path) -> Validation:
     name = str(psf_path)
-    return session_validation(session, psf.total_psf(name), name)
+    return session_validation(session, psf.best_psf(name), name)

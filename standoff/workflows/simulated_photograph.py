@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from analysis.validation import KernelCache, default_cache_folder
-from calibration.files import read_correction, read_homography, read_psf
+from calibration.files import read_correction, read_homography
 from calibration.psf import luma_plane
 from calibration.registration import Homography
 from simulation import SamplingGrid
 from simulation.arrays import AnyArray, Float32Array
-from simulation.choices import GaussianForm, KernelModel, Model, Sampler
+from simulation.choices import GaussianForm, KernelModel, Model, PoseModel, PsfShape, Sampler
 from simulation.kernelgan import (
     EstimatedKernel,
     KernelGanError,
@@ -26,11 +26,11 @@ from standoff.terminal import note, progress_bar
 from standoff.workflows.followup import (
     CaptureOptions,
     FollowUp,
+    Rendering,
     captured,
     followup_by,
     from_pose,
     zoomed_out,
-    zoomed_out_as_measured,
 )
 from standoff.workflows.psf_files import frame_psf
 
@@ -39,10 +39,10 @@ from standoff.workflows.psf_files import frame_psf
 class FollowUpRequest:
     """A photograph, the pose of its follow-up and how to simulate it.
 
-    ``inputs`` reads the photograph. The pose is ``zoom`` or the H.json ``homography``. The PSF is
-    a Gaussian, or the transfer function measured on edges (``is_measured``). ``correct`` is the
-    noise.json whose maps correct the photograph first. The last four are for models that learn
-    their kernel.
+    ``inputs`` reads the photograph. The pose is ``zoom`` or the H.json ``homography``. ``transfer``
+    says which PSF of the psf.json is used. ``correct`` is the
+    noise.json whose maps correct the photograph first. The four before ``threads`` are for models
+    that learn their kernel.
     """
 
     image: Path
@@ -52,13 +52,14 @@ class FollowUpRequest:
     zoom: float | None = None
     homography: Path | None = None
     psf: Path | None = None
-    is_measured: bool = False
+    transfer: PsfShape = "best"
     gaussian: GaussianForm = "transfer"
     correct: Path | None = None
     steps: int
     is_centre_crop: bool = False
     sampler: Sampler = "exact"
     kernel_cache: Path | None = None
+    threads: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,25 +157,30 @@ def _by_kernel(reference: AnyArray, request: FollowUpRequest, kernel: EstimatedK
     shape = reference_shape(reference)
     grid = SamplingGrid.centred(shape, _zoom(request))
     operator = kernel_operator(shape, grid, kernel, request.sampler)
-    return followup_by(reference, operator, request.camera.noise)
+    return followup_by(reference, operator, _rendering(request))
 
 
 def _from_pose(reference: AnyArray, request: FollowUpRequest, pose: Homography) -> FollowUp:
     assert request.psf is not None
     frame = (reference.shape[1], reference.shape[0])
-    psf = frame_psf(request.psf, frame if pose.size == frame else None, "matched")
-    return from_pose(reference, pose, psf, request.camera.noise)
+    model: PoseModel = "lmmse" if request.model == "lmmse" else "matched"
+    own = frame if pose.size == frame else None
+    psf = frame_psf(request.psf, own, model, request.transfer)
+    return from_pose(reference, pose, psf, model, _rendering(request))
 
 
 def _zoomed_out(reference: AnyArray, request: FollowUpRequest, model: Model) -> FollowUp:
-    zoom, noise = _zoom(request), request.camera.noise
+    zoom, how = _zoom(request), _rendering(request)
     if request.psf is None:
-        return zoomed_out(reference, zoom, None, model, noise)
-    if request.is_measured:
-        transfer = read_psf(request.psf).measured_transfer(str(request.psf))
-        return zoomed_out_as_measured(reference, zoom, transfer, noise)
-    psf = frame_psf(request.psf, (reference.shape[1], reference.shape[0]), model)
-    return zoomed_out(reference, zoom, psf, model, noise, gaussian=request.gaussian)
+        return zoomed_out(reference, zoom, None, model, how)
+    # The paper's model knows a Gaussian only.
+    shape = "gaussian" if model == "paper" else request.transfer
+    psf = frame_psf(request.psf, (reference.shape[1], reference.shape[0]), model, shape)
+    return zoomed_out(reference, zoom, psf, model, how)
+
+
+def _rendering(request: FollowUpRequest) -> Rendering:
+    return Rendering(noise=request.camera.noise, gaussian=request.gaussian, threads=request.threads)
 
 
 def _zoom(request: FollowUpRequest) -> float:

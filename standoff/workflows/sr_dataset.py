@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,11 +16,11 @@ from acquisition.printable import on_one_line
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from calibration.provenance import InputFile, Provenance
-from simulation import GaussianPsf, Model
+from simulation import Model, Psf, PsfField
 from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.photographs import Inputs, Photograph, ReadOptions, marked_png, read_file
-from standoff.terminal import command_line
+from standoff.terminal import command_line, note
 from standoff.workflows.image_files import tiff_bytes
 
 DATASET_SCHEMA = "standoff.sr-pairs/1"
@@ -37,24 +37,41 @@ class SrDatasetSettings:
 
     ``test_fraction`` of the *images*, chosen by content and ``seed``, is the test split: crops
     of one image are never in both splits. With ``is_float`` both images are float32 TIFFs;
-    otherwise low resolution is rounded to the type of the photograph and both are PNGs.
+    otherwise low resolution is rounded to the type of the photograph and both are PNGs. A crop of
+    an image of the size of ``field`` gets the PSF of its position. ``threads`` changes no pixel.
     """
 
     zoom: float
     model: Model
-    psf: GaussianPsf
+    psf: Psf
     crop_px: int
     stride_px: int
     test_fraction: float
     seed: int
     is_float: bool
+    field: PsfField | None = None
+    threads: int = 1
+
+    def psf_of(self, image: NDArray[Any]) -> Psf | PsfField:
+        """Return the field for a whole frame of the camera, one PSF for any other image."""
+        field = self.field
+        if field is None or image.shape[:2] != (field.height_px, field.width_px):
+            return self.psf
+        return field
 
     def document(self, reading: ReadOptions) -> dict[str, Any]:
         """Return the settings, and how the images are read, as plain numbers."""
         encoding = reading.encoding
+        own = asdict(replace(self, field=None))
+        del own["field"], own["threads"]
+        if self.field is not None:
+            own["psf_field"] = {
+                "size": [self.field.width_px, self.field.height_px],
+                "coefficients_px2": self.field.coefficients_px2.tolist(),
+            }
         return {
             "schema": DATASET_SCHEMA,
-            **asdict(self),
+            **own,
             "reading": {
                 "encoding": "auto" if encoding is None else encoding.name,
                 "page": reading.page,
@@ -220,15 +237,21 @@ def _write_image(
 ) -> list[dict[str, Any]]:
     path = photograph.path
     pixels = photograph.colour_planes
+    if settings.field is not None and settings.psf_of(pixels) is settings.psf:
+        note(
+            f"{on_one_line(path)}: the PSF's field belongs to frames of "
+            f"{settings.field.width_px} x {settings.field.height_px} px; one PSF is used"
+        )
     split = split_of(digest, settings)
     lines = []
     pairs = sr_pairs(
         pixels,
         settings.zoom,
-        settings.psf,
+        settings.psf_of(pixels),
         crop_px=settings.crop_px,
         stride_px=settings.stride_px,
         model=settings.model,
+        threads=settings.threads,
     )
     for number, pair in enumerate(pairs):
         # The digest distinguishes photographs with the same name from different folders.

@@ -21,7 +21,7 @@ from analysis.validation import (
     trainings_needed,
     validate,
 )
-from simulation import GaussianPsf
+from simulation import Psf
 from standoff.errors import ApplicationError
 from standoff.terminal import note, progress_bar
 from standoff.workflows.provenance import provenance_of
@@ -43,7 +43,7 @@ def default_models() -> tuple[ValidationModel, ...]:
 
 
 def run_validation(
-    out: Path, session: Session, psf: GaussianPsf, psf_name: str, settings: ValidationSettings
+    out: Path, session: Session, psf: Psf, psf_name: str, settings: ValidationSettings
 ) -> Validation:
     """Validate a session, and write tables, figures, report and JSON into the folder ``out``.
 
@@ -62,7 +62,7 @@ def run_validation(
     make_folder(out)
     validation = _validated(session, psf, psf_name, settings)
     _write_tables(out, validation)
-    shown = shown_pairs(session, validation, settings.kernels)
+    shown = shown_pairs(session, validation, psf, settings.kernels)
     for name, figure in (
         ("figure_2", plot_images(shown)),
         ("figure_3", plot_curves(validation)),
@@ -75,7 +75,7 @@ def run_validation(
     return validation
 
 
-def session_validation(session: Session, psf: GaussianPsf, psf_name: str) -> Validation:
+def session_validation(session: Session, psf: Psf, psf_name: str) -> Validation:
     """Return the validation among a session's results, after making it if needed.
 
     An existing one is used if it has this PSF and is no older than the session's journal. A new
@@ -97,7 +97,7 @@ def session_validation(session: Session, psf: GaussianPsf, psf_name: str) -> Val
     return validation
 
 
-def _stored_validation(session: Session, psf: GaussianPsf) -> Validation | None:
+def _stored_validation(session: Session, psf: Psf) -> Validation | None:
     path = session.path / RESULTS_FOLDER / _FILE
     if not path.is_file():
         return None
@@ -106,9 +106,8 @@ def _stored_validation(session: Session, psf: GaussianPsf) -> Validation | None:
     except ResultsFileError as error:
         note(f"{error}; the captures are compared again")
         return None
-    is_of_psf = stored.psf_covariance_px2 == tuple(map(tuple, psf.covariance_px2.tolist()))
     is_older = path.stat().st_mtime_ns < (session.path / JOURNAL_NAME).stat().st_mtime_ns
-    if is_of_psf and not is_older:
+    if stored.is_of(psf) and not is_older:
         return stored
     reason = "older than the session's journal" if is_older else "of another PSF"
     note(f"{path} is {reason}: the captures are compared again")
@@ -116,7 +115,7 @@ def _stored_validation(session: Session, psf: GaussianPsf) -> Validation | None:
 
 
 def _validated(
-    session: Session, psf: GaussianPsf, psf_name: str, settings: ValidationSettings
+    session: Session, psf: Psf, psf_name: str, settings: ValidationSettings
 ) -> Validation:
     provenance = provenance_of(session, Path(psf_name))
     total = registrations_at_most(session, settings.references)

@@ -243,7 +243,7 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
         *("schema", "reference", "followup", "homography", "distortion_k1", "distortion_k1_err"),
         *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain"),
         *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
-        *("registration_err_px", "width_err_px2", "provenance"),
+        *("registration_err_px", "width_err_px2", "psf_form", "provenance"),
     ]
     assert repr(result).startswith(f"<ChangeResult: 0 of {int(result.valid.sum())} px changed")
     # Where nothing tells the blur, its error is infinite: null in the file.

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from analysis.reports.psf_plots import plot_field, plot_heights, plot_mtf
+from analysis.reports.psf_plots import plot_field, plot_heights, plot_mtf, plot_transfer_2d
 from calibration.edges.esfr import AxisTransfer, MeasuredTransfer, gaussian_mtf50, pixel_mtf50
 from calibration.psf.document import PsfCalibration
+from calibration.psf.transfer_2d import Transfer2d
 from tests.analysis.reports.test_edge_plots import edge_of, legend_of
 from tests.calibration.edge_field import FIELD
 
@@ -38,6 +39,29 @@ def test_the_measured_curve_stands_beside_the_gaussian() -> None:
 
 def test_without_a_width_or_a_curve_there_is_no_mtf() -> None:
     assert plot_mtf(PsfCalibration()) is None
+
+
+def test_the_transfer_is_drawn_along_both_axes_and_diagonals_with_its_band() -> None:
+    transfer = Transfer2d(
+        form="total-gaussian",
+        reason="",
+        parameters={"gaussian_xx_px2": 0.36, "gaussian_yy_px2": 0.25},
+        covariance=((1e-4,), (0.0, 1e-4)),
+        angles_deg=(0.0, 90.0),
+        edges=2,
+        chi2_reduced=1.0,
+        scatter=1.0,
+    )
+    figure = plot_transfer_2d(transfer)
+    axes = figure.axes[0]
+    assert legend_of(figure) == ["along x", "at 45 deg", "along y", "at 135 deg"]
+    freq, values = np.asarray(axes.lines[0].get_data())
+    np.testing.assert_allclose(values, np.exp(-2 * np.pi**2 * 0.36 * freq**2), atol=1e-12)
+    # d/dv exp(-2 pi^2 v f^2) = -2 pi^2 f^2 of it; the variance is known to 0.01.
+    reach = 1.96 * 0.01 * 2 * np.pi**2 * freq**2 * values
+    upper = np.asarray(axes.collections[0].get_paths()[0].vertices)[:, 1].max()
+    assert upper == pytest.approx((values + reach).max(), abs=1e-9)
+    assert len(axes.collections) == 4
 
 
 def test_the_field_is_mapped_over_its_frame() -> None:

@@ -34,9 +34,9 @@ def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
 
 def test_the_report_is_one_file_with_its_figures_in_it(page: Page) -> None:
     assert page.fetched == []
-    # MTF, three profiles, widths by angle and height, metrics by zoom, noise, stage; photographs
-    # as PNG.
-    assert page.tags.count("svg") == 9
+    # MTF, transfer, three profiles, widths by angle and height, metrics by zoom, noise, stage;
+    # photographs as PNG.
+    assert page.tags.count("svg") == 10
     assert page.tags.count("img") == 5
 
 

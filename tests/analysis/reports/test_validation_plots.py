@@ -8,11 +8,12 @@ from analysis.reports.validation_plots import plot_curves, plot_furthest
 from analysis.validation.document import METRICS, Validation
 from analysis.validation.shown import ShownPair, drawn_procedure, furthest_pair
 from simulation import MODELS
+from tests.analysis.bench_session import PSF
 
 
 @pytest.fixture(scope="module")
 def furthest(session: Session, validation: Validation) -> ShownPair:
-    return furthest_pair(session, validation)
+    return furthest_pair(session, validation, PSF)
 
 
 def test_every_model_that_can_be_validated_has_a_colour_of_its_own() -> None:

@@ -62,7 +62,7 @@ def validation(series: Session, book: KernelBook) -> Validation:
 
 @pytest.fixture(scope="module")
 def shown(series: Session, validation: Validation, book: KernelBook) -> list[ShownPair]:
-    return shown_pairs(series, validation, book)
+    return shown_pairs(series, validation, PSF, book)
 
 
 def point(**values: float) -> ImageMetrics:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from simulation import PsfField, simulate_pose
+from simulation import PoseOptions, PsfField, simulate_pose
 from tests.simulation.poses import PHOTOGRAPH, TILTED_PSF, blob, constant_field, tilted
 
 
@@ -42,8 +42,12 @@ def test_a_part_of_the_follow_up_has_the_psf_of_its_place_in_the_frame() -> None
     matrix = tilted(300.0, (280, 200), 10.0, 1.2)
     whole = simulate_pose(PHOTOGRAPH, matrix, (280, 200), field).image
     moved = matrix @ np.array([[1.0, 0, 60], [0, 1, 30], [0, 0, 1]])
-    part = simulate_pose(PHOTOGRAPH, moved, (150, 120), field, origin_px=(60.0, 30.0)).image
+    part = simulate_pose(
+        PHOTOGRAPH, moved, (150, 120), field, PoseOptions(origin_px=(60.0, 30.0))
+    ).image
     # The common blur is chosen for what is seen, and its kernel is cut off at 1e-3 of 255.
     assert part == pytest.approx(whole[30:150, 60:210], abs=0.6)
-    wrong = simulate_pose(PHOTOGRAPH, moved, (150, 120), field, origin_px=(0.0, 0.0)).image
+    wrong = simulate_pose(
+        PHOTOGRAPH, moved, (150, 120), field, PoseOptions(origin_px=(0.0, 0.0))
+    ).image
     assert abs(wrong - whole[30:150, 60:210]).max() > 1

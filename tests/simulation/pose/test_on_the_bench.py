@@ -9,7 +9,7 @@ import pytest
 from acquisition.bench import BenchConfig
 from hil_mocks.scene.pinhole import CameraPose
 from hil_mocks.scene.truth import BenchTruth
-from simulation import GaussianPsf, PsfField, simulate_pose
+from simulation import GaussianPsf, PoseOptions, PsfField, simulate_pose
 from simulation.arrays import BoolArray, FloatArray
 
 pytestmark = pytest.mark.slow
@@ -87,7 +87,9 @@ def judged(
         truth.expected_image_dn(target, 0.0, at, exposure_us=EXPOSURE_US) for at in (near, far)
     )
     homography = truth.homography_far_to_near(near, far)
-    simulated = simulate_pose(reference, homography, SIZE, psf, distortion_k1=distortion_k1)
+    simulated = simulate_pose(
+        reference, homography, SIZE, psf, PoseOptions(distortion_k1=distortion_k1)
+    )
     x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     places = homography @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
     place_x, place_y = (places[:2] / places[2]).reshape(2, *x.shape)

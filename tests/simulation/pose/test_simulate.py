@@ -3,8 +3,9 @@ from math import cos, radians
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy.ndimage import map_coordinates
 
-from simulation import GaussianPsf, SamplingGrid, simulate_pose, zoom_out_on_grid
+from simulation import GaussianPsf, PoseOptions, SamplingGrid, simulate_pose, zoom_out_on_grid
 from simulation.arrays import FloatArray
 from tests.simulation.poses import (
     PHOTOGRAPH,
@@ -18,6 +19,8 @@ from tests.simulation.poses import (
 )
 
 IDENTITY = np.eye(3)
+
+MATCHED = PoseOptions(model="matched")
 
 
 @pytest.mark.parametrize("psf", [PSF, TILTED_PSF])
@@ -46,7 +49,7 @@ def test_a_blob_becomes_the_blob_of_the_affine_closed_form(
         inverse @ (place - matrix[:2, 2]),
         inverse @ own @ inverse.T + sigma,
     ) / np.linalg.det(linear)
-    simulated = simulate_pose(image, matrix, size, psf)
+    simulated = simulate_pose(image, matrix, size, psf, MATCHED)
     # The kernel of the common blur is cut as zoom_out's is: up to 6.4e-4 of the peak where it is
     # correlated. Without a common blur it is 1e-4.
     assert simulated.image == pytest.approx(
@@ -60,7 +63,7 @@ def test_the_exact_mapping_of_a_wide_blob_under_perspective() -> None:
     size = (120, 80)
     matrix = tilted(130.0, size, 15.0, 1.2)
     image = blob((80, 120), np.array([52.0, 44.0]), np.diag([150.0, 150.0]))
-    simulated = simulate_pose(image, matrix, size, PSF)
+    simulated = simulate_pose(image, matrix, size, PSF, MATCHED)
     x, y = np.meshgrid(np.arange(120), np.arange(80))
     places = matrix @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
     x, y = (places[:2] / places[2]).reshape(2, *x.shape)
@@ -69,29 +72,65 @@ def test_the_exact_mapping_of_a_wide_blob_under_perspective() -> None:
     assert simulated.image[inner] == pytest.approx(expected[inner], abs=0.015 * expected.max())
 
 
+def on_grid(image: FloatArray, grid: SamplingGrid, psf: GaussianPsf) -> FloatArray:
+    """Quintic spline through an image that is blurred in the Fourier domain, sampled by SciPy."""
+    pad = 100
+    mirrored = np.pad(image, pad, mode="symmetric")
+    fy, fx = (np.fft.fftfreq(size) for size in mirrored.shape)
+    fy, fx = fy[:, None], fx[None, :]
+    (xx, xy), (_, yy) = psf.covariance_px2.tolist()
+    xx, xy, yy = (
+        xx * (grid.zoom_x**2 - 1),
+        xy * (grid.zoom_x * grid.zoom_y - 1),
+        yy * (grid.zoom_y**2 - 1),
+    )
+    blur = np.exp(-2 * np.pi**2 * (xx * fx * fx + 2 * xy * fx * fy + yy * fy * fy))
+    spline = np.prod(
+        np.broadcast_arrays(
+            *((66 + 52 * np.cos(2 * np.pi * f) + 2 * np.cos(4 * np.pi * f)) / 120 for f in (fy, fx))
+        ),
+        axis=0,
+    )
+    coefficients = np.fft.ifft2(np.fft.fft2(mirrored) * blur / spline).real
+    y, x = np.meshgrid(grid.rows_px, grid.cols_px, indexing="ij")
+    places = [y + pad, x + pad]
+    return np.asarray(map_coordinates(coefficients, places, order=5, prefilter=False))
+
+
 @pytest.mark.parametrize("psf", [PSF, TILTED_PSF, GaussianPsf(sigma_x_px=0.4, sigma_y_px=0.4)])
 @pytest.mark.parametrize("zoom", [1.02, 1.1, 1.5, 2.0, 3.0])
-def test_a_pure_zoom_is_the_zoom_out_on_the_same_grid(zoom: float, psf: GaussianPsf) -> None:
+def test_a_pure_zoom_is_the_spline_through_the_blurred_image(zoom: float, psf: GaussianPsf) -> None:
     grid = SamplingGrid.centred((200, 280), zoom)
-    simulated = simulate_pose(PHOTOGRAPH, grid.matrix, (grid.cols, grid.rows), psf)
-    expected = zoom_out_on_grid(PHOTOGRAPH, grid, psf)
-    # Snapshot: 5e-4 of full scale where the blur is below 0.02 px^2, else 1.2e-5.
-    assert simulated.image == pytest.approx(expected, abs=6e-4 * 255)
+    simulated = simulate_pose(PHOTOGRAPH, grid.matrix, (grid.cols, grid.rows), psf, MATCHED)
+    expected = on_grid(PHOTOGRAPH, grid, psf)
+    # What kernels of 24 px leave: up to 0.05 of 255 for the first PSF at zoom 1.1.
+    assert simulated.image == pytest.approx(expected, abs=1e-3 * 255)
+    assert float(np.sqrt(np.mean((simulated.image - expected) ** 2))) < 1.2e-4 * 255
     assert not simulated.outside.any()
     assert not simulated.nearer.any()
 
 
-def test_a_zoom_with_another_factor_per_axis_is_the_zoom_out_on_that_grid() -> None:
+@pytest.mark.parametrize("zoom", [1.1, 2.0])
+def test_a_pure_zoom_is_the_zoom_out_on_the_same_grid(zoom: float) -> None:
+    grid = SamplingGrid.centred((200, 280), zoom)
+    simulated = simulate_pose(PHOTOGRAPH, grid.matrix, (grid.cols, grid.rows), PSF, MATCHED)
+    expected = zoom_out_on_grid(PHOTOGRAPH, grid, PSF, "matched")
+    # The zoom-out's bands are short: it is up to 1.15 of 255 from the spline above at zoom 1.1,
+    # and 0.29 at zoom 2; rms 0.09 and 0.03.
+    assert simulated.image == pytest.approx(expected, abs=5e-3 * 255)
+    assert float(np.sqrt(np.mean((simulated.image - expected) ** 2))) < 4e-4 * 255
+
+
+def test_a_zoom_with_another_factor_per_axis_is_the_spline_on_that_grid() -> None:
     grid = SamplingGrid(
         zoom_y=1.4, zoom_x=1.8, origin_y_px=3.2, origin_x_px=0.4, rows=130, cols=150
     )
-    simulated = simulate_pose(PHOTOGRAPH, grid.matrix, (150, 130), TILTED_PSF)
-    expected = zoom_out_on_grid(PHOTOGRAPH, grid, TILTED_PSF)
-    assert simulated.image == pytest.approx(expected, abs=2e-5 * 255)
+    simulated = simulate_pose(PHOTOGRAPH, grid.matrix, (150, 130), TILTED_PSF, MATCHED)
+    assert simulated.image == pytest.approx(on_grid(PHOTOGRAPH, grid, TILTED_PSF), abs=6e-4 * 255)
 
 
 def test_the_identity_gives_the_image_back() -> None:
-    simulated = simulate_pose(PHOTOGRAPH, IDENTITY, (280, 200), PSF)
+    simulated = simulate_pose(PHOTOGRAPH, IDENTITY, (280, 200), PSF, MATCHED)
     # The spline's prefilter is cut at 13 px, where it is 2e-5.
     assert simulated.image == pytest.approx(PHOTOGRAPH, abs=1e-4 * 255)
     assert not simulated.nearer.any()
@@ -102,7 +141,7 @@ def test_a_whole_pixel_shift_and_a_quarter_turn_keep_the_pixels() -> None:
     # Follow-up (x, y) is reference (y + 10, 150 - x): x counts against the rows.
     matrix = np.array([[0.0, 1.0, 10.0], [-1.0, 0.0, 150.0], [0.0, 0.0, 1.0]])
     simulated = simulate_pose(
-        PHOTOGRAPH, matrix, (120, 90), GaussianPsf(sigma_x_px=1, sigma_y_px=1)
+        PHOTOGRAPH, matrix, (120, 90), GaussianPsf(sigma_x_px=1, sigma_y_px=1), MATCHED
     )
     y, x = np.mgrid[:90, :120]
     assert simulated.image == pytest.approx(PHOTOGRAPH[150 - x, y + 10], abs=1e-4 * 255)
@@ -112,14 +151,18 @@ def test_a_pixel_off_centre_goes_where_the_homography_says() -> None:
     image = np.zeros((60, 100))
     image[20, 70] = 1.0
     matrix = np.diag([2.0, 1.5, 1.0])
-    simulated = simulate_pose(image, matrix, (50, 40), PSF)
+    simulated = simulate_pose(image, matrix, (50, 40), PSF, MATCHED)
     assert simulated.image.argmax() == 13 * 50 + 35
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 20.0])
 def test_a_constant_stays_a_constant(tilt_deg: float) -> None:
     simulated = simulate_pose(
-        np.full((80, 120), 200.0), tilted(130.0, (120, 80), tilt_deg, 1.3), (120, 80), TILTED_PSF
+        np.full((80, 120), 200.0),
+        tilted(130.0, (120, 80), tilt_deg, 1.3),
+        (120, 80),
+        TILTED_PSF,
+        MATCHED,
     )
     inside = ~simulated.outside
     # The table holds float32 weights.
@@ -132,7 +175,7 @@ def test_a_ramp_stays_a_ramp_away_from_the_border(psf: GaussianPsf) -> None:
     linear = turn(25.0) @ np.diag([1.6, 1.2])
     matrix = about_centre(linear, (150, 120), (40, 30))
     y, x = np.mgrid[:120, :150].astype(np.float64)
-    simulated = simulate_pose(2 * x - 3 * y, matrix, (40, 30), psf)
+    simulated = simulate_pose(2 * x - 3 * y, matrix, (40, 30), psf, MATCHED)
     row, col = np.mgrid[:30, :40]
     place = np.tensordot(matrix[:2], np.stack([col, row, np.ones((30, 40))]), 1)
     # A kernel with its centre off by 1e-4 px would be seen.
@@ -146,7 +189,9 @@ def test_it_is_linear_in_the_image(seed: int, a: float, b: float, tilt_deg: floa
     matrix = tilted(80.0, (58, 41), tilt_deg, 1.2)
 
     def follow_up(image: FloatArray) -> FloatArray:
-        return np.asarray(simulate_pose(image, matrix, (58, 41), PSF).image, dtype=np.float64)
+        return np.asarray(
+            simulate_pose(image, matrix, (58, 41), PSF, MATCHED).image, dtype=np.float64
+        )
 
     combined = a * follow_up(first) + b * follow_up(second)
     assert follow_up(a * first + b * second) == pytest.approx(combined, abs=1e-8)
@@ -158,9 +203,9 @@ def test_two_zooms_with_a_turn_are_one() -> None:
     first = about_centre(1.5 * turn(20.0), (240, 200), (140, 120))
     second = about_centre(1.4 * turn(15.0), (140, 120), (80, 70))
     in_two = simulate_pose(
-        simulate_pose(image, first, (140, 120), psf).image, second, (80, 70), psf
+        simulate_pose(image, first, (140, 120), psf, MATCHED).image, second, (80, 70), psf, MATCHED
     ).image
-    at_once = simulate_pose(image, first @ second, (80, 70), psf).image
+    at_once = simulate_pose(image, first @ second, (80, 70), psf, MATCHED).image
     assert in_two == pytest.approx(at_once, abs=1e-3 * at_once.max())
 
 
@@ -169,7 +214,7 @@ def test_a_camera_tilted_by_20_degrees_is_nearer_where_its_closed_form_says() ->
     zoom = 1.0
     psf = GaussianPsf(sigma_x_px=0.935, sigma_y_px=0.935)
     simulated = simulate_pose(
-        np.zeros((580, 780), np.float32), tilted(focal_px, size, 20.0, zoom), size, psf
+        np.zeros((580, 780), np.float32), tilted(focal_px, size, 20.0, zoom), size, psf, MATCHED
     )
     # On the row through the axis, at the angle a from it, the derivative is height diag(k^2, k)
     # with k = cos(a) / cos(a + tilt): a ray cos(a + tilt) steep reaches height / cos(a + tilt)
@@ -194,11 +239,13 @@ def test_an_indefinite_blur_keeps_its_positive_part() -> None:
     image = blob((90, 160), np.array([80.0, 45.0]), np.diag([9.0, 9.0]))
     psf = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
     matrix = about_centre(np.diag([2.0, 0.8]), (160, 90), (70, 80))
-    simulated = simulate_pose(image, matrix, (70, 80), psf)
+    simulated = simulate_pose(image, matrix, (70, 80), psf, MATCHED)
     assert simulated.nearer.all()
     missing = 3 * 0.64
     wider = blob((90, 160), np.array([80.0, 45.0]), np.diag([9.0 + missing, 9.0]))
-    expected = simulate_pose(wider, matrix, (70, 80), GaussianPsf(sigma_x_px=1e-4, sigma_y_px=1e-4))
+    expected = simulate_pose(
+        wider, matrix, (70, 80), GaussianPsf(sigma_x_px=1e-4, sigma_y_px=1e-4), MATCHED
+    )
     assert simulated.image == pytest.approx(expected.image, abs=2e-4 * expected.image.max())
 
 
@@ -208,18 +255,20 @@ def test_an_oblique_indefinite_blur_keeps_its_positive_part() -> None:
     image = blob((90, 160), place, 9 * np.eye(2))
     psf = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
     matrix = about_centre(turned @ np.diag([2.0, 0.8]), (160, 90), (60, 60))
-    simulated = simulate_pose(image, matrix, (60, 60), psf)
+    simulated = simulate_pose(image, matrix, (60, 60), psf, MATCHED)
     inside = ~simulated.outside
     assert simulated.nearer[inside].all()
     missing = turned @ np.diag([3 * 0.64, 0.0]) @ turned.T
     wider = blob((90, 160), place, 9 * np.eye(2) + missing)
-    expected = simulate_pose(wider, matrix, (60, 60), GaussianPsf(sigma_x_px=1e-4, sigma_y_px=1e-4))
+    expected = simulate_pose(
+        wider, matrix, (60, 60), GaussianPsf(sigma_x_px=1e-4, sigma_y_px=1e-4), MATCHED
+    )
     assert simulated.image == pytest.approx(expected.image, abs=2e-4 * expected.image.max())
 
 
 def test_every_pixel_past_the_reference_is_outside_and_zero() -> None:
     matrix = np.array([[1.0, 0, -20.0], [0, 1.0, 10.25], [0, 0, 1]])
-    simulated = simulate_pose(np.full((40, 60), 7.0), matrix, (60, 40), PSF)
+    simulated = simulate_pose(np.full((40, 60), 7.0), matrix, (60, 40), PSF, MATCHED)
     expected = np.zeros((40, 60), dtype=bool)
     expected[:, :20] = True
     # Row 29 lies at 39.25, within half a pixel of the last one.
@@ -233,10 +282,10 @@ def test_tiles_leave_no_seam() -> None:
     # 1100 x 30 follow-up pixels are three tiles; each must see its neighbours' reference.
     image = np.random.default_rng(3).uniform(0, 255, (60, 1400))
     matrix = about_centre(1.2 * turn(0.4), (1400, 60), (1100, 30))
-    whole = simulate_pose(image, matrix, (1100, 30), TILTED_PSF).image
+    whole = simulate_pose(image, matrix, (1100, 30), TILTED_PSF, MATCHED).image
     shift = np.eye(3)
     shift[0, 2] = 300
-    part = simulate_pose(image, matrix @ shift, (500, 30), TILTED_PSF).image
+    part = simulate_pose(image, matrix @ shift, (500, 30), TILTED_PSF, MATCHED).image
     assert whole[:, 300:800] == pytest.approx(part, abs=1e-9)
 
 
@@ -245,9 +294,9 @@ def test_other_pixel_types_give_float32_of_the_same_values(dtype: type[np.generi
     image = PHOTOGRAPH.astype(dtype)
     before = image.copy()
     matrix = tilted(300.0, (280, 200), 10.0, 1.2)
-    simulated = simulate_pose(image, matrix, (280, 200), PSF)
+    simulated = simulate_pose(image, matrix, (280, 200), PSF, MATCHED)
     assert simulated.image.dtype == np.float32
-    exact = simulate_pose(PHOTOGRAPH, matrix, (280, 200), PSF)
+    exact = simulate_pose(PHOTOGRAPH, matrix, (280, 200), PSF, MATCHED)
     assert exact.image.dtype == np.float64
     assert simulated.image == pytest.approx(exact.image, abs=1e-5 * 255)
     assert (image == before).all()
@@ -256,16 +305,18 @@ def test_other_pixel_types_give_float32_of_the_same_values(dtype: type[np.generi
 def test_colours_are_simulated_one_by_one() -> None:
     image = np.stack([PHOTOGRAPH, PHOTOGRAPH[::-1], PHOTOGRAPH[:, ::-1]], axis=-1)
     matrix = tilted(300.0, (280, 200), 10.0, 1.2)
-    simulated = simulate_pose(image, matrix, (270, 190), PSF)
+    simulated = simulate_pose(image, matrix, (270, 190), PSF, MATCHED)
     assert simulated.image.shape == (190, 270, 3)
     for channel in range(3):
-        grey = simulate_pose(image[:, :, channel], matrix, (270, 190), PSF)
+        grey = simulate_pose(image[:, :, channel], matrix, (270, 190), PSF, MATCHED)
         assert simulated.image[:, :, channel] == pytest.approx(grey.image, abs=1e-9)
 
 
 def test_a_homography_counts_up_to_its_factor() -> None:
     matrix = tilted(300.0, (280, 200), 10.0, 1.2)
-    first, second = (simulate_pose(PHOTOGRAPH, m, (280, 200), PSF) for m in (matrix, -7e3 * matrix))
+    first, second = (
+        simulate_pose(PHOTOGRAPH, m, (280, 200), PSF, MATCHED) for m in (matrix, -7e3 * matrix)
+    )
     assert first.image == pytest.approx(second.image, abs=1e-9)
     assert (first.nearer == second.nearer).all()
 
@@ -285,25 +336,27 @@ def test_a_homography_counts_up_to_its_factor() -> None:
 def test_a_homography_that_no_pose_has_is_refused(homography: FloatArray) -> None:
     image = np.zeros((40, 60))
     with pytest.raises(ValueError):
-        simulate_pose(image, homography, (60, 40), PSF)
+        simulate_pose(image, homography, (60, 40), PSF, MATCHED)
 
 
 def test_wrong_images_sizes_and_psfs_are_refused() -> None:
     image = np.zeros((40, 60))
     with pytest.raises(ValueError):
-        simulate_pose(image, IDENTITY, (60, 40), None)
+        simulate_pose(image, IDENTITY, (60, 40), None, MATCHED)
     for size in [(0, 40), (60, -1), (60.5, 40)]:
         with pytest.raises(ValueError):
-            simulate_pose(image, IDENTITY, size, PSF)  # type: ignore[arg-type]
+            simulate_pose(image, IDENTITY, size, PSF, MATCHED)  # type: ignore[arg-type]
     with pytest.raises(ValueError):
-        simulate_pose(np.zeros(5), IDENTITY, (60, 40), PSF)
+        simulate_pose(np.zeros(5), IDENTITY, (60, 40), PSF, MATCHED)
     with pytest.raises(ValueError):
-        simulate_pose(image.astype(np.int32), IDENTITY, (60, 40), PSF)
+        simulate_pose(image.astype(np.int32), IDENTITY, (60, 40), PSF, MATCHED)
     with pytest.raises(ValueError):
-        simulate_pose(np.full((40, 60), np.nan), IDENTITY, (60, 40), PSF)
+        simulate_pose(np.full((40, 60), np.nan), IDENTITY, (60, 40), PSF, MATCHED)
     with pytest.raises(ValueError):
-        simulate_pose(image, IDENTITY, (60, 40), constant_field(61, 40, PSF))
+        simulate_pose(image, IDENTITY, (60, 40), constant_field(61, 40, PSF), MATCHED)
     with pytest.raises(ValueError):
-        simulate_pose(image, IDENTITY, (30, 20), constant_field(60, 40, PSF))
+        simulate_pose(image, IDENTITY, (30, 20), constant_field(60, 40, PSF), MATCHED)
     with pytest.raises(ValueError):
-        simulate_pose(image, IDENTITY, (30, 20), constant_field(60, 40, PSF), origin_px=(31, 0))
+        simulate_pose(
+            image, IDENTITY, (30, 20), constant_field(60, 40, PSF), PoseOptions(origin_px=(31, 0))
+        )

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from simulation.arrays import IntArray
-from simulation.resampling.banded import BandedMatrix, apply_separable
+from simulation.resampling.banded import BandedMatrix, apply_separable, put_separable
 
 
 def random_banded(rng: np.random.Generator, rows: int, columns: int, band: int) -> BandedMatrix:
@@ -52,6 +52,11 @@ def test_an_image_of_another_size_is_refused() -> None:
         apply_separable(matrix, matrix, np.zeros((6, 7)))
 
 
-def test_a_matrix_of_one_weight_a_row_has_no_faint_ends() -> None:
-    shifted = BandedMatrix(np.array([0, 2, 3]), np.array([[2.0], [-1.0], [0.5]]), 5)
-    assert shifted.trimmed(0.4) is shifted
+def test_two_threads_give_the_same_bits() -> None:
+    rng = np.random.default_rng(6)
+    along_y, along_x = random_banded(rng, 801, 900, 7), random_banded(rng, 70, 90, 5)
+    image = rng.normal(size=(900, 90)).astype(np.float32)
+    results = [np.empty((801, 70), np.float32) for _ in range(2)]
+    for threads, out in zip((1, 2), results, strict=True):
+        put_separable(((along_y, (along_x,)),) * 2, image, out, threads=threads)
+    np.testing.assert_array_equal(results[0], results[1])

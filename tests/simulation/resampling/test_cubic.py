@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d, map_coordinates
 
-from simulation.resampling.cubic import blur, spline_sampling
+from simulation.resampling.cubic import blur, mirrored_rows, spline_sampling
 from simulation.resampling.gaussian_kernel import BlurCovariance, gaussian_terms
 
 
@@ -45,3 +45,14 @@ def test_the_spline_reproduces_polynomials_up_to_its_degree(power: int) -> None:
     grid = (np.arange(140) - 70) / 10
     sampled = spline_sampling(positions, term.along_x, 140).dense() @ grid**power
     np.testing.assert_allclose(sampled, ((positions - 70) / 10) ** power, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [4, 30])
+def test_rows_beyond_the_edge_read_the_mirrored_image(size: int) -> None:
+    rng = np.random.default_rng(3)
+    signal, weights = rng.normal(size=size), rng.normal(size=(4, 7))
+    starts = np.array([-6, -1, size - 4, size - 1])
+    around = np.pad(signal, 10, mode="symmetric")
+    expected = [around[start + 10 :][:7] @ row for start, row in zip(starts, weights, strict=True)]
+    out = mirrored_rows(starts, weights, size).dense() @ signal
+    np.testing.assert_allclose(out, expected, atol=1e-13)

@@ -15,7 +15,7 @@ from simulation.arrays import FloatArray
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, TEXTURE, Command
 
 
-@pytest.mark.parametrize("model", ["matched", "paper", "bicubic"])
+@pytest.mark.parametrize("model", ["matched", "lmmse", "paper", "bicubic"])
 def test_the_file_holds_what_the_model_gives_as_float32(
     command: Command, image_file: Path, psf_file: Path, tmp_path: Path, model: str
 ) -> None:
@@ -47,7 +47,7 @@ def test_json_says_what_was_written(
     )
     document = json.loads(done.out)
     assert document["size"] == [45, 30]
-    assert document["model"] == "matched"
+    assert document["model"] == "lmmse"
 
 
 def test_bicubic_needs_no_psf_and_zoom_1_changes_nothing(
@@ -225,12 +225,3 @@ def test_maps_of_another_sensor_and_colour_are_refused(
     done = command("simulate", colour, *words)
     assert done.status == 1
     assert "grey camera" in done.err
-
-
-def test_a_measured_transfer_goes_with_lmmse_alone(
-    command: Command, image_file: Path, psf_file: Path, tmp_path: Path
-) -> None:
-    words = ("simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", tmp_path / "f.tif")
-    done = command(*words, "--transfer", "measured")
-    assert done.status == 2
-    assert "only model lmmse takes a measured transfer function" in done.err

@@ -222,3 +222,36 @@ def test_a_file_in_the_way_of_the_pairs_is_named(
     assert done.status == 1
     assert f"{tmp_path / 'pairs'}" in done.err
     assert done.err.count("\n") == 1
+
+
+def test_the_field_of_a_psf_file_serves_whole_frames_and_threads_change_nothing(
+    command: Command, folder: Path, psf: Path, tmp_path: Path
+) -> None:
+    document = json.loads(psf.read_text())
+    document["field"] = {
+        "width_px": 130,
+        "height_px": 100,
+        "coefficients_px2": [[0.5, 0, 0, 1, 0, 1], [0, 0, 0, 0, 0, 0], [0.5, 0, 0, 1, 0, 1]],
+    }
+    with_field = tmp_path / "field.json"
+    with_field.write_text(json.dumps(document))
+    other = tmp_path / "other.png"
+    cv2.imwrite(str(other), RNG.integers(0, 255, (90, 130)).astype(np.uint8))
+
+    def lows(source: Path, name: str, psf: Path, *more: object) -> tuple[list[bytes], str]:
+        out = tmp_path / name
+        done = make(command, source, psf=psf, out=out, more=("--test-fraction", 0, *more))
+        assert done.status == 0, done.err
+        return [path.read_bytes() for path in sorted((out / "train" / "low").iterdir())], done.err
+
+    frame, _ = lows(folder / "0.png", "frame", with_field)
+    same, notes = lows(folder / "0.png", "same", with_field, "--threads", 2)
+    plain, _ = lows(folder / "0.png", "plain", psf)
+    assert frame == same
+    assert "one PSF" not in notes
+    assert all(own != one for own, one in zip(frame, plain, strict=True))
+    about = json.loads((tmp_path / "frame" / "dataset.json").read_text())
+    assert about["psf_field"]["size"] == [130, 100]
+    of_other, notes = lows(other, "other", with_field)
+    assert "frames of 130 x 100 px; one PSF is used" in notes
+    assert of_other == lows(other, "other_plain", psf)[0]

@@ -1,0 +1,301 @@
+"""A filter that varies over the reference, as a short sum of separable ones with weights.
+
+``sum_t a_t(n) (u_t v_t * r)(n)``: the kernels at the nodes of a lattice are expanded in products of
+a column and a row, and the weights ``a_t`` are bilinear between the nodes. Measured by
+``benchmarks/bench_pose.py``.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numba import njit
+from scipy.linalg import cholesky, solve_triangular
+
+from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
+
+_CORRELATION_PX = 30.0
+_EVEN = 7**0.5
+"""Covariance of the images that terms are chosen for: along either axis ``exp(-|d| / 30 px)`` plus
+this, so that most of what they show is even along one axis, as across an edge, or along both."""
+
+_VARIANCE = 1 + 2 * _EVEN
+"""Of such images, their mean aside."""
+
+_TERMS_MAX = 40
+
+_WORTH_REFINING = 9.0
+"""What refinement has been seen to remove of the missed energy, at most."""
+
+_REFINEMENTS = 8
+_PIVOT = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VaryingFilter:
+    """Separable kernels, and their weights on a lattice over the reference.
+
+    Parameters
+    ----------
+    along_y, along_x
+        Shape ``(terms, 2 radius + 1)``.
+    weights
+        Shape ``(terms, rows, cols)`` of the lattice; at every node the kernels' weighted sum is 1.
+    rows_px, cols_px
+        Reference coordinates of the lattice, increasing; the filter is constant beyond.
+    """
+
+    along_y: FloatArray
+    along_x: FloatArray
+    weights: FloatArray
+    rows_px: FloatArray
+    cols_px: FloatArray
+
+    @property
+    def radius(self) -> int:
+        """Half-width of the kernels in px."""
+        return int(self.along_y.shape[1] // 2)
+
+    def kernels(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
+        """Kernels at a lattice of reference positions, row by row, shape ``(n, size, size)``."""
+        along_x = _interpolated(self.weights, self.cols_px, cols_px)
+        weights = _interpolated(along_x.swapaxes(1, 2), self.rows_px, rows_px).swapaxes(1, 2)
+        terms = weights.reshape(len(weights), -1)
+        kernels = np.einsum("tn,ti,tj->nij", terms, self.along_y, self.along_x, optimize=True)
+        return np.asarray(kernels)
+
+    def apply(self, window: FloatImage, origin: tuple[int, int]) -> FloatImage:
+        """Filter a part of the reference.
+
+        Parameters
+        ----------
+        window
+            Contiguous; ``radius`` pixels on all sides are used up.
+        origin
+            Reference (row, col) of the result's first pixel.
+
+        Returns
+        -------
+        ndarray in the window's dtype
+        """
+        rows, cols = (size - 2 * self.radius for size in window.shape)
+        node, part = _cells(self.rows_px, origin[0] + np.arange(rows))
+        used = slice(int(node.min()), int(node.max()) + 2)
+        weights = _interpolated(self.weights[:, used], self.cols_px, origin[1] + np.arange(cols))
+        out = np.empty((rows, cols), window.dtype)
+        along_y, along_x, values = (
+            np.ascontiguousarray(a, window.dtype) for a in (self.along_y, self.along_x, weights)
+        )
+        is_odd = (along_y * along_y[:, ::-1]).sum(axis=1) < 0
+        lines = values, node - used.start, part.astype(window.dtype)
+        _filter(np.ascontiguousarray(window), along_y, along_x, is_odd, lines, out)
+        return out
+
+
+def separable_terms(
+    kernels: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Expand kernels in products of columns and rows that they share.
+
+    Parameters
+    ----------
+    kernels
+        Shape ``(n, 2 radius + 1, 2 radius + 1)``, each with the sum 1.
+    tolerance
+        Error of a filtered image over its standard deviation, rms over the nodes.
+
+    Returns
+    -------
+    tuple of ndarray
+        Columns ``(terms, 2 radius + 1)``, rows of that shape, and weights ``(n, terms)``; the
+        sums of the kernels stay 1.
+    """
+    count, size, _ = kernels.shape
+    root = _image_root(size)
+    seen = root.T @ kernels @ root
+    _, strength, basis = np.linalg.svd(seen.reshape(count, -1), full_matrices=False)
+    columns, values, rows = np.linalg.svd(basis.reshape(-1, size, size))
+    energy = strength[:, None] * values
+    order = np.argsort(energy.ravel())[::-1][:_TERMS_MAX]
+    from_basis, from_kernel = np.unravel_index(order, energy.shape)
+    columns, rows = columns[from_basis, :, from_kernel], rows[from_basis, from_kernel]
+    gram = (columns @ columns.T) * (rows @ rows.T)
+    shares = np.einsum("ti,nij,tj->tn", columns, seen, rows, optimize=True)
+    squares = float((seen**2).sum())
+    limit = count * tolerance**2 * _VARIANCE
+    for terms in range(1, len(order) + 1):
+        weights = np.linalg.lstsq(gram[:terms, :terms], shares[:terms], rcond=1e-12)[0]
+        missed = squares - float((weights * shares[:terms]).sum())
+        found = columns[:terms], rows[:terms], weights.T
+        if count > 1 and limit < missed < _WORTH_REFINING * limit:
+            missed, found = _refined(seen, found)
+        if missed <= limit:
+            break
+    along_y, along_x = (
+        _of_one_parity(solve_triangular(root, part.T, trans="T", lower=True).T)
+        for part in found[:2]
+    )
+    sums = found[2] @ (along_y.sum(axis=1) * along_x.sum(axis=1))
+    return along_y, along_x, found[2] / sums[:, None]
+
+
+def _of_one_parity(kernels: FloatArray) -> FloatArray:
+    """Take rounding out of kernels that are even or odd, as symmetric ones expand into."""
+    sign = np.sign((kernels * kernels[:, ::-1]).sum(axis=1, keepdims=True))
+    return np.asarray((kernels + sign * kernels[:, ::-1]) / 2)
+
+
+_Terms = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def _refined(seen: FloatArray, terms: _Terms) -> tuple[float, _Terms]:
+    """Improve columns, rows and weights in turn, by least squares; return what is missed, too."""
+    columns, rows, weights = terms
+    for _ in range(_REFINEMENTS):
+        shares = np.einsum("nt,tj,nij->ti", weights, rows, seen, optimize=True)
+        columns = _solution((weights.T @ weights) * (rows @ rows.T), shares)
+        shares = np.einsum("nt,ti,nij->tj", weights, columns, seen, optimize=True)
+        rows = _solution((weights.T @ weights) * (columns @ columns.T), shares)
+        shares = np.einsum("ti,nij,tj->tn", columns, seen, rows, optimize=True)
+        weights = _solution((columns @ columns.T) * (rows @ rows.T), shares).T
+    made = np.einsum("nt,ti,tj->nij", weights, columns, rows, optimize=True)
+    return float(((seen - made) ** 2).sum()), (columns, rows, weights)
+
+
+def _solution(gram: FloatArray, shares: FloatArray) -> FloatArray:
+    """Least squares of terms that may be nearly alike."""
+    ridge = _PIVOT * np.trace(gram) * np.eye(len(gram))
+    return np.asarray(np.linalg.solve(gram + ridge, shares))
+
+
+def image_rms(kernels: FloatArray) -> FloatArray:
+    """Rms of images filtered by kernels ``(n, size, size)``, over their standard deviation."""
+    root = _image_root(kernels.shape[-1])
+    return np.asarray(np.linalg.norm(root.T @ kernels @ root, axis=(1, 2)) / sqrt(_VARIANCE))
+
+
+def _image_root(size: int) -> FloatArray:
+    """Root by which, on either side, a kernel's norm becomes the rms of the filtered image."""
+    offset = np.arange(size)
+    distance = np.abs(offset[:, None] - offset)
+    return np.asarray(cholesky(np.exp(-distance / _CORRELATION_PX) + _EVEN, lower=True))
+
+
+def _cells(nodes_px: FloatArray, at_px: IntArray | FloatArray) -> tuple[IntArray, FloatArray]:
+    """Node before each position, and the part of the way to the next; constant beyond the ends."""
+    if len(nodes_px) == 1:
+        return np.zeros(len(at_px), dtype=np.int64), np.zeros(len(at_px))
+    node = np.clip(np.searchsorted(nodes_px, at_px, side="right") - 1, 0, len(nodes_px) - 2)
+    part = (at_px - nodes_px[node]) / (nodes_px[node + 1] - nodes_px[node])
+    return node, np.clip(part, 0.0, 1.0)
+
+
+def _interpolated(
+    weights: FloatArray, nodes_px: FloatArray, at_px: IntArray | FloatArray
+) -> FloatArray:
+    """Interpolate along the last axis."""
+    node, part = _cells(nodes_px, at_px)
+    hats = np.zeros((len(nodes_px), len(at_px)))
+    index = np.arange(len(at_px))
+    hats[node, index] = 1 - part
+    hats[np.minimum(node + 1, len(nodes_px) - 1), index] += part
+    return np.asarray(weights @ hats)
+
+
+# Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
+_compiled = njit(
+    cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy", nogil=True
+)
+
+
+@_compiled
+def _add_rows(
+    pixels: FloatImage, first: int, stride: int, taps: FloatImage, out: FloatImage
+) -> None:
+    """Write the weighted sum of rows that begin every ``stride`` elements from ``first`` on."""
+    n = len(out)
+    r0, a0 = pixels[first:][:n], taps[0]
+    for j in range(n):
+        out[j] = a0 * r0[j]
+    last = 1
+    while last + 8 <= len(taps):
+        a0, a1, a2, a3 = taps[last], taps[last + 1], taps[last + 2], taps[last + 3]
+        a4, a5, a6, a7 = taps[last + 4], taps[last + 5], taps[last + 6], taps[last + 7]
+        r = pixels[first + last * stride :]
+        r0, r1, r2, r3 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
+        r = r[4 * stride :]
+        r4, r5, r6, r7 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
+        for j in range(n):
+            out[j] += ((a0 * r0[j] + a1 * r1[j]) + (a2 * r2[j] + a3 * r3[j])) + (
+                (a4 * r4[j] + a5 * r5[j]) + (a6 * r6[j] + a7 * r7[j])
+            )
+        last += 8
+    while last + 4 <= len(taps):
+        a0, a1, a2, a3 = taps[last], taps[last + 1], taps[last + 2], taps[last + 3]
+        r = pixels[first + last * stride :]
+        r0, r1, r2, r3 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
+        for j in range(n):
+            out[j] += (a0 * r0[j] + a1 * r1[j]) + (a2 * r2[j] + a3 * r3[j])
+        last += 4
+    for t in range(last, len(taps)):
+        a0, r0 = taps[t], pixels[first + t * stride :][:n]
+        for j in range(n):
+            out[j] += a0 * r0[j]
+
+
+@_compiled
+def _fold_rows(
+    pixels: FloatImage, first: int, stride: int, sums: FloatImage, differences: FloatImage
+) -> None:
+    """Write the sums and the differences of rows at equal distances from a middle one.
+
+    ``sums[k]`` and ``differences[k]`` are of the rows k below and above; no differences are made
+    if their array is empty.
+    """
+    radius, n = len(sums) - 1, stride
+    middle = first + radius * stride
+    sums[0] = pixels[middle : middle + n]
+    for k in range(1, radius + 1):
+        below, above = pixels[middle + k * stride :][:n], pixels[middle - k * stride :][:n]
+        total = sums[k]
+        for j in range(n):
+            total[j] = below[j] + above[j]
+        if len(differences):
+            difference = differences[k]
+            for j in range(n):
+                difference[j] = below[j] - above[j]
+
+
+@_compiled
+def _filter(
+    window: FloatImage,
+    along_y: FloatImage,
+    along_x: FloatImage,
+    is_odd: BoolArray,
+    weights: tuple[FloatImage, IntArray, FloatImage],
+    out: FloatImage,
+) -> None:
+    """Write the filtered window to ``out``.
+
+    ``weights`` are the terms' values at the lattice's rows, shape ``(terms, rows, cols)``, and for
+    every row of ``out`` the lattice's row before it and the part of the way to the next.
+    """
+    values, node, part = weights
+    stride, pixels = window.shape[1], window.reshape(-1)
+    radius = along_y.shape[1] // 2
+    sums = np.empty((radius + 1, stride), window.dtype)
+    differences = np.zeros((radius + 1 if is_odd.any() else 0, stride), window.dtype)
+    column = np.empty(stride, window.dtype)
+    row = np.empty(out.shape[1], window.dtype)
+    for i in range(out.shape[0]):
+        target = out[i]
+        target[:] = 0
+        share = part[i]
+        _fold_rows(pixels, i * stride, stride, sums, differences)
+        for t in range(len(along_y)):
+            folded = differences if is_odd[t] else sums
+            _add_rows(folded.reshape(-1), 0, stride, along_y[t, radius:], column)
+            _add_rows(column, 0, 1, along_x[t], row)
+            above, below = values[t, node[i]], values[t, min(node[i] + 1, values.shape[1] - 1)]
+            for j in range(len(row)):
+                target[j] += (above[j] + share * (below[j] - above[j])) * row[j]

@@ -1,0 +1,251 @@
+"""The prefilter of a whole view: kernels at the nodes of a lattice over what is seen.
+
+The derivative of the warp, the lens and so the best prefilter change slowly over a frame: kernels
+are computed at few nodes, checked between them, and interpolated.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from math import ceil, sqrt
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import binary_dilation
+
+from simulation.arrays import FloatArray
+from simulation.choices import PoseModel
+from simulation.pose.local_poses import poses_at_reference
+from simulation.pose.missing_blur import derivatives
+from simulation.pose.prefilter import LocalPose, prefilter
+from simulation.pose.sampling import BORDER_PX
+from simulation.pose.varying_filter import VaryingFilter, image_rms, separable_terms
+from simulation.pose.view import PoseView
+
+RADII_PX = (8, 12, 16, 20, 24)
+"""Half-widths of solved kernels: the compiled filter takes eight taps at a time, and one."""
+
+_EXCESS, _ONE_EXCESS = 2e-6, 2e-8
+"""Mean squared error, over the scene's variance, for which a wider kernel is taken: 0.007 DN^2
+where the scene's standard deviation is 60 DN. An affine map needs so few terms that it has the
+tighter limit."""
+
+_BLUR_SIGMAS, _SPLINE_REACH_PX = 4.5, 4
+"""A Gaussian is below 1e-4 of its peak there, and the spline's inverse below 3 %."""
+
+_SHARP_PX2, _SHARP_RADIUS_PX = 0.15, 16
+"""With less blur than this the spline's inverse has its whole length, 4e-5 at 12 px, and the edge
+of the band at the Nyquist frequency shows."""
+
+BLUR_MAX_PX = 32.0
+"""Widest blur; its kernel has 297 x 297 taps."""
+
+_TERMS_TOLERANCE, _ONE_TERMS_TOLERANCE = 5e-4, 1e-4
+"""Error that the separable terms leave, over the image's standard deviation: 0.03 DN of 60. An
+affine map needs so few terms that it has the tighter limit."""
+
+_NODES_TOLERANCE = 1e-3
+"""Largest error at the middles of cells, that of the terms included."""
+
+_NODES = (3, 5, 9)
+"""Nodes along either axis; the last is for views that come near the horizon."""
+
+_PIECES = 8
+"""Straight lines by which the weights, cubic over the nodes, cross a cell."""
+
+_ALIKE = 2e-6
+"""Derivatives that differ by less belong to one affine map."""
+
+_SURVEY_POINTS = 33
+"""Positions per axis of the follow-up at which it is found what a view shows."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What a view shows: reference coordinates, and the largest stretch of the warp there."""
+
+    top_px: float
+    bottom_px: float
+    left_px: float
+    right_px: float
+    largest: float
+
+    @classmethod
+    def of(cls, view: PoseView) -> "Seen":
+        """Survey a view; of one that shows nothing, the nearest part of the reference."""
+        rows, cols = (
+            np.linspace(-0.5, size - 0.5, min(size + 1, _SURVEY_POINTS)) for size in view.follow_up
+        )
+        x, y = np.meshgrid(cols, rows)
+        points = np.stack([x.ravel(), y.ravel()], axis=-1)
+        positions, slopes = derivatives(view.matrix, view.lens, points)
+        ends = np.array([view.reference[1] - 1, view.reference[0] - 1])
+        off_centre = np.abs(positions - ends / 2) - ends / 2
+        inside = np.asarray(off_centre.max(axis=1) <= BORDER_PX)
+        if not inside.any():
+            inside = np.ones_like(inside)
+        # The reference's border may be between two positions.
+        around = binary_dilation(inside.reshape(x.shape), np.ones((3, 3), dtype=np.bool_)).ravel()
+        left, top = np.clip(positions[around].min(axis=0), 0, ends)
+        right, bottom = np.clip(positions[around].max(axis=0), 0, ends)
+        return cls(
+            top_px=float(top),
+            bottom_px=float(bottom),
+            left_px=float(left),
+            right_px=float(right),
+            largest=float(np.linalg.norm(slopes[inside], 2, axis=(1, 2)).max()),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """What decides the terms of a view, for the cache."""
+
+    poses: tuple[LocalPose, ...]
+    model: PoseModel
+    noise_ratio: float
+    radius: int
+
+
+@dataclass(frozen=True, slots=True)
+class _ViewRequest:
+    """A view with what decides its filter, for the cache."""
+
+    key: tuple[object, ...]
+    model: PoseModel
+    noise_ratio: float
+    view: PoseView = field(compare=False)
+
+
+def view_filter(view: PoseView, model: PoseModel, noise_ratio: float) -> VaryingFilter:
+    """Prefilter of a view.
+
+    Parameters
+    ----------
+    view
+        The warp and the PSFs.
+    model, noise_ratio
+        As for ``prefilter``.
+
+    Raises
+    ------
+    ValueError
+        If the follow-up needs too wide a blur.
+    """
+    return _view_filter(_ViewRequest(view.key, model, noise_ratio, view))
+
+
+@lru_cache(maxsize=16)
+def _view_filter(request: _ViewRequest) -> VaryingFilter:
+    view, model, noise_ratio = request.view, request.model, request.noise_ratio
+    seen = Seen.of(view)
+    poses = _poses(view, seen, _places(seen, 3))
+    radius = _radius(poses, model, noise_ratio)
+    if _is_one(poses):
+        columns, rows, weights = _terms(_Request(poses[:1], model, noise_ratio, radius))
+        one = np.zeros(1)
+        return VaryingFilter(
+            along_y=columns,
+            along_x=rows,
+            weights=weights.T[:, :, None],
+            rows_px=one,
+            cols_px=one,
+        )
+    for count in _NODES:
+        places = _places(seen, count)
+        poses = _poses(view, seen, places)
+        made = _between_nodes(places, _terms(_Request(poses, model, noise_ratio, radius)))
+        if count == _NODES[-1]:
+            break
+        middles = [(axis[:-1] + axis[1:])[[0, (count - 1) // 2, -1]] / 2 for axis in places]
+        between = _poses(view, seen, (middles[0], middles[1]))
+        wanted = [prefilter(pose, model, noise_ratio, radius).kernel for pose in between]
+        error = np.stack(wanted) - made.kernels(middles[0], middles[1])
+        if image_rms(error).max() <= _NODES_TOLERANCE:
+            break
+    return made
+
+
+def view_radius(view: PoseView, model: PoseModel, noise_ratio: float) -> int:
+    """Half-width of the kernels of ``view_filter``; the parameters and errors are the same."""
+    seen = Seen.of(view)
+    return _radius(_poses(view, seen, _places(seen, 3)), model, noise_ratio)
+
+
+def _radius(poses: tuple[LocalPose, ...], model: PoseModel, noise_ratio: float) -> int:
+    missing_px2 = np.array([_missing_px2(pose) for pose in poses])
+    widest_px = sqrt(max(0.0, float(missing_px2.max())))
+    if widest_px > BLUR_MAX_PX:
+        raise ValueError(f"a local blur of {widest_px:.3g} px is wider than {BLUR_MAX_PX:g} px")
+    least = _SHARP_RADIUS_PX if missing_px2.min() < _SHARP_PX2 else 0
+    excess = _ONE_EXCESS if _is_one(poses) else _EXCESS
+    for radius in RADII_PX:
+        if radius < least:
+            continue
+        if all(prefilter(pose, model, noise_ratio, radius).excess <= excess for pose in poses):
+            return radius
+    widest = 4 * ceil((_BLUR_SIGMAS * widest_px + _SPLINE_REACH_PX) / 4)
+    return max(widest, RADII_PX[-1])
+
+
+def _missing_px2(pose: LocalPose) -> FloatArray:
+    """Least and largest variance that the reference's blur lacks."""
+    slopes = np.reshape(pose.slopes, (2, 2))
+    missing = slopes @ pose.far.covariance_px2 @ slopes.T - pose.near.covariance_px2
+    return np.asarray(np.linalg.eigvalsh(missing))
+
+
+def _is_one(poses: tuple[LocalPose, ...]) -> bool:
+    first = poses[0]
+    return all(
+        pose.near == first.near
+        and pose.far == first.far
+        and max(abs(a - b) for a, b in zip(pose.slopes, first.slopes, strict=True)) < _ALIKE
+        for pose in poses
+    )
+
+
+def _places(seen: Seen, count: int) -> tuple[FloatArray, FloatArray]:
+    return (
+        np.linspace(seen.top_px, max(seen.bottom_px, seen.top_px + 1), count),
+        np.linspace(seen.left_px, max(seen.right_px, seen.left_px + 1), count),
+    )
+
+
+def _poses(
+    view: PoseView, seen: Seen, places: tuple[FloatArray, FloatArray]
+) -> tuple[LocalPose, ...]:
+    """Local poses at the nodes of a lattice (rows, cols), row by row."""
+    x, y = np.meshgrid(places[1], places[0])
+    return poses_at_reference(view, np.stack([x.ravel(), y.ravel()], axis=-1), seen.largest)
+
+
+@lru_cache(maxsize=32)
+def _terms(request: _Request) -> tuple[FloatArray, FloatArray, FloatArray]:
+    kernels = [
+        prefilter(pose, request.model, request.noise_ratio, request.radius).kernel
+        for pose in request.poses
+    ]
+    tolerance = _TERMS_TOLERANCE if len(kernels) > 1 else _ONE_TERMS_TOLERANCE
+    return separable_terms(np.stack(kernels), tolerance)
+
+
+def _between_nodes(
+    places: tuple[FloatArray, FloatArray], terms: tuple[FloatArray, FloatArray, FloatArray]
+) -> VaryingFilter:
+    """Filter whose weights are cubic over the nodes, in straight lines."""
+    columns, rows, weights = terms
+    count = len(places[0])
+    fine = [np.linspace(axis[0], axis[-1], (count - 1) * _PIECES + 1) for axis in places]
+    degree = min(3, count - 1)
+    maps = np.stack(
+        [
+            RectBivariateSpline(
+                places[0], places[1], weight.reshape(count, count), kx=degree, ky=degree
+            )(fine[0], fine[1])
+            for weight in weights.T
+        ]
+    )
+    # Interpolation is linear in the nodes' values, so that the kernels' sums stay 1.
+    return VaryingFilter(
+        along_y=columns, along_x=rows, weights=maps, rows_px=fine[0], cols_px=fine[1]
+    )

@@ -1,0 +1,203 @@
+"""The kernels for one PSF and zoom, whatever the images' size and the grid's place."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from simulation.arrays import FloatArray, IntArray
+from simulation.psf import Psf
+from simulation.zoom_kernels.kernel_table import AxisKernels, KernelTable, window_kernels
+from simulation.zoom_kernels.reach import window_radius_px
+from simulation.zoom_kernels.scene import CrossCovariance, SeenScene
+from simulation.zoom_kernels.window import FiniteWindow
+
+_PERIOD_PX = 192
+"""Period of the scene: four times the largest window's radius."""
+
+_RIDGE = 1e-6
+"""Noise of the reference, relative to the scene's variance, that is always reckoned with, times
+``1 - 1 / zoom^2``: at zoom 1 the reference comes back. In a scene of 60 DN rms it is 0.06 DN. With
+1e-5 a Gaussian of 0.935 px at zoom 1.3 needs two products."""
+
+_RIDGE_MIN = 1e-9
+"""At zoom 1; without, the kernels between the positions of a table are less smooth."""
+
+_RIDGE_REACH = 1e-6
+"""Least noise at which the window is chosen: without, a small one extrapolates beyond itself."""
+
+_RIDGE_BORDER = 5e-4
+"""The same for windows that do not lie around their pixel, and extrapolate: with 1e-4 and a
+noise of 0.5 DN the ring of a Gaussian of 1.2 px at zoom 3 is 5.8 DN off instead of 3.7."""
+
+_BORDER_STEPS = 6
+"""Positions of a table a far pixel, at the border: a cubic spline between them is right to 1e-3."""
+
+_HALF_PIXELS = np.arange(-1, 2) / 2
+
+TABLE_POSITIONS_PX: FloatArray = np.arange(-5, 6) / 8
+"""Subpixel positions of a table: a cubic spline between eighths of a pixel is right to 1e-4."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KernelSolver:
+    """What all grids of one PSF, zoom and noise share.
+
+    Parameters
+    ----------
+    scene, far
+        The scene as either camera sees it.
+    zoom_y, zoom_x
+        Distance of the far pixels in reference pixels, at least 1.
+    taps_y, taps_x
+        Reference pixels of a window.
+    ridge
+        Noise, relative to the variance of a reference pixel.
+    """
+
+    scene: SeenScene
+    far: CrossCovariance
+    zoom_y: float
+    zoom_x: float
+    taps_y: int
+    taps_x: int
+    ridge: float
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether the kernels are the same when rows and columns are exchanged."""
+        return self.zoom_y == self.zoom_x and self.scene.is_diagonal
+
+    def table(
+        self, taps: tuple[int, int], y_px: tuple[float, ...], x_px: tuple[float, ...]
+    ) -> KernelTable:
+        """Kernels of windows around their pixel, at positions from the windows' centre."""
+        return _table(self, taps, y_px, x_px)
+
+    def rows_at_the_border(self, table: KernelTable, y_px: FloatArray) -> FloatArray:
+        """Weights along y of windows that do not lie around their pixel.
+
+        Shape ``(terms, len(y_px), taps)``; the positions count from the windows' centre.
+        """
+        return _interpolated(_at_the_border(self, table, False), y_px)
+
+    def columns_at_the_border(self, table: KernelTable, x_px: FloatArray) -> FloatArray:
+        """Weights along x of windows that do not lie around their pixel."""
+        return _interpolated(_at_the_border(self, table, True), x_px)
+
+
+def _interpolated(sides: tuple[AxisKernels, AxisKernels], positions_px: FloatArray) -> FloatArray:
+    terms, _, taps = sides[0].weights.shape
+    weights = np.empty((terms, len(positions_px), taps))
+    for side, is_there in zip(sides, (positions_px < 0, positions_px >= 0), strict=True):
+        spline = CubicSpline(side.positions_px, side.weights, axis=1)
+        weights[:, is_there] = spline(positions_px[is_there])
+    return weights
+
+
+@lru_cache(maxsize=64)
+def _at_the_border(
+    solver: KernelSolver, table: KernelTable, is_along_x: bool
+) -> tuple[AxisKernels, AxisKernels]:
+    """Kernels along one axis of windows shifted towards its start, and towards its end."""
+    own, zoom = (table.turned(), solver.zoom_x) if is_along_x else (table, solver.zoom_y)
+    sampled = _sampled(own.along_x)
+    other_px = tuple(own.along_x.positions_px[sampled].tolist())
+    # The same kernels serve both axes if their exchange changes nothing.
+    is_along_x &= not (solver.is_diagonal and own.taps[0] == own.taps[1])
+    lower, upper = _border_positions(own.taps[0], zoom)
+    kernels = _border_kernels(solver, own.taps, lower, other_px, is_along_x)
+    before = own.rows_of(kernels, np.array(lower), sampled)
+    if solver.scene.is_mirrored:
+        # What a window knows of a pixel on one side, its mirror knows on the other.
+        return before, AxisKernels(np.array(upper), before.weights[:, ::-1, ::-1])
+    kernels = _border_kernels(solver, own.taps, upper, other_px, is_along_x)
+    return before, own.rows_of(kernels, np.array(upper), sampled)
+
+
+@lru_cache(maxsize=1)
+def _border_kernels(
+    solver: KernelSolver,
+    taps: tuple[int, int],
+    own_px: tuple[float, ...],
+    other_px: tuple[float, ...],
+    is_along_x: bool,
+) -> FloatArray:
+    own, other = np.array(own_px), np.array(other_px)
+    blurred = 1 - 1 / (solver.zoom_y * solver.zoom_x)
+    ridge = max(solver.ridge, _RIDGE_BORDER * blurred)
+    if not is_along_x:
+        return window_kernels(_window(solver.scene, *taps, ridge), solver.far, own, other)
+    window = _window(solver.scene, *taps[::-1], ridge)
+    return window_kernels(window, solver.far, other, own).transpose(1, 0, 3, 2)
+
+
+def _border_positions(taps: int, zoom: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Positions before and after the middle half pixel, up to half a pixel off the window."""
+    last = max(taps / 2, 1.0)
+    count = max(ceil((last - 0.5) / zoom * _BORDER_STEPS), 3) + 1
+    after = np.linspace(0.5, last, count)
+    return tuple((-after[::-1]).tolist()), tuple(after.tolist())
+
+
+def _sampled(axis: AxisKernels) -> IntArray:
+    """Up to three positions that tell as much as all."""
+    return np.unique(np.linspace(0, len(axis.positions_px) - 1, 3).astype(np.int64))
+
+
+def table_positions(positions_px: FloatArray) -> tuple[float, ...]:
+    """Positions to interpolate between: the fewest that need no other image size's factors.
+
+    Whole zooms sample at whole or at half pixels, as the image's size is odd or even.
+    """
+    twice = 2 * positions_px
+    is_half = np.all(np.abs(twice - np.round(twice)) < 2e-9)
+    return tuple((_HALF_PIXELS if is_half else TABLE_POSITIONS_PX).tolist())
+
+
+@lru_cache(maxsize=16)
+def kernel_solver(
+    psf: Psf, zoom_y: float, zoom_x: float, noise_ratio: float, scene_correlation_px: float
+) -> KernelSolver | None:
+    """Solver of one PSF, zoom (at least 1) and noise; None if no window is large enough."""
+    scene = _scene(psf, scene_correlation_px)
+    at_reach = max(noise_ratio, _RIDGE_REACH)
+    radii = {
+        zoom: window_radius_px(
+            scene,
+            zoom,
+            lambda taps_y, taps_x: FiniteWindow.of(scene, taps_y, taps_x, at_reach),
+            at_reach * scene.variance,
+        )
+        for zoom in (zoom_y, zoom_x)
+    }
+    radius_y, radius_x = radii[zoom_y], radii[zoom_x]
+    if radius_y is None or radius_x is None:
+        return None
+    ridge = max(noise_ratio, _RIDGE * (1 - 1 / (zoom_y * zoom_x)), _RIDGE_MIN)
+    far = scene.across(zoom_y, zoom_x)
+    return KernelSolver(scene, far, zoom_y, zoom_x, 2 * radius_y, 2 * radius_x, ridge)
+
+
+@lru_cache(maxsize=4)
+def _scene(psf: Psf, correlation_px: float) -> SeenScene:
+    return SeenScene.through(psf, _PERIOD_PX, correlation_px)
+
+
+@lru_cache(maxsize=4)
+def _window(scene: SeenScene, taps_y: int, taps_x: int, ridge: float) -> FiniteWindow:
+    return FiniteWindow.of(scene, taps_y, taps_x, ridge)
+
+
+@lru_cache(maxsize=64)
+def _table(
+    solver: KernelSolver,
+    taps: tuple[int, int],
+    y_px: tuple[float, ...],
+    x_px: tuple[float, ...],
+) -> KernelTable:
+    window = _window(solver.scene, *taps, solver.ridge)
+    y, x = np.array(y_px), np.array(x_px)
+    return KernelTable.of(window_kernels(window, solver.far, y, x), y, x)
