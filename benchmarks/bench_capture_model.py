@@ -45,7 +45,7 @@ from simulation import (
     zoom_out,
 )
 from simulation.arrays import FloatArray, FloatImage
-from simulation.choices import DEFAULT_MODEL, DEFAULT_POSE_MODEL, POSE_MODELS, PoseModel
+from simulation.choices import DEFAULT_MODEL, POSE_MODELS
 
 BOUND_LENSES = (
     f_number(1.4),
@@ -301,7 +301,7 @@ def broken_gaussian_bounds(zooms: ModelErrors) -> Iterator[str]:
 
 def broken_pose_bounds(poses: ModelErrors) -> Iterator[str]:
     """Yield what does not hold of other poses."""
-    worst = poses.worst_ratio(DEFAULT_POSE_MODEL)
+    worst = poses.worst_ratio(DEFAULT_MODEL)
     if not worst <= POSE_MOST:
         yield f"poses: the worst ratio is {worst:.2f}, not {POSE_MOST}"
 
@@ -364,8 +364,8 @@ def judge(record: Recorder, cameras: Sequence[Calibrated]) -> Iterator[str]:
         poses = judge_poses(posed, record.pick(POSES, POSES[2:3]))
         record.say("\nposes")
         record.say(poses.table(COLUMNS))
-        peer = f"{DEFAULT_POSE_MODEL} with a Gaussian PSF"
-        record_ratios(record, "poses", poses, peer, DEFAULT_POSE_MODEL)
+        peer = f"{DEFAULT_MODEL} with a Gaussian PSF"
+        record_ratios(record, "poses", poses, peer)
         yield from broken_pose_bounds(poses)
 
 
@@ -387,15 +387,14 @@ def record_ratios(
     what: str,
     results: ModelErrors,
     peer: str,
-    model: PoseModel = DEFAULT_MODEL,
 ) -> None:
-    """Keep the mean and the worst ratio of a model, beside a peer's."""
+    """Keep the mean and the worst ratio of the default model, beside a peer's."""
     column = peer.replace(" with a Gaussian PSF", ", Gaussian")
     name = "OpenCV's blur and resize" if peer == "OpenCV" else peer
     for which, ratio in (("mean", results.mean_ratio), ("worst", results.worst_ratio)):
         record.figure(
-            f"{which} MSE over the ideal's, {what}, {model}",
-            ratio(model),
+            f"{which} MSE over the ideal's, {what}, {DEFAULT_MODEL}",
+            ratio(DEFAULT_MODEL),
             "",
             peer=name,
             peer_value=ratio(column),

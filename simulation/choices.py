@@ -11,12 +11,8 @@ POSE_MODELS: tuple[PoseModel, ...] = get_args(PoseModel)
 """The models that take any pose, a PSF of any shape, and a PSF that varies over the frame."""
 
 DEFAULT_MODEL: PoseModel = "lmmse"
-"""For a zoom-out: over lenses, zooms and noise it has the least error, as
+"""Over lenses, zooms, poses and noise it has the least error, as
 ``benchmarks/bench_capture_model.py`` shows."""
-
-DEFAULT_POSE_MODEL: PoseModel = "matched"
-"""For any other pose: as near as ``lmmse``, and it returns the reference where the pose changes
-nothing."""
 
 PsfForm = Literal["gaussian", "separable", "round", "elliptic", "free"]
 """What a PSF's shape is known as: a Gaussian, a curve along either axis, a lens of the same

@@ -61,7 +61,7 @@ def pose_noise_gain(
     lattice = [np.linspace(0.0, max(count - 1, 1), _POINTS) for count in view.follow_up]
     x, y = np.meshgrid(lattice[1], lattice[0])
     poses = poses_at_followup(view, np.stack([x.ravel(), y.ravel()], axis=-1))
-    model, noise_ratio = options.model, options.noise_ratio
+    model, noise_ratio = options.model_of(view), options.noise_ratio
     radius = view_radius(view, model, noise_ratio)
     kernels = [prefilter(pose, model, noise_ratio, radius).kernel for pose in poses]
     sampling = SAMPLING_KERNELS[model]

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from simulation.choices import DEFAULT_POSE_MODEL, POSE_MODELS, PoseModel
+from simulation.choices import DEFAULT_MODEL, POSE_MODELS, PoseModel
+from simulation.pose.view import PoseView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,11 +34,19 @@ class PoseOptions:
         If the model is unknown, the noise is negative, or there is no thread.
     """
 
-    model: PoseModel = DEFAULT_POSE_MODEL
+    model: PoseModel = DEFAULT_MODEL
     noise_ratio: float = 0.0
     threads: int = 1
     origin_px: tuple[float, float] | None = None
     distortion_k1: float = 0.0
+
+    def model_of(self, view: PoseView) -> PoseModel:
+        """Return the model for a view: pixels that are the reference's own are not estimated.
+
+        ``lmmse`` is the best on average over subpixel positions; at whole ones ``matched`` returns
+        the reference.
+        """
+        return "matched" if view.is_by_whole_pixels else self.model
 
     def __post_init__(self) -> None:
         if self.model not in POSE_MODELS:

@@ -109,12 +109,13 @@ def simulate_pose(
         homography, reference_shape(image), size, psf, options.origin_px, options.distortion_k1
     )
     height, width = view.follow_up
-    filtered = view_filter(view, options.model, options.noise_ratio)
+    model = options.model_of(view)
+    filtered = view_filter(view, model, options.noise_ratio)
     refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
     result = np.zeros((planes.shape[2], height, width), dtype=dtype)
-    pieces = np.array(SAMPLING_KERNELS[options.model].pieces, dtype)
+    pieces = np.array(SAMPLING_KERNELS[model].pieces, dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
 

@@ -87,6 +87,21 @@ class PoseView:
         )
 
     @property
+    def is_by_whole_pixels(self) -> bool:
+        """Whether every pixel of the follow-up is a pixel of the reference as it is."""
+        matrix = self.matrix / self.matrix[2, 2]
+        moved = np.round(matrix[:2, 2])
+        is_shift = np.allclose(matrix, [[1, 0, moved[0]], [0, 1, moved[1]], [0, 0, 1]], 0, 1e-9)
+        # Distortion goes with the place in the frame, and a PSF that varies over it too.
+        is_free = self.lens[0] == 0 and not isinstance(self.psf, PsfField)
+        is_at_its_place = (
+            not moved.any()
+            and not self.frame[3:].any()
+            and np.array_equal(self.lens[1:3], self.lens[3:5])
+        )
+        return is_shift and (is_free or is_at_its_place)
+
+    @property
     def warp(self) -> BlurredWarp:
         """The view as the compiled functions take it."""
         return BlurredWarp(self.matrix, self.lens, self.coefficients_px2, self.frame)

@@ -10,7 +10,6 @@ import typer
 from analysis.choices import CACHE_VARIABLE
 from simulation.choices import (
     DEFAULT_MODEL,
-    DEFAULT_POSE_MODEL,
     KERNEL_MODELS,
     MODELS,
     POSE_MODELS,
@@ -33,7 +32,6 @@ from standoff.terminal import (
     checked_zoom,
     command_line,
     exactly_one,
-    is_from_user,
     needs,
     photograph_inputs,
     print_json,
@@ -94,10 +92,7 @@ def simulate(
         typer.Option(help="Also write a mask (PNG) of pixels sharper than the reference."),
     ] = None,
     psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
-    model: Annotated[
-        AnyModel,
-        typer.Option(help=f"Capture model; {DEFAULT_POSE_MODEL} by default with --homography."),
-    ] = DEFAULT_MODEL,
+    model: Annotated[AnyModel, typer.Option(help="Capture model.")] = DEFAULT_MODEL,
     transfer: TransferForm = "best",
     gaussian: Annotated[
         GaussianForm,
@@ -160,8 +155,6 @@ def simulate(
         write_mask,
     )
 
-    if homography is not None and not is_from_user(context, "model"):
-        model = DEFAULT_POSE_MODEL
     inputs = photograph_inputs(encoding, page, mean, files=(psf, noise, homography, correct))
     simulated = simulate_photograph(
         FollowUpRequest(

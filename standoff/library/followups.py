@@ -16,7 +16,7 @@ from simulation import (
     SimulatedPose,
     simulate_pose as simulate_pose_of_array,
 )
-from simulation.choices import DEFAULT_MODEL, DEFAULT_POSE_MODEL, PoseModel
+from simulation.choices import DEFAULT_MODEL, PoseModel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, camera_psf, colour_planes
 from standoff.workflows import zoomed_out
 
@@ -66,7 +66,7 @@ def simulate_pose(
     homography: ArrayLike | Homography | FilePath,
     psf: PsfLike,
     size: tuple[int, int] | None = None,
-    model: PoseModel = DEFAULT_POSE_MODEL,
+    model: PoseModel = DEFAULT_MODEL,
 ) -> SimulatedPose:
     """Return the image of the same plane from another pose of the same camera.
 

@@ -31,7 +31,6 @@ from .option_rules import (
     check_options as check_options,
     exactly_one as exactly_one,
     excludes as excludes,
-    is_from_user as is_from_user,
     needs as needs,
 )
 from .options import (
@@ -104,7 +103,6 @@ __all__ = [
     "excludes",
     "flicker_warnings",
     "frame_shape_of",
-    "is_from_user",
     "needs",
     "note",
     "note_at_end",

@@ -92,9 +92,3 @@ def _options(*options: str | Option) -> tuple[Option, ...]:
 def _listed(options: Sequence[Option], context: typer.Context, word: str) -> str:
     *first, last = [option.text(context) for option in options]
     return f"{', '.join(first)} {word} {last}" if first else last
-
-
-def is_from_user(context: typer.Context, name: str) -> bool:
-    """Whether a parameter was given, on the command line or otherwise, and is not the default."""
-    source = context.get_parameter_source(name)
-    return source is not None and source.name != "DEFAULT"

@@ -20,7 +20,7 @@ from simulation import (
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
-from simulation.choices import DEFAULT_POSE_MODEL, POSE_MODELS, GaussianForm, PoseModel, PsfForm
+from simulation.choices import DEFAULT_MODEL, POSE_MODELS, GaussianForm, PoseModel, PsfForm
 from simulation.pose import pose_noise_gain
 
 
@@ -111,9 +111,7 @@ def zoomed_out(
         pose = Homography(matrix=grid.matrix, size=(grid.cols, grid.rows))
         # The follow-up is the middle of the camera's frame.
         origin_px = (shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2
-        # At zoom 1 every model returns the reference; of another pose `lmmse` samples anew.
-        by = "matched" if zoom == 1 else taking[0]
-        return from_pose(reference, pose, psf, by, how, origin_px=origin_px)
+        return from_pose(reference, pose, psf, taking[0], how, origin_px=origin_px)
     image = zoom_out(reference, zoom, psf, model, gaussian=how.gaussian, threads=how.threads)
     own = None
     if how.noise is not None:
@@ -143,7 +141,7 @@ def from_pose(
     reference: AnyArray,
     pose: Homography,
     psf: Psf | PsfField,
-    model: PoseModel = DEFAULT_POSE_MODEL,
+    model: PoseModel = DEFAULT_MODEL,
     how: Rendering = _DEFAULTS,
     *,
     origin_px: tuple[float, float] | None = None,

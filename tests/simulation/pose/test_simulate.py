@@ -360,3 +360,18 @@ def test_wrong_images_sizes_and_psfs_are_refused() -> None:
         simulate_pose(
             image, IDENTITY, (30, 20), constant_field(60, 40, PSF), PoseOptions(origin_px=(31, 0))
         )
+
+
+@pytest.mark.parametrize("shift_px", [(0, 0), (7, -3)])
+def test_a_follow_up_of_the_reference_s_own_pixels_is_the_reference(
+    shift_px: tuple[int, int],
+) -> None:
+    # White noise, which every estimate between the pixels would smooth.
+    image = np.random.default_rng(5).uniform(0, 255, (60, 80))
+    right, down = shift_px
+    matrix = np.array([[1.0, 0, right], [0, 1, down], [0, 0, 1]])
+    seen = simulate_pose(image, matrix, (80, 60), GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8))
+    expected = np.roll(image, (-down, -right), axis=(0, 1))
+    # The spline through the pixels gives them back to the length of its inverse.
+    inner = np.s_[16:-16, 16:-16]
+    np.testing.assert_allclose(seen.image[inner], expected[inner], atol=0.02)
