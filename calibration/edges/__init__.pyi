@@ -1,3 +1,8 @@
+from .axis_transfer import (
+    AxisTransfer as AxisTransfer,
+    MeasuredTransfer as MeasuredTransfer,
+    mean_transfer as mean_transfer,
+)
 from .binned import (
     BinnedEdge as BinnedEdge,
     bin_centres_px as bin_centres_px,
@@ -6,15 +11,12 @@ from .binned import (
 from .detection import find_edges as find_edges
 from .esfr import (
     SFR_FREQ_CY_PER_PX as SFR_FREQ_CY_PER_PX,
-    AxisTransfer as AxisTransfer,
-    MeasuredTransfer as MeasuredTransfer,
+    EdgeSfr as EdgeSfr,
     esfr_half_width_px as esfr_half_width_px,
-    gaussian_mtf50 as gaussian_mtf50,
-    mean_transfer as mean_transfer,
     measure_esfr as measure_esfr,
-    pixel_mtf50 as pixel_mtf50,
 )
 from .fit import EdgeFit as EdgeFit, fit_edge as fit_edge
+from .gaussian_mtf import gaussian_mtf50 as gaussian_mtf50, pixel_mtf50 as pixel_mtf50
 from .measurement import (
     REJECTING_FLAGS as REJECTING_FLAGS,
     EdgeImage as EdgeImage,
@@ -45,6 +47,7 @@ __all__ = [
     "EdgeMeasurement",
     "EdgeSamples",
     "EdgeSegment",
+    "EdgeSfr",
     "MeasuredTransfer",
     "Method",
     "Orientation",

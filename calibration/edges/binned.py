@@ -1,21 +1,23 @@
-"""An edge as few numbers: its pixels averaged in narrow bins of distance, for fits of the PSF.
+"""An edge as few numbers: its pixels averaged in narrow bins of distance.
 
 The bins are the same for all edges: 1/16 px wide at the edge, and wider with the distance, where no
 PSF has detail. The mean of a bin's levels is that at the mean distance of its pixels, which is
 kept: along rows and columns all pixels of a bin may lie to one side of its centre. What the edge
 bends within a bin is taken out with the Gaussian that was fitted to it.
+
+The e-SFR and the fits of a lens to many edges start from them.
 """
 
 from dataclasses import dataclass, field
-from math import asinh
+from math import sinh
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from calibration.edges.fit import EdgeFit
-from calibration.edges.model import edge_profile
+from calibration.edges.model import EdgeShape, edge_shape, shape_value
 from calibration.edges.samples import EdgeSamples
-from calibration.edges.segments import EdgeSegment, band_half_width
-from calibration.edges.shading import shading_levels, slopes_across
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray, IntArray
 
@@ -25,8 +27,10 @@ _FEWEST_BINS = 20  # along rows and columns there is one a pixel
 _FEWEST_PIXELS = 60
 _LEAST_REACH_PX = 3.0
 _FLAT = 0.02  # of the contrast: nearer to a level than this, a pixel tells the noise
+_SUSPECT_SIGMAS = 5.0  # one pixel in two million, in Gaussian noise
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast
+_MEDIAN_PIXELS = 25  # at nearly the same distance, for the median that shows an outlier
 _LEAST_NOISE = 2e-4  # of the contrast: no camera is better, and the model is no more exact
 
 
@@ -37,7 +41,9 @@ class BinnedEdge:
     ``bin_index`` counts the bins of ``bin_centres_px`` from the edge, negative on the dark side;
     ``levels`` hold at ``away_px`` from their centres, and ``weights`` are their inverse variances.
     ``along_px`` is the pixels' mean position along the edge. ``normal_rad`` is the direction of the
-    normal, ``sigma_px`` the total width of the fitted Gaussian. Lengths are in sensor pixels.
+    normal, ``sigma_px`` the total width of the fitted Gaussian and ``optical_sigma_px`` that
+    without the pixel, None where the pixel alone is as wide. Lengths are in sensor pixels, of which
+    ``pitch_px`` lie between the centres of neighbours that were used.
     """
 
     bin_index: IntArray = field(repr=False)
@@ -47,6 +53,8 @@ class BinnedEdge:
     weights: FloatArray = field(repr=False)
     normal_rad: float
     sigma_px: float
+    optical_sigma_px: float | None = None
+    pitch_px: int = 1
 
     @property
     def distance_px(self) -> FloatArray:
@@ -57,11 +65,6 @@ class BinnedEdge:
 def bin_centres_px(bin_index: IntArray) -> FloatArray:
     """Signed distances from the edge of the centres of bins."""
     return np.asarray(_WIDENS_PX * np.sinh(np.asarray(bin_index) * _STEP / _WIDENS_PX))
-
-
-def bin_index_at(distance_px: float) -> int:
-    """Index of the bin in which a distance lies."""
-    return round(_WIDENS_PX / _STEP * asinh(distance_px / _WIDENS_PX))
 
 
 def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdge | None:
@@ -82,99 +85,137 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
         None where the pixels are too few or reach too little to either side.
     """
     distance, levels = samples.distance_px * pitch_px, samples.unit_levels
-    along = samples.along_px * pitch_px
     if distance.size < _FEWEST_PIXELS:
         return None
     if min(-float(distance.min()), float(distance.max())) < _LEAST_REACH_PX * pitch_px:
         return None
-    edge = _gaussian_edge(distance, fit)
-    index = np.rint(_WIDENS_PX / _STEP * np.arcsinh(distance / _WIDENS_PX)).astype(np.int64)
-    bins = index - index.min()
-    kept = ~_outliers(bins, levels - edge)
-    bins, levels, edge, distance = bins[kept], levels[kept], edge[kept], distance[kept]
-    along = along[kept]
-    count = np.bincount(bins)
-    filled = count > 0
-    number = np.flatnonzero(filled) + int(index.min())
-    if number.size < _FEWEST_BINS:
+    shape = edge_shape(fit.sigma_px, fit.optical_sigma_px, fit.normal_rad)
+    bins = _binned(distance, levels, samples.along_px * pitch_px, shape)
+    if bins.index.size < _FEWEST_BINS:
         return None
-    count = count[filled]
-    at = _means(bins, distance, filled)
-    level = _gaussian_edge(at, fit)
-    variance = _variances(bins, levels - edge, level, filled)
     return BinnedEdge(
-        bin_index=number,
-        away_px=at - bin_centres_px(number),
-        along_px=_means(bins, along, filled),
-        levels=level + _means(bins, levels - edge, filled),
-        weights=count / variance,
+        bin_index=bins.index,
+        away_px=bins.distance - bin_centres_px(bins.index),
+        along_px=bins.along,
+        levels=bins.level,
+        weights=bins.weight,
         normal_rad=samples.normal_rad,
         sigma_px=fit.sigma_px,
+        optical_sigma_px=fit.optical_sigma_px,
+        pitch_px=pitch_px,
     )
 
 
-def without_shading(
-    samples: EdgeSamples, image_dn: FloatArray, segment: EdgeSegment, fit: EdgeFit
-) -> EdgeSamples:
-    """Take off the slopes of the levels across the edge and along it, as the edge fit does.
+class _Bins(NamedTuple):
+    """What is in each bin with a pixel in it: its number, and means over its pixels."""
 
-    ``samples`` and ``fit`` are in pixels of the image.
-    """
-    if "shaded" not in fit.flags:
-        return samples
-    half_width = min(band_half_width(fit.sigma_px), segment.clearance_px)
-    contrast = samples.high_dn - samples.low_dn
-    slopes = slopes_across(image_dn, segment.line, half_width, segment.clearance_px, contrast)
-    levels = samples.levels_dn - shading_levels(slopes, samples.distance_px, fit.sigma_px)
-    bright = edge_profile(samples.distance_px, fit.sigma_px)
-    design = samples.along_px[:, None] * np.column_stack([1 - bright, bright])
-    left = levels - samples.low_dn - contrast * bright
-    along = np.linalg.lstsq(design, left, rcond=None)[0]
-    return EdgeSamples(
-        distance_px=samples.distance_px,
-        along_px=samples.along_px,
-        levels_dn=levels - design @ along,
-        low_dn=samples.low_dn,
-        high_dn=samples.high_dn,
-        normal_rad=samples.normal_rad,
-        half_length_px=samples.half_length_px,
-    )
+    index: IntArray
+    distance: FloatArray
+    along: FloatArray
+    level: FloatArray
+    weight: FloatArray
 
 
-def _gaussian_edge(distance_px: FloatArray, fit: EdgeFit) -> FloatArray:
-    """The fitted edge, with the pixel's square where the lens is known apart from it."""
-    if fit.optical_sigma_px is None:
-        return edge_profile(distance_px, fit.sigma_px)
-    return edge_profile(distance_px, fit.optical_sigma_px, fit.normal_rad)
+@njit(cache=True, error_model="numpy")
+def _binned(distance: FloatArray, levels: FloatArray, along: FloatArray, shape: EdgeShape) -> _Bins:
+    number, first = _numbers(distance)
+    left = np.empty(distance.size)
+    for i in range(distance.size):
+        left[i] = levels[i] - shape_value(shape, distance[i])
+    count, mean, squares = _moments(number, left, np.ones(distance.size, np.bool_))
+    pooled = np.sqrt(np.sum(squares) / max(np.sum(count) - count.size, 1.0))
+    is_kept = np.ones(distance.size, np.bool_)
+    for i in range(distance.size):
+        if abs(left[i] - mean[number[i]]) > max(_SUSPECT_SIGMAS * pooled, _OUTLIER_LEAST):
+            is_kept = _without_outliers(distance, left)
+            count, mean, squares = _moments(number, left, is_kept)
+            break
+    filled = np.flatnonzero(count > 0)
+    at = _sums(number, distance, is_kept, count.size)[filled] / count[filled]
+    middle = _sums(number, along, is_kept, count.size)[filled] / count[filled]
+    level = np.empty(filled.size)
+    for k in range(filled.size):
+        level[k] = shape_value(shape, at[k])
+    count, squares = count[filled], squares[filled]
+    variance = _variances(count, squares, level)
+    return _Bins(filled + first, at, middle, level + mean[filled], count / variance)
 
 
-def _means(bins: IntArray, values: FloatArray, filled: BoolArray) -> FloatArray:
-    return np.asarray((np.bincount(bins, values)[filled]) / np.bincount(bins)[filled])
+@njit(cache=True, error_model="numpy")
+def _numbers(distance: FloatArray) -> tuple[IntArray, int]:
+    """Bin of each distance, counted from the first one, and the first one's index."""
+    farthest = np.abs(distance).max()
+    last = int(_WIDENS_PX / _STEP * np.arcsinh(farthest / _WIDENS_PX)) + 2
+    # A table over the distance is near enough to begin with: bins are never narrower.
+    table = np.empty(int(farthest / _STEP) + 2, np.int64)
+    for k in range(table.size):
+        table[k] = int(np.floor(_WIDENS_PX / _STEP * np.arcsinh(k * _STEP / _WIDENS_PX) + 0.5))
+    end = np.empty(last + 2)
+    for k in range(end.size):
+        end[k] = _WIDENS_PX * sinh((k + 0.5) * _STEP / _WIDENS_PX)
+    number = np.empty(distance.size, np.int64)
+    for i in range(distance.size):
+        away = abs(distance[i])
+        k = table[int(away / _STEP)]
+        while away > end[k]:
+            k += 1
+        number[i] = k if distance[i] > 0 else -k
+    first = number.min()
+    return number - first, first
 
 
-def _outliers(bins: IntArray, values: FloatArray) -> BoolArray:
-    """Pixels far from their bin's mean: dust and defects."""
-    mean = np.bincount(bins, values) / np.maximum(np.bincount(bins), 1)
-    away = values - mean[bins]
+@njit(cache=True)
+def _sums(number: IntArray, values: FloatArray, is_kept: BoolArray, bins: int) -> FloatArray:
+    total = np.zeros(bins)
+    for i in range(values.size):
+        if is_kept[i]:
+            total[number[i]] += values[i]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _moments(
+    number: IntArray, values: FloatArray, is_kept: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Count, mean and sum of the squared distances from the mean of what is kept in each bin."""
+    bins = number.max() + 1
+    count = _sums(number, np.ones(values.size), is_kept, bins)
+    mean = _sums(number, values, is_kept, bins)
+    for k in range(bins):
+        mean[k] /= max(count[k], 1.0)
+    squares = np.zeros(bins)
+    for i in range(values.size):
+        if is_kept[i]:
+            squares[number[i]] += (values[i] - mean[number[i]]) ** 2
+    return count, mean, squares
+
+
+@njit(cache=True, error_model="numpy")
+def _without_outliers(distance: FloatArray, left: FloatArray) -> BoolArray:
+    """Pixels that are not far from the median at their distance: dust and defects are."""
+    order = np.argsort(distance)
+    away = np.empty(distance.size)
+    for start in range(0, distance.size, _MEDIAN_PIXELS):
+        some = order[start : start + _MEDIAN_PIXELS]
+        away[some] = left[some] - np.median(left[some])
     limit = max(_OUTLIER_SIGMAS * robust_sigma(away), _OUTLIER_LEAST)
-    return np.asarray(np.abs(away) > limit)
+    return np.abs(away) <= limit
 
 
-def _variances(
-    bins: IntArray, values: FloatArray, edge: FloatArray, filled: BoolArray
-) -> FloatArray:
+@njit(cache=True, error_model="numpy")
+def _variances(count: FloatArray, squares: FloatArray, level: FloatArray) -> FloatArray:
     """Variance of one pixel in each bin, from the scatter within the bins of either side.
 
     Between the sides it changes in proportion to the level, as that of shot noise does.
     """
-    total, count = np.bincount(bins)[filled], np.zeros(2)
-    mean = _means(bins, values, filled)
-    position = np.cumsum(filled) - 1
-    squares = np.bincount(bins, (values - mean[position[bins]]) ** 2)[filled]
-    sides = np.array([edge < _FLAT, edge > 1 - _FLAT])
-    count = np.array([np.sum((total - 1)[side]) for side in sides], dtype=np.float64)
-    sums = np.array([np.sum(squares[side]) for side in sides])
-    if not np.all(count > 0):
-        count, sums = np.full(2, max(np.sum(total - 1), 1)), np.full(2, np.sum(squares))
-    low, high = np.maximum(sums / count, _LEAST_NOISE**2).tolist()
-    return np.asarray(low + (high - low) * edge)
+    freedom, sums = np.zeros(3), np.zeros(3)  # of the dark side, the bright one, and all
+    for k in range(count.size):
+        side = 0 if level[k] < _FLAT else 1 if level[k] > 1 - _FLAT else 2
+        freedom[side] += count[k] - 1
+        sums[side] += squares[k]
+    if min(freedom[0], freedom[1]) > 0:
+        low, high = sums[0] / freedom[0], sums[1] / freedom[1]
+    else:
+        low = high = np.sum(sums) / max(np.sum(freedom), 1.0)
+    low, high = max(low, _LEAST_NOISE**2), max(high, _LEAST_NOISE**2)
+    return low + (high - low) * level

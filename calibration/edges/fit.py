@@ -131,7 +131,10 @@ def _measurement(
         if optical < SHARPEST_PX:
             optical = optical_err = None
     half_length_px = segment.line.half_length_px
-    angle = segment.normal_rad + total[TURN] / half_length_px
+    # The shape that fits worse gives a sharp edge along the rows a wrong angle: its misfit at a few
+    # distances looks like a slope.
+    position = best.parameters
+    angle = segment.normal_rad + position[TURN] / half_length_px
     contrast = abs(best.parameters[HIGH] - best.parameters[LOW])
     flags = list(profile_flags(likely.profile, contrast))
     if has_saturation and likely.clipped_fraction > SATURATED_FRACTION:
@@ -145,8 +148,8 @@ def _measurement(
         if applies:
             flags.append(flag)
     return EdgeFit(
-        x_px=float(segment.x_px + total[OFFSET] * cos(angle)),
-        y_px=float(segment.y_px + total[OFFSET] * sin(angle)),
+        x_px=float(segment.x_px + position[OFFSET] * cos(angle)),
+        y_px=float(segment.y_px + position[OFFSET] * sin(angle)),
         angle_deg=float(np.rad2deg(angle) + 90.0) % 180.0,
         length_px=segment.length_px,
         sigma_px=sigma,
@@ -156,7 +159,7 @@ def _measurement(
         low_dn=float(total[LOW]),
         high_dn=float(total[HIGH]),
         noise_dn=float(likely.noise_dn),
-        curvature_per_px=float(2 * total[CURVATURE] / half_length_px**2),
+        curvature_per_px=float(2 * position[CURVATURE] / half_length_px**2),
         chi2_reduced=float(best.squares / freedom) if is_noise_known else None,
         flags=tuple(flags),
         clipped_fraction=likely.clipped_fraction if has_saturation else None,

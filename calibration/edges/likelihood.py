@@ -38,7 +38,7 @@ from calibration.edges.segments import (
     band_pixels,
     side_level,
 )
-from calibration.edges.shading import shading_levels, slopes_across
+from calibration.edges.shading import is_even, shading_levels, slopes_across
 from calibration.robust import robust_sigma
 from simulation.arrays import FloatArray
 
@@ -212,10 +212,11 @@ def _without_shading(
     parameters = window.rough.parameters
     contrast = parameters[HIGH] - parameters[LOW]
     slopes = slopes_across(image_dn, line, window.half_width_px, clearance_px, contrast)
-    if slopes[0] == 0.0 and slopes[1] == 0.0:
+    if is_even(slopes):
         return window, False
     pixels = window.pixels
-    shading = shading_levels(slopes, distances, np.exp(parameters[LOG_SIGMA]))
+    along = np.cos(line.normal_rad) * pixels.y - np.sin(line.normal_rad) * pixels.x
+    shading = shading_levels(slopes, distances, along, np.exp(parameters[LOG_SIGMA]))
     even = BandPixels(
         pixels.x,
         pixels.y,

@@ -8,20 +8,15 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from calibration.edges.binned import BinnedEdge, bin_edge, without_shading
+from calibration.edges.binned import BinnedEdge, bin_edge
 from calibration.edges.detection import find_edges
-from calibration.edges.esfr import (
-    EdgeSfr,
-    esfr_half_width_px,
-    gaussian_mtf50,
-    measure_esfr,
-    pixel_mtf50,
-)
+from calibration.edges.esfr import EdgeSfr, esfr_half_width_px, measure_esfr, why_undersampled
 from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
-from calibration.edges.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
+from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
+from calibration.edges.mosaic import in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
-from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
+from calibration.edges.samples import edge_samples, roughness_px, share_within, without_shading
 from calibration.edges.segments import EdgeSegment, band_half_width
 from calibration.noise import LevelNoise
 from simulation.arrays import BoolArray, FloatArray
@@ -30,6 +25,9 @@ Method = Literal["all-angles", "paper"]
 
 REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
 """Flags that exclude an edge; the others are only remarks."""
+
+_SIGMA_STEP = 1e-4  # relative
+_DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +94,14 @@ class EdgeImage:
         if not (0 <= region.x_px < right <= cols and 0 <= region.y_px < bottom <= rows):
             raise ValueError(f"region {region} is not within {self.name} ({cols}x{rows})")
 
+    def within(self, region: Region) -> "EdgeImage":
+        """Return the part of the photograph that lies in a region; positions count from there."""
+        pitch = self.pitch_px
+        rows = slice(region.y_px // pitch, (region.y_px + region.height_px) // pitch)
+        cols = slice(region.x_px // pitch, (region.x_px + region.width_px) // pitch)
+        clipped = None if self.clipped is None else self.clipped[rows, cols]
+        return replace(self, image_dn=self.image_dn[rows, cols], clipped=clipped)
+
 
 class EdgeMeasurement(BaseModel):
     """One measured edge; values that could not be determined are null.
@@ -104,7 +110,8 @@ class EdgeMeasurement(BaseModel):
     None without any noise, ``chi2_reduced`` where the noise is known from this edge alone,
     ``optical_sigma_px`` where the edge is as sharp as the pixel square alone. MTF50 is the
     frequency of half contrast across the edge: of the fitted Gaussian with its pixel, or with
-    the prefix ``esfr_`` without a model of the PSF. ``contrast`` is Michelson's of the two
+    the prefix ``esfr_`` whatever the PSF's shape; ``esfr_missing`` says why that is None. The flag
+    ``esfr_differs`` says that the two contradict each other. ``contrast`` is Michelson's of the two
     levels, ``clipped_fraction`` of the pixels of the fit. ``esfr`` and ``binned`` are not kept in
     a file.
     """
@@ -125,9 +132,11 @@ class EdgeMeasurement(BaseModel):
     optical_sigma_px: float | None
     optical_sigma_err_px: float | None
     mtf50_cy_per_px: float
+    mtf50_err_cy_per_px: float | None = None
     esfr_mtf50_cy_per_px: float | None = None
     esfr_mtf50_err_cy_per_px: float | None = None
     esfr_mtf20_cy_per_px: float | None = None
+    esfr_missing: str | None = None
     contrast: float | None = None
     roughness_px: float | None = None
     clipped_fraction: float | None = None
@@ -145,6 +154,13 @@ class EdgeMeasurement(BaseModel):
     def normal_rad(self) -> float:
         """Angle of the edge normal, in radians modulo pi."""
         return float(np.deg2rad(self.angle_deg + 90.0))
+
+    def moved(self, right_px: float, down_px: float) -> "EdgeMeasurement":
+        """Return the same edge in an image whose origin is further left and up."""
+        if right_px == 0 and down_px == 0:
+            return self
+        place = {"x_px": self.x_px + right_px, "y_px": self.y_px + down_px}
+        return self.model_copy(update=place)
 
     def __repr__(self) -> str:
         flags = "".join(f", {flag}" for flag in self.flags)
@@ -177,44 +193,43 @@ def measure_edges(
     ValueError
         If the region is not within the image.
     """
-    image, clipped = source.image_dn, source.clipped
     left = top = 0
     if region is not None:
         source.refuse_beyond_frame(region)
-        right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
         left, top = region.x_px // source.pitch_px, region.y_px // source.pitch_px
-        inside = np.s_[top : bottom // source.pitch_px, left : right // source.pitch_px]
-        image = image[inside]
-        clipped = None if clipped is None else clipped[inside]
-    measurements = []
-    for segment in find_edges(image):
-        found = fit_edge(image, segment, noise=source.noise, saturation_dn=source.saturation_dn)
-        fit = None if found is None else _determined(found)
-        if fit is None:
-            continue
-        band = band_half_width(fit.sigma_px)
-        samples = edge_samples(image, segment, fit, band)
-        widened = lsf_fit(samples, fit) if method == "paper" else fit
+        source = source.within(region)
+    found = (_measured_edge(source, segment, method) for segment in find_edges(source.image_dn))
+    shift_px = source.pitch_px * left, source.pitch_px * top
+    return [edge.moved(*shift_px) for edge in found if edge is not None]
+
+
+def _measured_edge(
+    source: EdgeImage, segment: EdgeSegment, method: Method
+) -> EdgeMeasurement | None:
+    """Measure one edge of the pixels that are used; None where nothing fits."""
+    image = source.image_dn
+    found = fit_edge(image, segment, noise=source.noise, saturation_dn=source.saturation_dn)
+    fit = None if found is None else _determined(found)
+    if fit is None:
+        return None
+    samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
+    on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
+    binned = bin_edge(without_shading(samples, image, segment, fit), on_sensor, source.pitch_px)
+    contrast = _Contrast.of(binned)
+    near_px = band_half_width(fit.sigma_px)
+    if source.clipped is not None:
+        share = share_within(source.clipped, segment, fit, near_px)
+        fit = replace(fit, clipped_fraction=share)
+    rough_px = roughness_px(samples, fit.sigma_px)
+    if method == "paper":
+        widened = lsf_fit(edge_samples(image, segment, fit, near_px), fit)
         if widened is None:
-            continue
-        fraction = fit.clipped_fraction
-        if clipped is not None:
-            fraction = float(np.mean(_picked(clipped, segment, fit, band)))
-        wide = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
-        binned = None
-        if method != "paper":
-            on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
-            even = without_shading(wide, image, segment, fit)
-            binned = bin_edge(even, on_sensor, source.pitch_px)
-        measured = _measurement(
-            source,
-            widened.moved(left, top),
-            measure_esfr(wide, fit.sigma_px),
-            roughness_px(samples, fit.sigma_px),
-            fraction,
-        )
-        measurements.append(measured.model_copy(update={"binned": binned}))
-    return measurements
+            return None
+        fit, binned = widened, None
+    if source.pitch_px > 1:
+        fit = in_sensor_pixels(fit, source.pitch_px).moved(source.first_x_px, source.first_y_px)
+        rough_px = None if rough_px is None else rough_px * source.pitch_px
+    return _measurement(source, fit, contrast, rough_px, binned)
 
 
 def _determined(fit: EdgeFit) -> EdgeFit | None:
@@ -227,25 +242,34 @@ def _determined(fit: EdgeFit) -> EdgeFit | None:
     return replace(fit, optical_sigma_px=None, optical_sigma_err_px=None)
 
 
-def _picked(
-    clipped: BoolArray, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
-) -> FloatArray:
-    samples: EdgeSamples = edge_samples(clipped.astype(np.float64), segment, fit, half_width_px)
-    return samples.levels_dn
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Contrast:
+    """The e-SFR of an edge, or why there is none."""
+
+    esfr: EdgeSfr | None = None
+    missing: str | None = None
+
+    @classmethod
+    def of(cls, binned: BinnedEdge | None) -> "_Contrast":
+        if binned is None:
+            return cls(missing="too few pixels lie beside the edge")
+        missing = why_undersampled(binned)
+        if missing is not None:
+            return cls(missing=missing)
+        esfr = measure_esfr(binned)
+        return cls(esfr=esfr, missing=None if esfr else "the levels do not rise across the edge")
 
 
 def _measurement(
     source: EdgeImage,
     fit: EdgeFit,
-    esfr: EdgeSfr | None,
+    contrast: _Contrast,
     rough_px: float | None,
-    clipped_fraction: float | None,
+    binned: BinnedEdge | None,
 ) -> EdgeMeasurement:
-    """The edge in sensor pixels, converted from those of a colour plane."""
-    if source.pitch_px > 1:
-        fit = in_sensor_pixels(fit, source.pitch_px).moved(source.first_x_px, source.first_y_px)
-        esfr = None if esfr is None else sfr_in_sensor_pixels(esfr, source.pitch_px)
-        rough_px = None if rough_px is None else rough_px * source.pitch_px
+    """The edge in sensor pixels."""
+    esfr = contrast.esfr
+    mtf50, mtf50_err = _gaussian_mtf50(fit)
     return EdgeMeasurement(
         image=source.name,
         capture=source.capture,
@@ -260,24 +284,40 @@ def _measurement(
         sigma_err_px=fit.sigma_err_px,
         optical_sigma_px=fit.optical_sigma_px,
         optical_sigma_err_px=fit.optical_sigma_err_px,
-        mtf50_cy_per_px=_gaussian_mtf50(fit),
+        mtf50_cy_per_px=mtf50,
+        mtf50_err_cy_per_px=mtf50_err,
         esfr_mtf50_cy_per_px=None if esfr is None else esfr.mtf50_cy_per_px,
         esfr_mtf50_err_cy_per_px=None if esfr is None else esfr.mtf50_err_cy_per_px,
         esfr_mtf20_cy_per_px=None if esfr is None else esfr.mtf20_cy_per_px,
+        esfr_missing=contrast.missing,
         contrast=_contrast(fit),
         roughness_px=rough_px,
-        clipped_fraction=clipped_fraction,
+        clipped_fraction=fit.clipped_fraction,
         chi2_reduced=fit.chi2_reduced,
-        flags=_flags(source, fit, clipped_fraction),
+        flags=_flags(source, fit, _differs(esfr, mtf50, mtf50_err)),
         esfr=esfr,
+        binned=binned,
     )
 
 
-def _gaussian_mtf50(fit: EdgeFit) -> float:
-    """Frequency of half contrast across the edge, of the fitted Gaussian with its pixel."""
-    if fit.optical_sigma_px is None:
-        return gaussian_mtf50(fit.sigma_px)
-    return pixel_mtf50(fit.optical_sigma_px, fit.normal_rad)
+def _gaussian_mtf50(fit: EdgeFit) -> tuple[float, float]:
+    """Frequency of half contrast of the fitted Gaussian with its pixel, and its error."""
+    optical, err = fit.optical_sigma_px, fit.optical_sigma_err_px
+    if optical is None or err is None:
+        mtf50 = gaussian_mtf50(fit.sigma_px)
+        return mtf50, mtf50 * fit.sigma_err_px / fit.sigma_px
+    mtf50 = pixel_mtf50(optical, fit.normal_rad)
+    wider = pixel_mtf50(optical * (1 + _SIGMA_STEP), fit.normal_rad)
+    return mtf50, (mtf50 - wider) * err / (optical * _SIGMA_STEP)
+
+
+def _differs(esfr: EdgeSfr | None, mtf50: float, mtf50_err: float) -> bool:
+    """Whether the contrast contradicts the fitted Gaussian by more than their errors."""
+    if esfr is None or esfr.mtf50_cy_per_px is None or esfr.mtf50_err_cy_per_px is None:
+        return False
+    apart = abs(esfr.mtf50_cy_per_px - mtf50)
+    surprising = _DIFFERS_SIGMAS * math.hypot(esfr.mtf50_err_cy_per_px, mtf50_err)
+    return apart > max(surprising, _DIFFERS_LEAST * mtf50)
 
 
 def _contrast(fit: EdgeFit) -> float | None:
@@ -286,8 +326,10 @@ def _contrast(fit: EdgeFit) -> float | None:
     return abs(fit.high_dn - fit.low_dn) / total if total > 0 else None
 
 
-def _flags(source: EdgeImage, fit: EdgeFit, fraction: float | None) -> tuple[str, ...]:
-    flags = fit.flags
+def _flags(source: EdgeImage, fit: EdgeFit, differs: bool) -> tuple[str, ...]:
+    flags, fraction = fit.flags, fit.clipped_fraction
     if fraction is not None and fraction > SATURATED_FRACTION and "saturated" not in flags:
         flags = ("saturated", *flags)
+    if differs:
+        flags = (*flags, "esfr_differs")
     return (*flags, "jpeg") if source.is_jpeg else flags

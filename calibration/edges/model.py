@@ -17,7 +17,7 @@ The loops are compiled: one pass over the pixels evaluates the model, its deriva
 normal equations together. ``benchmarks/bench_edge_fit.py`` shows what that gains.
 """
 
-from math import pi, sqrt
+from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -332,3 +332,31 @@ def edge_profile(
         return np.asarray(_profile(distances, sigma_px, 1.0, 0.0, False))
     a, b = abs(float(np.cos(normal_angle_rad))), abs(float(np.sin(normal_angle_rad)))
     return np.asarray(_profile(distances, sigma_px, a, b, True))
+
+
+class EdgeShape(NamedTuple):
+    """A Gaussian edge: behind a unit square whose normal's direction is given, or sampled."""
+
+    sigma_px: float
+    cosine: float
+    sine: float
+    is_square: bool
+
+
+def edge_shape(sigma_px: float, optical_sigma_px: float | None, normal_rad: float) -> EdgeShape:
+    """Return the edge behind the pixel where its optical width is known, else as sampled."""
+    if optical_sigma_px is None:
+        return EdgeShape(sigma_px, 0.0, 0.0, False)
+    return EdgeShape(optical_sigma_px, abs(cos(normal_rad)), abs(sin(normal_rad)), True)
+
+
+@njit(cache=True, error_model="numpy")
+def shape_value(shape: EdgeShape, distance_px: float) -> float:
+    """Unit edge at a signed distance."""
+    return _edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)[0]
+
+
+@njit(cache=True, error_model="numpy")
+def shape_slopes(shape: EdgeShape, distance_px: float) -> tuple[float, float, float]:
+    """Unit edge at a signed distance, its slope per px and its derivative by log sigma."""
+    return _edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)

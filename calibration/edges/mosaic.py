@@ -16,7 +16,6 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
 from calibration.choices import PATTERNS, Pattern
-from calibration.edges.esfr import EdgeSfr
 from calibration.edges.fit import SHARPEST_PX, EdgeFit
 from calibration.edges.model import edge_profile
 from simulation.arrays import AnyArray, FloatArray
@@ -85,24 +84,6 @@ def in_sensor_pixels(fit: EdgeFit, pitch_px: int) -> EdgeFit:
         optical_sigma_px=optical,
         optical_sigma_err_px=optical_err,
         curvature_per_px=fit.curvature_per_px / pitch_px,
-    )
-
-
-def sfr_in_sensor_pixels(esfr: EdgeSfr, pitch_px: int) -> EdgeSfr:
-    """Convert the e-SFR of a colour plane to cycles per sensor pixel."""
-
-    def frequency(value: float | None) -> float | None:
-        return None if value is None else value / pitch_px
-
-    return replace(
-        esfr,
-        place_px=esfr.place_px * pitch_px,
-        knot_px=esfr.knot_px * pitch_px,
-        reach_px=esfr.reach_px * pitch_px,
-        tail_px=esfr.tail_px * pitch_px,
-        mtf50_cy_per_px=frequency(esfr.mtf50_cy_per_px),
-        mtf50_err_cy_per_px=frequency(esfr.mtf50_err_cy_per_px),
-        mtf20_cy_per_px=frequency(esfr.mtf20_cy_per_px),
     )
 
 

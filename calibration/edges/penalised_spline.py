@@ -1,15 +1,18 @@
-"""A smooth curve through unbinned samples: a P-spline, flat at both ends, solved in its band.
+"""A smooth deviation from a few known shapes: a P-spline beside free terms, solved in its band.
 
 Cubic B-splines on equal knots with a penalty on the third differences of the coefficients
 (Eilers and Marx, "Flexible smoothing with B-splines and penalties", Statistical Science 11,
-1996). The weight of the penalty is the one with the least generalised cross-validation score
-(Craven and Wahba, "Smoothing noisy data with spline functions", Numerische Mathematik 31, 1979).
-The normal equations and the penalty have three off-diagonals: a banded Cholesky factor solves
-them, and gives the trace of the hat matrix without a full inverse (Hutchinson and de Hoog,
-"Smoothing noisy data with spline functions", Numerische Mathematik 47, 1985).
+1996), flat at both ends, beside a few unpenalised terms. As a mixed model the penalty is a prior on
+the deviation; its weight has the greatest restricted likelihood (Wood, "Fast stable restricted
+maximum likelihood and marginal likelihood estimation of semiparametric generalized linear models",
+JRSS B 73, 2011), and the posterior covariance holds what the smoothing takes away as well as the
+noise (Wahba, "Bayesian confidence intervals for the cross-validated smoothing spline", JRSS B 45,
+1983). The spline's normal equations have three off-diagonals: a banded Cholesky factor solves them,
+and the terms are a border of the system.
 """
 
-from math import log
+from math import log, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,8 +25,43 @@ _PENALTY = (-1.0, 3.0, -3.0, 1.0)  # third difference
 _LIGHTEST_LOG = log(1e-9)
 _HEAVIEST_LOG = log(1e6)
 _GOLDEN = 0.6180339887498949
-_COARSE_STEPS = 12
-_FINE_STEPS = 10
+_COARSE_STEPS = 9
+_FINE_STEPS = 7
+_SURPRISING = 3.0
+_RIDGE = 1e-12  # of each diagonal element: a term that the spline can follow exactly
+
+
+class SplineFit(NamedTuple):
+    """A penalised spline with its terms; valid only if ``is_found``.
+
+    With n coefficients and m terms: ``coefficients`` (n,) and ``terms`` (m,). The inverse of the
+    bordered normal equations, whose factors are ``factor`` (n, 4) for the spline, ``cross`` (n, m)
+    and ``border`` (m, m), times ``scale`` is the posterior covariance: see ``variances``. The scale
+    is by how much the samples scatter more than their weights say.
+    """
+
+    is_found: bool
+    coefficients: FloatArray
+    terms: FloatArray
+    factor: FloatArray
+    cross: FloatArray
+    border: FloatArray
+    scale: float
+
+
+class _Equations(NamedTuple):
+    """Normal equations: ``band`` and ``right`` of the spline, and what the terms add.
+
+    ``squares`` is the weighted sum of the squared values, ``samples`` their number.
+    """
+
+    band: FloatArray
+    right: FloatArray
+    cross: FloatArray
+    terms: FloatArray
+    terms_right: FloatArray
+    squares: float
+    samples: int
 
 
 @njit(cache=True)
@@ -47,23 +85,39 @@ def _tied(number: int, count: int) -> int:
 
 @njit(cache=True)
 def _assemble(
-    positions: FloatArray, values: FloatArray, weights: FloatArray, count: int
-) -> tuple[FloatArray, FloatArray]:
+    positions: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    terms: FloatArray,
+    count: int,
+) -> _Equations:
     band = np.zeros((count, _BAND))
     right = np.zeros(count)
+    several = terms.shape[1]
+    cross = np.zeros((count, several))
+    square = np.zeros((several, several))
+    terms_right = np.zeros(several)
     basis = np.zeros(4)
+    squares = 0.0
     for i in range(positions.size):
-        if weights[i] == 0.0:
-            continue
+        w = weights[i]
+        squares += w * values[i] * values[i]
         first = _basis(positions[i], basis)
         for j in range(4):
             row = _tied(first + j, count)
-            right[row] += weights[i] * basis[j] * values[i]
+            here = w * basis[j]
+            right[row] += here * values[i]
+            for m in range(several):
+                cross[row, m] += here * terms[i, m]
             for k in range(4):
                 col = _tied(first + k, count)
                 if col <= row:
-                    band[row, row - col] += weights[i] * basis[j] * basis[k]
-    return band, right
+                    band[row, row - col] += here * basis[k]
+        for m in range(several):
+            terms_right[m] += w * terms[i, m] * values[i]
+            for k in range(several):
+                square[m, k] += w * terms[i, m] * terms[i, k]
+    return _Equations(band, right, cross, square, terms_right, squares, positions.size)
 
 
 @njit(cache=True)
@@ -81,20 +135,19 @@ def _penalty_band(stiffness: FloatArray) -> FloatArray:
     return band
 
 
-@njit(cache=True)
-def _factor(band: FloatArray) -> FloatArray:
-    """Lower Cholesky factor in the band; its first column is 0 where there is none."""
-    count = band.shape[0]
-    factor = np.zeros_like(band)
+@njit(cache=True, error_model="numpy")
+def _factor(data: FloatArray, penalty: FloatArray, weight: float) -> FloatArray:
+    """Lower Cholesky factor in the band; its first element is 0 where there is none."""
+    count = data.shape[0]
+    factor = np.zeros_like(data)
     for i in range(count):
         for d in range(min(_BAND - 1, i), -1, -1):
             j = i - d
-            total = band[i, d]
+            total = data[i, d] + weight * penalty[i, d]
             for m in range(max(0, i - _BAND + 1), j):
-                if j - m < _BAND:
-                    total -= factor[i, i - m] * factor[j, j - m]
+                total -= factor[i, i - m] * factor[j, j - m]
             if d == 0:
-                if total <= 0.0:
+                if not total > 0.0:
                     factor[0, 0] = 0.0
                     return factor
                 factor[i, 0] = np.sqrt(total)
@@ -103,15 +156,25 @@ def _factor(band: FloatArray) -> FloatArray:
     return factor
 
 
-@njit(cache=True)
-def band_solve(factor: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve with the banded Cholesky factor that ``fit_penalised_spline`` returns."""
-    count = right.size
+@njit(cache=True, error_model="numpy")
+def _forward(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with the lower factor for columns of right sides, shape ``(n, k)``."""
     out = right.copy()
-    for i in range(count):
+    for i in range(out.shape[0]):
         for d in range(1, min(_BAND, i + 1)):
-            out[i] -= factor[i, d] * out[i - d]
-        out[i] /= factor[i, 0]
+            for k in range(out.shape[1]):
+                out[i, k] -= factor[i, d] * out[i - d, k]
+        scale = 1.0 / factor[i, 0]
+        for k in range(out.shape[1]):
+            out[i, k] *= scale
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with the transposed factor."""
+    out = right.copy()
+    count = out.size
     for i in range(count - 1, -1, -1):
         for d in range(1, min(_BAND, count - i)):
             out[i] -= factor[i + d, d] * out[i + d]
@@ -119,103 +182,112 @@ def band_solve(factor: FloatArray, right: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True)
-def _inverse_band(factor: FloatArray) -> FloatArray:
-    """Elements of the inverse inside the band, from the last row upwards."""
-    count = factor.shape[0]
-    inverse = np.zeros_like(factor)
-    for i in range(count - 1, -1, -1):
-        pivot = factor[i, 0]
-        for d in range(min(_BAND - 1, count - 1 - i), -1, -1):
-            j = i + d
-            total = 1.0 / (pivot * pivot) if d == 0 else 0.0
-            for m in range(i + 1, min(i + _BAND, count)):
-                low, high = min(m, j), max(m, j)
-                if high - low < _BAND:
-                    total -= factor[m, m - i] / pivot * inverse[high, high - low]
-            inverse[j, d] = total
-    return inverse
-
-
-@njit(cache=True)
-def _score(
-    log_weight: float,
-    data: FloatArray,
-    right: FloatArray,
-    penalty: FloatArray,
-    squares: float,
-    samples: float,
-) -> tuple[float, FloatArray, FloatArray, float]:
-    """Cross-validation score, coefficients, factor, effective number of parameters."""
-    factor = _factor(data + np.exp(log_weight) * penalty)
+@njit(cache=True, error_model="numpy")
+def _solved(equations: _Equations, penalty: FloatArray, weight: float) -> tuple[float, SplineFit]:
+    """Twice the restricted log likelihood, up to a constant, and the fit at a penalty's weight."""
+    count, several = equations.cross.shape
+    factor = _factor(equations.band, penalty, weight)
+    none = np.empty((1, 0))
     if factor[0, 0] == 0.0:
-        return np.inf, right, factor, 0.0
-    coefficients = band_solve(factor, right)
-    inverse = _inverse_band(factor)
-    used = 0.0
-    fitted2 = 0.0
-    for i in range(right.size):
-        used += inverse[i, 0] * data[i, 0]
-        fitted2 += coefficients[i] * data[i, 0] * coefficients[i]
-        for d in range(1, min(_BAND, i + 1)):
-            used += 2.0 * inverse[i, d] * data[i, d]
-            fitted2 += 2.0 * coefficients[i] * data[i, d] * coefficients[i - d]
-    cross = 0.0
-    for i in range(right.size):
-        cross += coefficients[i] * right[i]
-    left = max(squares - 2.0 * cross + fitted2, 1e-13 * squares)
-    free = max(samples - used, 1.0)
-    return samples * left / (free * free), coefficients, factor, left / free
+        return -np.inf, SplineFit(False, equations.right, none[0], factor, none, none, 0.0)
+    sides = np.empty((count, several + 1))
+    sides[:, :several] = equations.cross
+    sides[:, several] = equations.right
+    sides = _forward(factor, sides)
+    products = np.ascontiguousarray(sides.T) @ sides
+    square = equations.terms - products[:several, :several]
+    for m in range(several):
+        square[m, m] = max(square[m, m], 0.0) + _RIDGE * equations.terms[m, m]
+    border = np.linalg.cholesky(square)
+    reduced = np.linalg.solve(border, equations.terms_right - products[:several, several])
+    left = equations.squares - products[several, several] - np.sum(reduced**2)
+    freedom = max(equations.samples - several - 1, 1)
+    scale = left / freedom
+    # Only what is surely more than the weights say is taken from so few samples.
+    if scale < 1.0 + _SURPRISING * sqrt(2.0 / freedom):
+        scale = 1.0
+    likelihood = (count - 1) * log(weight) - left
+    for i in range(count):
+        likelihood -= 2.0 * log(factor[i, 0])
+    for m in range(several):
+        likelihood -= 2.0 * log(border[m, m])
+    terms = np.linalg.solve(np.ascontiguousarray(border.T), reduced)
+    cross = sides[:, :several].copy()
+    coefficients = _backward(factor, sides[:, several] - cross @ terms)
+    fit = SplineFit(True, coefficients, terms, factor, cross, border, scale)
+    return likelihood, fit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fit_penalised_spline(
-    positions: FloatArray, values: FloatArray, weights: FloatArray, stiffness: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """Fit the coefficients of a curve that is flat at and beyond both its ends.
+    positions: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    terms: FloatArray,
+    precision: FloatArray,
+    stiffness: FloatArray,
+) -> SplineFit:
+    """Fit known terms and a smooth deviation that is flat at and beyond both its ends.
 
     Parameters
     ----------
     positions
         Positions of the samples in knots, from 0 to ``count + 1`` with ``count`` coefficients.
     values, weights
-        Levels there and their weights, shape ``(n,)``; 0 leaves a sample out.
+        Levels there and their inverse variances, shape ``(n,)``.
+    terms
+        The terms at the samples, shape ``(n, m)``.
+    precision
+        Inverse variance of each term's prior about 0, shape ``(m,)``; 0 for a free term.
     stiffness
         Weight of each third difference relative to the others, shape ``(count + 3,)``; the
         one at k lies ``k - 0.5`` knots from the left end.
-
-    Returns
-    -------
-    coefficients, factor, residual variance
-        ``factor`` is the banded Cholesky factor of the penalised normal equations, for
-        ``band_solve``; its first element is 0 where they cannot be solved.
     """
-    data, right = _assemble(positions, values, weights, stiffness.size - 3)
+    equations = _assemble(positions, values, weights, terms, stiffness.size - 3)
+    for m in range(precision.size):
+        equations.terms[m, m] += precision[m]
     penalty = _penalty_band(stiffness)
-    squares = np.sum(weights * values * values)
-    samples = float(np.count_nonzero(weights))
+    unit = np.mean(weights)
     step = (_HEAVIEST_LOG - _LIGHTEST_LOG) / (_COARSE_STEPS - 1)
-    best, least = 0, np.inf
+    best, most = 0, -np.inf
     for k in range(_COARSE_STEPS):
-        score = _score(_LIGHTEST_LOG + k * step, data, right, penalty, squares, samples)[0]
-        if score < least:
-            best, least = k, score
-    low = _LIGHTEST_LOG + (best - 1) * step
-    high = _LIGHTEST_LOG + (best + 1) * step
+        here = _solved(equations, penalty, unit * np.exp(_LIGHTEST_LOG + k * step))[0]
+        if here > most:
+            best, most = k, here
+    low, high = _LIGHTEST_LOG + (best - 1) * step, _LIGHTEST_LOG + (best + 1) * step
+    first, second = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    at_first = _solved(equations, penalty, unit * np.exp(first))[0]
+    at_second = _solved(equations, penalty, unit * np.exp(second))[0]
     for _ in range(_FINE_STEPS):
-        first = high - _GOLDEN * (high - low)
-        second = low + _GOLDEN * (high - low)
-        if (
-            _score(first, data, right, penalty, squares, samples)[0]
-            < _score(second, data, right, penalty, squares, samples)[0]
-        ):
-            high = second
+        if at_first > at_second:
+            high, second, at_second = second, first, at_first
+            first = high - _GOLDEN * (high - low)
+            at_first = _solved(equations, penalty, unit * np.exp(first))[0]
         else:
-            low = first
-    _, coefficients, factor, variance = _score(
-        0.5 * (low + high), data, right, penalty, squares, samples
-    )
-    return coefficients, factor, variance
+            low, first, at_first = first, second, at_second
+            second = low + _GOLDEN * (high - low)
+            at_second = _solved(equations, penalty, unit * np.exp(second))[0]
+    weight = min(0.5 * (low + high), _HEAVIEST_LOG)
+    return _solved(equations, penalty, unit * np.exp(weight))[1]
+
+
+@njit(cache=True, error_model="numpy")
+def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -> FloatArray:
+    """Posterior variances of what depends so on the coefficients and on the terms.
+
+    Parameters
+    ----------
+    fit
+        A fit that was found.
+    by_coefficient, by_term
+        Derivatives, shapes ``(count, k)`` and ``(m, k)`` for k quantities.
+    """
+    inner = _forward(fit.factor, by_coefficient)
+    outer = np.linalg.solve(fit.border, by_term - np.ascontiguousarray(fit.cross.T) @ inner)
+    out = np.empty(by_coefficient.shape[1])
+    for k in range(out.size):
+        out[k] = np.sum(inner[:, k] ** 2) + np.sum(outer[:, k] ** 2)
+    return out * fit.scale
 
 
 @njit(cache=True)

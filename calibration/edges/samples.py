@@ -1,14 +1,16 @@
 """The raw pixels around a fitted edge by their distance from it, and the edge's roughness."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, pi, sin, sqrt
 
 import numpy as np
+from numba import njit
 
 from calibration.edges.fit import EdgeFit
-from calibration.edges.model import edge_profile
-from calibration.edges.segments import EdgeLine, EdgeSegment, band_pixels
-from simulation.arrays import FloatArray
+from calibration.edges.model import EdgeShape, edge_profile, shape_slopes
+from calibration.edges.segments import EdgeLine, EdgeSegment, band_half_width, band_pixels
+from calibration.edges.shading import shading_levels, slopes_across
+from simulation.arrays import BoolArray, FloatArray
 
 _ROUGHNESS_PIECE_PX = 4.0
 _ROUGHNESS_PIECES = 4  # fewer give no scatter
@@ -71,6 +73,28 @@ def edge_samples(
     )
 
 
+def without_shading(
+    samples: EdgeSamples, image_dn: FloatArray, segment: EdgeSegment, fit: EdgeFit
+) -> EdgeSamples:
+    """Take off the slopes of the levels across the edge and along it, as the edge fit does.
+
+    ``samples`` and ``fit`` are in pixels of the image.
+    """
+    if "shaded" not in fit.flags:
+        return samples
+    half_width = min(band_half_width(fit.sigma_px), segment.clearance_px)
+    contrast = samples.high_dn - samples.low_dn
+    slopes = slopes_across(image_dn, segment.line, half_width, segment.clearance_px, contrast)
+    levels = samples.levels_dn - shading_levels(
+        slopes, samples.distance_px, samples.along_px, fit.sigma_px
+    )
+    bright = edge_profile(samples.distance_px, fit.sigma_px)
+    design = samples.along_px[:, None] * np.column_stack([1 - bright, bright])
+    left = levels - samples.low_dn - contrast * bright
+    along = np.linalg.lstsq(design, left, rcond=None)[0]
+    return replace(samples, levels_dn=levels - design @ along)
+
+
 def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
     """RMS deviation of the edge from its line or arc over pieces of 4 px, noise removed.
 
@@ -82,22 +106,53 @@ def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
     float or None
         None where there are fewer than four pieces with pixels on the edge.
     """
-    near = np.abs(samples.distance_px) <= 2 * sigma_px + 1
-    distance = samples.distance_px[near]
-    slope = np.exp(-0.5 * (distance / sigma_px) ** 2) / (sigma_px * sqrt(2 * pi))
-    residual = samples.unit_levels[near] - edge_profile(distance, sigma_px)
-    position = np.floor((samples.along_px[near] + samples.half_length_px) / _ROUGHNESS_PIECE_PX)
-    pieces = position.astype(np.int64)
-    information = np.bincount(pieces, slope**2)
-    right = np.bincount(pieces, residual * slope)
-    whole = information > 0.5 * float(np.max(information, initial=0.0))
-    if np.count_nonzero(whole) < _ROUGHNESS_PIECES:
-        return None
-    shift = right[whole] / information[whole]
-    left = (
-        residual
-        - np.where(information > 0, right / np.where(whole, information, np.inf), 0.0)[pieces]
-        * slope
+    variance = _roughness_px2(
+        samples.distance_px,
+        samples.along_px + samples.half_length_px,
+        samples.unit_levels,
+        sigma_px,
     )
-    noise2 = float(np.var(left)) / information[whole]
-    return sqrt(max(float(np.mean(shift**2 - noise2)), 0.0))
+    return sqrt(max(variance, 0.0)) if variance > -np.inf else None
+
+
+@njit(cache=True, error_model="numpy")
+def _roughness_px2(
+    distance: FloatArray, along: FloatArray, unit_levels: FloatArray, sigma_px: float
+) -> float:
+    """Variance of the pieces' shifts less that of the noise; minus infinity with too few pieces."""
+    pieces = int(along.max() / _ROUGHNESS_PIECE_PX) + 1
+    information, right, squares = np.zeros(pieces), np.zeros(pieces), np.zeros(pieces)
+    shape = EdgeShape(sigma_px, 0.0, 0.0, False)
+    count = 0
+    for i in range(distance.size):
+        if abs(distance[i]) > 2 * sigma_px + 1:
+            continue
+        value, slope, _ = shape_slopes(shape, distance[i])
+        residual = unit_levels[i] - value
+        k = int(along[i] / _ROUGHNESS_PIECE_PX)
+        information[k] += slope * slope
+        right[k] += residual * slope
+        squares[k] += residual * residual
+        count += 1
+    least = 0.5 * information.max()
+    whole = shift2 = inverse = left = 0.0
+    for k in range(pieces):
+        left += squares[k]
+        if information[k] > least:
+            shift = right[k] / information[k]
+            left -= shift * right[k]
+            whole += 1
+            shift2 += shift * shift
+            inverse += 1 / information[k]
+    if whole < _ROUGHNESS_PIECES:
+        return -np.inf
+    return (shift2 - left / count * inverse) / whole
+
+
+def share_within(
+    mask: BoolArray, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
+) -> float:
+    """Share of the pixels near a fitted edge that a mask marks."""
+    half_width = min(max(half_width_px, _NARROWEST_BAND_PX), segment.clearance_px)
+    line = EdgeLine(fit.x_px, fit.y_px, fit.normal_rad, 0.5 * segment.length_px)
+    return float(np.mean(band_pixels(mask, line, half_width).values))

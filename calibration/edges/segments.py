@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 3.0
@@ -84,7 +84,9 @@ def band_half_width(sigma_px: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def band_pixels(image_dn: FloatArray, line: EdgeLine, half_width_px: float) -> BandPixels:
+def band_pixels(
+    image_dn: FloatArray | BoolArray, line: EdgeLine, half_width_px: float
+) -> BandPixels:
     """Pick the pixels within ``half_width_px`` of a line, as far as it reaches."""
     x_px, y_px, half_width, half_length = line.x_px, line.y_px, half_width_px, line.half_length_px
     rows, cols = image_dn.shape

@@ -3,10 +3,12 @@
 Within the band that is fitted, a slope across the edge is confounded with the tails of the PSF: on
 a real photograph fitting it there moves sigma by 2 % either way with the width of the band. Farther
 out, shading goes on as it was and tails fade. So the slope is measured in two zones there, and
-taken off the pixels near the edge where both agree.
+taken off the pixels near the edge where both agree, or where the slope changes as that of a tail
+never does: vignetting bends.
 """
 
 from math import ceil, erf, exp, floor, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,12 +19,31 @@ from simulation.arrays import FloatArray
 _ZONE_PX = 16.0  # width of either zone beyond the fitted band
 _ZONE_LEAST_PX = 8.0
 _ZONE_PIXELS = 30
+_ALONG_LEAST = 2e-3  # of the contrast, at the ends: less does not move sigma by 0.02 %
+_TERMS = 4
+_RIDGE = 1e-13
 _STRIDE_PX = 2  # along rows and columns: a quarter of the pixels is enough
 _SLOPE_ERRORS = 5.0
 _FAR_ERRORS = 4.0  # a tail has faded there: the slope has to be seen in the far zone alone
 _AGREE_ERRORS = 3.0
 _AGREE_SHARE = 0.25  # of the slope: vignetting is not quite straight
+_BEND_ERRORS = 4.0
 _SLOPE_LEAST = 5e-4  # of the contrast over half the band: less does not move sigma by 0.1 %
+
+
+class Shading(NamedTuple):
+    """How the levels of the dark and of the bright side go on from the edge.
+
+    Slopes across it, at the edge, in DN/px; bends (halves of second derivatives) across it and
+    along it in DN/px^2. Slopes along it are fitted with the edge.
+    """
+
+    dark: float
+    bright: float
+    dark_bend: float
+    bright_bend: float
+    dark_bend_along: float
+    bright_bend_along: float
 
 
 @njit(cache=True, error_model="numpy")
@@ -32,8 +53,8 @@ def slopes_across(
     half_width_px: float,
     clearance_px: float,
     contrast_dn: float,
-) -> tuple[float, float]:
-    """Slope of the dark and of the bright side in DN/px; 0 where it is absent or negligible.
+) -> Shading:
+    """Slopes and bends of the dark and of the bright side; 0 where absent or negligible.
 
     Parameters
     ----------
@@ -48,45 +69,98 @@ def slopes_across(
     """
     zone = min(_ZONE_PX, (clearance_px - half_width_px) / 2)
     if zone < _ZONE_LEAST_PX:
-        return 0.0, 0.0
+        return Shading(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     sums = _zone_sums(image_dn, line, half_width_px, zone)
     least = _SLOPE_LEAST * contrast_dn / half_width_px
-    return _side_slope(sums[0], least), _side_slope(sums[1], least)
+    dark, dark_bend = _side_slope(sums[0], least)
+    bright, bright_bend = _side_slope(sums[1], least)
+    least = _ALONG_LEAST * contrast_dn
+    dark_along = _bend_along(sums[0], least) / line.half_length_px**2
+    bright_along = _bend_along(sums[1], least) / line.half_length_px**2
+    return Shading(dark, bright, dark_bend, bright_bend, dark_along, bright_along)
+
+
+@njit(cache=True)
+def is_even(shading: Shading) -> bool:
+    """Whether there is no shading."""
+    for value in shading:
+        if value != 0.0:
+            return False
+    return True
 
 
 @njit(cache=True, error_model="numpy")
 def shading_levels(
-    slopes_dn_per_px: tuple[float, float], distances: FloatArray, sigma_px: float
+    shading: Shading, distances: FloatArray, along: FloatArray, sigma_px: float
 ) -> FloatArray:
-    """What slopes of the dark and of the bright side add to pixels at signed distances, in DN."""
-    dark, bright = slopes_dn_per_px
+    """What shading adds to pixels at signed distances and positions along the edge, in DN."""
     levels = np.empty(len(distances))
     for i in range(len(distances)):
-        # A ramp that begins at the edge, blurred by the Gaussian.
-        u = distances[i] / sigma_px
-        ramp = distances[i] * 0.5 * (1 + erf(u / sqrt(2.0)))
-        ramp += sigma_px * exp(-0.5 * u * u) / sqrt(2 * pi)
-        levels[i] = bright * ramp + dark * (distances[i] - ramp)
+        # A ramp and a parabola that begin at the edge, blurred by the Gaussian.
+        d = distances[i]
+        u = d / sigma_px
+        share = 0.5 * (1 + erf(u / sqrt(2.0)))
+        density = sigma_px * exp(-0.5 * u * u) / sqrt(2 * pi)
+        ramp = d * share + density
+        parabola = (d * d + sigma_px * sigma_px) * share + d * density
+        levels[i] = shading.bright * ramp + shading.dark * (d - ramp)
+        whole = d * d + sigma_px * sigma_px
+        levels[i] += shading.bright_bend * parabola + shading.dark_bend * (whole - parabola)
+        bend = shading.bright_bend_along * share + shading.dark_bend_along * (1 - share)
+        levels[i] += bend * along[i] * along[i]
     return levels
 
 
+class _Zone(NamedTuple):
+    """What a zone shows, with standard errors: slope across the edge at a mean distance from it.
+
+    ``bend_along`` is per square of the half length.
+    """
+
+    slope: float
+    error: float
+    distance_px: float
+    bend_along: float
+    bend_along_error: float
+
+
 @njit(cache=True, error_model="numpy")
-def _side_slope(sums: FloatArray, least: float) -> float:
-    """Slope of one side from the sums over its near and its far zone; 0 where they disagree."""
-    near, near_error = _slope(sums[0])
-    far, far_error = _slope(sums[1])
-    slope, error = _slope(sums[0] + sums[1])
-    apart = _AGREE_ERRORS * sqrt(near_error**2 + far_error**2)
-    is_tail = abs(near - far) > max(apart, _AGREE_SHARE * abs(slope))
-    if is_tail or abs(far) <= _FAR_ERRORS * far_error:
-        return 0.0
-    return slope if abs(slope) > max(least, _SLOPE_ERRORS * error) else 0.0
+def _side_slope(sums: FloatArray, least: float) -> tuple[float, float]:
+    """Slope at the edge and bend of one side, from the sums over its near and its far zone.
+
+    A tail rises towards the bright side, and the less the farther out; anything else that differs
+    between the zones is vignetting.
+    """
+    near, far, both = _zone(sums[0]), _zone(sums[1]), _zone(sums[0] + sums[1])
+    apart = sqrt(near.error**2 + far.error**2)
+    may_be_tail = near.slope > far.slope > -_FAR_ERRORS * far.error
+    if abs(near.slope - far.slope) > _BEND_ERRORS * apart and not may_be_tail:
+        bend = (far.slope - near.slope) / (far.distance_px - near.distance_px)
+        return near.slope - bend * near.distance_px, 0.5 * bend
+    is_tail = abs(near.slope - far.slope) > max(
+        _AGREE_ERRORS * apart, _AGREE_SHARE * abs(both.slope)
+    )
+    if is_tail or abs(far.slope) <= _FAR_ERRORS * far.error:
+        return 0.0, 0.0
+    is_seen = abs(both.slope) > max(least, _SLOPE_ERRORS * both.error)
+    return (both.slope if is_seen else 0.0), 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _bend_along(sums: FloatArray, least: float) -> float:
+    """Bend along the edge of one side, per square of its half length."""
+    both = _zone(sums[0] + sums[1])
+    is_seen = abs(both.bend_along) > max(least, _SLOPE_ERRORS * both.bend_along_error)
+    return both.bend_along if is_seen else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _zone_sums(image_dn: FloatArray, line: EdgeLine, inner: float, zone: float) -> FloatArray:
-    """Sums of the products that a plane needs, per side (dark, bright) and zone (near, far)."""
-    sums = np.zeros((2, 2, 10))
+    """Products of the levels' terms, per side (dark, bright) and zone (near, far).
+
+    The terms are 1, the distance, the position along the edge and its square, and the level.
+    """
+    sums = np.zeros((2, 2, _TERMS + 1, _TERMS + 1))
     rows, cols = image_dn.shape
     x_px, y_px, half_length = line.x_px, line.y_px, line.half_length_px
     c, s = np.cos(line.normal_rad), np.sin(line.normal_rad)
@@ -95,6 +169,7 @@ def _zone_sums(image_dn: FloatArray, line: EdgeLine, inner: float, zone: float) 
     reach_y = outer * abs(s) + half_length * abs(c)
     left, right = max(ceil(x_px - reach_x), 0), min(floor(x_px + reach_x), cols - 1)
     middle_dn = image_dn[min(max(int(y_px), 0), rows - 1), min(max(int(x_px), 0), cols - 1)]
+    term = np.ones(_TERMS + 1)
     row = max(ceil(y_px - reach_y), 0)
     while row <= min(floor(y_px + reach_y), rows - 1):
         dy = row - y_px
@@ -105,37 +180,36 @@ def _zone_sums(image_dn: FloatArray, line: EdgeLine, inner: float, zone: float) 
             away = abs(across) - inner
             if away <= 0 or away > 2 * zone or abs(along) > half_length:
                 continue
+            term[1], term[2] = across, along / half_length
+            term[3] = term[2] * term[2]
+            term[4] = image_dn[row, col] - middle_dn
             m = sums[int(across > 0), int(away > zone)]
-            level = image_dn[row, col] - middle_dn
-            m[0] += 1.0
-            m[1] += across
-            m[2] += along
-            m[3] += level
-            m[4] += across * across
-            m[5] += across * along
-            m[6] += along * along
-            m[7] += across * level
-            m[8] += along * level
-            m[9] += level * level
+            for j in range(_TERMS + 1):
+                for k in range(j + 1):
+                    m[j, k] += term[j] * term[k]
         row += _STRIDE_PX
     return sums
 
 
 @njit(cache=True, error_model="numpy")
-def _slope(m: FloatArray) -> tuple[float, float]:
-    """Slope of the level across the edge from the sums over a zone, and its standard error.
+def _zone(m: FloatArray) -> _Zone:
+    """Slope of the level across the edge from the products over a zone.
 
-    A plane is fitted: at the border of the image, a slope along the edge would otherwise leak in.
+    It is fitted beside a parabola along the edge: at the border of the image, and under vignetting,
+    what changes along the edge would otherwise leak in.
     """
-    n = m[0]
+    n = m[0, 0]
     if n < _ZONE_PIXELS:
-        return 0.0, 0.0
-    aa, at, tt = m[4] - m[1] * m[1] / n, m[5] - m[1] * m[2] / n, m[6] - m[2] * m[2] / n
-    av, tv, vv = m[7] - m[1] * m[3] / n, m[8] - m[2] * m[3] / n, m[9] - m[3] * m[3] / n
-    determinant = aa * tt - at * at
-    if not determinant > 0:
-        return 0.0, 0.0
-    across = (tt * av - at * tv) / determinant
-    along = (aa * tv - at * av) / determinant
-    variance = max(vv - across * av - along * tv, 0.0) / (n - 3)
-    return across, sqrt(variance * tt / determinant)
+        return _Zone(0.0, 0.0, 0.0, 0.0, 0.0)
+    matrix, right = np.empty((_TERMS, _TERMS)), np.empty(_TERMS)
+    for j in range(_TERMS):
+        right[j] = m[_TERMS, j]
+        for k in range(j + 1):
+            matrix[j, k] = matrix[k, j] = m[j, k]
+        matrix[j, j] *= 1 + _RIDGE
+    inverse = np.linalg.inv(matrix)
+    found = inverse @ right
+    variance = max(m[_TERMS, _TERMS] - np.dot(found, right), 0.0) / (n - _TERMS)
+    across_error = sqrt(variance * max(inverse[1, 1], 0.0))
+    along_error = sqrt(variance * max(inverse[3, 3], 0.0))
+    return _Zone(found[1], across_error, m[1, 0] / n, found[3], along_error)

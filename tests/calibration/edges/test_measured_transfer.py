@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.edges.esfr import mean_transfer
+from calibration.edges.axis_transfer import mean_transfer
 from calibration.edges.measurement import EdgeImage
 from calibration.errors import PsfFileError
 from calibration.psf.calibration import calibrate_psf

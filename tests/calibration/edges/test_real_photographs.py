@@ -8,7 +8,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from calibration.edges.esfr import gaussian_mtf50
+from calibration.edges.gaussian_mtf import gaussian_mtf50
 from calibration.edges.measurement import EdgeImage, Method, measure_edges
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.document import PsfCalibration
