@@ -11,10 +11,10 @@ from math import asinh
 
 import numpy as np
 
+from calibration.edge_search import EdgeSegment, band_half_width
 from calibration.edges.fit import EdgeFit
 from calibration.edges.model import edge_profile
 from calibration.edges.samples import EdgeSamples
-from calibration.edges.segments import EdgeSegment, band_half_width
 from calibration.edges.shading import shading_levels, slopes_across
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray, IntArray

@@ -9,6 +9,7 @@ from math import cos, exp, sin, sqrt
 
 import numpy as np
 
+from calibration.edge_search import EdgeSegment
 from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
 from calibration.edges.model import (
     CURVATURE,
@@ -20,7 +21,6 @@ from calibration.edges.model import (
     TURN,
 )
 from calibration.edges.residuals import profile_flags
-from calibration.edges.segments import EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from calibration.edge_search import EdgeSegment, band_half_width, find_edges
 from calibration.edges.binned import BinnedEdge, bin_edge, without_shading
-from calibration.edges.detection import find_edges
 from calibration.edges.esfr import (
     EdgeSfr,
     esfr_half_width_px,
@@ -22,7 +22,6 @@ from calibration.edges.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
-from calibration.edges.segments import EdgeSegment, band_half_width
 from calibration.noise import LevelNoise
 from simulation.arrays import BoolArray, FloatArray
 

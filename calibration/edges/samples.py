@@ -5,9 +5,9 @@ from math import cos, pi, sin, sqrt
 
 import numpy as np
 
+from calibration.edge_search import EdgeLine, EdgeSegment, band_pixels
 from calibration.edges.fit import EdgeFit
 from calibration.edges.model import edge_profile
-from calibration.edges.segments import EdgeLine, EdgeSegment, band_pixels
 from simulation.arrays import FloatArray
 
 _ROUGHNESS_PIECE_PX = 4.0

@@ -11,7 +11,7 @@ from math import ceil, erf, exp, floor, pi, sqrt
 import numpy as np
 from numba import njit
 
-from calibration.edges.segments import EdgeLine
+from calibration.edge_search import EdgeLine
 from simulation.arrays import FloatArray
 
 _ZONE_PX = 16.0  # width of either zone beyond the fitted band

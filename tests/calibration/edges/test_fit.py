@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
-from calibration.edges.detection import find_edges
+from calibration.edge_search.detection import find_edges
 from calibration.edges.fit import EdgeFit, fit_edge
 from calibration.noise.noise_by_level import LevelNoise
 from simulation.arrays import FloatArray

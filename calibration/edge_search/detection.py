@@ -10,9 +10,9 @@ from math import cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
-from calibration.edges.gradient import SMOOTHING_PX, Gradient
-from calibration.edges.ridges import SHORTEST_REGION_PX, find_ridges, nearest_other, refined
-from calibration.edges.segments import EdgeSegment
+from calibration.edge_search.gradient import SMOOTHING_PX, Gradient
+from calibration.edge_search.ridges import SHORTEST_REGION_PX, find_ridges, nearest_other, refined
+from calibration.edge_search.segments import EdgeSegment
 from simulation.arrays import FloatArray
 
 _SHORTEST_EDGE_PX = 12.0

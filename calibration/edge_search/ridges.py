@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from calibration.edges.gradient import Gradient
-from calibration.edges.segments import EdgeLine
+from calibration.edge_search.gradient import Gradient
+from calibration.edge_search.segments import EdgeLine
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 SHORTEST_REGION_PX = 8
