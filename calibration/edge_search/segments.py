@@ -9,6 +9,13 @@ from numba import njit
 
 from simulation.arrays import FloatArray
 
+SHORTEST_PX = 6.0
+"""Least length of what is fitted: down to it the widths of squares' sides are within their errors,
+up to an SNR of 1000; below, the corners at both ends add more than that."""
+
+_CORNER_SIGMAS, _CORNER_EXTRA_PX = 2.5, 0.5  # at a corner, contrast is 0.6 % short there
+_ROUNDED_PX = 3.0  # by which a ridge ends before a corner, at most
+_SHORTEST_FOUND_PX = 16.0  # a side whose ridge is long enough to have a direction
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 3.0
 
@@ -75,6 +82,18 @@ class EdgeSegment:
             )
             for t in offsets_px
         ]
+
+
+@njit(cache=True)
+def corner_reach(sigma_px: float) -> float:
+    """How far an edge of this total width reaches beside its line and beyond its end, in px."""
+    return _CORNER_SIGMAS * sigma_px + _CORNER_EXTRA_PX
+
+
+def least_side_px(sigma_px: float) -> float:
+    """Shortest edge between two corners that can be measured where the total width is this."""
+    ends_px = 2 * (corner_reach(sigma_px) + _ROUNDED_PX)
+    return max(SHORTEST_PX + ends_px, _SHORTEST_FOUND_PX)
 
 
 @njit(cache=True)

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 
 from calibration.choices import Pattern
+from calibration.edge_search import least_side_px
 from calibration.edges import (
     PITCH_PX,
     REJECTING_FLAGS,
@@ -233,7 +235,7 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
     return None if axis is None else axis.value
 
 
-def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
+def _no_edge(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
     """Build the error that says why no edge of these photographs is usable, and the remedy."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
@@ -243,7 +245,7 @@ def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
     flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
         "saturated": "shorten the exposure",
-        "too_short": "photograph an edge at least 20 px long",
+        "too_short": f"photograph an edge at least {_least_side_px(edges, pitch_px)} px long",
         "too_noisy": "add light or average more frames",
     }
     reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in sorted(flags))
@@ -253,6 +255,13 @@ def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
         found=len(edges),
         flags=flags,
     )
+
+
+def _least_side_px(edges: list[EdgeMeasurement], pitch_px: int) -> int:
+    """Length of a side that can be measured at the width of the edges that are too short."""
+    widths = [edge.sigma_px for edge in edges if "too_short" in edge.flags]
+    width = float(np.median(widths)) if widths else 0.0
+    return ceil(pitch_px * least_side_px(width / pitch_px))
 
 
 COLOURS = ("red", "green", "blue")
@@ -311,7 +320,7 @@ def calibrate_mosaic(
             edges[place.colour].extend(measure_edges(plane, chosen, method))
         progress(done)
     if not any(edge.is_used for edge in edges[channel]):
-        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel])
+        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
     frame = frames.pop() if len(frames) == 1 else None
     channels = {
         colour: psf_of_edges(found, method, frame if colour == channel else None)
