@@ -9,6 +9,7 @@ from .segments import (
     least_side_px as least_side_px,
     side_level as side_level,
 )
+from .target import beside_target as beside_target
 
 __all__ = [
     "SHORTEST_PX",
@@ -17,6 +18,7 @@ __all__ = [
     "EdgeSegment",
     "band_half_width",
     "band_pixels",
+    "beside_target",
     "find_edges",
     "least_side_px",
     "side_level",

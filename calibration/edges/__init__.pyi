@@ -26,6 +26,7 @@ from .model import edge_profile as edge_profile
 from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places as plane_places
 from .orientation import Orientation as Orientation, orientation_of as orientation_of
 from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
+from .selection import EdgeSelection as EdgeSelection, told_apart as told_apart
 
 __all__ = [
     "PITCH_PX",
@@ -37,6 +38,7 @@ __all__ = [
     "EdgeImage",
     "EdgeMeasurement",
     "EdgeSamples",
+    "EdgeSelection",
     "MeasuredTransfer",
     "Method",
     "Orientation",
@@ -55,4 +57,5 @@ __all__ = [
     "orientation_of",
     "pixel_mtf50",
     "plane_places",
+    "told_apart",
 ]

@@ -27,7 +27,7 @@ from simulation.arrays import BoolArray, FloatArray
 
 Method = Literal["all-angles", "paper"]
 
-REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
+REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy", "beside_target"})
 """Flags that exclude an edge; the others are only remarks."""
 
 
@@ -104,8 +104,8 @@ class EdgeMeasurement(BaseModel):
     ``optical_sigma_px`` where the edge is as sharp as the pixel square alone. MTF50 is the
     frequency of half contrast across the edge: of the fitted Gaussian with its pixel, or with
     the prefix ``esfr_`` without a model of the PSF. ``contrast`` is Michelson's of the two
-    levels, ``clipped_fraction`` of the pixels of the fit. ``esfr`` and ``binned`` are not kept in
-    a file.
+    levels, ``clipped_fraction`` of the pixels of the fit. ``levels_dn`` (dark, bright), ``esfr``
+    and ``binned`` are not kept in a file.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
@@ -132,6 +132,7 @@ class EdgeMeasurement(BaseModel):
     clipped_fraction: float | None = None
     chi2_reduced: float | None
     flags: tuple[str, ...]
+    levels_dn: tuple[float, float] | None = Field(default=None, exclude=True, repr=False)
     esfr: EdgeSfr | None = Field(default=None, exclude=True, repr=False)
     binned: BinnedEdge | None = Field(default=None, exclude=True, repr=False)
 
@@ -268,6 +269,7 @@ def _measurement(
         clipped_fraction=clipped_fraction,
         chi2_reduced=fit.chi2_reduced,
         flags=_flags(source, fit, clipped_fraction),
+        levels_dn=(fit.low_dn, fit.high_dn),
         esfr=esfr,
     )
 

@@ -13,13 +13,12 @@ from calibration.edges import (
     REJECTING_FLAGS,
     EdgeImage,
     EdgeMeasurement,
+    EdgeSelection,
     MeasuredTransfer,
     Method,
     Orientation,
     PlanePlace,
-    Region,
     mean_transfer,
-    measure_edges,
     plane_places,
 )
 from calibration.errors import NoEdgeError
@@ -36,6 +35,7 @@ from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_tr
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from simulation.arrays import FloatArray
 
+_TARGET = EdgeSelection()
 _TRUSTED = 0.5  # robust weight from which an edge counts
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
@@ -45,7 +45,7 @@ def calibrate_psf(
     sources: Iterable[EdgeImage],
     *,
     method: Method = "all-angles",
-    region: Callable[[EdgeImage], Region | None] = lambda _: None,
+    selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
     """Measure the PSF from photographs of straight edges.
@@ -57,8 +57,8 @@ def calibrate_psf(
     method
         ``paper`` is the method of the paper: Gaussians are fitted to binned line spread functions,
         and their medians taken over vertical and horizontal edges.
-    region
-        Returns the part of a photograph to use, None for all of it.
+    selection
+        Which edges count; by default those of the target, wherever they are.
     progress
         Called with the number of photographs done.
 
@@ -73,7 +73,7 @@ def calibrate_psf(
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
         frames.add(source.frame)
-        edges.extend(measure_edges(source, region(source), method))
+        edges.extend(selection.measured_in(source, method))
         progress(done)
     used = [edge for edge in edges if edge.is_used]
     if not used:
@@ -244,6 +244,7 @@ def _no_edge(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) 
         )
     flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
+        "beside_target": "photograph the target alone, or use --target all",
         "saturated": "shorten the exposure",
         "too_short": f"photograph an edge at least {_least_side_px(edges, pitch_px)} px long",
         "too_noisy": "add light or average more frames",
@@ -287,7 +288,7 @@ def calibrate_mosaic(
     channel: str = "green",
     *,
     method: Method = "all-angles",
-    region: Callable[[EdgeImage], Region | None] = lambda _: None,
+    selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
     """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
@@ -300,7 +301,7 @@ def calibrate_mosaic(
         Bayer pattern of the mosaic.
     channel
         The colour whose values are returned; the others are in ``channels``.
-    method, region, progress
+    method, selection, progress
         As in ``calibrate_psf``.
 
     Raises
@@ -314,10 +315,9 @@ def calibrate_mosaic(
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
         frames.add(source.frame)
-        chosen = region(source)
         for place in plane_places(pattern):
             plane = plane_source(source, place)
-            edges[place.colour].extend(measure_edges(plane, chosen, method))
+            edges[place.colour].extend(selection.measured_in(plane, method))
         progress(done)
     if not any(edge.is_used for edge in edges[channel]):
         raise _no_edge([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
