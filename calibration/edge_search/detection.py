@@ -10,14 +10,9 @@ from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
 
-from calibration.edge_search.gradient import SMOOTHING_PX, Gradient
-from calibration.edge_search.ridges import (
-    SHORTEST_REGION_PX,
-    clear_stretches,
-    find_ridges,
-    nearest_others,
-    refined,
-)
+from calibration.edge_search.clearance import clear_stretches, nearest_others
+from calibration.edge_search.gradient import SMOOTHING_PX, Gradient, RidgePixels
+from calibration.edge_search.ridges import SHORTEST_REGION_PX, find_ridges, refined
 from calibration.edge_search.segments import (
     SHORTEST_PX,
     EdgeSegment,
@@ -51,9 +46,9 @@ def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeS
         From top to bottom; empty where there is none.
     """
     rows, cols = image_dn.shape
-    if min(rows, cols) < SHORTEST_REGION_PX or not np.ptp(image_dn) > 0:
+    gradient = Gradient.of(image_dn) if min(rows, cols) >= SHORTEST_REGION_PX else None
+    if gradient is None:
         return []
-    gradient = Gradient.of(image_dn)
     ridges = find_ridges(gradient, image_dn)
     lines = [
         EdgeSegment(
@@ -70,7 +65,7 @@ def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeS
     for line in _joined(lines):
         if line.found_length_px < _SHORTEST_EDGE_PX:
             continue
-        trimmed = _trimmed(_sized(gradient, line), rows, cols)
+        trimmed = _trimmed(_sized(ridges.pixels, line), rows, cols)
         pieces.extend(_clear_pieces(trimmed, ridges.points, cell_px))
     return sorted(pieces, key=lambda e: (e.y_px, e.x_px))
 
@@ -144,9 +139,10 @@ def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
     )
 
 
-def _sized(gradient: Gradient, line: EdgeSegment) -> EdgeSegment:
-    """Refine the line on all gradient pixels near it, and guess the width of the edge."""
-    better, spread_px2 = refined(gradient.x, gradient.y, line.line)
+def _sized(pixels: RidgePixels, line: EdgeSegment) -> EdgeSegment:
+    """Refine the line on the gradient across it, and guess the width of the edge."""
+    gradient = pixels.x, pixels.y, pixels.moments
+    better, spread_px2 = refined(pixels.rows, pixels.cols, gradient, line.line)
     if spread_px2 < 0:
         return line
     # The squared gradient of a Gaussian edge is a Gaussian of half its variance.

@@ -196,7 +196,7 @@ def measure_edges(
             continue
         band = band_half_width(fit.sigma_px)
         samples = edge_samples(image, segment, fit, band)
-        if not _is_seen(fit, samples):
+        if not (_is_seen(fit, samples) or _is_at_border(fit, image.shape, band)):
             continue
         widened = lsf_fit(samples, fit) if method == "paper" else fit
         if widened is None:
@@ -237,6 +237,12 @@ def _is_seen(fit: EdgeFit, samples: EdgeSamples) -> bool:
     darkest, brightest = samples.levels_dn.min(), samples.levels_dn.max()
     low_dn, high_dn = sorted((fit.low_dn, fit.high_dn))
     return bool(low_dn >= darkest - margin_dn and high_dn <= brightest + margin_dn)
+
+
+def _is_at_border(fit: EdgeFit, shape: tuple[int, ...], half_width_px: float) -> bool:
+    """Whether the frame cuts the band along the edge: a level may lie outside."""
+    rows, cols = shape
+    return min(fit.x_px, fit.y_px, cols - 1 - fit.x_px, rows - 1 - fit.y_px) < half_width_px
 
 
 def _picked(
