@@ -180,9 +180,17 @@ def _clear_pieces(line: EdgeSegment, ridge_points: FloatArray, cell_px: float) -
     """
     widest = band_half_width(line.sigma_px)
     narrowest = _NARROWEST_SIGMAS * line.sigma_px + _NARROWEST_EXTRA_PX
+    nearest, tail = _nearest(line, ridge_points), corner_reach(line.sigma_px)
+    if nearest.min() >= widest + tail:
+        pieces = line.pieces(cell_px)
+        parts = np.array_split(nearest, len(pieces)) if len(pieces) > 1 else [nearest]
+        return [
+            replace(piece, clearance_px=float(part.min()) - tail)
+            for piece, part in zip(pieces, parts, strict=True)
+        ]
     return [
         _widened(piece, ridge_points, (widest, 0.5 * (widest + narrowest)))
-        for stretch in _clear_stretches(line, _nearest(line, ridge_points), narrowest)
+        for stretch in _clear_stretches(line, nearest, narrowest)
         for piece in stretch.pieces(cell_px)
     ]
 

@@ -69,6 +69,8 @@ class EdgeSegment:
     def pieces(self, longest_px: float) -> list["EdgeSegment"]:
         """Cut into equal pieces of about ``longest_px``, at least one."""
         count = max(1, round(self.length_px / longest_px))
+        if count == 1:
+            return [self]
         length = self.length_px / count
         along_x, along_y = -np.sin(self.normal_rad), np.cos(self.normal_rad)
         offsets_px = (np.arange(count) - (count - 1) / 2) * length
@@ -78,7 +80,7 @@ class EdgeSegment:
                 x_px=float(self.x_px + t * along_x),
                 y_px=float(self.y_px + t * along_y),
                 length_px=length,
-                found_length_px=self.found_length_px if count == 1 else length,
+                found_length_px=length,
             )
             for t in offsets_px
         ]
