@@ -16,14 +16,14 @@ from scipy.special import ndtr
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
-from calibration.edges import (
+from calibration.edge_search import (
     EdgeSegment,
     band_half_width,
     band_pixels,
     find_edges,
-    fit_edge,
     side_level,
 )
+from calibration.edges import fit_edge
 from simulation.arrays import FloatArray
 
 SIGMAS_PX = (0.5, 0.8, 1.5)

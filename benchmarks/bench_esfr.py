@@ -15,11 +15,11 @@ import numpy as np
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
+from calibration.edge_search import find_edges
 from calibration.edges import (
     EdgeSamples,
     edge_samples,
     esfr_half_width_px,
-    find_edges,
     fit_edge,
     gaussian_mtf50,
     measure_esfr,

@@ -4,6 +4,9 @@ from typing import Literal, get_args
 
 CalibrationMethod = Literal["all-angles", "paper", "single-image", "two-distance"]
 
+TargetChoice = Literal["auto", "all"]
+"""Whether edges of the scene beside a target are told from its own, or all edges count."""
+
 Channel = Literal["luma", "red", "green", "blue"]
 
 Pattern = Literal["RGGB", "GRBG", "GBRG", "BGGR"]

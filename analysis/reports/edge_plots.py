@@ -12,6 +12,7 @@ from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_
 from simulation.arrays import FloatArray, FloatImage
 
 REJECTED_COLOUR = "#CC79A7"
+SCENE_COLOUR = "#F0E442"
 _INK = "#1b1f24"
 
 _PROFILE_BAND_SIGMAS = 6.0
@@ -33,13 +34,16 @@ def plot_edges(
     labels = set()
     for edge in edges:
         is_rejected = bool(rejected & set(edge.flags))
-        label = "not used" if is_rejected else edge.orientation
+        label: str = "not used" if is_rejected else edge.orientation
+        colour = REJECTED_COLOUR if is_rejected else ORIENTATION_COLOURS[edge.orientation]
+        if "beside_target" in edge.flags:
+            label, colour = "beside the target", SCENE_COLOUR
         turn = np.deg2rad(edge.angle_deg)
         reach = 0.5 * edge.length_px * np.array([np.cos(turn), np.sin(turn)])
         axes.plot(
             [edge.x_px - reach[0], edge.x_px + reach[0]],
             [edge.y_px - reach[1], edge.y_px + reach[1]],
-            color=REJECTED_COLOUR if is_rejected else ORIENTATION_COLOURS[edge.orientation],
+            color=colour,
             linestyle="--" if is_rejected else "-",
             marker="|",
             linewidth=1.8,

@@ -1,4 +1,4 @@
-"""Find edges in photographs, fit them on the raw pixels, and measure their e-SFR."""
+"""Measure the edges of photographs: fits on the raw pixels, and their e-SFR."""
 
 import lazy_loader as lazy
 

@@ -8,7 +8,6 @@ from .binned import (
     bin_centres_px as bin_centres_px,
     bin_edge as bin_edge,
 )
-from .detection import find_edges as find_edges
 from .esfr import (
     SFR_FREQ_CY_PER_PX as SFR_FREQ_CY_PER_PX,
     EdgeSfr as EdgeSfr,
@@ -29,12 +28,7 @@ from .model import edge_profile as edge_profile
 from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places as plane_places
 from .orientation import Orientation as Orientation, orientation_of as orientation_of
 from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
-from .segments import (
-    EdgeSegment as EdgeSegment,
-    band_half_width as band_half_width,
-    band_pixels as band_pixels,
-    side_level as side_level,
-)
+from .selection import EdgeSelection as EdgeSelection, told_apart as told_apart
 
 __all__ = [
     "PITCH_PX",
@@ -46,21 +40,18 @@ __all__ = [
     "EdgeImage",
     "EdgeMeasurement",
     "EdgeSamples",
-    "EdgeSegment",
+    "EdgeSelection",
     "EdgeSfr",
     "MeasuredTransfer",
     "Method",
     "Orientation",
     "PlanePlace",
     "Region",
-    "band_half_width",
-    "band_pixels",
     "bin_centres_px",
     "bin_edge",
     "edge_profile",
     "edge_samples",
     "esfr_half_width_px",
-    "find_edges",
     "fit_edge",
     "gaussian_mtf50",
     "mean_transfer",
@@ -69,5 +60,5 @@ __all__ = [
     "orientation_of",
     "pixel_mtf50",
     "plane_places",
-    "side_level",
+    "told_apart",
 ]

@@ -9,6 +9,7 @@ from math import cos, exp, sin, sqrt
 
 import numpy as np
 
+from calibration.edge_search import SHORTEST_PX, EdgeSegment
 from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
 from calibration.edges.model import (
     CURVATURE,
@@ -20,11 +21,9 @@ from calibration.edges.model import (
     TURN,
 )
 from calibration.edges.residuals import profile_flags
-from calibration.edges.segments import EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 
-SHORTEST_PX = 20.0
 NOISIEST_SNR = 3.0
 SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
 SHARPEST_PX = 0.06  # optical widths below this look like a perfect lens

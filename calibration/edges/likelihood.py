@@ -13,6 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from calibration.edge_search import (
+    BandPixels,
+    EdgeLine,
+    band_half_width,
+    band_pixels,
+    side_level,
+)
 from calibration.edges.model import (
     FLAT_PARAMETERS,
     HIGH,
@@ -30,13 +37,6 @@ from calibration.edges.residuals import (
     noise_part,
     outlier_weights,
     profile_figures,
-)
-from calibration.edges.segments import (
-    BandPixels,
-    EdgeLine,
-    band_half_width,
-    band_pixels,
-    side_level,
 )
 from calibration.edges.shading import is_even, shading_levels, slopes_across
 from calibration.robust import robust_sigma

@@ -8,24 +8,30 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from calibration.edge_search import EdgeSegment, band_half_width, find_edges
 from calibration.edges.binned import BinnedEdge, bin_edge
-from calibration.edges.detection import find_edges
 from calibration.edges.esfr import EdgeSfr, esfr_half_width_px, measure_esfr, why_undersampled
 from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
 from calibration.edges.mosaic import in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
-from calibration.edges.samples import edge_samples, roughness_px, share_within, without_shading
-from calibration.edges.segments import EdgeSegment, band_half_width
+from calibration.edges.samples import (
+    EdgeSamples,
+    edge_samples,
+    roughness_px,
+    share_within,
+    without_shading,
+)
 from calibration.noise import LevelNoise
 from simulation.arrays import BoolArray, FloatArray
 
 Method = Literal["all-angles", "paper"]
 
-REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy"})
+REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy", "beside_target"})
 """Flags that exclude an edge; the others are only remarks."""
 
+_UNSEEN_MOST = 0.05  # of the contrast: in the narrowest band, 2 sigma + 1 px, 2.3 % are not seen
 _SIGMA_STEP = 1e-4  # relative
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
@@ -112,8 +118,8 @@ class EdgeMeasurement(BaseModel):
     frequency of half contrast across the edge: of the fitted Gaussian with its pixel, or with
     the prefix ``esfr_`` whatever the PSF's shape; ``esfr_missing`` says why that is None. The flag
     ``esfr_differs`` says that the two contradict each other. ``contrast`` is Michelson's of the two
-    levels, ``clipped_fraction`` of the pixels of the fit. ``esfr`` and ``binned`` are not kept in
-    a file.
+    levels, ``clipped_fraction`` of the pixels of the fit. ``levels_dn`` (dark, bright),
+    ``esfr`` and ``binned`` are not kept in a file.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
@@ -142,6 +148,7 @@ class EdgeMeasurement(BaseModel):
     clipped_fraction: float | None = None
     chi2_reduced: float | None
     flags: tuple[str, ...]
+    levels_dn: tuple[float, float] | None = Field(default=None, exclude=True, repr=False)
     esfr: EdgeSfr | None = Field(default=None, exclude=True, repr=False)
     binned: BinnedEdge | None = Field(default=None, exclude=True, repr=False)
 
@@ -212,11 +219,13 @@ def _measured_edge(
     fit = None if found is None else _determined(found)
     if fit is None:
         return None
+    near_px = band_half_width(fit.sigma_px)
     samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
+    if not (_is_seen(fit, samples) or _is_at_border(fit, image.shape, near_px)):
+        return None
     on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
     binned = bin_edge(without_shading(samples, image, segment, fit), on_sensor, source.pitch_px)
     contrast = _Contrast.of(binned)
-    near_px = band_half_width(fit.sigma_px)
     if source.clipped is not None:
         share = share_within(source.clipped, segment, fit, near_px)
         fit = replace(fit, clipped_fraction=share)
@@ -240,6 +249,20 @@ def _determined(fit: EdgeFit) -> EdgeFit | None:
     if optical is None or err is None or err < optical:
         return fit
     return replace(fit, optical_sigma_px=None, optical_sigma_err_px=None)
+
+
+def _is_seen(fit: EdgeFit, samples: EdgeSamples) -> bool:
+    """Whether there are pixels of both levels of the edge: a slope alone has none."""
+    margin_dn = _UNSEEN_MOST * abs(fit.high_dn - fit.low_dn)
+    darkest, brightest = samples.levels_dn.min(), samples.levels_dn.max()
+    low_dn, high_dn = sorted((fit.low_dn, fit.high_dn))
+    return bool(low_dn >= darkest - margin_dn and high_dn <= brightest + margin_dn)
+
+
+def _is_at_border(fit: EdgeFit, shape: tuple[int, ...], half_width_px: float) -> bool:
+    """Whether the frame cuts the band along the edge: a level may lie outside."""
+    rows, cols = shape
+    return min(fit.x_px, fit.y_px, cols - 1 - fit.x_px, rows - 1 - fit.y_px) < half_width_px
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -295,6 +318,7 @@ def _measurement(
         clipped_fraction=fit.clipped_fraction,
         chi2_reduced=fit.chi2_reduced,
         flags=_flags(source, fit, _differs(esfr, mtf50, mtf50_err)),
+        levels_dn=(fit.low_dn, fit.high_dn),
         esfr=esfr,
         binned=binned,
     )

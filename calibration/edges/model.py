@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 from scipy.special import ndtr
 
-from calibration.edges.segments import BandPixels
+from calibration.edge_search import BandPixels
 from simulation.arrays import FloatArray
 
 # Indices into the parameter vector. Lengths are in units of the half length h of the edge, so

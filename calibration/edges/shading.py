@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.segments import EdgeLine
+from calibration.edge_search import EdgeLine
 from simulation.arrays import FloatArray
 
 _ZONE_PX = 16.0  # width of either zone beyond the fitted band

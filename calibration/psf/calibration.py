@@ -2,22 +2,23 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 
 from calibration.choices import Pattern
+from calibration.edge_search import least_side_px
 from calibration.edges import (
     PITCH_PX,
     REJECTING_FLAGS,
     EdgeImage,
     EdgeMeasurement,
+    EdgeSelection,
     MeasuredTransfer,
     Method,
     Orientation,
     PlanePlace,
-    Region,
     mean_transfer,
-    measure_edges,
     plane_places,
 )
 from calibration.errors import NoEdgeError
@@ -34,6 +35,7 @@ from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_tr
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from simulation.arrays import FloatArray
 
+_TARGET = EdgeSelection()
 _TRUSTED = 0.5  # robust weight from which an edge counts
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
@@ -43,7 +45,7 @@ def calibrate_psf(
     sources: Iterable[EdgeImage],
     *,
     method: Method = "all-angles",
-    region: Callable[[EdgeImage], Region | None] = lambda _: None,
+    selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
     """Measure the PSF from photographs of straight edges.
@@ -55,8 +57,8 @@ def calibrate_psf(
     method
         ``paper`` is the method of the paper: Gaussians are fitted to binned line spread functions,
         and their medians taken over vertical and horizontal edges.
-    region
-        Returns the part of a photograph to use, None for all of it.
+    selection
+        Which edges count; by default those of the target, wherever they are.
     progress
         Called with the number of photographs done.
 
@@ -71,7 +73,7 @@ def calibrate_psf(
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
         frames.add(source.frame)
-        edges.extend(measure_edges(source, region(source), method))
+        edges.extend(selection.measured_in(source, method))
         progress(done)
     used = [edge for edge in edges if edge.is_used]
     if not used:
@@ -233,7 +235,7 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
     return None if axis is None else axis.value
 
 
-def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
+def _no_edge(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
     """Build the error that says why no edge of these photographs is usable, and the remedy."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
@@ -242,8 +244,9 @@ def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
         )
     flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
+        "beside_target": "photograph the target alone, or use --target all",
         "saturated": "shorten the exposure",
-        "too_short": "photograph an edge at least 20 px long",
+        "too_short": f"photograph an edge at least {_least_side_px(edges, pitch_px)} px long",
         "too_noisy": "add light or average more frames",
     }
     reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in sorted(flags))
@@ -253,6 +256,13 @@ def _no_edge(names: list[str], edges: list[EdgeMeasurement]) -> NoEdgeError:
         found=len(edges),
         flags=flags,
     )
+
+
+def _least_side_px(edges: list[EdgeMeasurement], pitch_px: int) -> int:
+    """Length of a side that can be measured at the width of the edges that are too short."""
+    widths = [edge.sigma_px for edge in edges if "too_short" in edge.flags]
+    width = float(np.median(widths)) if widths else 0.0
+    return ceil(pitch_px * least_side_px(width / pitch_px))
 
 
 COLOURS = ("red", "green", "blue")
@@ -278,7 +288,7 @@ def calibrate_mosaic(
     channel: str = "green",
     *,
     method: Method = "all-angles",
-    region: Callable[[EdgeImage], Region | None] = lambda _: None,
+    selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
     """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
@@ -291,7 +301,7 @@ def calibrate_mosaic(
         Bayer pattern of the mosaic.
     channel
         The colour whose values are returned; the others are in ``channels``.
-    method, region, progress
+    method, selection, progress
         As in ``calibrate_psf``.
 
     Raises
@@ -305,13 +315,12 @@ def calibrate_mosaic(
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
         frames.add(source.frame)
-        chosen = region(source)
         for place in plane_places(pattern):
             plane = plane_source(source, place)
-            edges[place.colour].extend(measure_edges(plane, chosen, method))
+            edges[place.colour].extend(selection.measured_in(plane, method))
         progress(done)
     if not any(edge.is_used for edge in edges[channel]):
-        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel])
+        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
     frame = frames.pop() if len(frames) == 1 else None
     channels = {
         colour: psf_of_edges(found, method, frame if colour == channel else None)

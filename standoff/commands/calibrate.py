@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibration.choices import CalibrationMethod, Channel, Pattern
+from calibration.choices import CalibrationMethod, Channel, Pattern, TargetChoice
 from standoff.terminal import (
     EncodingName,
     Json,
@@ -47,7 +47,7 @@ _RULES = (
     excludes("noise", "bayer", "srgb", because=_LINEAR),
     excludes("correct", "bayer", "srgb", because=_LINEAR),
     needs("zoom", Option("method", ("two-distance",))),
-    *(needs(option, _WITH_AN_EDGE_TARGET) for option in ("report", "bayer", "csv")),
+    *(needs(option, _WITH_AN_EDGE_TARGET) for option in ("report", "bayer", "csv", "target")),
 )
 
 
@@ -86,6 +86,13 @@ def calibrate(
             callback=_spelt,
         ),
     ] = None,
+    target: Annotated[
+        TargetChoice,
+        typer.Option(
+            help="Whether edges of the scene beside an edge target are left out (auto), or all "
+            "edges count."
+        ),
+    ] = "auto",
     encoding: EncodingName = "auto",
     srgb: ShortEncoding = None,
     page: Page = None,
@@ -156,6 +163,7 @@ def calibrate(
             method=method,
             region=rule,
             zoom=zoom,
+            target=target,
         )
     )
     made = inputs.provenance(command_line())

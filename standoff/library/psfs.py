@@ -5,8 +5,10 @@ from os import PathLike
 from pathlib import Path
 
 from acquisition import Session as Session
+from calibration.choices import TargetChoice
 from calibration.edges import (
     EdgeMeasurement,
+    EdgeSelection,
     Method,
     Region,
     measure_edges as measured_edges,
@@ -29,6 +31,7 @@ def calibrate_psf(
     *,
     method: Method = "all-angles",
     region: Region | None = None,
+    target: TargetChoice = "auto",
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
     """Measure the camera's PSF from photographs of straight edges.
@@ -43,6 +46,9 @@ def calibrate_psf(
         vertical and horizontal edges.
     region
         Part of each photograph to use; None for all of it.
+    target
+        With ``auto``, edges of the scene beside a target do not count, and are flagged
+        ``beside_target``; with ``all``, every edge counts.
     progress
         Called with the number of photographs done.
 
@@ -58,11 +64,12 @@ def calibrate_psf(
     NoEdgeError
         If no edge is found, or none is usable; the message says why.
     """
+    selection = EdgeSelection(region=lambda _: region, target=target)
     if isinstance(images, Session):
         inputs = Inputs()
         inputs.add_session(images)
         found = psf_of_images(
-            edge_images(images), method=method, region=lambda _: region, progress=progress
+            edge_images(images), method=method, selection=selection, progress=progress
         )
         return _with_provenance(found, inputs)
     inputs = Inputs()
@@ -73,10 +80,10 @@ def calibrate_psf(
         for number, image in enumerate(listed)
     )
     if pattern is None:
-        found = psf_of_images(sources, method=method, region=lambda _: region, progress=progress)
+        found = psf_of_images(sources, method=method, selection=selection, progress=progress)
     else:
         found = calibrate_mosaic(
-            sources, pattern, method=method, region=lambda _: region, progress=progress
+            sources, pattern, method=method, selection=selection, progress=progress
         )
     return _with_provenance(found, inputs)
 

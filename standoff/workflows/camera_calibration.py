@@ -6,8 +6,8 @@ from pathlib import Path
 
 from acquisition.session import Session
 from calibration.blind import calibrate_from_distances, calibrate_from_scene
-from calibration.choices import CalibrationMethod
-from calibration.edges import EdgeImage, Region
+from calibration.choices import CalibrationMethod, TargetChoice
+from calibration.edges import EdgeImage, EdgeSelection, Region
 from calibration.errors import CalibrationError
 from calibration.psf import (
     PsfCalibration,
@@ -33,7 +33,8 @@ class CalibrationRequest:
     """Photographs or a session, how to read them, and how to get the PSF from them.
 
     ``region`` returns the part of an image to use, None for all of it; ``zoom`` is the distance
-    ratio of two photographs, if it is known. ``inputs`` reads the photographs.
+    ratio of two photographs, if it is known; ``target`` whether the scene beside an edge target is
+    told from it. ``inputs`` reads the photographs.
     """
 
     images: tuple[Path, ...]
@@ -43,6 +44,7 @@ class CalibrationRequest:
     inputs: Inputs
     region: Callable[[EdgeImage], Region | None]
     zoom: float | None = None
+    target: TargetChoice = "auto"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,12 +97,13 @@ def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
         else from_session(_session(request), request.reading)
     )
     reading = sources.reading
+    selection = EdgeSelection(region=request.region, target=request.target)
     with progress_bar("measuring edges", sources.count) as bar:
         if reading.pattern is None:
             calibration = calibrate_psf(
                 sources.images,
                 method=request.method,
-                region=request.region,
+                selection=selection,
                 progress=bar.advance_to,
             )
         else:
@@ -109,7 +112,7 @@ def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
                 reading.pattern,
                 reading.channel,
                 method=request.method,
-                region=request.region,
+                selection=selection,
                 progress=bar.advance_to,
             )
     return CalibratedCamera(

@@ -9,7 +9,7 @@ from acquisition.bench import BenchConfig
 from acquisition.plan import CapturePlan
 from acquisition.session import Session
 from analysis.validation import Validation, ValidationSettings
-from calibration.edges import EdgeImage, Region
+from calibration.edges import EdgeImage, EdgeSelection, Region
 from calibration.files import read_psf, write_psf
 from calibration.psf import calibrate_psf, edge_images, edge_records
 from calibration.registration import DistortedPose
@@ -128,7 +128,11 @@ def _calibrate_centre(session: Session, path: Path) -> None:
         return Region.centre(*source.frame)
 
     with progress_bar("measuring edges", len(edge_records(session))) as bar:
-        calibration = calibrate_psf(edge_images(session), region=centre, progress=bar.advance_to)
+        calibration = calibrate_psf(
+            edge_images(session),
+            selection=EdgeSelection(region=centre),
+            progress=bar.advance_to,
+        )
     origin = replace(
         from_session(session, Reading()).origin,
         region="centre",

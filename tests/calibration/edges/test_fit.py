@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
-from calibration.edges.detection import find_edges
+from calibration.edge_search.detection import find_edges
 from calibration.edges.fit import EdgeFit, fit_edge
 from calibration.noise.noise_by_level import LevelNoise
 from simulation.arrays import FloatArray
@@ -199,9 +201,12 @@ class TestFlags:
             assert fit is not None
             assert ("too_noisy" in fit.flags) is expected
 
-    def test_an_edge_below_20_px_is_too_short(self) -> None:
-        for rows, expected in ((16, True), (30, False)):
-            fit = only_fit(edge_image(0.8, 2.0, shape=(rows, 60)))
+    def test_an_edge_of_which_less_than_6_px_can_be_fitted_is_too_short(self) -> None:
+        image = edge_image(0.8, 2.0)
+        [segment] = find_edges(image, cell_px=1000.0)
+        for length_px, expected in ((5.9, True), (6.1, False)):
+            fit = fit_edge(image, replace(segment, length_px=length_px))
+            assert fit is not None
             assert ("too_short" in fit.flags) is expected
 
 

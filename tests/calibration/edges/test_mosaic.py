@@ -8,10 +8,11 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
 from calibration.choices import PATTERNS, Pattern
-from calibration.edges.detection import find_edges
+from calibration.edge_search.detection import find_edges
 from calibration.edges.fit import fit_edge
 from calibration.edges.measurement import EdgeImage, Region
 from calibration.edges.mosaic import in_sensor_pixels, optical_of_total, plane_places
+from calibration.edges.selection import EdgeSelection
 from calibration.errors import NoEdgeError
 from calibration.psf.calibration import calibrate_mosaic
 from simulation.arrays import FloatArray
@@ -78,11 +79,11 @@ def test_places_lengths_and_frequencies_are_in_pixels_of_the_sensor() -> None:
 def test_a_region_is_given_in_pixels_of_the_sensor() -> None:
     whole = mosaic(5.0)
     upper = Region(x_px=0, y_px=0, width_px=220, height_px=80)
-    psf = calibrate_mosaic([whole], "GRBG", region=lambda _: upper)
+    psf = calibrate_mosaic([whole], "GRBG", selection=EdgeSelection(region=lambda _: upper))
     assert all(edge.y_px < 80 for edge in psf.edges)
     outside = Region(x_px=0, y_px=0, width_px=220, height_px=400)
     with pytest.raises(ValueError):
-        calibrate_mosaic([whole], "GRBG", region=lambda _: outside)
+        calibrate_mosaic([whole], "GRBG", selection=EdgeSelection(region=lambda _: outside))
 
 
 @pytest.mark.parametrize("normal_deg", [0.0, 12.0, 45.0, 100.0])

@@ -3,16 +3,20 @@
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
 
 from calibration.edges.gaussian_mtf import gaussian_mtf50
-from calibration.edges.measurement import EdgeImage, Method, measure_edges
+from calibration.edges.measurement import EdgeImage, EdgeMeasurement, Method, measure_edges
+from calibration.edges.selection import told_apart
+from calibration.noise.noise_by_level import LevelNoise
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.document import PsfCalibration
 from calibration.psf.linearise import luma_plane
+from simulation.arrays import FloatArray
 
 FOLDER = os.environ.get("STANDOFF_REAL_DATA")
 
@@ -72,3 +76,64 @@ def test_photographed_chessboards_give_their_widths_and_sixty_edges_each() -> No
     # Medians over all photographs by another program; single ones lie between 0.67 and 1.00.
     assert np.median(widths["vertical"]) == pytest.approx(0.85, rel=0.05)
     assert np.median(widths["horizontal"]) == pytest.approx(0.79, rel=0.05)
+
+
+LEAST_SIDE_PX = 22.0
+AT_LEAST_A_LEVEL = LevelNoise(offset_dn2=1.0, slope_dn=0.0, floor_dn2=1 / 12)
+
+
+def board_sides(image_dn: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Sides of 22 px or more between neighbouring inner corners, each from corner to corner."""
+    found, corners = cv2.findChessboardCorners(image_dn.astype(np.uint8), (9, 6))
+    assert found
+    grid = np.asarray(corners, dtype=np.float64).reshape(6, 9, 2)
+    pairs = [
+        (grid[row, col], grid[row + down, col + right])
+        for row in range(6)
+        for col in range(9)
+        for down, right in ((0, 1), (1, 0))
+        if row + down < 6 and col + right < 9
+    ]
+    return [(a, b) for a, b in pairs if np.hypot(*(b - a)) >= LEAST_SIDE_PX]
+
+
+def lies_on(edge: EdgeMeasurement, side: tuple[FloatArray, FloatArray]) -> bool:
+    """Whether the middle of the edge is within the side, 1.5 px from it at most, and parallel."""
+    first, last = side
+    length = float(np.hypot(*(last - first)))
+    along = (last - first) / length
+    dx, dy = np.array([edge.x_px, edge.y_px]) - first
+    turned = edge.angle_deg - np.rad2deg(np.arctan2(along[1], along[0]))
+    return bool(
+        0.1 * length < along[0] * dx + along[1] * dy < 0.9 * length
+        and abs(along[0] * dy - along[1] * dx) < 1.5
+        and abs((turned + 90.0) % 180.0 - 90.0) < 4.0
+    )
+
+
+def linear_from_srgb(levels: FloatArray) -> FloatArray:
+    """IEC 61966-2-1, from 0 to 255."""
+    v = levels / 255.0
+    return 255.0 * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_srgb", [False, True])
+def test_every_side_of_the_chessboards_is_measured_and_told_from_the_room(is_srgb: bool) -> None:
+    assert FOLDER is not None
+    count = measured = beside = 0
+    for path in sorted((Path(FOLDER) / "chessboards").glob("*.jpg")):
+        image = np.asarray(Image.open(path), dtype=np.float64)
+        sides = board_sides(image)
+        level = linear_from_srgb(image) if is_srgb else image
+        source = EdgeImage(name=path.name, image_dn=level, noise=AT_LEAST_A_LEVEL)
+        edges = told_apart(measure_edges(source))
+        on_board = [[edge for edge in edges if lies_on(edge, side)] for side in sides]
+        count += len(sides)
+        measured += sum(any(edge.is_used for edge in found) for found in on_board)
+        beside += sum("beside_target" in edge.flags for found in on_board for edge in found)
+        # The room has its own edges: a screen, a keyboard, the rim of the board.
+        assert sum("beside_target" in edge.flags for edge in edges) >= 20, path.name
+    assert count == 740  # of 8 x 93
+    assert measured >= 0.97 * count
+    assert beside == 0

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.edges.detection import find_edges
+from calibration.edge_search.detection import find_edges
 from calibration.edges.fit import fit_edge
 from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px

@@ -7,6 +7,7 @@ import pytest
 
 from calibration.edges.fit import EdgeFit, fit_edge
 from calibration.edges.measurement import EdgeImage, Region, measure_edges
+from calibration.edges.selection import EdgeSelection
 from calibration.errors import NoEdgeError
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.covariance import Estimate
@@ -80,7 +81,7 @@ def test_a_region_restricts_which_edges_count() -> None:
     beside_it = Region(x_px=90, y_px=10, width_px=60, height_px=70)
     assert len(measure_edges(source, on_it)) == 1
     assert measure_edges(source, beside_it) == []
-    psf = calibrate_psf([source], region=lambda _: on_it)
+    psf = calibrate_psf([source], selection=EdgeSelection(region=lambda _: on_it))
     assert psf.edges[0].length_px < 80
 
 

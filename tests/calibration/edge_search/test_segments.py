@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges.segments import (
+from calibration.edge_search.segments import (
     EdgeLine,
     EdgeSegment,
     band_half_width,

@@ -6,19 +6,27 @@ gradient; collinear pieces are joined; what is too near is kept out of the fit's
 """
 
 from dataclasses import replace
-from math import cos, hypot, pi, sin, sqrt
+from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
 
-from calibration.edges.gradient import SMOOTHING_PX, Gradient
-from calibration.edges.ridges import SHORTEST_REGION_PX, find_ridges, nearest_other, refined
-from calibration.edges.segments import EdgeSegment
+from calibration.edge_search.clearance import clear_stretches, nearest_others
+from calibration.edge_search.gradient import SMOOTHING_PX, Gradient, RidgePixels
+from calibration.edge_search.ridges import SHORTEST_REGION_PX, find_ridges, refined
+from calibration.edge_search.segments import (
+    SHORTEST_PX,
+    EdgeSegment,
+    band_half_width,
+    corner_reach,
+)
 from simulation.arrays import FloatArray
 
 _SHORTEST_EDGE_PX = 12.0
 _JOINED_OFFSET_PX = 1.5
 _JOINED_GAP_PX = 12.0
-_CORNER_SIGMAS = 2.5
+_NARROWEST_SIGMAS, _NARROWEST_EXTRA_PX = 2.0, 1.0  # half of a band that has both levels
+_MOST = 0.7  # of a piece's length: a wider band is worth the rest
+_BESIDE_PX = 60.0  # other edges farther away are not looked for
 _CELL_PX = 128.0
 
 
@@ -38,9 +46,9 @@ def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeS
         From top to bottom; empty where there is none.
     """
     rows, cols = image_dn.shape
-    if min(rows, cols) < SHORTEST_REGION_PX or not np.ptp(image_dn) > 0:
+    gradient = Gradient.of(image_dn) if min(rows, cols) >= SHORTEST_REGION_PX else None
+    if gradient is None:
         return []
-    gradient = Gradient.of(image_dn)
     ridges = find_ridges(gradient, image_dn)
     lines = [
         EdgeSegment(
@@ -57,10 +65,8 @@ def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeS
     for line in _joined(lines):
         if line.found_length_px < _SHORTEST_EDGE_PX:
             continue
-        for piece in _trimmed(_sized(gradient, line), rows, cols).pieces(cell_px):
-            clear = _with_clearance(piece, ridges.points)
-            if clear is not None:
-                pieces.append(clear)
+        trimmed = _trimmed(_sized(ridges.pixels, line), rows, cols)
+        pieces.extend(_clear_pieces(trimmed, ridges.points, cell_px))
     return sorted(pieces, key=lambda e: (e.y_px, e.x_px))
 
 
@@ -133,9 +139,10 @@ def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
     )
 
 
-def _sized(gradient: Gradient, line: EdgeSegment) -> EdgeSegment:
-    """Refine the line on all gradient pixels near it, and guess the width of the edge."""
-    better, spread_px2 = refined(gradient.x, gradient.y, line.line)
+def _sized(pixels: RidgePixels, line: EdgeSegment) -> EdgeSegment:
+    """Refine the line on the gradient across it, and guess the width of the edge."""
+    gradient = pixels.x, pixels.y, pixels.moments
+    better, spread_px2 = refined(pixels.rows, pixels.cols, gradient, line.line)
     if spread_px2 < 0:
         return line
     # The squared gradient of a Gaussian edge is a Gaussian of half its variance.
@@ -151,7 +158,7 @@ def _sized(gradient: Gradient, line: EdgeSegment) -> EdgeSegment:
 
 def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
     """Trim ends that are corners; an end at the border of the frame stays."""
-    corner = _CORNER_SIGMAS * line.sigma_px + 0.5
+    corner = corner_reach(line.sigma_px)
     first, last = _ends(line)
     cuts = []
     for x, y in (first, last):
@@ -166,12 +173,74 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
     )
 
 
-def _with_clearance(piece: EdgeSegment, ridge_points: FloatArray) -> EdgeSegment | None:
-    """Limit the fit's band to what no other edge reaches; None where nothing is left."""
-    own_px = max(2.5, 1.5 * piece.sigma_px)
-    reach_px = hypot(0.5 * piece.length_px, 40.0)
-    nearest = nearest_other(ridge_points, piece.line, own_px, reach_px)
-    clearance = nearest - 2.5 * piece.sigma_px - 0.5
-    if clearance < 2.0 * piece.sigma_px + 1.0:
-        return None
-    return replace(piece, clearance_px=clearance)
+def _clear_pieces(line: EdgeSegment, ridge_points: FloatArray, cell_px: float) -> list[EdgeSegment]:
+    """Pieces of an edge, each with the band about it that no other edge reaches.
+
+    The edge is interrupted where another one crosses it or leaves too narrow a band.
+    """
+    widest = band_half_width(line.sigma_px)
+    narrowest = _NARROWEST_SIGMAS * line.sigma_px + _NARROWEST_EXTRA_PX
+    nearest, tail = _nearest(line, ridge_points), corner_reach(line.sigma_px)
+    if nearest.min() >= widest + tail:
+        pieces = line.pieces(cell_px)
+        parts = np.array_split(nearest, len(pieces)) if len(pieces) > 1 else [nearest]
+        return [
+            replace(piece, clearance_px=float(part.min()) - tail)
+            for piece, part in zip(pieces, parts, strict=True)
+        ]
+    return [
+        _widened(piece, ridge_points, (widest, 0.5 * (widest + narrowest)))
+        for stretch in _clear_stretches(line, nearest, narrowest)
+        for piece in stretch.pieces(cell_px)
+    ]
+
+
+def _widened(
+    piece: EdgeSegment, ridge_points: FloatArray, half_widths_px: tuple[float, ...]
+) -> EdgeSegment:
+    """Most of the piece where that makes room for a wider band, else all of it."""
+    nearest = _nearest(piece, ridge_points)
+    for half_width in half_widths_px:
+        clear = _clear_stretches(piece, nearest, half_width)
+        longest = max(clear, key=lambda e: e.length_px, default=None)
+        if longest is not None and longest.length_px >= _MOST * piece.length_px:
+            return longest
+    return replace(piece, clearance_px=float(nearest.min()) - corner_reach(piece.sigma_px))
+
+
+def _nearest(line: EdgeSegment, ridge_points: FloatArray) -> FloatArray:
+    own_px = max(2.5, 1.5 * line.sigma_px)
+    return nearest_others(ridge_points, line.line, own_px, _BESIDE_PX)
+
+
+def _clear_stretches(
+    line: EdgeSegment, nearest: FloatArray, half_width_px: float
+) -> list[EdgeSegment]:
+    """Stretches of an edge that leave a band of this half width clear."""
+    tail = corner_reach(line.sigma_px)
+    step = line.length_px / len(nearest)
+    found = clear_stretches(nearest, half_width_px + tail, ceil(tail / step))
+    stretches = []
+    for first, last in found.tolist():
+        if last - first + 1 == len(nearest):
+            stretch = line
+        else:
+            middle = 0.5 * (first + last + 1 - len(nearest)) * step
+            length = (last - first + 1) * step
+            if length < SHORTEST_PX:
+                continue
+            stretch = _part(line, middle, length)
+        clearance = float(nearest[first : last + 1].min()) - tail
+        stretches.append(replace(stretch, clearance_px=clearance))
+    return stretches
+
+
+def _part(line: EdgeSegment, middle_px: float, length_px: float) -> EdgeSegment:
+    """The part of a line that is so long, about a position along it."""
+    return replace(
+        line,
+        x_px=line.x_px - middle_px * sin(line.normal_rad),
+        y_px=line.y_px + middle_px * cos(line.normal_rad),
+        length_px=length_px,
+        found_length_px=length_px,
+    )

@@ -9,6 +9,13 @@ from numba import njit
 
 from simulation.arrays import BoolArray, FloatArray
 
+SHORTEST_PX = 6.0
+"""Least length of what is fitted: down to it the widths of squares' sides are within their errors,
+up to an SNR of 1000; below, the corners at both ends add more than that."""
+
+_CORNER_SIGMAS, _CORNER_EXTRA_PX = 2.5, 0.5  # at a corner, contrast is 0.6 % short there
+_ROUNDED_PX = 3.0  # by which a ridge ends before a corner, at most
+_SHORTEST_FOUND_PX = 16.0  # a side whose ridge is long enough to have a direction
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 3.0
 
@@ -62,6 +69,8 @@ class EdgeSegment:
     def pieces(self, longest_px: float) -> list["EdgeSegment"]:
         """Cut into equal pieces of about ``longest_px``, at least one."""
         count = max(1, round(self.length_px / longest_px))
+        if count == 1:
+            return [self]
         length = self.length_px / count
         along_x, along_y = -np.sin(self.normal_rad), np.cos(self.normal_rad)
         offsets_px = (np.arange(count) - (count - 1) / 2) * length
@@ -71,10 +80,22 @@ class EdgeSegment:
                 x_px=float(self.x_px + t * along_x),
                 y_px=float(self.y_px + t * along_y),
                 length_px=length,
-                found_length_px=self.found_length_px if count == 1 else length,
+                found_length_px=length,
             )
             for t in offsets_px
         ]
+
+
+@njit(cache=True)
+def corner_reach(sigma_px: float) -> float:
+    """How far an edge of this total width reaches beside its line and beyond its end, in px."""
+    return _CORNER_SIGMAS * sigma_px + _CORNER_EXTRA_PX
+
+
+def least_side_px(sigma_px: float) -> float:
+    """Shortest edge between two corners that can be measured where the total width is this."""
+    ends_px = 2 * (corner_reach(sigma_px) + _ROUNDED_PX)
+    return max(SHORTEST_PX + ends_px, _SHORTEST_FOUND_PX)
 
 
 @njit(cache=True)

@@ -9,10 +9,9 @@ from math import atan2, cos, pi, sin, sqrt
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from calibration.edges.gradient import Gradient
-from calibration.edges.segments import EdgeLine
+from calibration.edge_search.gradient import Gradient, RidgePixels
+from calibration.edge_search.segments import EdgeLine
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 SHORTEST_REGION_PX = 8
@@ -21,113 +20,162 @@ _DIRECTION_COSINE = cos(pi / 8)
 _SMALLEST_NEIGHBOUR_PX, _FAINT_NEIGHBOUR_PX = 6, 16
 _LARGEST_SAGITTA = 0.02  # of the length: a bend the fit's curvature takes up
 _ROUGHEST_PX = 0.7  # rms distance of the ridge from its line
-_LINE_BAND_PX = 3.0
+_LINE_BAND_PX = 1.5  # a ridge's pixels are nearer to its line
 _LINE_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ridges:
-    """Lines through the ridges of an image, and all ridge pixels.
+    """Lines through the ridges of an image, and the ridge pixels.
 
     ``lines`` has a row per straight region: middle x and y (px), angle of the normal from the
     dark to the bright side (rad) and length (px). ``points`` holds x and y of all ridge pixels
-    except specks of noise, from top to bottom.
+    except specks of noise, from top to bottom, as ``pixels`` holds all.
     """
 
     lines: FloatArray
     points: FloatArray
+    pixels: RidgePixels
 
 
 def find_ridges(gradient: Gradient, image_dn: FloatArray) -> Ridges:
     """Group the ridge pixels into regions and put a line through each."""
-    rows, cols, starts = _regions(gradient.ridge, gradient.x, gradient.y)
+    found = gradient.ridge
+    height = image_dn.shape[0]
+    is_strong = found.strength >= gradient.high
+    pixels = found.where(
+        _beside_strong(found.rows, found.cols, _first_of(found, height), is_strong)
+    )
+    members, starts = _regions(
+        pixels.rows, pixels.cols, _first_of(pixels, height), pixels.x, pixels.y
+    )
     sizes = np.diff(starts)
     if sizes.size == 0:
-        return Ridges(np.empty((0, 4)), np.empty((0, 2)))
-    magnitude = np.hypot(gradient.x[rows, cols], gradient.y[rows, cols])
-    level_dn = np.add.reduceat(image_dn[rows, cols], starts[:-1]) / sizes
+        return Ridges(np.empty((0, 4)), np.empty((0, 2)), pixels)
+    level_dn = image_dn[pixels.rows[members], pixels.cols[members]]
+    level_dn = np.add.reduceat(level_dn, starts[:-1]) / sizes
     noise = gradient.noise[np.searchsorted(gradient.levels_dn, level_dn, side="right")]
-    strength = np.add.reduceat(magnitude, starts[:-1]) / sizes
+    strength = np.add.reduceat(pixels.strength[members], starts[:-1]) / sizes
     is_real = strength >= _NOISE_MEAN * noise
-    lines = _lines(gradient.x, gradient.y, rows, cols, starts, is_real)
+    gradient_of = pixels.x, pixels.y, pixels.shift
+    lines = _lines(pixels.rows, pixels.cols, gradient_of, members, starts, is_real)
     # Noise beside a faint edge makes short, faint ridges; only what is neither spoils a fit.
     is_solid = (sizes >= _SMALLEST_NEIGHBOUR_PX) & (strength >= _NOISE_SOLID * noise)
     is_solid |= (sizes >= _FAINT_NEIGHBOUR_PX) & is_real
-    solid = np.repeat(is_solid, sizes)
-    solid_rows, solid_cols = rows[solid], cols[solid]
-    from_top = np.argsort(solid_rows, kind="stable")
-    points = np.column_stack([solid_cols[from_top], solid_rows[from_top]]).astype(np.float64)
-    return Ridges(lines, points)
+    solid = np.sort(members[np.repeat(is_solid, sizes)])
+    points = np.column_stack([pixels.cols[solid], pixels.rows[solid]]).astype(np.float64)
+    return Ridges(lines, points, pixels)
+
+
+def _first_of(pixels: RidgePixels, height: int) -> IntArray:
+    """Index of the first pixel of each row, and the number of all."""
+    return np.searchsorted(pixels.rows, np.arange(height + 1))
+
+
+@njit(cache=True)
+def _first_near(cols: IntArray, first_of: IntArray, row: int, col: int) -> tuple[int, int]:
+    """First index in a row that is not left of ``col``, and the row's end."""
+    if row < 0 or row >= len(first_of) - 1:
+        return 0, 0
+    low, end = first_of[row], first_of[row + 1]
+    high = end
+    while low < high:
+        middle = (low + high) // 2
+        if cols[middle] < col:
+            low = middle + 1
+        else:
+            high = middle
+    return low, end
+
+
+@njit(cache=True)
+def _beside_strong(
+    rows: IntArray, cols: IntArray, first_of: IntArray, is_strong: BoolArray
+) -> BoolArray:
+    """Which pixels are strong or connected with one that is (Canny's hysteresis)."""
+    kept = is_strong.copy()
+    waiting = np.empty(len(rows), np.int64)
+    count = 0
+    for i in range(len(rows)):
+        if is_strong[i]:
+            waiting[count] = i
+            count += 1
+    while count:
+        count -= 1
+        i = waiting[count]
+        for row in range(rows[i] - 1, rows[i] + 2):
+            j, end = _first_near(cols, first_of, row, cols[i] - 1)
+            while j < end and cols[j] <= cols[i] + 1:
+                if not kept[j]:
+                    kept[j] = True
+                    waiting[count] = j
+                    count += 1
+                j += 1
+    return kept
 
 
 @njit(cache=True, error_model="numpy")
 def _regions(
-    ridge: NDArray[np.uint8], gx: Float32Array, gy: Float32Array
-) -> tuple[IntArray, IntArray, IntArray]:
+    rows: IntArray, cols: IntArray, first_of: IntArray, gx: Float32Array, gy: Float32Array
+) -> tuple[IntArray, IntArray]:
     """Connected ridge pixels whose gradient stays near the direction of the region's sum.
 
-    Returns their rows and columns, region by region, and where each region starts.
+    Returns their indices, region by region, and where each region starts.
     """
-    height, width = ridge.shape
-    total = 0
-    for r in range(height):
-        for c in range(width):
-            if ridge[r, c]:
-                total += 1
-    taken = np.zeros((height, width), np.bool_)
-    rows = np.empty(total, np.int64)
-    cols = np.empty(total, np.int64)
+    total = len(rows)
+    taken = np.zeros(total, np.bool_)
+    members = np.empty(total, np.int64)
     starts = np.empty(total + 1, np.int64)
     filled = count = 0
-    for r0 in range(height):
-        for c0 in range(width):
-            if not ridge[r0, c0] or taken[r0, c0]:
-                continue
-            starts[count] = filled
-            count += 1
-            taken[r0, c0] = True
-            rows[filled], cols[filled] = r0, c0
-            looked_at = filled
-            filled += 1
-            sum_x = sum_y = 0.0
-            while looked_at < filled:
-                r, c = rows[looked_at], cols[looked_at]
-                looked_at += 1
-                norm = max(sqrt(gx[r, c] ** 2 + gy[r, c] ** 2), 1e-30)
-                sum_x += gx[r, c] / norm
-                sum_y += gy[r, c] / norm
-                for nr in range(max(r - 1, 0), min(r + 2, height)):
-                    for nc in range(max(c - 1, 0), min(c + 2, width)):
-                        if not ridge[nr, nc] or taken[nr, nc]:
-                            continue
-                        x, y = gx[nr, nc], gy[nr, nc]
+    for seed in range(total):
+        if taken[seed]:
+            continue
+        starts[count] = filled
+        count += 1
+        taken[seed] = True
+        members[filled] = seed
+        looked_at = filled
+        filled += 1
+        sum_x = sum_y = 0.0
+        while looked_at < filled:
+            i = members[looked_at]
+            looked_at += 1
+            norm = max(sqrt(gx[i] ** 2 + gy[i] ** 2), 1e-30)
+            sum_x += gx[i] / norm
+            sum_y += gy[i] / norm
+            for row in range(rows[i] - 1, rows[i] + 2):
+                j, end = _first_near(cols, first_of, row, cols[i] - 1)
+                while j < end and cols[j] <= cols[i] + 1:
+                    if not taken[j]:
+                        x, y = gx[j], gy[j]
                         along = x * sum_x + y * sum_y
                         norms = (x * x + y * y) * (sum_x * sum_x + sum_y * sum_y)
-                        if along <= 0 or along * along < _DIRECTION_COSINE**2 * norms:
-                            continue
-                        taken[nr, nc] = True
-                        rows[filled], cols[filled] = nr, nc
-                        filled += 1
+                        if along > 0 and along * along >= _DIRECTION_COSINE**2 * norms:
+                            taken[j] = True
+                            members[filled] = j
+                            filled += 1
+                    j += 1
     starts[count] = filled
-    return rows, cols, starts[: count + 1]
+    return members, starts[: count + 1]
 
 
 @njit(cache=True, error_model="numpy")
 def _lines(
-    gx: Float32Array,
-    gy: Float32Array,
     rows: IntArray,
     cols: IntArray,
+    gradient: tuple[Float32Array, Float32Array, Float32Array],
+    members: IntArray,
     starts: IntArray,
     is_real: BoolArray,
 ) -> FloatArray:
+    """Lines of the straight ones of the regions; ``gradient`` is x, y and the ridge's shift."""
     lines = np.empty((len(starts), 4))
     count = 0
     for k in range(len(starts) - 1):
         first, last = starts[k], starts[k + 1]
         if last - first < SHORTEST_REGION_PX or not is_real[k]:
             continue
-        line, is_straight = _line(gx, gy, rows[first:last], cols[first:last])
+        line, is_straight = _line(rows, cols, gradient, members[first:last])
         if is_straight:
             lines[count] = line
             count += 1
@@ -135,35 +183,29 @@ def _lines(
 
 
 @njit(cache=True, error_model="numpy")
-def _magnitude(gx: Float32Array, gy: Float32Array, row: int, col: int) -> float:
-    r = min(max(row, 0), gx.shape[0] - 1)
-    c = min(max(col, 0), gx.shape[1] - 1)
-    return sqrt(gx[r, c] ** 2 + gy[r, c] ** 2)
-
-
-@njit(cache=True, error_model="numpy")
 def _line(
-    gx: Float32Array, gy: Float32Array, rows: IntArray, cols: IntArray
+    rows: IntArray,
+    cols: IntArray,
+    gradient: tuple[Float32Array, Float32Array, Float32Array],
+    members: IntArray,
 ) -> tuple[tuple[float, float, float, float], bool]:
     """Line through a region's pixels: middle x, y, normal, length; whether they lie along it."""
     none = (0.0, 0.0, 0.0, 0.0)
-    n = len(rows)
+    gx, gy, shifts = gradient
+    n = len(members)
     x, y, weight = np.empty(n), np.empty(n), np.empty(n)
     sum_x = sum_y = 0.0
     for i in range(n):
-        r, c = rows[i], cols[i]
-        dx, dy = gx[r, c], gy[r, c]
+        k = members[i]
+        dx, dy = gx[k], gy[k]
         sum_x += dx
         sum_y += dy
         weight[i] = dx * dx + dy * dy
-        # Below the pixel, by a parabola along the axis nearer to the gradient.
-        step_c, step_r = (1, 0) if abs(dx) >= abs(dy) else (0, 1)
-        here = _magnitude(gx, gy, r, c)
-        before = _magnitude(gx, gy, r - step_r, c - step_c)
-        after = _magnitude(gx, gy, r + step_r, c + step_c)
-        bend = 2 * here - before - after
-        shift = min(max(0.5 * (after - before) / bend, -0.5), 0.5) if bend > 0 else 0.0
-        x[i], y[i] = c + shift * step_c, r + shift * step_r
+        x[i], y[i] = cols[k], rows[k]
+        if abs(dx) >= abs(dy):
+            x[i] += shifts[k]
+        else:
+            y[i] += shifts[k]
     normal = atan2(sum_y, sum_x)
     cx, cy = x.mean(), y.mean()
     kept = np.ones(n, np.bool_)
@@ -241,13 +283,20 @@ def _parabola(along: FloatArray, across: FloatArray) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def refined(gx: Float32Array, gy: Float32Array, line: EdgeLine) -> tuple[EdgeLine, float]:
-    """Line through all gradient pixels near a line, by their squared slope across it.
+def refined(
+    rows: IntArray,
+    cols: IntArray,
+    gradient: tuple[Float32Array, Float32Array, Float32Array],
+    line: EdgeLine,
+) -> tuple[EdgeLine, float]:
+    """Line through the gradient along a line, weighted with its square.
 
     Parameters
     ----------
-    gx, gy
-        Gradient, shape ``(rows, cols)``.
+    rows, cols
+        Ridge pixels, from top to bottom.
+    gradient
+        Its x and y at them, and the moments across them, as in ``RidgePixels``.
     line
         Its approximate position.
 
@@ -256,33 +305,29 @@ def refined(gx: Float32Array, gy: Float32Array, line: EdgeLine) -> tuple[EdgeLin
     line, variance
         Variance in px^2 of the squared gradient across the line; -1 where there is no gradient.
     """
-    height, width = gx.shape
+    gx, gy, moments = gradient
     x_px, y_px, reach_px = line.x_px, line.y_px, line.half_length_px
     c, s = cos(line.normal_rad), sin(line.normal_rad)
     w = wt = wa = wtt = wta = waa = 0.0
-    first = max(int(y_px - reach_px * abs(c) - 4), 0)
-    for row in range(first, min(int(y_px + reach_px * abs(c) + 5), height)):
-        dy = row - y_px
-        left, right = x_px - reach_px * abs(s) - 4, x_px + reach_px * abs(s) + 5
-        if abs(c) > 1e-9:
-            # Where the band around the line crosses this row.
-            left = max(left, x_px - s * dy / c - _LINE_BAND_PX / abs(c))
-            right = min(right, x_px - s * dy / c + _LINE_BAND_PX / abs(c) + 1)
-        for col in range(max(int(np.ceil(left)), 0), min(int(np.ceil(right)), width)):
-            dx = col - x_px
-            a, t = c * dx + s * dy, -s * dx + c * dy
-            if abs(a) > _LINE_BAND_PX or abs(t) > reach_px:
-                continue
-            slope = c * gx[row, col] + s * gy[row, col]
-            if slope <= 0:
-                continue
-            weight = slope * slope
-            w += weight
-            wt += weight * t
-            wa += weight * a
-            wtt += weight * t * t
-            wta += weight * t * a
-            waa += weight * a * a
+    reach_x, reach_y = reach_px * abs(s) + 2, reach_px * abs(c) + 2
+    for i in range(np.searchsorted(rows, int(y_px - reach_y)), len(rows)):
+        if rows[i] > y_px + reach_y:
+            break
+        dx, dy = cols[i] - x_px, rows[i] - y_px
+        if abs(dx) > reach_x:
+            continue
+        a, t = c * dx + s * dy, -s * dx + c * dy
+        if abs(a) > _LINE_BAND_PX or abs(t) > reach_px or c * gx[i] + s * gy[i] <= 0:
+            continue
+        # A step along the axis nearer to the gradient goes so far across and along.
+        step_a, step_t = (c, -s) if abs(gx[i]) >= abs(gy[i]) else (s, c)
+        m0, m1, m2 = moments[i, 0], moments[i, 1], moments[i, 2]
+        w += m0
+        wt += m0 * t + m1 * step_t
+        wa += m0 * a + m1 * step_a
+        wtt += m0 * t * t + 2 * m1 * t * step_t + m2 * step_t * step_t
+        wta += m0 * t * a + m1 * (t * step_a + a * step_t) + m2 * step_t * step_a
+        waa += m0 * a * a + 2 * m1 * a * step_a + m2 * step_a * step_a
     spread = w * wtt - wt * wt
     if not spread > 0:
         return line, -1.0
@@ -291,24 +336,3 @@ def refined(gx: Float32Array, gy: Float32Array, line: EdgeLine) -> tuple[EdgeLin
     variance = (waa - turn * wta - shift * wa) / w
     normal_rad = line.normal_rad - np.arctan(turn)
     return EdgeLine(x_px + shift * c, y_px + shift * s, normal_rad, reach_px), variance
-
-
-@njit(cache=True, error_model="numpy")
-def nearest_other(points: FloatArray, line: EdgeLine, own_px: float, reach_px: float) -> float:
-    """Distance from an edge to the nearest ridge beside it that is not its own; else infinite.
-
-    ``points`` holds x and y from top to bottom; what is within ``own_px`` belongs to the edge,
-    what is farther than ``reach_px`` from its middle is not looked at.
-    """
-    c, s = cos(line.normal_rad), sin(line.normal_rad)
-    nearest = np.inf
-    for i in range(np.searchsorted(points[:, 1], line.y_px - reach_px), len(points)):
-        dx, dy = points[i, 0] - line.x_px, points[i, 1] - line.y_px
-        if dy > reach_px:
-            break
-        if abs(dx) >= reach_px or abs(-s * dx + c * dy) > line.half_length_px:
-            continue
-        across = abs(c * dx + s * dy)
-        if across > own_px:
-            nearest = min(nearest, across)
-    return nearest

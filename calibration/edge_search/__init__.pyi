@@ -1,0 +1,25 @@
+from .detection import find_edges as find_edges
+from .segments import (
+    SHORTEST_PX as SHORTEST_PX,
+    BandPixels as BandPixels,
+    EdgeLine as EdgeLine,
+    EdgeSegment as EdgeSegment,
+    band_half_width as band_half_width,
+    band_pixels as band_pixels,
+    least_side_px as least_side_px,
+    side_level as side_level,
+)
+from .target import beside_target as beside_target
+
+__all__ = [
+    "SHORTEST_PX",
+    "BandPixels",
+    "EdgeLine",
+    "EdgeSegment",
+    "band_half_width",
+    "band_pixels",
+    "beside_target",
+    "find_edges",
+    "least_side_px",
+    "side_level",
+]
