@@ -30,7 +30,7 @@ from calibration.psf.otf_forms import (
     TOTAL_GAUSSIAN,
     TWO_ELLIPSES,
 )
-from calibration.psf.otf_pool import MOST_GROUPS, pooled
+from calibration.psf.otf_pool import MOST_GROUPS, pooled, representatives
 from calibration.psf.otf_slices import EdgeStack, StackedBins
 from simulation.arrays import FloatArray
 
@@ -153,24 +153,24 @@ def _uncorrected_fits(
 ) -> tuple[EdgeStack, list[OtfFit]]:
     """Fits of the forms without a correction, simplest first, and the edges that they are of.
 
-    Those are the edges themselves, or many edges pooled by their direction. Whatever the first fits
-    show of the places of the edges is put right before the last ones.
+    Those are the edges themselves; many edges are pooled by their direction, about the lens that a
+    few of them show. Whatever the first fits show of the places of the edges is put right before
+    the last ones.
     """
-    start = _round_start(every.binned, variance_px2)
-    stack = every
-    if len(every.normal_rad) > MOST_GROUPS:
-        stack = pooled(every, ROUND, start, every.left_by(ROUND.slices(start, every.normal_rad)))
+    is_many = len(every.normal_rad) > MOST_GROUPS
+    stack = EdgeStack(representatives(every.binned)) if is_many else every
+    start = _round_start(stack.binned, variance_px2)
     fits = _first_fits(stack, variance_px2, start, is_spread=is_spread)
     if not fits:
         return stack, []
     best = min(fits, key=_cost)
-    slices = best.form.slices(best.parameters, every.normal_rad)
-    left = every.left_by(slices)
+    left = best.residuals
+    if is_many:
+        left = every.left_by(best.form.slices(best.parameters, every.normal_rad))
     is_moved = every.aligned(left.shift_px)
-    if stack is not every:
-        left = every.left_by(slices) if is_moved else left
+    if is_many:
         stack = pooled(every, best.form, best.parameters, left)
-    if is_moved or stack is not every:
+    if is_moved or is_many:
         again = [fit_form(stack, fit.form, fit.parameters) for fit in fits]
         fits = [fit for fit in again if fit is not None]
     both = _two_ellipses(stack, fits)

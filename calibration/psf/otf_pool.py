@@ -21,11 +21,10 @@ from simulation.arrays import FloatArray, IntArray
 
 MOST_GROUPS: Final = 32  # 5.6 degrees each, less than what counts as another direction
 _GROUP_RAD = np.pi / MOST_GROUPS
+_REPRESENTATIVES = MOST_GROUPS  # of 12 small squares the best lens was one of another valley
 
 
-def pooled(
-    stack: EdgeStack, form: OtfForm, parameters: FloatArray, left: Residuals
-) -> EdgeStack:
+def pooled(stack: EdgeStack, form: OtfForm, parameters: FloatArray, left: Residuals) -> EdgeStack:
     """Return one edge for each direction in which there are any.
 
     Parameters
@@ -57,10 +56,29 @@ def pooled(
     return EdgeStack(replace(bins, levels=profiles + mean))
 
 
+def representatives(bins: StackedBins) -> StackedBins:
+    """Return some of the edges: those of each direction that tell most."""
+    number, normal_rad = _directions(bins.normal_rad)
+    each = max(_REPRESENTATIVES // normal_rad.size, 1)
+    weight = bins.weights.sum(axis=1)
+    chosen = [
+        members[np.argsort(-weight[members], kind="stable")[:each]]
+        for members in (np.flatnonzero(number == k) for k in range(normal_rad.size))
+    ]
+    return bins.some(np.sort(np.concatenate(chosen)))
+
+
 def _groups(normal_rad: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Which edges each group has, shape ``(groups, edges)`` of 0 and 1, and its mean normal."""
-    number: IntArray = np.rint(normal_rad / _GROUP_RAD).astype(np.int64)
-    member = (np.unique(number % MOST_GROUPS)[:, None] == number % MOST_GROUPS).astype(np.float64)
-    away = normal_rad - number * _GROUP_RAD
-    centre = np.unique(number % MOST_GROUPS) * _GROUP_RAD
+    number, centre = _directions(normal_rad)
+    member = (np.arange(centre.size)[:, None] == number).astype(np.float64)
+    # A normal is one modulo pi.
+    away = (normal_rad - centre[number] + np.pi / 2) % np.pi - np.pi / 2
     return member, centre + (member @ (weight * away)) / (member @ weight)
+
+
+def _directions(normal_rad: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Number of the group that each normal is in, and the angles of the groups' middles."""
+    number = np.rint(normal_rad / _GROUP_RAD).astype(np.int64) % MOST_GROUPS
+    filled, index = np.unique(number, return_inverse=True)
+    return index.astype(np.int64), np.asarray(filled * _GROUP_RAD, dtype=np.float64)
