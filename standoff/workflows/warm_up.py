@@ -9,14 +9,22 @@ import sys
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
+from acquisition.averaging import average_frames
+from acquisition.bench import load_bench
+from acquisition.devices import FrameImage
+from acquisition.focus import FOCUS_MEASURES, focus_value
+from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
+from standoff.shipped_configs import shipped_config
 from standoff.terminal import when_compiling
+from standoff.workflows.devices import open_bench
 
 _SIDE_PX = 160
 _FINER = 8
@@ -78,6 +86,18 @@ def texture(rng: np.random.Generator) -> FloatArray:
     return np.asarray(24e3 + 6e3 * level / level.std())
 
 
+def _capture_and_focus() -> None:
+    """What a bench computes on frames: mean, variance, every measure of focus, simulated detail."""
+    frames: list[FrameImage] = []
+    config = load_bench(shipped_config("demo_bench.toml"))
+    with open_bench(config) as bench:
+        mean = average_frames(bench.camera, 2, keep_frame=frames.append, clock=bench.clock)
+    for image, measure in product((frames[0], mean.mean_dn), FOCUS_MEASURES):
+        focus_value(image, black_level_dn=0.0, measure=measure)
+    place = np.linspace(0.0, 8.0, 4).reshape(2, 2)
+    PeriodicImage(np.eye(8, dtype=np.float32)).blurred(place, place, 1.0)
+
+
 def warm_up() -> list[str]:
     """Run the commands over small pictures; return the functions that were compiled."""
     from standoff.cli import run
@@ -96,6 +116,7 @@ def warm_up() -> list[str]:
                 status = run([word.format(**paths) for word in command.split()])
             if status != 0:
                 raise RuntimeError(f"standoff {command} ended with {status}: {said.getvalue()}")
+    _capture_and_focus()
     return compiled
 
 
