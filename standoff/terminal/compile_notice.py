@@ -1,6 +1,6 @@
 """Says when numerical code is compiled: what takes so long is never a riddle.
 
-Set-up compiles what the commands use (``standoff.workflows.warm_up``). Where that was not possible,
+Set-up compiles what the commands use (``standoff.warm_up``). Where that was not possible,
 as from a wheel, or the folder of the cache cannot be written, the first use compiles it.
 """
 

@@ -1,4 +1,4 @@
-"""Compiles the numerical code of the commands ahead: ``python -m standoff.workflows.warm_up``.
+"""Compiles the numerical code of the commands ahead: ``python -m standoff.warm_up``.
 
 numba compiles a function when it is first called with arguments of some types, and keeps the result
 beside its module. Set-up runs the commands over small pictures, so that nobody waits for that in
@@ -22,9 +22,10 @@ from acquisition.devices import FrameImage
 from acquisition.focus import FOCUS_MEASURES, focus_value
 from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
+from standoff.cli import run
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import when_compiling
-from standoff.workflows.devices import open_bench
+from standoff.workflows import open_bench
 
 _SIDE_PX = 160
 _FINER = 8
@@ -100,8 +101,6 @@ def _capture_and_focus() -> None:
 
 def warm_up() -> list[str]:
     """Run the commands over small pictures; return the functions that were compiled."""
-    from standoff.cli import run
-
     compiled: list[str] = []
     when_compiling(compiled.append)
     rng = np.random.default_rng(1)
