@@ -50,6 +50,7 @@ $(CORE): pyproject.toml constraints.txt
 	@echo "Setting up the core environment in $(VENV) ..."
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) -e .
+	@$(BIN)/python -m standoff.warm_up
 	@touch $@
 
 $(FULL): $(CORE) scripts/install-system-packages.sh

@@ -5,13 +5,18 @@ Its own variance is the sum of squared weights times the reference's variances; 
 from the camera's variance at that level is added as fresh noise.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import FloatArray, FloatImage
-from simulation.zoom import SeparableSum, ZoomOperator
+
+if TYPE_CHECKING:
+    from simulation.zoom import SeparableSum, ZoomOperator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,6 +135,8 @@ def _squared_weights(operator: ZoomOperator) -> SeparableSum:
     The square of a sum of products is the sum over all pairs of terms of the products of
     their factors, so it stays separable.
     """
+    from simulation.zoom import SeparableSum  # whoever has an operator has loaded it
+
     composed = operator.stages[0].terms
     for stage in operator.stages[1:]:
         composed = tuple(

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from standoff.shadowing import HiddenPackageError, refuse_hidden_packages
-from standoff.terminal import drop_stale_code
+from standoff.terminal import drop_stale_code, when_compiling
 
 EXIT_REPORTED = 1
 EXIT_INTERRUPTED = 130
@@ -27,6 +27,7 @@ def _imported_and_run(arguments: list[str]) -> int:
         with _no_interrupt_lost():
             refuse_hidden_packages()
             drop_stale_code()
+            when_compiling(_note_once())
             from standoff.terminal import application, run_application
 
             app = application(arguments)
@@ -37,6 +38,21 @@ def _imported_and_run(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("standoff: interrupted; run the same command again\n")
         return EXIT_INTERRUPTED
+
+
+def _note_once() -> Callable[[str], None]:
+    """Says in one line, at the first function of many, why nothing happens for a while."""
+    is_said = False
+
+    def say(_function: str) -> None:
+        nonlocal is_said
+        if not is_said:
+            is_said = True
+            from standoff.terminal import note
+
+            note("compiling the numerical code, once: up to half a minute")
+
+    return say
 
 
 def _interrupted_by_termination(work: Callable[[], int]) -> int:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.blind.single_image import fit_sharpest_widths
+from calibration.blind.single_image import fit_sharpest_widths, is_clear
 from calibration.blind.two_distance import PairPsf, combined, pair_psf
 from calibration.choices import CalibrationMethod
 from calibration.edges import EdgeImage, EdgeMeasurement, Region, measure_edges
@@ -14,14 +14,8 @@ from calibration.psf import PairWidths, PsfCalibration, estimates_of_covariance
 from calibration.registration import register
 from simulation.arrays import FloatArray
 
-_CLEAREST_SNR = 9.0
 _PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 _MOST_SATURATED = 0.005
-
-
-def is_clear(edge: EdgeMeasurement) -> bool:
-    """Whether an edge in a scene stands out from the scatter on either side of it."""
-    return edge.snr is None or edge.snr >= _CLEAREST_SNR
 
 
 def calibrate_from_scene(

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import erfcx, log_ndtr
 
+from calibration.edges import EdgeMeasurement
 from simulation.arrays import FloatArray
 
 FEWEST_EDGES = 12
@@ -30,6 +31,12 @@ _STEP = 1e-3
 _RATIO_SPREAD = 0.15  # lenses blur x and y about equally: prior of log(sigma_x / sigma_y)
 _TILT_SPREAD = 0.2  # prior of atanh(rho)
 _WIDEST_ERR = 0.5  # relative to the width: edges with larger errors are ignored
+_CLEAREST_SNR = 9.0
+
+
+def is_clear(edge: EdgeMeasurement) -> bool:
+    """Whether an edge in a scene stands out from the scatter on either side of it."""
+    return edge.snr is None or edge.snr >= _CLEAREST_SNR
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -83,7 +83,7 @@ def slopes_across(
 @njit(cache=True)
 def is_even(shading: Shading) -> bool:
     """Whether there is no shading."""
-    for value in shading:
+    for value in shading:  # noqa: SIM110 - numba compiles no generator
         if value != 0.0:
             return False
     return True

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray, FloatImage
@@ -151,6 +150,8 @@ def nonuniformity(
     EMVA Standard 1288, release 4.0 linear, 2021, section 8: variances after high-pass filtering.
     """
     sound = ~maps.is_defect
+    from scipy.ndimage import gaussian_filter  # a quarter of a second, where maps are measured
+
     smooth = gaussian_filter(_filled(maps.response.astype(np.float64), maps.is_defect),
                              _SHADING_SIGMA_PX, mode="nearest")  # fmt: skip
     level = gaussian_filter(_filled(maps.dark_dn.astype(np.float64), maps.is_defect),

@@ -70,11 +70,12 @@ def calibrate_psf(
     edges: list[EdgeMeasurement] = []
     names: list[str] = []
     frames: set[tuple[int, int]] = set()
-    for done, source in enumerate(sources, start=1):
+    for source in sources:
         names.append(source.name)
         frames.add(source.frame)
         edges.extend(selection.measured_in(source, method))
-        progress(done)
+        progress(len(names))
+        del source  # before the next one is read
     used = [edge for edge in edges if edge.is_used]
     if not used:
         raise _no_edge(names, edges)
@@ -312,13 +313,14 @@ def calibrate_mosaic(
     edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
     names: list[str] = []
     frames: set[tuple[int, int]] = set()
-    for done, source in enumerate(sources, start=1):
+    for source in sources:
         names.append(source.name)
         frames.add(source.frame)
         for place in plane_places(pattern):
             plane = plane_source(source, place)
             edges[place.colour].extend(selection.measured_in(plane, method))
-        progress(done)
+        progress(len(names))
+        del source, plane
     if not any(edge.is_used for edge in edges[channel]):
         raise _no_edge([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
     frame = frames.pop() if len(frames) == 1 else None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
-from scipy import stats
+from scipy.special import fdtrc
 
 from calibration.psf.variance import VarianceFit, fit_variances
 from simulation.arrays import FloatArray
@@ -197,4 +197,4 @@ def _p_value(
     if freedom < 1 or left <= 0:
         return 0.0 if without > left else 1.0
     extra = _UNKNOWNS - elements.shape[1]
-    return float(stats.f.sf((without - left) / extra / (left / freedom), extra, freedom))
+    return float(fdtrc(extra, freedom, (without - left) / extra / (left / freedom)))

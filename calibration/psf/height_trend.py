@@ -4,7 +4,7 @@ from math import sqrt
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
-from scipy import stats
+from scipy.special import fdtrc, stdtr
 
 from calibration.psf.variance import excess_variance
 from simulation.arrays import FloatArray
@@ -93,8 +93,8 @@ def fit_height_trend(
     slope_err = 1.0 / sqrt(power)
     extra = heights.size - 1
     between = float(np.sum(group_weight * (means - middle) ** 2)) / extra
-    p_value = float(2 * stats.t.sf(abs(slope) / slope_err, freedom))
-    p_value_between = float(stats.f.sf(between, extra, freedom))
+    p_value = float(2 * stdtr(freedom, -abs(slope) / slope_err))
+    p_value_between = float(fdtrc(extra, freedom, between))
     is_sure = min(p_value, p_value_between) < _DRIFT_P
     return HeightTrend(
         slope_per_mm=slope,

@@ -13,7 +13,14 @@ from calibration.psf.otf_correction import (
     correction_evidence,
     fit_correction,
 )
-from calibration.psf.otf_fit import FULL_STEPS, OtfFit, dispersion, expected_gain, fit_form
+from calibration.psf.otf_fit import (
+    FULL_STEPS,
+    OtfFit,
+    dispersion,
+    expected_gain,
+    fit_form,
+    settled,
+)
 from calibration.psf.otf_forms import (
     AXIAL_GAUSSIAN,
     AXIAL_TOTAL_GAUSSIAN,
@@ -23,7 +30,8 @@ from calibration.psf.otf_forms import (
     TOTAL_GAUSSIAN,
     TWO_ELLIPSES,
 )
-from calibration.psf.otf_slices import EdgeStack
+from calibration.psf.otf_pool import MOST_GROUPS, pooled, representatives
+from calibration.psf.otf_slices import EdgeStack, StackedBins
 from simulation.arrays import FloatArray
 
 _SAME_DIRECTION_DEG = 8.0
@@ -77,13 +85,11 @@ def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
     directions = distinct_directions_deg([edge.normal_rad for edge in edges])
     if directions.size < 2:
         return None
-    stack = EdgeStack(edges)
     is_spread = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
-    plain = _plain_fits(stack, edges, is_spread=is_spread)
+    every = EdgeStack(StackedBins.of(edges))
+    stack, plain = _uncorrected_fits(every, _optical_variance(edges), is_spread=is_spread)
     if not plain:
         return None
-    if stack.aligned(min(plain, key=_cost).residuals.shift_px):
-        plain = _plain_fits(stack, edges, is_spread=is_spread)
     limits = "" if is_spread else f"; {directions.size} directions do not tell an elliptic one"
     bases = [fit for fit in plain if fit.form.name == "elliptic"]
     asked: list[CorrectionEvidence] = []
@@ -91,7 +97,7 @@ def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
     if bases and directions.size >= _FEWEST_FOR_CORRECTION:
         harmonics = (1, 3) if directions.size < _FEWEST_FOR_FOURFOLD else (1, 3, 5)
         asked = correction_evidence(stack, base, harmonics)
-    return _best(stack, plain, _Correction(base=base, asked=asked), limits)
+    return _best(every, plain, _Correction(stack=stack, base=base, asked=asked), limits)
 
 
 def distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
@@ -119,13 +125,13 @@ def _optical_variance(edges: Sequence[BinnedEdge]) -> float:
     return max(total - 1 / 12, _LEAST_VARIANCE_PX2)
 
 
-def _round_start(edges: Sequence[BinnedEdge], variance_px2: float) -> FloatArray:
+def _round_start(bins: StackedBins, variance_px2: float) -> FloatArray:
     """Parameters of a round lens from a grid; the best of each defocus race on a few edges.
 
     Chi-squared has valleys with and without defocus.
     """
-    pace = max(len(edges) // _START_EDGES, 1)
-    stack = EdgeStack(edges[::pace][:_START_EDGES])
+    pace = max(len(bins.levels) // _START_EDGES, 1)
+    stack = EdgeStack(bins.some(slice(None, pace * _START_EDGES, pace)))
     width = variance_px2**0.5
     found = []
     for waves2 in _START_DEFOCUS_WAVES2:
@@ -142,24 +148,48 @@ def _round_start(edges: Sequence[BinnedEdge], variance_px2: float) -> FloatArray
     return np.array([width, 0.0, variance_px2]) if best is None else best.parameters
 
 
-def _plain_fits(stack: EdgeStack, edges: Sequence[BinnedEdge], *, is_spread: bool) -> list[OtfFit]:
-    """Fits of the forms without a correction that the directions allow, simplest first."""
-    variance = _optical_variance(edges)
+def _uncorrected_fits(
+    every: EdgeStack, variance_px2: float, *, is_spread: bool
+) -> tuple[EdgeStack, list[OtfFit]]:
+    """Fits of the forms without a correction, simplest first, and the edges that they are of.
+
+    Those are the edges themselves; many edges are pooled by their direction, about the lens that a
+    few of them show. Whatever the first fits show of the places of the edges is put right before
+    the last ones.
+    """
+    is_many = len(every.normal_rad) > MOST_GROUPS
+    stack = EdgeStack(representatives(every.binned)) if is_many else every
+    start = _round_start(stack.binned, variance_px2)
+    fits = _first_fits(stack, variance_px2, start, is_spread=is_spread)
+    if not fits:
+        return stack, []
+    best = min(fits, key=_cost)
+    left = best.residuals
+    if is_many:
+        left = every.left_by(best.form.slices(best.parameters, every.normal_rad))
+    is_moved = every.aligned(left.shift_px)
+    if is_many:
+        stack = pooled(every, best.form, best.parameters, left)
+    if is_moved or is_many:
+        again = [fit_form(stack, fit.form, fit.parameters) for fit in fits]
+        fits = [fit for fit in again if fit is not None]
+    both = _two_ellipses(stack, fits)
+    return stack, fits if both is None else [*fits, both]
+
+
+def _first_fits(
+    stack: EdgeStack, variance_px2: float, round_start: FloatArray, *, is_spread: bool
+) -> list[OtfFit]:
+    """Fits of the simpler forms that the directions allow."""
     lens, total = (
         (GAUSSIAN, TOTAL_GAUSSIAN) if is_spread else (AXIAL_GAUSSIAN, AXIAL_TOTAL_GAUSSIAN)
     )
-    start = np.array([variance, 0.0, variance] if is_spread else [variance, variance])
+    start = variance_px2 * np.array([1.0, 0.0, 1.0] if is_spread else [1.0, 1.0])
     pixel = np.array([1.0, 0.0, 1.0] if is_spread else [1.0, 1.0]) / 12
-    simple = fit_form(stack, lens, start)
-    round_lens = fit_form(stack, ROUND, _round_start(edges, variance))
-    one_gaussian = fit_form(stack, total, start + pixel)
-    fits = [simple, one_gaussian, round_lens]
+    round_lens = fit_form(stack, ROUND, round_start)
+    fits = [fit_form(stack, lens, start), fit_form(stack, total, start + pixel), round_lens]
     if is_spread and round_lens is not None:
-        elliptic = _elliptic(stack, round_lens)
-        fits.append(elliptic)
-        least = np.inf if one_gaussian is None else one_gaussian.squares
-        if elliptic is not None and elliptic.squares < least:
-            fits.append(_two_ellipses(stack, simple, round_lens, elliptic))
+        fits.append(_elliptic(stack, round_lens))
     return [fit for fit in fits if fit is not None]
 
 
@@ -170,24 +200,26 @@ def _elliptic(stack: EdgeStack, round_lens: OtfFit) -> OtfFit | None:
     return fit_form(stack, ELLIPTIC, start, FULL_STEPS if is_worth else _FEW_STEPS)
 
 
-def _two_ellipses(
-    stack: EdgeStack, gaussian: OtfFit | None, round_lens: OtfFit, elliptic: OtfFit
-) -> OtfFit | None:
+def _two_ellipses(stack: EdgeStack, fits: Sequence[OtfFit]) -> OtfFit | None:
     """An elliptic pupil with an elliptic Gaussian: either may be the one that is not round.
 
-    None where they gain nothing.
+    None where they gain nothing, or an elliptic pupil is no better than a total Gaussian.
     """
+    known = {fit.form.name: fit for fit in fits}
+    elliptic, total = known.get("elliptic"), known.get("total-gaussian")
+    if elliptic is None or (total is not None and elliptic.squares >= total.squares):
+        return None
     start = np.append(elliptic.parameters, [0.0, elliptic.parameters[-1]])
     if expected_gain(stack, TWO_ELLIPSES, elliptic, start) <= _NOT_WORTH_A_FIT:
         return None
     starts = [start]
-    if gaussian is not None:
-        period, defocus, spread = round_lens.parameters.tolist()
-        xx, xy, yy = gaussian.parameters.tolist()
+    if "gaussian" in known and "round" in known:
+        period, defocus, spread = known["round"].parameters.tolist()
+        xx, xy, yy = known["gaussian"].parameters.tolist()
         even = spread - 0.5 * (xx + yy)
         starts.append(np.array([period, 0.0, period, defocus, xx + even, xy, yy + even]))
-    fits = [fit_form(stack, TWO_ELLIPSES, start) for start in starts]
-    return min((fit for fit in fits if fit), key=lambda fit: fit.squares, default=None)
+    both = [fit_form(stack, TWO_ELLIPSES, start) for start in starts]
+    return min((fit for fit in both if fit), key=lambda fit: fit.squares, default=None)
 
 
 def _cost(fit: OtfFit) -> float:
@@ -199,6 +231,7 @@ def _cost(fit: OtfFit) -> float:
 class _Correction:
     """The fit that a correction would go on from, and how likely corrections to it are."""
 
+    stack: EdgeStack
     base: OtfFit
     asked: Sequence[CorrectionEvidence]
 
@@ -217,18 +250,39 @@ class _Correction:
             key=lambda one: one.harmonics,
         )
 
+    def fitted(self, best: OtfFit, scatter: float) -> OtfFit | None:
+        """The fit with the correction to take instead of the best one; None for none."""
+        evidence = self.likely(best, scatter)
+        if evidence is None:
+            return None
+        return fit_correction(self.stack, self.base, evidence, scatter)
+
+    def fitted_over_scatter(self, best: OtfFit, scatter: float) -> OtfFit | None:
+        """A correction where edges differ from each other: of what they share, if that tells.
+
+        Akaike's criterion must ask for it as well.
+        """
+        corrected = None if scatter > _TOO_SCATTERED else self.fitted(best, scatter)
+        if corrected is None:
+            return None
+        gained = (best.squares - corrected.squares) / scatter
+        asked = 2 * (corrected.freedom - best.freedom) + _MUCH_BETTER
+        return corrected if gained >= asked else None
+
 
 def _best(
-    stack: EdgeStack, plain: Sequence[OtfFit], correction: _Correction, limits: str
+    every: EdgeStack, plain: Sequence[OtfFit], correction: _Correction, limits: str
 ) -> OtfChoice:
-    """The form that the criteria choose, simplest first."""
+    """The form that the criteria choose, simplest first, settled over all edges."""
     richest = min(plain, key=_cost)
-    corrected = _corrected(stack, correction, richest, 1.0)
+    corrected = correction.fitted(richest, 1.0)
     # Where the lens has no form of these, only a correction tells the scatter of the edges.
-    scatter = max(dispersion(stack, corrected or richest), 1.0)
+    telling = corrected or richest
+    over_every = telling.over(every)
+    scatter = max(dispersion(every, over_every), 1.0)
 
     def criterion(fit: OtfFit) -> float:
-        return fit.squares / scatter + log(stack.bins) * fit.freedom
+        return fit.squares / scatter + log(every.bins) * fit.freedom
 
     best = plain[0]
     for fit in plain[1:]:
@@ -239,41 +293,17 @@ def _best(
     compared = [*plain, corrected] if corrected else plain
     if corrected is not None:
         if scatter > _SCATTERED:
-            corrected = _corrected_over_scatter(stack, correction, best, scatter)
+            corrected = correction.fitted_over_scatter(best, scatter)
         best = corrected or best
     reason = ", ".join(
         f"{fit.form.name} {fit.squares / scatter:.0f} ({fit.freedom:.0f})" for fit in compared
     )
-    reduced = best.squares / max(stack.bins - best.freedom, 1.0)
+    if correction.stack is not every:
+        best = settled(every, over_every if best is telling else best.over(every))
+    reduced = best.squares / max(every.bins - best.freedom, 1.0)
     return OtfChoice(
         fit=best,
         reason=f"chi2 over the edges' scatter (parameters): {reason}{limits}",
-        scale=max(dispersion(stack, best), reduced, 1.0),
+        scale=max(dispersion(every, best), reduced, 1.0),
         chi2_reduced=reduced,
     )
-
-
-def _corrected(
-    stack: EdgeStack, correction: _Correction, best: OtfFit, scatter: float
-) -> OtfFit | None:
-    evidence = correction.likely(best, scatter)
-    if evidence is None:
-        return None
-    return fit_correction(stack, correction.base, evidence, scatter)
-
-
-def _corrected_over_scatter(
-    stack: EdgeStack, correction: _Correction, best: OtfFit, scatter: float
-) -> OtfFit | None:
-    """A correction where edges differ from each other: of what they have in common, if that tells.
-
-    Akaike's criterion must ask for it as well.
-    """
-    if scatter > _TOO_SCATTERED:
-        return None
-    corrected = _corrected(stack, correction, best, scatter)
-    if corrected is None:
-        return None
-    gained = (best.squares - corrected.squares) / scatter
-    asked = 2 * (corrected.freedom - best.freedom) + _MUCH_BETTER
-    return corrected if gained >= asked else None

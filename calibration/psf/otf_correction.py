@@ -140,6 +140,7 @@ def fit_correction(
         residuals=here,
         inverse=inverse,
         freedom=float(np.sum(inverse * hessian)),
+        penalty=penalty,
     )
 
 

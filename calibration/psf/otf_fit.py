@@ -5,7 +5,7 @@ squares problems whose variables separate", SIAM J. Numer. Anal. 10, 1973): the 
 of each edge are projected out, and a Levenberg-Marquardt iteration finds the lens.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from simulation.arrays import BoolArray, FloatArray
 
 FULL_STEPS = 40
 _MAX_DAMPINGS = 8  # tenfold each
+_LAST_DAMPINGS = (0.0, 1e-2, 1.0)
 LEAST_GAIN = 1e-2  # of chi-squared, in units of its reduced value: a tenth of a standard error
 
 
@@ -24,7 +25,7 @@ class OtfFit:
 
     ``inverse`` is the inverse of the (penalised) normal matrix: the covariance of the parameters if
     the edges scatter as their pixels' noise says. ``freedom`` counts the parameters, those of a
-    correction as far as its smoothness leaves them free.
+    correction as far as its smoothness leaves them free; ``penalty`` is the matrix of that.
     """
 
     form: OtfForm
@@ -32,6 +33,13 @@ class OtfFit:
     residuals: Residuals
     inverse: FloatArray
     freedom: float
+    penalty: FloatArray | None = None
+
+    def over(self, stack: EdgeStack) -> "OtfFit":
+        """Return the fit with what it leaves of other edges, or of these at other places."""
+        slices = self.form.slices(self.parameters, stack.normal_rad)
+        with_splines = self.form.harmonics > 0
+        return replace(self, residuals=stack.residuals(slices, with_splines=with_splines))
 
     @property
     def squares(self) -> float:
@@ -75,6 +83,37 @@ def fit_form(
         inverse=inverse,
         freedom=float(best.size),
     )
+
+
+def settled(stack: EdgeStack, fit: OtfFit) -> OtfFit:
+    """Return the fit of edges, from one of pooled edges with what it leaves of the edges.
+
+    From so near, a step of Gauss and Newton is the minimum to second order; one that gains less
+    than the fits look for is not taken.
+    """
+    form, penalty = fit.form, np.zeros_like(fit.inverse) if fit.penalty is None else fit.penalty
+    hessian, gradient = normal_equations(stack, form, fit.parameters, fit.residuals)
+    pull = gradient - penalty @ fit.parameters
+    best = fit
+    for damping in _LAST_DAMPINGS:
+        step = bounded_step(hessian + penalty, pull, fit.parameters - form.least, damping)
+        if float(pull @ step) <= LEAST_GAIN:
+            break
+        trial = replace(fit, parameters=form.bounded(fit.parameters + step)).over(stack)
+        if _penalised(trial, penalty) < _penalised(fit, penalty):
+            best = trial
+            hessian, gradient = normal_equations(stack, form, best.parameters, best.residuals)
+            break
+    free = free_parameters(form, best.parameters, gradient - penalty @ best.parameters)
+    inverse = inverse_over(hessian + penalty, free)
+    if inverse is None:
+        return best
+    freedom = fit.freedom if fit.penalty is None else float(np.sum(inverse * hessian))
+    return replace(best, inverse=inverse, freedom=freedom)
+
+
+def _penalised(fit: OtfFit, penalty: FloatArray) -> float:
+    return fit.squares + float(fit.parameters @ penalty @ fit.parameters)
 
 
 def expected_gain(stack: EdgeStack, form: OtfForm, fit: OtfFit, start: FloatArray) -> float:

@@ -9,13 +9,14 @@ continued by its first two derivatives.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, pi
+from typing import Self
 
 import numpy as np
 
 from calibration.edges import BinnedEdge, bin_centres_px
-from simulation.arrays import FloatArray
+from simulation.arrays import FloatArray, IntArray
 from simulation.psf import correction_splines, pupil_slopes
 
 _PANEL_NODES = 32
@@ -24,6 +25,7 @@ _SHARPEST_CY_PER_PX = 8.0
 _LEAST_CY_PER_PX = 1.6  # a correction reaches to 1.3
 _CY_OVER_SIGMA = 2.5  # a Gaussian of that width is 1e-53 there, a lens has passed its cut-off
 _ABSENT = 1e-9
+_BLOCK_EDGES = 128  # with 1000 edges in one go a comparison took a fifth longer
 # A place 0.02 px off bends a profile by up to 5e-4 of the contrast; one of 0.3 px is no edge.
 _LEAST_MOVE_PX, _MOST_MOVE_PX = 0.02, 0.3
 SLICE_TERMS = 3
@@ -45,6 +47,16 @@ class Slices:
     correction: FloatArray | None = None
     has_pixel: bool = True
 
+    def some(self, part: slice) -> "Slices":
+        """Return those of some edges."""
+        correction = self.correction
+        return replace(
+            self,
+            period_px=self.period_px[part],
+            variance_px2=self.variance_px2[part],
+            correction=None if correction is None else correction[part],
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Residuals:
@@ -52,35 +64,97 @@ class Residuals:
 
     ``values`` has shape ``(edges, bins)``, in standard deviations; ``slopes``, shape ``(edges,
     bins, SLICE_TERMS)`` or with the splines of the correction after them, are minus their
-    derivatives, empty where not asked for. ``shift_px``, shape ``(edges, 3)``, is how much nearer
-    the edge is than its bins say: in the middle, and with the place along it and its square, which
-    are 1 at the end.
+    derivatives, empty where not asked for. ``contrast`` is that of each edge, shape ``(edges,)``;
+    ``shift_px``, shape ``(edges, 3)``, is how much nearer the edge is than its bins say: in the
+    middle, and with the place along it and its square, which are 1 at the end; of pooled edges
+    the first alone. ``pooled_squares``
+    are those within pooled edges, which no lens changes.
     """
 
     values: FloatArray
     slopes: FloatArray
+    contrast: FloatArray
     shift_px: FloatArray
+    pooled_squares: float = 0.0
 
     @property
     def squares(self) -> float:
         """Sum of the squares: chi-squared."""
-        return float(np.sum(self.values**2))
+        return float(np.sum(self.values**2)) + self.pooled_squares
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StackedBins:
+    """Levels of edges in common bins, shape ``(edges, bins)``; the weight is 0 where there is none.
+
+    ``centre_px`` are the bins' centres, shape ``(bins,)``; ``along`` is the place along each edge,
+    1 at its end. ``normal_rad`` has shape ``(edges,)``, ``sharpest_px`` is the least width of the
+    Gaussians. Where edges are pooled, ``count`` levels were and ``pooled_squares`` is their
+    chi-squared about the levels here.
+    """
+
+    centre_px: FloatArray
+    levels: FloatArray
+    weights: FloatArray
+    away_px: FloatArray
+    along: FloatArray
+    normal_rad: FloatArray
+    sharpest_px: float
+    count: int
+    pooled_squares: float = 0.0
+
+    @classmethod
+    def of(cls, edges: Sequence[BinnedEdge]) -> Self:
+        """Stack edges as they are."""
+        sizes = [edge.bin_index.size for edge in edges]
+        number = np.concatenate([edge.bin_index for edge in edges])
+        first = int(number.min())
+        shape = (len(edges), int(number.max()) - first + 1)
+        at = np.repeat(np.arange(len(edges)) * shape[1], sizes) + number - first
+
+        def stacked(values: list[FloatArray]) -> FloatArray:
+            out = np.zeros(shape)
+            out.ravel()[at] = np.concatenate(values)
+            return out
+
+        along = stacked([edge.along_px for edge in edges])
+        return cls(
+            centre_px=bin_centres_px(np.arange(first, first + shape[1])),
+            levels=stacked([edge.levels for edge in edges]),
+            weights=stacked([edge.weights for edge in edges]),
+            away_px=stacked([edge.away_px for edge in edges]),
+            along=along / np.maximum(np.abs(along).max(axis=1, keepdims=True), 1.0),
+            normal_rad=np.array([edge.normal_rad for edge in edges]),
+            sharpest_px=min(edge.sigma_px for edge in edges),
+            count=number.size,
+        )
+
+    def some(self, chosen: slice | IntArray) -> Self:
+        """Return some of the edges."""
+        return replace(
+            self,
+            levels=self.levels[chosen],
+            weights=self.weights[chosen],
+            away_px=self.away_px[chosen],
+            along=self.along[chosen],
+            normal_rad=self.normal_rad[chosen],
+            count=int(np.count_nonzero(self.weights[chosen])),
+        )
 
 
 class EdgeStack:
     """Binned edges that are fitted together, with the matrix that all their profiles share."""
 
-    def __init__(self, edges: Sequence[BinnedEdge]) -> None:
-        first = min(int(edge.bin_index[0]) for edge in edges)
-        last = max(int(edge.bin_index[-1]) for edge in edges)
-        distance = bin_centres_px(np.arange(first, last + 1))
-        sharpest = min(edge.sigma_px for edge in edges)
+    def __init__(self, bins: StackedBins) -> None:
+        distance = bins.centre_px
         # The pixel alone has a width of 0.29 px.
-        lens = np.sqrt(max(sharpest**2 - 1 / 12, 0.01))
+        lens = np.sqrt(max(bins.sharpest_px**2 - 1 / 12, 0.01))
         freq_end = float(np.clip(_CY_OVER_SIGMA / lens, _LEAST_CY_PER_PX, _SHARPEST_CY_PER_PX))
         self.freq, weight = _quadrature(freq_end, float(np.max(np.abs(distance))))
-        self.normal_rad = np.array([edge.normal_rad for edge in edges])
-        self.shape = (len(edges), distance.size)
+        self.normal_rad = bins.normal_rad
+        self.shape = bins.levels.shape
+        self.binned = bins
+        self.bins = bins.count
         self._turn = 2 * pi * self.freq[:, None]
         self._sines = np.sin(distance[:, None] * self._turn.T)
         self._cosines = np.cos(distance[:, None] * self._turn.T)
@@ -89,47 +163,81 @@ class EdgeStack:
         self._weight = (weight / (pi * self.freq))[:, None]
         self._pixel = square * self._weight
         self._splines: FloatArray | None = None
-        self.root_weight = np.zeros(self.shape)
-        self._level = np.zeros(self.shape)
-        self._away = np.zeros(self.shape)
-        self._along = np.zeros(self.shape)
-        for k, edge in enumerate(edges):
-            at = edge.bin_index - first
-            self.root_weight[k, at] = np.sqrt(edge.weights)
-            self._level[k, at] = edge.levels
-            self._away[k, at] = edge.away_px
-            self._along[k, at] = edge.along_px / max(float(np.abs(edge.along_px).max()), 1.0)
-        self._level *= self.root_weight
-        self.bins = int(np.count_nonzero(self.root_weight))
+        self.root_weight = np.sqrt(bins.weights)
+        self._level = bins.levels * self.root_weight
+        self.away_px = bins.away_px
+
+    def left_by(self, slices: Slices) -> Residuals:
+        """Compare the levels with those of a lens, without derivatives."""
+        return self.residuals(slices, with_slopes=False)
 
     def residuals(
         self, slices: Slices, *, with_slopes: bool = True, with_splines: bool = False
     ) -> Residuals:
         """Compare the levels with those of a lens."""
-        columns = self._columns(slices, with_slopes=with_slopes)
-        edges, bins = self.shape
+        blocks = [
+            self._block(
+                slice(first, first + _BLOCK_EDGES),
+                slices.some(slice(first, first + _BLOCK_EDGES)),
+                with_slopes=with_slopes,
+                with_splines=with_splines,
+            )
+            for first in range(0, self.shape[0], _BLOCK_EDGES)
+        ]
+        if len(blocks) == 1:
+            return blocks[0]
+        return Residuals(
+            values=np.concatenate([block.values for block in blocks]),
+            slopes=np.concatenate([block.slopes for block in blocks]),
+            contrast=np.concatenate([block.contrast for block in blocks]),
+            shift_px=np.concatenate([block.shift_px for block in blocks]),
+            pooled_squares=self.binned.pooled_squares,
+        )
+
+    def _block(
+        self, part: slice, slices: Slices, *, with_slopes: bool, with_splines: bool
+    ) -> Residuals:
+        """Residuals of some edges, so few that their profiles stay in the processor's cache."""
+        columns = self._columns(part, slices, with_slopes=with_slopes)
+        root_weight, level = self.root_weight[part], self._level[part]
+        edges, bins = level.shape
         products = (self._sines @ columns.reshape(self.freq.size, -1)).reshape(bins, edges, -1)
-        terms = products.transpose(1, 0, 2) * self.root_weight[:, :, None]
-        more, slope = self._continued(columns[:, :, 0])
-        rise = terms[:, :, 0] + (0.5 + more) * self.root_weight
-        slope = slope * self.root_weight
-        places = [slope, slope * self._along, slope * self._along**2]
+        terms = products.transpose(1, 0, 2) * root_weight[:, :, None]
+        more, slope = self._continued(part, columns[:, :, 0])
+        rise = terms[:, :, 0] + (0.5 + more) * root_weight
+        slope = slope * root_weight
+        places = [slope]
+        if self.binned.along.any():
+            along = self.binned.along[part]
+            places += [slope * along, slope * along**2]
         # The levels, the place, the angle and the bend of each edge are fitted by a projection.
-        own = np.stack([self.root_weight, rise, *places], axis=-1)
+        own = np.stack([root_weight, rise, *places], axis=-1)
         basis, triangle = _orthonormal(own)
-        along = basis.transpose(0, 2, 1) @ self._level[:, :, None]
-        fitted = np.linalg.solve(triangle, along)
-        contrast, shift = fitted[:, 1], fitted[:, 2:, 0] / fitted[:, 1]
-        values = self._level - (basis @ along)[:, :, 0]
+        projected = basis.transpose(0, 2, 1) @ level[:, :, None]
+        fitted = np.linalg.solve(triangle, projected)
+        contrast = fitted[:, 1]
+        bare = Residuals(
+            values=level - (basis @ projected)[:, :, 0],
+            slopes=np.empty((edges, bins, 0)),
+            contrast=np.asarray(contrast[:, 0]),
+            shift_px=fitted[:, 2:, 0] / contrast,
+            pooled_squares=self.binned.pooled_squares,
+        )
         if not with_slopes:
-            return Residuals(values=values, slopes=np.empty((edges, bins, 0)), shift_px=shift)
+            return bare
         slopes = terms[:, :, 1:]
         if with_splines:
-            splines = self._spline_profiles() * self.root_weight[:, :, None]
+            splines = self._spline_profiles()[part] * root_weight[:, :, None]
             slopes = np.concatenate([slopes, splines], axis=2)
         slopes = slopes * contrast[:, None]
         slopes = slopes - basis @ (basis.transpose(0, 2, 1) @ slopes)
-        return Residuals(values=values, slopes=slopes, shift_px=shift)
+        return replace(bare, slopes=slopes)
+
+    def profiles(self, slices: Slices) -> FloatArray:
+        """Levels from 0 to 1 of a lens at the mean distances of the bins, (edges, bins)."""
+        every = slice(None)
+        columns = self._columns(every, slices, with_slopes=False)[:, :, 0]
+        return 0.5 + (self._sines @ columns).T + self._continued(every, columns)[0]
 
     def aligned(self, shift_px: FloatArray) -> bool:
         """Move the bins by what residuals say; whether that was worth it.
@@ -137,35 +245,40 @@ class EdgeStack:
         The Gaussian that found an edge gives it a wrong angle where the lens is sharp and the edge
         nearly along the rows: its misfit at a few distances looks like a slope.
         """
-        powers = np.stack([np.ones(self.shape), self._along, self._along**2], axis=-1)
+        along = self.binned.along
+        powers = np.stack([np.ones(self.shape), along, along**2], axis=-1)
         moved = (powers @ shift_px[:, :, None])[:, :, 0] * (self.root_weight > 0)
         if not _LEAST_MOVE_PX < np.abs(moved).max() < _MOST_MOVE_PX:
             return False
-        self._away += moved
+        self.away_px = self.away_px + moved
         self._splines = None
         return True
 
-    def _columns(self, slices: Slices, *, with_slopes: bool) -> FloatArray:
+    def _columns(self, part: slice, slices: Slices, *, with_slopes: bool) -> FloatArray:
         """Amplitudes of the sines: of the profiles, then of their derivatives."""
         freq = self.freq[:, None]
-        aperture = self._pixel if slices.has_pixel else self._weight
+        pixel = self._pixel[:, part]
+        aperture = pixel if slices.has_pixel else self._weight
         gauss = aperture * np.exp(-2 * pi**2 * freq**2 * slices.variance_px2)
-        pupil = pupil_slopes(freq * slices.period_px, slices.defocus_waves2)
+        # Without a pupil all frequencies are 0 of its cut-off.
+        relative = freq * slices.period_px if slices.period_px.any() else np.zeros((1, 1))
+        pupil = pupil_slopes(relative, slices.defocus_waves2)
         profile = gauss * pupil.otf
         by_variance = -2 * pi**2 * freq**2 * profile
         if slices.correction is not None:
-            profile = profile + self._pixel * (correction_splines(self.freq) @ slices.correction.T)
+            profile = profile + pixel * (correction_splines(self.freq) @ slices.correction.T)
         if not with_slopes:
             return profile[:, :, None]
         by_period = gauss * pupil.by_freq * freq
         by_defocus = gauss * pupil.by_defocus_waves2
         return np.stack([profile, by_period, by_defocus, by_variance], axis=-1)
 
-    def _continued(self, profile: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _continued(self, part: slice, profile: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What profiles rise by from the bins' centres to the means, and their slope there."""
         slope = (self._cosines @ (self._turn * profile)).T
         bend = -(self._sines @ (self._turn**2 * profile)).T
-        return self._away * slope + 0.5 * self._away**2 * bend, slope + self._away * bend
+        away = self.away_px[part]
+        return away * slope + 0.5 * away**2 * bend, slope + away * bend
 
     def _spline_profiles(self) -> FloatArray:
         """Profile of each spline of the correction on each edge, shape (edges, bins, splines)."""

@@ -114,10 +114,14 @@ def _bootstrap(design: FloatArray, squares: FloatArray, weight: FloatArray) -> F
     if count < _BOOTSTRAP_EDGES:
         return None
     rng = np.random.default_rng(_BOOTSTRAP_SEED)
-    copies = rng.multinomial(count, np.full(count, 1 / count), size=RESAMPLES)
-    w = copies * weight
-    normal = np.einsum("rn,ni,nj->rij", w, design, design, optimize=True)
-    right = np.einsum("rn,ni->ri", w * squares, design, optimize=True)
+    drawn = rng.integers(count, size=(RESAMPLES, count))
+    drawn += count * np.arange(RESAMPLES)[:, None]
+    copies = np.bincount(drawn.ravel(), minlength=RESAMPLES * count).reshape(RESAMPLES, count)
+    # One product of matrices gives both sides of all normal equations.
+    products = (design[:, :, None] * design[:, None, :]).reshape(count, -1)
+    sides = copies @ (weight[:, None] * np.column_stack([products, squares[:, None] * design]))
+    normal = sides[:, : unknowns**2].reshape(RESAMPLES, unknowns, unknowns)
+    right = sides[:, unknowns**2 :]
     # A resample that misses one of the directions has no solution: its row is dropped.
     usable = np.linalg.cond(normal) < 1e10
     solved = np.linalg.solve(normal[usable], right[usable][:, :, None])[:, :, 0]

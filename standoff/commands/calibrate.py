@@ -142,7 +142,6 @@ def calibrate(
         Reading,
         calibrate_camera,
         require_writable,
-        write_calibration_report,
         write_file,
     )
 
@@ -176,6 +175,8 @@ def calibrate(
     if found.edges is not None:
         print_psf_remarks(calibration)
         if report is not None:
+            from standoff.workflows import write_calibration_report  # loads what plots
+
             write_calibration_report(report, calibration, found.edges.load, found.edges.session)
     if json:
         print_json(json_object(calibration))

@@ -25,6 +25,7 @@ from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
 _FORMATS = ("PNG", "JPEG", "BMP", "DIB", "GIF", "PPM", "WEBP", "JPEG2000", "AVIF")
 _EXIF_IFD = 0x8769
+_WIDE_GREY = "I;16"  # of 16-bit PNG, Pillow keeps all bits of grey
 _WITHOUT_LUMA = {"CMYK": "CMYK", "LAB": "CIE L*a*b*", "HSV": "HSV"}
 _WITH_A_PALETTE = ("P", "PA", "YCbCr")
 _PNG_TRANSFER = {  # ITU-T H.273 in the cICP chunk
@@ -113,6 +114,8 @@ class _Pages:
             if self.is_wide:
                 if index > 0:
                     raise DecodingError("a moving PNG of 16 bits; save its frames one by one")
+                if (self.image.format, self.image.mode) == ("PNG", _WIDE_GREY) and self.count == 1:
+                    return np.asarray(self.image)  # decoded already, whole
                 return _wide(self.data)
             if self.count > 1:
                 self.image.seek(index)

@@ -1,4 +1,5 @@
 from .app import application as application, run_application as run_application
+from .compile_notice import when_compiling as when_compiling
 from .compiled_cache import drop_stale_code as drop_stale_code
 from .curve_options import (
     CurveContrast as CurveContrast,
@@ -126,4 +127,5 @@ __all__ = [
     "say_error",
     "time_text",
     "what_to_place",
+    "when_compiling",
 ]

@@ -40,6 +40,12 @@ from .image_files import (
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
 )
+from .output_files import (
+    RESULTS_FOLDER as RESULTS_FOLDER,
+    make_folder as make_folder,
+    require_writable as require_writable,
+    write_file as write_file,
+)
 from .paper import (
     place_errors_px as place_errors_px,
     run_paper as run_paper,
@@ -67,11 +73,7 @@ from .provenance import (
 )
 from .psf_files import psf_and_field as psf_and_field, read_camera_psf as read_camera_psf
 from .reports import (
-    RESULTS_FOLDER as RESULTS_FOLDER,
-    make_folder as make_folder,
-    require_writable as require_writable,
     write_calibration_report as write_calibration_report,
-    write_file as write_file,
     write_geometry_report as write_geometry_report,
     write_page as write_page,
 )

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from acquisition.session import Session
-from calibration.blind import calibrate_from_distances, calibrate_from_scene
 from calibration.choices import CalibrationMethod, TargetChoice
 from calibration.edges import EdgeImage, EdgeSelection, Region
 from calibration.errors import CalibrationError
@@ -123,6 +122,8 @@ def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
 
 
 def _from_scene(request: CalibrationRequest) -> CalibratedCamera:
+    from calibration.blind import calibrate_from_scene  # with what aligns photographs
+
     scenes = _scenes(request)
     with progress_bar("measuring edges", len(scenes.images)) as bar:
         calibration = calibrate_from_scene(
@@ -132,6 +133,8 @@ def _from_scene(request: CalibrationRequest) -> CalibratedCamera:
 
 
 def _from_distances(request: CalibrationRequest) -> CalibratedCamera:
+    from calibration.blind import calibrate_from_distances  # with what aligns photographs
+
     scenes = _scenes(request)
     if any(scene[0].noise is None for scene in scenes.series):
         note("the noise of the photographs is unknown and counts as blur; give --noise")

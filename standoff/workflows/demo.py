@@ -16,8 +16,8 @@ from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images
 from hil_mocks import BenchTruth
 from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
+from standoff.workflows.output_files import RESULTS_FOLDER, make_folder, write_file
 from standoff.workflows.provenance import provenance_of
-from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file
 from standoff.workflows.session_report import write_session_report
 from standoff.workflows.simulated_session import capture_simulated
 from standoff.workflows.validation_run import session_validation

@@ -101,13 +101,19 @@ def from_files(paths: Sequence[Path], reading: Reading, inputs: Inputs) -> EdgeS
         reading = replace(reading, pattern=first.pattern, channel=channel)
     taken: list[PhotographFacts] = []
 
+    waiting = [first]
+
     def images() -> Iterator[EdgeImage]:
-        for number, path in enumerate(paths):
-            photograph = first if number == 0 else inputs.photograph(path)
+        for path in paths:
+            photograph = waiting.pop() if waiting else inputs.photograph(path)
             taken.append(photograph.facts)
             if reading.channel == "luma" and photograph.is_colour:
                 note(f"{photograph.name}: colour read as Rec. 601 luma; --channel picks one colour")
-            yield edge_image(photograph, reading)
+            image = edge_image(photograph, reading)
+            # Neither the file's own levels nor the last image stay in memory beside the next one.
+            del photograph
+            yield image
+            del image
 
     by_name = {on_one_line(path): path for path in paths}
 

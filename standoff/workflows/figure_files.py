@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from analysis.reports import png_bytes, svg_bytes
-from standoff.workflows.reports import write_file
+from standoff.workflows.output_files import write_file
 
 
 def write_figure(path: Path, figure: Figure) -> None:

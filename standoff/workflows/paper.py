@@ -16,8 +16,8 @@ from calibration.registration import DistortedPose
 from hil_mocks import BenchTruth, CameraPose
 from standoff.terminal import progress_bar
 from standoff.workflows.edge_sources import Reading, from_session
+from standoff.workflows.output_files import RESULTS_FOLDER, make_folder
 from standoff.workflows.provenance import provenance_of
-from standoff.workflows.reports import RESULTS_FOLDER, make_folder
 from standoff.workflows.simulated_session import capture_simulated
 from standoff.workflows.validation_run import run_validation
 

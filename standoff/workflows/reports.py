@@ -1,14 +1,14 @@
 """Writes the reports, as HTML or PDF, whole or not at all."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.session import MANIFEST_NAME, Session, atomic_write, file_sha256
+from acquisition.session import MANIFEST_NAME, Session, file_sha256
 from analysis.reports import (
     ReportSection,
     calibration_sections,
@@ -26,23 +26,7 @@ from analysis.reports import (
 from calibration.edges import EdgeMeasurement
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
-from standoff.errors import ApplicationError
-
-
-def require_pdf() -> None:
-    """Check that PDF files can be written.
-
-    Raises
-    ------
-    ApplicationError
-        If the extra is missing; the message says how to install it.
-    """
-    try:
-        import weasyprint  # noqa: F401  # an optional dependency
-    except (ImportError, OSError) as error:  # OSError: its system libraries are missing
-        raise ApplicationError(
-            f"a PDF report needs WeasyPrint ({error}): pip install standoff[pdf]"
-        ) from error
+from standoff.workflows.output_files import require_pdf, write_file
 
 
 def pdf_bytes(page: str) -> bytes:
@@ -68,9 +52,6 @@ _LABELS = {
     "iso": "ISO",
     "pixel_pitch_um": "pixel pitch / µm",
 }
-
-RESULTS_FOLDER = "results"
-"""Folder of a session for the results obtained from it."""
 
 
 def write_calibration_report(
@@ -148,56 +129,6 @@ def write_page(path: Path, page: str) -> None:
     """
     is_pdf = path.suffix.lower() == ".pdf"
     write_file(path, pdf_bytes(page) if is_pdf else page.encode("utf-8"))
-
-
-def require_writable(paths: Iterable[Path | None]) -> None:
-    """Check, before long work, that results have a folder and that PDF can be written.
-
-    Raises
-    ------
-    ApplicationError
-        If a result cannot be written; the message names it.
-    """
-    for path in paths:
-        if path is None:
-            continue
-        if path.parent.name == RESULTS_FOLDER and (path.parent.parent / MANIFEST_NAME).is_file():
-            make_folder(path.parent)  # the folder of a session that has no results yet
-        if not path.parent.is_dir():
-            raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
-        if path.is_dir():
-            raise ApplicationError(f"cannot write {path}: it is a folder")
-        if path.suffix.lower() == ".pdf":
-            require_pdf()
-
-
-def make_folder(path: Path) -> Path:
-    """Make a folder for results, unless it exists.
-
-    Raises
-    ------
-    ApplicationError
-        If it cannot be created.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ApplicationError(f"cannot create the folder {path}: {error.strerror}") from error
-    return path
-
-
-def write_file(path: Path, data: bytes) -> None:
-    """Write a result, whole or not at all.
-
-    Raises
-    ------
-    ApplicationError
-        If the file cannot be written.
-    """
-    try:
-        atomic_write(path, data)
-    except OSError as error:
-        raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
 
 
 def write_geometry_report(path: Path, geometry: GeometryCalibration, subtitle: str) -> None:

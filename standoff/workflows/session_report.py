@@ -10,8 +10,9 @@ from calibration.errors import PsfFileError
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
 from standoff.terminal import note
+from standoff.workflows.output_files import RESULTS_FOLDER
 from standoff.workflows.provenance import provenance_of
-from standoff.workflows.reports import RESULTS_FOLDER, write_page
+from standoff.workflows.reports import write_page
 from standoff.workflows.validation_run import session_validation
 
 

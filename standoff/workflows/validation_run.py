@@ -24,8 +24,9 @@ from analysis.validation import (
 from simulation import Psf
 from standoff.errors import ApplicationError
 from standoff.terminal import note, progress_bar
+from standoff.workflows.output_files import RESULTS_FOLDER, make_folder, write_file
 from standoff.workflows.provenance import provenance_of
-from standoff.workflows.reports import RESULTS_FOLDER, make_folder, write_file, write_page
+from standoff.workflows.reports import write_page
 
 _FILE = "validation.json"
 

@@ -7,7 +7,7 @@ from calibration.edges.binned import BinnedEdge
 from calibration.edges.measurement import measure_edges
 from calibration.psf.otf_choice import choose_otf, distinct_directions_deg, widest_gap_deg
 from calibration.psf.otf_forms import ELLIPTIC
-from calibration.psf.otf_slices import EdgeStack
+from calibration.psf.otf_slices import EdgeStack, StackedBins
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import Lens, edge_photographs, pupil_transfer
 
@@ -106,7 +106,7 @@ def test_edges_that_differ_widen_the_covariance_and_do_not_change_the_form() -> 
 
 def test_the_residuals_slopes_are_differences_of_the_levels() -> None:
     lens = Lens(0.55, 0.35, turn_deg=30.0, waves=0.5, sigma_px=0.3)
-    stack = EdgeStack(binned(lens, EIGHT_DEG))
+    stack = EdgeStack(StackedBins.of(binned(lens, EIGHT_DEG)))
     # The lens itself: B xy is (0.55 - 0.35) cos 30 sin 30.
     parameters = np.array([0.5, 0.0866, 0.4, 0.25, 0.09])
     here = stack.residuals(ELLIPTIC.slices(parameters, stack.normal_rad))

@@ -1,0 +1,79 @@
+"""Files and folders of results: checked before long work, written whole or not at all.
+
+Apart from the reports, whose plots and templates take half a second to load.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from acquisition.session import MANIFEST_NAME, atomic_write
+from standoff.errors import ApplicationError
+
+RESULTS_FOLDER = "results"
+"""Folder of a session for the results obtained from it."""
+
+
+def require_writable(paths: Iterable[Path | None]) -> None:
+    """Check, before long work, that results have a folder and that PDF can be written.
+
+    Raises
+    ------
+    ApplicationError
+        If a result cannot be written; the message names it.
+    """
+    for path in paths:
+        if path is None:
+            continue
+        if path.parent.name == RESULTS_FOLDER and (path.parent.parent / MANIFEST_NAME).is_file():
+            make_folder(path.parent)  # the folder of a session that has no results yet
+        if not path.parent.is_dir():
+            raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
+        if path.is_dir():
+            raise ApplicationError(f"cannot write {path}: it is a folder")
+        if path.suffix.lower() == ".pdf":
+            require_pdf()
+
+
+def make_folder(path: Path) -> Path:
+    """Make a folder for results, unless it exists.
+
+    Raises
+    ------
+    ApplicationError
+        If it cannot be created.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ApplicationError(f"cannot create the folder {path}: {error.strerror}") from error
+    return path
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a result, whole or not at all.
+
+    Raises
+    ------
+    ApplicationError
+        If the file cannot be written.
+    """
+    try:
+        atomic_write(path, data)
+    except OSError as error:
+        raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
+
+
+def require_pdf() -> None:
+    """Check that PDF files can be written.
+
+    Raises
+    ------
+    ApplicationError
+        If the extra is missing; the message says how to install it.
+    """
+    try:
+        import weasyprint  # noqa: F401  # an optional dependency
+    except (ImportError, OSError) as error:  # OSError: its system libraries are missing
+        raise ApplicationError(
+            f"a PDF report needs WeasyPrint ({error}): pip install standoff[pdf]"
+        ) from error
