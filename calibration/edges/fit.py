@@ -12,7 +12,6 @@ import numpy as np
 from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
 from calibration.edges.model import (
     CURVATURE,
-    FLAT_PARAMETERS,
     HIGH,
     LOG_SIGMA,
     LOW,
@@ -118,16 +117,13 @@ def fit_edge(
 def _measurement(
     likely: LikelyEdge, segment: EdgeSegment, *, is_noise_known: bool, has_saturation: bool
 ) -> EdgeFit:
-    freedom = max(likely.pixels - FLAT_PARAMETERS, 1)
     total = likely.total.parameters
-    sigma, sigma_err = _width(likely.total, freedom)
+    sigma, sigma_err = _width(likely.total)
     optical: float | None = None
     optical_err: float | None = None
-    best = likely.total
+    best = likely.optical if likely.is_square else likely.total
     if likely.optical.is_found:
-        optical, optical_err = _width(likely.optical, freedom)
-        if likely.optical.squares < best.squares:
-            best = likely.optical
+        optical, optical_err = _width(likely.optical)
         if optical < SHARPEST_PX:
             optical = optical_err = None
     half_length_px = segment.line.half_length_px
@@ -157,13 +153,13 @@ def _measurement(
         high_dn=float(total[HIGH]),
         noise_dn=float(likely.noise_dn),
         curvature_per_px=float(2 * total[CURVATURE] / half_length_px**2),
-        chi2_reduced=float(best.squares / freedom) if is_noise_known else None,
+        chi2_reduced=float(likely.chi2_reduced) if is_noise_known else None,
         flags=tuple(flags),
         clipped_fraction=likely.clipped_fraction if has_saturation else None,
     )
 
 
-def _width(fit: WidthFit, freedom: int) -> tuple[float, float]:
+def _width(fit: WidthFit) -> tuple[float, float]:
     """Sigma and its standard error."""
     sigma = exp(fit.parameters[LOG_SIGMA])
-    return sigma, sigma * sqrt(fit.log_sigma_variance * fit.squares / freedom)
+    return sigma, sigma * sqrt(fit.log_sigma_variance)

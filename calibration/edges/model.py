@@ -332,3 +332,47 @@ def edge_profile(
         return np.asarray(_profile(distances, sigma_px, 1.0, 0.0, False))
     a, b = abs(float(np.cos(normal_angle_rad))), abs(float(np.sin(normal_angle_rad)))
     return np.asarray(_profile(distances, sigma_px, a, b, True))
+
+
+class EdgeJacobian(NamedTuple):
+    """Model level, unit edge and derivatives by the parameters at each pixel."""
+
+    levels: FloatArray
+    edges: FloatArray
+    jacobian: FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def edge_jacobian(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> EdgeJacobian:
+    """Evaluate the model and its derivatives, shape ``(n, parameters)``, at each pixel."""
+    x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
+    count = parameters.size
+    levels, edges = np.empty(x.size), np.empty(x.size)
+    jacobian = np.zeros((x.size, count))
+    angle = pixels.normal_rad + parameters[TURN] / half_length
+    cosine, sine = np.cos(angle), np.sin(angle)
+    a, b = abs(cosine), abs(sine)
+    sigma = np.exp(parameters[LOG_SIGMA])
+    bend = parameters[CURVATURE]
+    per_length = 1.0 / half_length
+    for i in range(x.size):
+        along = (-sine * x[i] + cosine * y[i]) * per_length
+        across = cosine * x[i] + sine * y[i]
+        d = across - parameters[OFFSET] - bend * along * along
+        edge, slope, by_log_sigma = _edge(d, sigma, a, b, is_square)
+        low, high = parameters[LOW], parameters[HIGH]
+        if count == SHADED_PARAMETERS:
+            low += parameters[6] * along
+            high += parameters[7] * along
+            jacobian[i, 6] = along * (1.0 - edge)
+            jacobian[i, 7] = along * edge
+        across_step = (high - low) * slope
+        levels[i] = low + (high - low) * edge
+        edges[i] = edge
+        jacobian[i, TURN] = across_step * (along + 2.0 * bend * along * across * per_length**2)
+        jacobian[i, OFFSET] = -across_step
+        jacobian[i, CURVATURE] = -across_step * along * along
+        jacobian[i, LOG_SIGMA] = (high - low) * by_log_sigma
+        jacobian[i, LOW] = 1.0 - edge
+        jacobian[i, HIGH] = edge
+    return EdgeJacobian(levels, edges, jacobian)
