@@ -15,6 +15,7 @@ from .esfr import (
     pixel_mtf50 as pixel_mtf50,
 )
 from .fit import EdgeFit as EdgeFit, fit_edge as fit_edge
+from .jpeg import JpegCompression as JpegCompression
 from .measurement import (
     REJECTING_FLAGS as REJECTING_FLAGS,
     EdgeImage as EdgeImage,
@@ -45,6 +46,7 @@ __all__ = [
     "EdgeMeasurement",
     "EdgeSamples",
     "EdgeSegment",
+    "JpegCompression",
     "MeasuredTransfer",
     "Method",
     "Orientation",

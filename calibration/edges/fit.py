@@ -9,6 +9,7 @@ from math import cos, exp, sin, sqrt
 
 import numpy as np
 
+from calibration.edges.jpeg import JpegCompression, behind_compression
 from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
 from calibration.edges.model import (
     CURVATURE,
@@ -77,6 +78,7 @@ def fit_edge(
     *,
     noise: LevelNoise | None = None,
     saturation_dn: float | None = None,
+    compression: JpegCompression | None = None,
 ) -> EdgeFit | None:
     """Fit total and optical PSF width to the pixels around one edge.
 
@@ -90,6 +92,9 @@ def fit_edge(
         Noise of one pixel of ``image_dn``; None estimates it from the residuals.
     saturation_dn
         Pixels at or above 99.5 % of it, or at 0, count as saturated.
+    compression
+        How the image was compressed: the widths are then those before, with errors that contain
+        what was lost. None if it was not, or is not known.
 
     Returns
     -------
@@ -109,6 +114,10 @@ def fit_edge(
     )
     if not likely.total.is_found:
         return None
+    if compression is not None:
+        likely = behind_compression(
+            likely, image_dn, segment.line, segment.clearance_px, compression
+        )
     return _measurement(
         likely, segment, is_noise_known=noise is not None, has_saturation=saturation_dn is not None
     )

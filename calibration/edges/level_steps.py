@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from calibration.edges.residuals import cut_variance
 from simulation.arrays import FloatArray
 
 _FIRST_PIXELS = 64
@@ -20,6 +21,7 @@ _FEWEST_LEVELS = 4
 _WHOLE = 0.01  # of a step: how near to whole multiples the distances of an even grid are
 _ALIKE = 1.35  # ratio of neighbouring steps: 1.25 in sRGB at code 10, two of an even grid
 _SHARE_ALIKE = 0.75
+_COARSE = 0.6  # of a step: scatter below which rounding is no independent noise
 _COINCIDE = 1e-7  # of the range: levels nearer to each other are one
 
 
@@ -95,3 +97,20 @@ def _between_neighbours(values: FloatArray, levels: FloatArray, steps: FloatArra
         lower[i] = values[i] - half[max(k - 1, 0)]
         upper[i] = values[i] + half[min(k, last)]
     return LevelSteps(True, lower, upper, float(np.mean(upper - lower)))
+
+
+@njit(cache=True, error_model="numpy")
+def is_coarse(scatter: FloatArray, edges: FloatArray, steps: LevelSteps) -> bool:
+    """Whether the noise of either side is too small for rounding to be noise of its own.
+
+    Rounding error is white and uniform to exp(-2 pi^2 s^2 / step^2) (Widrow and Kollar,
+    Quantization Noise, 2008, chapter 5): 0.7 % at half a step, where the scatter with
+    rounding is 0.58 of one.
+    """
+    if not steps.is_found:
+        return False
+    relative = scatter / (steps.upper - steps.lower)
+    dark, bright = relative[edges < 0.5], relative[edges >= 0.5]
+    if min(len(dark), len(bright)) == 0:
+        return False
+    return bool(min(cut_variance(dark), cut_variance(bright)) < _COARSE**2)

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.level_steps import LevelSteps, level_steps
+from calibration.edges.least_squares import Minimum, inverse_element, levenberg_marquardt
+from calibration.edges.level_steps import is_coarse, level_steps
 from calibration.edges.model import (
     FLAT_PARAMETERS,
     HIGH,
@@ -21,19 +22,16 @@ from calibration.edges.model import (
     LOW,
     SHADED_PARAMETERS,
     EdgeLevels,
-    Minimum,
     edge_values,
-    levenberg_marquardt,
     slopes_gain,
 )
-from calibration.edges.residuals import ProfileFigures, cut_variance, noise_part, profile_figures
+from calibration.edges.residuals import ProfileFigures, noise_part, profile_figures
 from calibration.edges.rounded import (
     Intervals,
     LikelyParameters,
     expected_residuals,
-    inverse_element,
     maximise_intervals,
-    one_code_weights,
+    pixel_intervals,
 )
 from calibration.edges.segments import (
     BandPixels,
@@ -52,7 +50,6 @@ _WINDOW_AGREES = 0.1  # relative change of sigma that needs no new window
 _SHADING_P = 1e-3
 _SHADING_SCORE_P = 1e-2  # the score is only an estimate of the F-test
 _SHADING_LEAST = 2e-3  # of the contrast over half an edge: less does not move sigma by 0.01 %
-_COARSE = 0.6  # of a step: scatter below which rounding is no independent noise, see below
 _BLACK_DN = 0.0
 _NEARLY_SATURATED = 0.995
 
@@ -160,12 +157,12 @@ def maximise(
         return _none()
     found = _best_levels(pixels, flat)
     widths, has_slopes = _with_slopes_along(pixels, weighed.weights, flat, found)
-    if _is_coarse(scatter, found.edges, steps):
-        fits = _rounded_fits(_intervals(pixels, stored, steps, weighed.outliers, found), widths)
-    else:
-        fits = _smooth_fits(pixels, weighed.weights, widths)
-    if not fits.total.is_found:
-        return _none()
+    fits = _smooth_fits(pixels, weighed.weights, widths)
+    if is_coarse(scatter, found.edges, steps):
+        rounded = _rounded_fits(
+            pixel_intervals(pixels, stored, steps, weighed.outliers, found), widths
+        )
+        fits = rounded if rounded.total.is_found else fits
     return _likely(fits, pixels, weighed, saturation_dn, is_shaded or has_slopes)
 
 
@@ -202,24 +199,7 @@ def _likely(
 
 @njit(cache=True)
 def _freedom(weights: FloatArray) -> int:
-    return max(np.count_nonzero(weights) - FLAT_PARAMETERS, 1)
-
-
-@njit(cache=True, error_model="numpy")
-def _is_coarse(scatter: FloatArray, edges: FloatArray, steps: LevelSteps) -> bool:
-    """Whether the noise of either side is too small for rounding to be noise of its own.
-
-    Rounding error is white and uniform to exp(-2 pi^2 s^2 / step^2) (Widrow and Kollar,
-    Quantization Noise, 2008, chapter 5): 0.7 % at half a step, where the scatter with
-    rounding is 0.58 of one.
-    """
-    if not steps.is_found:
-        return False
-    relative = scatter / (steps.upper - steps.lower)
-    dark, bright = relative[edges < 0.5], relative[edges >= 0.5]
-    if min(len(dark), len(bright)) == 0:
-        return False
-    return bool(min(cut_variance(dark), cut_variance(bright)) < _COARSE**2)
+    return max(int(np.count_nonzero(weights)) - FLAT_PARAMETERS, 1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -234,23 +214,6 @@ def _smooth_fits(pixels: BandPixels, weights: FloatArray, widths: _Widths) -> _F
         found,
         pixels.values - found.levels,
     )
-
-
-@njit(cache=True, error_model="numpy")
-def _intervals(
-    pixels: BandPixels,
-    stored: FloatArray,
-    steps: LevelSteps,
-    weights: FloatArray,
-    found: EdgeLevels,
-) -> Intervals:
-    """The levels that the stored codes stand for, less the shading that was taken off."""
-    shading = stored - pixels.values
-    lower, upper = steps.lower - shading, steps.upper - shading
-    data = Intervals(pixels, lower, upper, weights, steps.step_dn)
-    contrast = found.levels.max() - found.levels.min()
-    weights = one_code_weights(data, found.edges, contrast)
-    return Intervals(pixels, lower, upper, weights, steps.step_dn)
 
 
 @njit(cache=True, error_model="numpy")
@@ -412,5 +375,5 @@ def _width_fit(minimum: Minimum, freedom: int) -> WidthFit:
     """Fit with the variance of log sigma from the inverse Hessian, scaled by the scatter."""
     if not minimum.is_found:
         return WidthFit(False, minimum.parameters, 0.0)
-    variance = max(inverse_element(minimum.hessian, LOG_SIGMA), 0.0)
+    variance = inverse_element(minimum.hessian, LOG_SIGMA)
     return WidthFit(True, minimum.parameters, variance * minimum.squares / freedom)

@@ -18,6 +18,7 @@ from calibration.edges.esfr import (
     pixel_mtf50,
 )
 from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
+from calibration.edges.jpeg import JpegCompression
 from calibration.edges.mosaic import in_sensor_pixels, sfr_in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
@@ -59,6 +60,7 @@ class Region:
 class EdgeImage:
     """One photograph with edges: a plane linear in light, and what is known about it.
 
+    ``compression`` tells how a JPEG was made, if that is known and the plane is its luma.
     ``clipped`` marks pixels that were clipped in the file, in any colour. The plane of one
     colour of a mosaic has ``pitch_px`` 2: its pixels stand that far apart on the sensor, the
     first one at ``first_x_px``, ``first_y_px``.
@@ -71,6 +73,7 @@ class EdgeImage:
     noise: LevelNoise | None = None
     saturation_dn: float | None = None
     is_jpeg: bool = False
+    compression: JpegCompression | None = None
     clipped: BoolArray | None = field(default=None, repr=False)
     pitch_px: int = 1
     first_x_px: int = 0
@@ -177,7 +180,7 @@ def measure_edges(
     ValueError
         If the region is not within the image.
     """
-    image, clipped = source.image_dn, source.clipped
+    image, clipped, compression = source.image_dn, source.clipped, source.compression
     left = top = 0
     if region is not None:
         source.refuse_beyond_frame(region)
@@ -186,9 +189,16 @@ def measure_edges(
         inside = np.s_[top : bottom // source.pitch_px, left : right // source.pitch_px]
         image = image[inside]
         clipped = None if clipped is None else clipped[inside]
+        compression = None if compression is None else compression.cropped(top, left)
     measurements = []
     for segment in find_edges(image):
-        found = fit_edge(image, segment, noise=source.noise, saturation_dn=source.saturation_dn)
+        found = fit_edge(
+            image,
+            segment,
+            noise=source.noise,
+            saturation_dn=source.saturation_dn,
+            compression=compression,
+        )
         fit = None if found is None else _determined(found)
         if fit is None:
             continue

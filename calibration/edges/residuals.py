@@ -63,7 +63,7 @@ def cut_variance(deviations: FloatArray) -> float:
     Unlike the median of the moduli it is not 0 where rounding makes most values equal.
     """
     # The mean modulus of a normal is sqrt(2 / pi) of its sigma.
-    variance = 0.5 * np.pi * np.mean(np.abs(deviations)) ** 2
+    variance = float(0.5 * np.pi * np.mean(np.abs(deviations)) ** 2)
     for _ in range(_CUTS):
         total, count = 0.0, 0
         for x in deviations:
@@ -72,7 +72,7 @@ def cut_variance(deviations: FloatArray) -> float:
                 count += 1
         if count in (0, len(deviations)):
             return total / max(count, 1)
-        variance = total / count
+        variance = float(total / count)
     return float(variance)
 
 

@@ -23,27 +23,41 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.model import LOG_SIGMA, LOW, edge_jacobian
+from calibration.edges.least_squares import inverse_element, solved
+from calibration.edges.level_steps import LevelSteps
+from calibration.edges.model import (
+    LOG_SIGMA,
+    LOW,
+    EdgeJacobian,
+    EdgeLevels,
+    edge_jacobian,
+)
 from calibration.edges.segments import BandPixels
 from simulation.arrays import FloatArray
 
 _LEAST_NOISE = 0.03  # of a step: what noise-free edges at random angles look like
-_USUAL_NOISE = 0.3  # of a step
 _LOG_NOISE_PRIOR = 1.0  # standard deviation of log s about that
 _LOG_RATIO_PRIOR = 0.5  # of the logarithm of both sides' ratio: shot noise of 4:1 has 0.7
 _FAR = 20.0  # standard deviations from which on the nearer bound alone counts
 _MAX_STEPS = 40
 _MAX_DAMPINGS = 12
 _GAIN = 1e-4  # of the logarithm of the likelihood: 0.014 standard errors
+_USUAL_NOISE = 0.3  # of a step, before rounding, where rounding matters
+_START = 4.0  # of the usual noise: a smoother likelihood, from which the walls are approached
 _FLAT = 0.05  # of a step from its level: a pixel that tells nothing but the level
+_BLOCK = 8
+_EVEN_CODE = 128  # taken off before the transform
 _SQRT_HALF = sqrt(0.5)
 _INV_SQRT_2PI = 1 / sqrt(2 * pi)
 
 
 class Intervals(NamedTuple):
-    """Pixels and the levels that their codes stand for; shape ``(n,)`` each.
+    """What is known of ``n`` observations before rounding; shape ``(n,)`` each.
 
-    ``weights`` multiply the logarithms of the likelihood, ``step_dn`` is the usual interval.
+    The observations are the pixels, or where there are ``code_levels_dn`` the cosines of blocks
+    of 8 x 8 codes, block by block, and ``step_dn``, ``usual_noise_dn`` and the bounds in codes.
+    ``weights`` multiply the logarithms of the likelihood, ``step_dn`` is the usual interval,
+    ``extra_variance`` noise that is known beside that which is estimated.
     """
 
     pixels: BandPixels
@@ -51,6 +65,9 @@ class Intervals(NamedTuple):
     upper: FloatArray
     weights: FloatArray
     step_dn: float
+    usual_noise_dn: float
+    extra_variance: FloatArray
+    code_levels_dn: FloatArray
 
 
 class LikelyParameters(NamedTuple):
@@ -111,7 +128,7 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
     """Log likelihood with the priors of the noise, its gradient and its negative Hessian."""
     count = len(parameters)
     edge_count = count - 2
-    model = edge_jacobian(data.pixels, parameters[:edge_count], is_square)
+    model = _observed(data, parameters[:edge_count], is_square)
     hessian, gradient = np.zeros((count, count)), np.zeros(count)
     row = np.empty(count)
     least2 = (_LEAST_NOISE * data.step_dn) ** 2
@@ -122,13 +139,14 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
             continue
         e = model.edges[i]
         s2 = np.exp(2 * ((1 - e) * parameters[edge_count] + e * parameters[edge_count + 1]))
-        s = sqrt(s2 + least2)
+        all2 = s2 + least2 + data.extra_variance[i]
+        s = sqrt(all2)
         level = model.levels[i]
         term, by_level, by_s, by_levels, by_ss, mixed = interval_terms(
             data.lower[i] - level, data.upper[i] - level, s
         )
         total += w * term
-        free = s2 / (s2 + least2)
+        free = s2 / all2
         for j in range(edge_count):
             row[j] = model.jacobian[i, j]
         row[edge_count], row[edge_count + 1] = free * (1 - e), free * e
@@ -142,7 +160,7 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
                 hessian[j, k] -= w * mixed * row[j] * row[k]
             for k in range(edge_count, j + 1):
                 hessian[j, k] -= w * by_ss * row[j] * row[k]
-    total += _add_priors(hessian, gradient, parameters, data.step_dn)
+    total += _add_priors(hessian, gradient, parameters, data.usual_noise_dn)
     for j in range(count):
         for k in range(j):
             hessian[k, j] = hessian[j, k]
@@ -150,14 +168,56 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
 
 
 @njit(cache=True)
+def cosine_transform() -> FloatArray:
+    """The orthonormal cosine transform of eight values, shape ``(8, 8)``, by rising frequency."""
+    matrix = np.empty((_BLOCK, _BLOCK))
+    for k in range(_BLOCK):
+        scale = sqrt((1.0 if k == 0 else 2.0) / _BLOCK)
+        for n in range(_BLOCK):
+            matrix[k, n] = scale * np.cos(pi * (2 * n + 1) * k / (2 * _BLOCK))
+    return matrix
+
+
+@njit(cache=True, error_model="numpy")
+def _observed(data: Intervals, parameters: FloatArray, is_square: bool) -> EdgeJacobian:
+    """The model of the observations: of the pixels, or of the cosines of their codes."""
+    model = edge_jacobian(data.pixels, parameters, is_square)
+    code_levels = data.code_levels_dn
+    if len(code_levels) == 0:
+        return model
+    levels, edges, jacobian = model.levels, model.edges, model.jacobian
+    last = len(code_levels) - 1
+    for i in range(len(levels)):
+        k = min(max(np.searchsorted(code_levels, levels[i]) - 1, 0), last - 1)
+        slope = 1.0 / (code_levels[k + 1] - code_levels[k])
+        levels[i] = k + slope * (levels[i] - code_levels[k]) - _EVEN_CODE
+        jacobian[i] *= slope
+    transform = cosine_transform()
+    for k in range(0, len(levels), _BLOCK**2):
+        block = slice(k, k + _BLOCK**2)
+        # Of a block away from the edge the first cosine alone is not 0.
+        edges[block] = np.mean(edges[block])
+        levels[block] = _cosines(transform, levels[block])
+        for j in range(jacobian.shape[1]):
+            jacobian[block, j] = _cosines(transform, jacobian[block, j].copy())
+    return EdgeJacobian(levels, edges, jacobian)
+
+
+@njit(cache=True)
+def _cosines(transform: FloatArray, values: FloatArray) -> FloatArray:
+    block = values.copy().reshape(_BLOCK, _BLOCK)
+    return (transform @ block @ transform.T).copy().reshape(_BLOCK * _BLOCK)
+
+
+@njit(cache=True)
 def _add_priors(
-    hessian: FloatArray, gradient: FloatArray, parameters: FloatArray, step_dn: float
+    hessian: FloatArray, gradient: FloatArray, parameters: FloatArray, usual_noise_dn: float
 ) -> float:
     """What is known of the noise where the codes tell nothing: a side of one code alone."""
     dark, bright = len(parameters) - 2, len(parameters) - 1
     total = 0.0
     for j in (dark, bright):
-        away = (parameters[j] - log(_USUAL_NOISE * step_dn)) / _LOG_NOISE_PRIOR
+        away = (parameters[j] - log(usual_noise_dn)) / _LOG_NOISE_PRIOR
         total -= 0.5 * away * away
         gradient[j] -= away / _LOG_NOISE_PRIOR
         hessian[j, j] += 1 / _LOG_NOISE_PRIOR**2
@@ -167,7 +227,7 @@ def _add_priors(
     hessian[bright, bright] += 1 / _LOG_RATIO_PRIOR**2
     hessian[dark, dark] += 1 / _LOG_RATIO_PRIOR**2
     hessian[bright, dark] -= 1 / _LOG_RATIO_PRIOR**2
-    return total - 0.5 * apart * apart
+    return float(total - 0.5 * apart * apart)
 
 
 @njit(cache=True, error_model="numpy")
@@ -186,14 +246,19 @@ def maximise_intervals(data: Intervals, start: FloatArray, is_square: bool) -> L
     edge_count = len(start)
     best = np.empty(edge_count + 2)
     best[:edge_count] = start
-    best[edge_count:] = log(_USUAL_NOISE * data.step_dn)
+    best[edge_count:] = log(_START * data.usual_noise_dn)
     here = _equations(data, best, is_square)
     damping = 1e-3
+    if not np.isfinite(here.log_likelihood):
+        return LikelyParameters(False, start, 0.0, -np.inf, (0.0, 0.0))
     for _ in range(_MAX_STEPS):
         has_moved = False
         gain = 0.0
         for _ in range(_MAX_DAMPINGS):
-            change = _solved(here.hessian, here.gradient, damping)
+            change = solved(here.hessian, here.gradient, damping)
+            if not np.isfinite(change[0]):
+                damping *= 10.0
+                continue
             trial = best + change
             trial[LOG_SIGMA] = min(max(trial[LOG_SIGMA], best[LOG_SIGMA] - 1), best[LOG_SIGMA] + 1)
             there = _equations(data, trial, is_square)
@@ -218,26 +283,6 @@ def maximise_intervals(data: Intervals, start: FloatArray, is_square: bool) -> L
     )
 
 
-@njit(cache=True)
-def _solved(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
-    damped = hessian.copy()
-    for j in range(len(gradient)):
-        damped[j, j] = abs(damped[j, j]) * (1 + damping) + 1e-300
-    return np.linalg.solve(damped, gradient)
-
-
-@njit(cache=True)
-def inverse_element(hessian: FloatArray, index: int) -> float:
-    """Diagonal element of the inverse, with rows and columns scaled to a unit diagonal."""
-    scale = np.sqrt(np.abs(np.diag(hessian))) + 1e-300
-    unit = np.zeros(len(scale))
-    unit[index] = 1.0
-    scaled = hessian / scale / scale.reshape(-1, 1)
-    for j in range(len(scale)):
-        scaled[j, j] += 1e-14
-    return float(np.linalg.solve(scaled, unit)[index] / scale[index] ** 2)
-
-
 @njit(cache=True, error_model="numpy")
 def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) -> FloatArray:
     """Mean deviation from the model before rounding that each pixel's interval implies, in DN.
@@ -255,18 +300,42 @@ def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) 
 
 
 @njit(cache=True, error_model="numpy")
-def one_code_weights(data: Intervals, edges: FloatArray, contrast: float) -> FloatArray:
+def pixel_intervals(
+    pixels: BandPixels,
+    stored: FloatArray,
+    steps: LevelSteps,
+    weights: FloatArray,
+    found: EdgeLevels,
+) -> Intervals:
+    """The levels that the stored codes stand for, less the shading that was taken off."""
+    shading = stored - pixels.values
+    lower, upper = steps.lower - shading, steps.upper - shading
+    contrast = found.levels.max() - found.levels.min()
+    return Intervals(
+        pixels,
+        lower,
+        upper,
+        _one_code_weights(lower, weights, found.edges, steps.step_dn, contrast),
+        steps.step_dn,
+        _USUAL_NOISE * steps.step_dn,
+        np.zeros(len(lower)),
+        np.empty(0),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _one_code_weights(
+    lower: FloatArray, weights: FloatArray, edges: FloatArray, step_dn: float, contrast: float
+) -> FloatArray:
     """Weights where a flat side that is one code throughout counts as one pixel.
 
     The noise does not reach the next code there, so its rounding errors are all the same; as
     single pixels they would place the level in the middle of the code's interval.
     """
-    weights = data.weights.copy()
-    reach = _FLAT * data.step_dn / contrast
+    weights = weights.copy()
+    reach = _FLAT * step_dn / contrast
     for flat in (edges < reach, edges > 1 - reach):
-        if not np.any(flat):
-            continue
-        lower = data.lower[flat & (data.weights > 0)]
-        if len(lower) > 0 and lower.max() - lower.min() < 0.5 * data.step_dn:
-            weights[flat] /= len(lower)
+        own = lower[flat & (weights > 0)]
+        if len(own) > 0 and own.max() - own.min() < 0.5 * step_dn:
+            weights[flat] /= len(own)
     return weights
