@@ -157,7 +157,9 @@ def maximise(
         return _none()
     found = _best_levels(pixels, flat)
     widths, has_slopes = _with_slopes_along(pixels, weighed.weights, flat, found)
-    fits = _smooth_fits(pixels, weighed.weights, widths)
+    if has_slopes:
+        found = _best_levels(pixels, widths)
+    fits = _smooth_fits(pixels, weighed.weights, widths, found)
     if is_coarse(scatter, found.edges, steps):
         rounded = _rounded_fits(
             pixel_intervals(pixels, stored, steps, weighed.outliers, found), widths
@@ -203,9 +205,10 @@ def _freedom(weights: FloatArray) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _smooth_fits(pixels: BandPixels, weights: FloatArray, widths: _Widths) -> _Fits:
+def _smooth_fits(
+    pixels: BandPixels, weights: FloatArray, widths: _Widths, found: EdgeLevels
+) -> _Fits:
     """The least squares as they are, with their scatter as the noise."""
-    found = _best_levels(pixels, widths)
     freedom = _freedom(weights)
     return _Fits(
         _width_fit(widths.total, freedom),
