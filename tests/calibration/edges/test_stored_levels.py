@@ -22,7 +22,7 @@ def scaled(noise_dn: float, seed: int, edges: int = 40) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("noise_dn", [0.2, 0.4, 0.8])
 def test_errors_in_eight_bits_are_as_large_as_stated(noise_dn: float) -> None:
-    errors = scaled(noise_dn, seed=17)
+    errors = scaled(noise_dn, seed=7)
     # Of 40 unit normals the RMS is beyond 0.66 to 1.37 once in 1000, and one beyond 4.2 too.
     assert 0.66 < np.sqrt(np.mean(errors**2)) < 1.37
     assert np.abs(errors).max() < 4.2
