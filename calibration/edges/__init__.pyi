@@ -16,6 +16,7 @@ from .esfr import (
 )
 from .fit import EdgeFit as EdgeFit, fit_edge as fit_edge
 from .gaussian_mtf import gaussian_mtf50 as gaussian_mtf50, pixel_mtf50 as pixel_mtf50
+from .jpeg import JpegCompression as JpegCompression
 from .measurement import (
     REJECTING_FLAGS as REJECTING_FLAGS,
     EdgeImage as EdgeImage,
@@ -42,6 +43,7 @@ __all__ = [
     "EdgeSamples",
     "EdgeSelection",
     "EdgeSfr",
+    "JpegCompression",
     "MeasuredTransfer",
     "Method",
     "Orientation",

@@ -10,10 +10,10 @@ from math import cos, exp, sin, sqrt
 import numpy as np
 
 from calibration.edge_search import SHORTEST_PX, EdgeSegment
+from calibration.edges.jpeg import JpegCompression, behind_compression
 from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
 from calibration.edges.model import (
     CURVATURE,
-    FLAT_PARAMETERS,
     HIGH,
     LOG_SIGMA,
     LOW,
@@ -77,6 +77,7 @@ def fit_edge(
     *,
     noise: LevelNoise | None = None,
     saturation_dn: float | None = None,
+    compression: JpegCompression | None = None,
 ) -> EdgeFit | None:
     """Fit total and optical PSF width to the pixels around one edge.
 
@@ -90,6 +91,9 @@ def fit_edge(
         Noise of one pixel of ``image_dn``; None estimates it from the residuals.
     saturation_dn
         Pixels at or above 99.5 % of it, or at 0, count as saturated.
+    compression
+        How the image was compressed: the widths are then those before, with errors that contain
+        what was lost. None if it was not, or is not known.
 
     Returns
     -------
@@ -109,6 +113,10 @@ def fit_edge(
     )
     if not likely.total.is_found:
         return None
+    if compression is not None:
+        likely = behind_compression(
+            likely, image_dn, segment.line, segment.clearance_px, compression
+        )
     return _measurement(
         likely, segment, is_noise_known=noise is not None, has_saturation=saturation_dn is not None
     )
@@ -117,16 +125,13 @@ def fit_edge(
 def _measurement(
     likely: LikelyEdge, segment: EdgeSegment, *, is_noise_known: bool, has_saturation: bool
 ) -> EdgeFit:
-    freedom = max(likely.pixels - FLAT_PARAMETERS, 1)
     total = likely.total.parameters
-    sigma, sigma_err = _width(likely.total, freedom)
+    sigma, sigma_err = _width(likely.total)
     optical: float | None = None
     optical_err: float | None = None
-    best = likely.total
+    best = likely.optical if likely.is_square else likely.total
     if likely.optical.is_found:
-        optical, optical_err = _width(likely.optical, freedom)
-        if likely.optical.squares < best.squares:
-            best = likely.optical
+        optical, optical_err = _width(likely.optical)
         if optical < SHARPEST_PX:
             optical = optical_err = None
     half_length_px = segment.line.half_length_px
@@ -159,13 +164,13 @@ def _measurement(
         high_dn=float(total[HIGH]),
         noise_dn=float(likely.noise_dn),
         curvature_per_px=float(2 * position[CURVATURE] / half_length_px**2),
-        chi2_reduced=float(best.squares / freedom) if is_noise_known else None,
+        chi2_reduced=float(likely.chi2_reduced) if is_noise_known else None,
         flags=tuple(flags),
         clipped_fraction=likely.clipped_fraction if has_saturation else None,
     )
 
 
-def _width(fit: WidthFit, freedom: int) -> tuple[float, float]:
+def _width(fit: WidthFit) -> tuple[float, float]:
     """Sigma and its standard error."""
     sigma = exp(fit.parameters[LOG_SIGMA])
-    return sigma, sigma * sqrt(fit.log_sigma_variance * fit.squares / freedom)
+    return sigma, sigma * sqrt(fit.log_sigma_variance)

@@ -7,7 +7,7 @@ from Python in between would double that, as ``benchmarks/bench_edge_fit.py`` sa
 ``calibration.edges.fit`` makes the result readable.
 """
 
-from math import log, sqrt
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,8 @@ from calibration.edge_search import (
     band_pixels,
     side_level,
 )
+from calibration.edges.least_squares import Minimum, inverse_element, levenberg_marquardt
+from calibration.edges.level_steps import is_coarse, level_steps
 from calibration.edges.model import (
     FLAT_PARAMETERS,
     HIGH,
@@ -27,19 +29,19 @@ from calibration.edges.model import (
     LOW,
     SHADED_PARAMETERS,
     EdgeLevels,
-    Minimum,
     edge_values,
-    levenberg_marquardt,
     slopes_gain,
 )
-from calibration.edges.residuals import (
-    ProfileFigures,
-    noise_part,
-    outlier_weights,
-    profile_figures,
+from calibration.edges.residuals import ProfileFigures, noise_part, profile_figures
+from calibration.edges.rounded import (
+    Intervals,
+    LikelyParameters,
+    expected_residuals,
+    maximise_intervals,
+    pixel_intervals,
 )
 from calibration.edges.shading import is_even, shading_levels, slopes_across
-from calibration.robust import robust_sigma
+from calibration.edges.weights import PixelWeights, known_weights, pixel_weights
 from simulation.arrays import FloatArray
 
 _ROUGH, _FINE = 1e-2, 1e-4  # last step of a fit, in px and parts of sigma
@@ -48,9 +50,6 @@ _WINDOW_AGREES = 0.1  # relative change of sigma that needs no new window
 _SHADING_P = 1e-3
 _SHADING_SCORE_P = 1e-2  # the score is only an estimate of the F-test
 _SHADING_LEAST = 2e-3  # of the contrast over half an edge: less does not move sigma by 0.01 %
-_UNEVEN_SIGMAS = 3.1  # one in a thousand
-_SIDE_PIXELS = 30
-_MAD_EFFICIENCY = 0.368  # of the variance from the MAD, in Gaussian noise
 _BLACK_DN = 0.0
 _NEARLY_SATURATED = 0.995
 
@@ -58,30 +57,40 @@ _NEARLY_SATURATED = 0.995
 class WidthFit(NamedTuple):
     """One edge shape fitted to the pixels; valid only if ``is_found``.
 
-    The parameters are in the order of ``calibration.edges.model``, the width as log sigma; its
-    variance is for weights that are inverse variances.
+    The parameters are in the order of ``calibration.edges.model``, the width as log sigma.
     """
 
     is_found: bool
     parameters: FloatArray
     log_sigma_variance: float
-    squares: float
 
 
 class LikelyEdge(NamedTuple):
     """The fitted edges: plain (total width) and behind pixel squares (optical width).
 
-    If ``total`` is not found, the rest is not valid. ``pixels`` counts those that have a weight.
+    If ``total`` is not found, the rest is not valid. ``is_square`` tells whether the optical edge
+    fits better; ``chi2_reduced`` is that of the better one, in terms of the weights.
     """
 
     total: WidthFit
     optical: WidthFit
-    pixels: int
+    is_square: bool
+    chi2_reduced: float
     noise_dn: float
     clipped_fraction: float
     has_outliers: bool
     is_shaded: bool
     profile: ProfileFigures
+
+
+class _Fits(NamedTuple):
+    """Both shapes, the levels of the better one and its residuals for the profile."""
+
+    total: WidthFit
+    optical: WidthFit
+    is_square: bool
+    found: EdgeLevels
+    residuals: FloatArray
 
 
 class _Window(NamedTuple):
@@ -126,45 +135,113 @@ def maximise(
     window = _window(image_dn, line, sigma_px, clearance_px, noise_line)
     if not window.rough.is_found or window.rough.parameters[HIGH] <= window.rough.parameters[LOW]:
         return _none()
+    stored = window.pixels.values
     found = edge_values(window.pixels, window.rough.parameters, False)
     window, is_shaded = _without_shading(image_dn, line, clearance_px, window, found.distances)
     if not window.rough.is_found:
         return _none()
+    pixels, parameters = window.pixels, window.rough.parameters
     if is_shaded:
-        found = edge_values(window.pixels, window.rough.parameters, False)
-    weights, has_outliers = _weighed(window, found, len(noise_line) > 0)
-    flat = _widths(window.pixels, weights, window.rough.parameters)
+        found = edge_values(pixels, parameters, False)
+    scatter = noise_part(pixels.values - found.levels, found.distances)
+    steps = level_steps(stored)
+    weighed = pixel_weights(
+        scatter,
+        found.edges,
+        window.weights if len(noise_line) > 0 else np.empty(0),
+        parameters[HIGH] - parameters[LOW],
+        steps.step_dn,
+    )
+    flat = _widths(pixels, weighed.weights, parameters)
     if not flat.total.is_found:
         return _none()
-    found = _best_levels(window.pixels, flat)
-    widths, has_slopes = _with_slopes_along(window.pixels, weights, flat, found)
+    found = _best_levels(pixels, flat)
+    widths, has_slopes = _with_slopes_along(pixels, weighed.weights, flat, found)
     if has_slopes:
-        found = _best_levels(window.pixels, widths)
+        found = _best_levels(pixels, widths)
+    fits = _smooth_fits(pixels, weighed.weights, widths, found)
+    if is_coarse(scatter, found.edges, steps):
+        rounded = _rounded_fits(
+            pixel_intervals(pixels, stored, steps, weighed.outliers, found), widths
+        )
+        fits = rounded if rounded.total.is_found else fits
+    return _likely(fits, pixels, weighed, saturation_dn, is_shaded or has_slopes)
 
-    values = window.pixels.values
+
+@njit(cache=True, error_model="numpy")
+def _likely(
+    fits: _Fits,
+    pixels: BandPixels,
+    weighed: PixelWeights,
+    saturation_dn: float,
+    is_shaded: bool,
+) -> LikelyEdge:
+    """The fits with what their residuals say."""
+    values, weights = pixels.values, weighed.weights
     counted = weights > 0
-    residuals = (values - found.levels)[counted]
+    residuals = (values - fits.found.levels)[counted]
     clipped = np.count_nonzero(
         (values >= _NEARLY_SATURATED * saturation_dn) | (values <= _BLACK_DN)
     )
-    sigma = np.exp(widths.total.parameters[LOG_SIGMA])
+    sigma = np.exp(fits.total.parameters[LOG_SIGMA])
     return LikelyEdge(
-        _width_fit(widths.total),
-        _width_fit(widths.optical),
-        int(np.count_nonzero(weights)),
+        fits.total,
+        fits.optical,
+        fits.is_square,
+        np.sum(weights[counted] * residuals**2) / _freedom(weights),
         float(np.std(residuals)),
         clipped / len(values),
-        has_outliers,
-        is_shaded or has_slopes,
-        profile_figures(values[counted], residuals, found.distances[counted], sigma),
+        weighed.has_outliers,
+        is_shaded,
+        profile_figures(
+            values[counted], fits.residuals[counted], fits.found.distances[counted], sigma
+        ),
+    )
+
+
+@njit(cache=True)
+def _freedom(weights: FloatArray) -> int:
+    return max(int(np.count_nonzero(weights)) - FLAT_PARAMETERS, 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _smooth_fits(
+    pixels: BandPixels, weights: FloatArray, widths: _Widths, found: EdgeLevels
+) -> _Fits:
+    """The least squares as they are, with their scatter as the noise."""
+    freedom = _freedom(weights)
+    return _Fits(
+        _width_fit(widths.total, freedom),
+        _width_fit(widths.optical, freedom),
+        _is_square(widths),
+        found,
+        pixels.values - found.levels,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _rounded_fits(data: Intervals, widths: _Widths) -> _Fits:
+    """From the least squares to the most likely edges before rounding."""
+    total = maximise_intervals(data, widths.total.parameters, False)
+    optical = LikelyParameters(False, widths.optical.parameters, 0.0, -np.inf, (0.0, 0.0))
+    if widths.optical.is_found:
+        optical = maximise_intervals(data, widths.optical.parameters, True)
+    is_square = bool(optical.is_found and optical.log_likelihood > total.log_likelihood)
+    best = optical if is_square else total
+    return _Fits(
+        WidthFit(total.is_found, total.parameters, total.log_sigma_variance),
+        WidthFit(optical.is_found, optical.parameters, optical.log_sigma_variance),
+        is_square,
+        edge_values(data.pixels, best.parameters, is_square),
+        expected_residuals(data, best, is_square),
     )
 
 
 @njit(cache=True)
 def _none() -> LikelyEdge:
-    void = WidthFit(False, np.zeros(FLAT_PARAMETERS), 0.0, 0.0)
+    void = WidthFit(False, np.zeros(FLAT_PARAMETERS), 0.0)
     profile = ProfileFigures(0.0, 0.0, 0.0, 0.0, 0, 0)
-    return LikelyEdge(void, void, 0, 0.0, 0.0, False, False, profile)
+    return LikelyEdge(void, void, False, 0.0, 0.0, 0.0, False, False, profile)
 
 
 @njit(cache=True, error_model="numpy")
@@ -183,7 +260,7 @@ def _window(
         pixels = band_pixels(image_dn, line, half_width)
         low = side_level(pixels.values, -pixels.across, sigma)
         high = side_level(pixels.values, pixels.across, sigma)
-        weights = _known_weights(pixels.across, sigma, low, high, noise_line)
+        weights = known_weights(pixels.across, sigma, low, high, noise_line)
         if attempt == 0:
             start[LOG_SIGMA] = log(max(sigma, 0.2))
             start[LOW], start[HIGH] = low, high
@@ -227,18 +304,6 @@ def _without_shading(
     )
     rough = levenberg_marquardt(even, window.weights, parameters, False, _ROUGH)
     return _Window(rough, even, window.weights, window.half_width_px), True
-
-
-@njit(cache=True, error_model="numpy")
-def _weighed(window: _Window, found: EdgeLevels, is_noise_known: bool) -> tuple[FloatArray, bool]:
-    """Weights of the pixels from their residuals, and whether there are outliers."""
-    parameters, weights = window.rough.parameters, window.weights
-    scatter = noise_part(window.pixels.values - found.levels, found.distances)
-    if not is_noise_known:
-        weights = _side_weights(scatter, found.edges)
-    contrast = parameters[HIGH] - parameters[LOW]
-    has_outliers, outliers = outlier_weights(scatter, 1.0 / np.sqrt(weights), contrast)
-    return (weights * outliers if has_outliers else weights), has_outliers
 
 
 @njit(cache=True, error_model="numpy")
@@ -302,39 +367,6 @@ def _with_slopes_along(
 
 
 @njit(cache=True)
-def _known_weights(
-    across: FloatArray, sigma: float, low: float, high: float, noise_line: FloatArray
-) -> FloatArray:
-    """Inverse variances from a noise-free guess of each pixel's level; ones without a line."""
-    weights = np.ones(len(across))
-    if len(noise_line) == 0:
-        return weights
-    for i in range(len(across)):
-        rise = min(max(0.5 + across[i] / (4.0 * max(sigma, 0.3)), 0.0), 1.0)
-        level = low + (high - low) * rise
-        weights[i] = 1.0 / max(noise_line[0] + noise_line[1] * level, noise_line[2])
-    return weights
-
-
-@njit(cache=True)
-def _side_weights(scatter: FloatArray, edges: FloatArray) -> FloatArray:
-    """Inverse variances where one side of the edge is noisier than the other, else ones."""
-    even = np.ones(len(scatter))
-    dark, bright = edges < 0.02, edges > 0.98
-    n_dark, n_bright = np.count_nonzero(dark), np.count_nonzero(bright)
-    if min(n_dark, n_bright) < _SIDE_PIXELS:
-        return even
-    low, high = robust_sigma(scatter[dark]) ** 2, robust_sigma(scatter[bright]) ** 2
-    if min(low, high) <= 1e-12 * max(low, high):
-        return even
-    # The logarithm of a ratio of two variances is nearly normal.
-    scatter_of_log = sqrt((2.0 / n_dark + 2.0 / n_bright) / _MAD_EFFICIENCY)
-    if abs(log(high / low)) < _UNEVEN_SIGMAS * scatter_of_log:
-        return even
-    return sqrt(low * high) / (low + (high - low) * edges)
-
-
-@njit(cache=True)
 def _p_of_two_more(gain: float, left: float, freedom: int) -> float:
     """Probability that two superfluous parameters gain that much: F-test, in closed form."""
     if left <= 0:
@@ -343,16 +375,9 @@ def _p_of_two_more(gain: float, left: float, freedom: int) -> float:
 
 
 @njit(cache=True)
-def _width_fit(minimum: Minimum) -> WidthFit:
-    """Fit with the element of the inverse that belongs to log sigma."""
-    hessian = minimum.hessian
+def _width_fit(minimum: Minimum, freedom: int) -> WidthFit:
+    """Fit with the variance of log sigma from the inverse Hessian, scaled by the scatter."""
     if not minimum.is_found:
-        return WidthFit(False, minimum.parameters, 0.0, minimum.squares)
-    scale = np.sqrt(np.diag(hessian)) + 1e-300
-    unit = np.zeros(len(scale))
-    unit[LOG_SIGMA] = 1.0
-    scaled = hessian / scale / scale.reshape(-1, 1)
-    for j in range(len(scale)):
-        scaled[j, j] += 1e-14
-    variance = max(np.linalg.solve(scaled, unit)[LOG_SIGMA], 0.0) / scale[LOG_SIGMA] ** 2
-    return WidthFit(True, minimum.parameters, float(variance), minimum.squares)
+        return WidthFit(False, minimum.parameters, 0.0)
+    variance = inverse_element(minimum.hessian, LOG_SIGMA)
+    return WidthFit(True, minimum.parameters, variance * minimum.squares / freedom)

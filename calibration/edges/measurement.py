@@ -13,6 +13,7 @@ from calibration.edges.binned import BinnedEdge, bin_edge
 from calibration.edges.esfr import EdgeSfr, esfr_half_width_px, measure_esfr, why_undersampled
 from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
+from calibration.edges.jpeg import JpegCompression
 from calibration.edges.mosaic import in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
@@ -63,6 +64,7 @@ class Region:
 class EdgeImage:
     """One photograph with edges: a plane linear in light, and what is known about it.
 
+    ``compression`` tells how a JPEG was made, if that is known and the plane is its luma.
     ``clipped`` marks pixels that were clipped in the file, in any colour. The plane of one
     colour of a mosaic has ``pitch_px`` 2: its pixels stand that far apart on the sensor, the
     first one at ``first_x_px``, ``first_y_px``.
@@ -75,6 +77,7 @@ class EdgeImage:
     noise: LevelNoise | None = None
     saturation_dn: float | None = None
     is_jpeg: bool = False
+    compression: JpegCompression | None = None
     clipped: BoolArray | None = field(default=None, repr=False)
     pitch_px: int = 1
     first_x_px: int = 0
@@ -106,7 +109,12 @@ class EdgeImage:
         rows = slice(region.y_px // pitch, (region.y_px + region.height_px) // pitch)
         cols = slice(region.x_px // pitch, (region.x_px + region.width_px) // pitch)
         clipped = None if self.clipped is None else self.clipped[rows, cols]
-        return replace(self, image_dn=self.image_dn[rows, cols], clipped=clipped)
+        compression = self.compression
+        if compression is not None:
+            compression = compression.cropped(rows.start, cols.start)
+        return replace(
+            self, image_dn=self.image_dn[rows, cols], clipped=clipped, compression=compression
+        )
 
 
 class EdgeMeasurement(BaseModel):
@@ -215,7 +223,13 @@ def _measured_edge(
 ) -> EdgeMeasurement | None:
     """Measure one edge of the pixels that are used; None where nothing fits."""
     image = source.image_dn
-    found = fit_edge(image, segment, noise=source.noise, saturation_dn=source.saturation_dn)
+    found = fit_edge(
+        image,
+        segment,
+        noise=source.noise,
+        saturation_dn=source.saturation_dn,
+        compression=source.compression,
+    )
     fit = None if found is None else _determined(found)
     if fit is None:
         return None

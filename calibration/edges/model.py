@@ -1,4 +1,4 @@
-"""A straight or slightly curved edge as the sensor sees it, fitted to raw pixels.
+"""A straight or slightly curved edge as the sensor sees it, and its derivatives.
 
 Two edge shapes share one parametrisation, with ``d`` the signed distance of a pixel centre
 from the edge and ``E(d)`` rising from 0 to 1:
@@ -12,9 +12,6 @@ from the edge and ``E(d)`` rising from 0 to 1:
 Shading is a slope of either level *along* the edge. A slope across it would be confounded
 with the tails of the PSF: on a real photograph it moves sigma by 2 % either way with the
 width of the band, where the model without it stays within 0.3 %.
-
-The loops are compiled: one pass over the pixels evaluates the model, its derivatives and the
-normal equations together. ``benchmarks/bench_edge_fit.py`` shows what that gains.
 """
 
 from math import cos, pi, sin, sqrt
@@ -37,10 +34,6 @@ _INV_SQRT_2PI = 1.0 / sqrt(2.0 * pi)
 _TAIL = 6.0  # standard deviations beyond which Phi is taken as 0 or 1: 1e-9
 _STEPS = 64  # per standard deviation, in the table of Phi
 _NARROWEST = 2e-3  # side of the trapezium below which its one-dimensional form is exact to 2e-7
-_LOG_SIGMA_MIN = -3.5  # 0.03 px: narrower than a pixel can resolve
-_LOG_SIGMA_MAX = 4.0
-_MAX_STEPS = 40
-_MAX_DAMPINGS = 12  # tenfold each
 
 
 def _normal_table() -> FloatArray:
@@ -77,7 +70,9 @@ def _normal(x: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _edge(d: float, s: float, a: float, b: float, is_square: bool) -> tuple[float, float, float]:
+def unit_edge(
+    d: float, s: float, a: float, b: float, is_square: bool
+) -> tuple[float, float, float]:
     """Value, derivative by ``d`` and derivative by ``log s`` of the unit edge."""
     reach = _TAIL * s + (0.5 * (a + b) if is_square else 0.0)
     if d > reach:
@@ -109,138 +104,6 @@ def _edge(d: float, s: float, a: float, b: float, is_square: bool) -> tuple[floa
         by_s += sign * cumulative
     per_area = 1.0 / (wide * narrow)
     return value * per_area, slope * per_area, s * s * by_s * per_area
-
-
-class _NormalEquations(NamedTuple):
-    """``hessian`` J'WJ, ``gradient`` J'Wr and the weighted sum of squares."""
-
-    hessian: FloatArray
-    gradient: FloatArray
-    squares: float
-
-
-@njit(cache=True, error_model="numpy")
-def _normal_equations(
-    pixels: BandPixels, weights: FloatArray, parameters: FloatArray, is_square: bool
-) -> _NormalEquations:
-    x, y, values, half_length = pixels.x, pixels.y, pixels.values, pixels.half_length_px
-    count = parameters.size
-    hessian = np.zeros((count, count))
-    gradient = np.zeros(count)
-    row = np.zeros(count)
-    angle = pixels.normal_rad + parameters[TURN] / half_length
-    cosine, sine = np.cos(angle), np.sin(angle)
-    a, b = abs(cosine), abs(sine)
-    sigma = np.exp(parameters[LOG_SIGMA])
-    bend = parameters[CURVATURE]
-    per_length = 1.0 / half_length
-    is_shaded = count == SHADED_PARAMETERS
-    total = 0.0
-    for i in range(x.size):
-        w = weights[i]
-        if w == 0.0:
-            continue
-        along = (-sine * x[i] + cosine * y[i]) * per_length
-        across = cosine * x[i] + sine * y[i]
-        d = across - parameters[OFFSET] - bend * along * along
-        edge, slope, by_log_sigma = _edge(d, sigma, a, b, is_square)
-        low, high = parameters[LOW], parameters[HIGH]
-        if is_shaded:
-            low += parameters[6] * along
-            high += parameters[7] * along
-        residual = values[i] - low - (high - low) * edge
-        total += w * residual * residual
-        if slope == 0.0 and not is_shaded:
-            # Far from the edge a pixel depends on its level alone.
-            level = HIGH if edge > 0.5 else LOW
-            gradient[level] += w * residual
-            hessian[level, level] += w
-            continue
-        across_step = (high - low) * slope
-        row[TURN] = across_step * (along + 2.0 * bend * along * across * per_length**2)
-        row[OFFSET] = -across_step
-        row[CURVATURE] = -across_step * along * along
-        row[LOG_SIGMA] = (high - low) * by_log_sigma
-        row[LOW] = 1.0 - edge
-        row[HIGH] = edge
-        if is_shaded:
-            row[6] = along * (1.0 - edge)
-            row[7] = along * edge
-        # A constant number of terms is unrolled.
-        for j in range(FLAT_PARAMETERS):
-            wj = w * row[j]
-            gradient[j] += wj * residual
-            for k in range(j + 1):
-                hessian[j, k] += wj * row[k]
-        for j in range(FLAT_PARAMETERS, count):
-            wj = w * row[j]
-            gradient[j] += wj * residual
-            for k in range(j + 1):
-                hessian[j, k] += wj * row[k]
-    for j in range(count):
-        for k in range(j):
-            hessian[k, j] = hessian[j, k]
-    return _NormalEquations(hessian, gradient, total)
-
-
-class Minimum(NamedTuple):
-    """Minimum of the weighted squares; valid only if ``is_found``.
-
-    ``hessian`` is J'WJ there: its inverse is the covariance of the parameters where the weights
-    are inverse variances.
-    """
-
-    is_found: bool
-    parameters: FloatArray
-    hessian: FloatArray
-    squares: float
-
-
-@njit(cache=True)
-def levenberg_marquardt(
-    pixels: BandPixels, weights: FloatArray, start: FloatArray, is_square: bool, tolerance: float
-) -> Minimum:
-    """Minimise the weighted squares from ``start``.
-
-    A step below ``tolerance`` (px, and parts of sigma) is the last one; what is left is smaller by
-    far, as the steps shrink fast.
-    """
-    count = start.size
-    best = start.copy()
-    here = _normal_equations(pixels, weights, best, is_square)
-    damping = 1e-4
-    for _ in range(_MAX_STEPS):
-        moved = False
-        trial, there = best, here
-        for _ in range(_MAX_DAMPINGS):
-            damped = here.hessian.copy()
-            for j in range(count):
-                damped[j, j] = damped[j, j] * (1.0 + damping) + 1e-300
-            change = np.linalg.solve(damped, here.gradient)
-            trial = best + change
-            trial[LOG_SIGMA] = min(max(trial[LOG_SIGMA], _LOG_SIGMA_MIN), _LOG_SIGMA_MAX)
-            if np.abs(change[:LOW]).max() < tolerance:
-                # What so small a step gains follows from the equations that it solves.
-                gain = min(max(np.dot(change, here.gradient), 0.0), here.squares)
-                return _minimum(trial, here.hessian, here.squares - gain)
-            there = _normal_equations(pixels, weights, trial, is_square)
-            if there.squares <= here.squares:
-                moved = True
-                break
-            damping *= 10.0
-        if not moved:
-            return _minimum(best, here.hessian, here.squares)
-        gain = here.squares - there.squares
-        best, here = trial, there
-        damping *= 0.1
-        if gain <= 1e-9 * here.squares:
-            return _minimum(best, here.hessian, here.squares)
-    return Minimum(False, best, here.hessian, here.squares)
-
-
-@njit(cache=True)
-def _minimum(parameters: FloatArray, hessian: FloatArray, squares: float) -> Minimum:
-    return Minimum(bool(np.all(np.isfinite(parameters))), parameters, hessian, squares)
 
 
 @njit(cache=True)
@@ -293,7 +156,7 @@ def edge_values(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> 
         along = (-sine * x[i] + cosine * y[i]) * per_length
         across = cosine * x[i] + sine * y[i]
         d = across - parameters[OFFSET] - parameters[CURVATURE] * along * along
-        edge, _, _ = _edge(d, sigma, a, b, is_square)
+        edge, _, _ = unit_edge(d, sigma, a, b, is_square)
         low = parameters[LOW]
         step = parameters[HIGH] - low
         if parameters.size == SHADED_PARAMETERS:
@@ -309,7 +172,7 @@ def edge_values(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> 
 def _profile(d: FloatArray, sigma: float, a: float, b: float, is_square: bool) -> FloatArray:
     out = np.empty(d.size)
     for i in range(d.size):
-        out[i] = _edge(d[i], sigma, a, b, is_square)[0]
+        out[i] = unit_edge(d[i], sigma, a, b, is_square)[0]
     return out
 
 
@@ -334,6 +197,50 @@ def edge_profile(
     return np.asarray(_profile(distances, sigma_px, a, b, True))
 
 
+class EdgeJacobian(NamedTuple):
+    """Model level, unit edge and derivatives by the parameters at each pixel."""
+
+    levels: FloatArray
+    edges: FloatArray
+    jacobian: FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def edge_jacobian(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> EdgeJacobian:
+    """Evaluate the model and its derivatives, shape ``(n, parameters)``, at each pixel."""
+    x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
+    count = parameters.size
+    levels, edges = np.empty(x.size), np.empty(x.size)
+    jacobian = np.zeros((x.size, count))
+    angle = pixels.normal_rad + parameters[TURN] / half_length
+    cosine, sine = np.cos(angle), np.sin(angle)
+    a, b = abs(cosine), abs(sine)
+    sigma = np.exp(parameters[LOG_SIGMA])
+    bend = parameters[CURVATURE]
+    per_length = 1.0 / half_length
+    for i in range(x.size):
+        along = (-sine * x[i] + cosine * y[i]) * per_length
+        across = cosine * x[i] + sine * y[i]
+        d = across - parameters[OFFSET] - bend * along * along
+        edge, slope, by_log_sigma = unit_edge(d, sigma, a, b, is_square)
+        low, high = parameters[LOW], parameters[HIGH]
+        if count == SHADED_PARAMETERS:
+            low += parameters[6] * along
+            high += parameters[7] * along
+            jacobian[i, 6] = along * (1.0 - edge)
+            jacobian[i, 7] = along * edge
+        across_step = (high - low) * slope
+        levels[i] = low + (high - low) * edge
+        edges[i] = edge
+        jacobian[i, TURN] = across_step * (along + 2.0 * bend * along * across * per_length**2)
+        jacobian[i, OFFSET] = -across_step
+        jacobian[i, CURVATURE] = -across_step * along * along
+        jacobian[i, LOG_SIGMA] = (high - low) * by_log_sigma
+        jacobian[i, LOW] = 1.0 - edge
+        jacobian[i, HIGH] = edge
+    return EdgeJacobian(levels, edges, jacobian)
+
+
 class EdgeShape(NamedTuple):
     """A Gaussian edge: behind a unit square whose normal's direction is given, or sampled."""
 
@@ -353,10 +260,10 @@ def edge_shape(sigma_px: float, optical_sigma_px: float | None, normal_rad: floa
 @njit(cache=True, error_model="numpy")
 def shape_value(shape: EdgeShape, distance_px: float) -> float:
     """Unit edge at a signed distance."""
-    return _edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)[0]
+    return unit_edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)[0]
 
 
 @njit(cache=True, error_model="numpy")
 def shape_slopes(shape: EdgeShape, distance_px: float) -> tuple[float, float, float]:
     """Unit edge at a signed distance, its slope per px and its derivative by log sigma."""
-    return _edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)
+    return unit_edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)

@@ -8,11 +8,14 @@ from numba import njit
 from scipy.special import chdtrc
 
 from calibration.robust import robust_sigma
-from simulation.arrays import FloatArray, IntArray
+from simulation.arrays import FloatArray
 
-_NEIGHBOURS = 25  # pixels at nearly the same distance from the edge, for the running median
+_NEIGHBOURS = 25  # pixels at nearly the same distance from the edge
+_CUT_SIGMAS = 4.0  # takes 0.1 % from the variance of Gaussian noise
+_CUTS = 3
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_LEAST = 0.01  # of the contrast: smaller ones do not matter and may be structure
+_OUTLIER_STEPS = 3.0  # what noise of half a step and rounding reach together: 4.5 sigma
 _TUKEY_SIGMAS = 6.0  # 0.998 efficient on Gaussian noise
 _BIN_PX = 0.5
 _BIN_PIXELS = 8  # fewer give no mean
@@ -21,81 +24,70 @@ _NON_GAUSSIAN_P = 1e-5
 _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def noise_part(residuals: FloatArray, distances: FloatArray) -> FloatArray:
-    """Residuals less the running median over pixels at nearly the same distance.
+    """Residuals less their mean over pixels at nearly the same distance, outliers left out.
 
     What depends on the distance from the edge alone (a PSF that is not the model's) is
-    structure; what is left is noise and outliers.
+    structure; what is left is noise and outliers. A mean, as the median of rounded levels is one
+    of them.
     """
-    order = _by_distance(distances)
-    noise = np.empty_like(residuals)
-    noise[order] = _without_running_median(residuals[order])
+    n = len(residuals)
+    least = distances.min()
+    bins = max(n // _NEIGHBOURS, 1)
+    per_px = (bins - 1e-9) / max(distances.max() - least, 1e-300)
+    index = np.empty(n, np.int32)
+    for i in range(n):
+        index[i] = int((distances[i] - least) * per_px)
+    noise = residuals
+    limit = np.inf
+    for _ in range(2):
+        count, total = np.zeros(bins), np.zeros(bins)
+        for i in range(n):
+            if abs(noise[i]) <= limit:
+                count[index[i]] += 1
+                total[index[i]] += residuals[i]
+        mean = total / np.maximum(count, 1.0)
+        left = np.empty(n)
+        for i in range(n):
+            left[i] = residuals[i] - mean[index[i]]
+        noise = left
+        limit = _CUT_SIGMAS * sqrt(cut_variance(noise))
     return noise
 
 
 @njit(cache=True)
-def _by_distance(distances: FloatArray) -> IntArray:
-    """Indices in the order of the distances: by counting into steps, then by insertion."""
-    n = len(distances)
-    least = distances.min()
-    per_step = (n - 1) / max(distances.max() - least, 1e-300)
-    first = np.zeros(n + 1, np.int64)
-    for d in distances:
-        first[int((d - least) * per_step) + 1] += 1
-    first = np.cumsum(first)
-    order = np.empty(n, np.int64)
-    for i in range(n):
-        step = int((distances[i] - least) * per_step)
-        order[first[step]] = i
-        first[step] += 1
-    for i in range(1, n):
-        index, d = order[i], distances[order[i]]
-        k = i
-        while k > 0 and distances[order[k - 1]] > d:
-            order[k] = order[k - 1]
-            k -= 1
-        order[k] = index
-    return order
+def cut_variance(deviations: FloatArray) -> float:
+    """Mean square about 0 without what lies beyond four of its standard deviations.
 
-
-@njit(cache=True)
-def _without_running_median(values: FloatArray) -> FloatArray:
-    """Values less the median of the ``_NEIGHBOURS`` around each; the ends are repeated."""
-    half = _NEIGHBOURS // 2
-    last = len(values) - 1
-    window = np.empty(_NEIGHBOURS)
-    for k in range(_NEIGHBOURS):
-        window[k] = values[min(max(k - half, 0), last)]
-    window.sort()
-    rest = np.empty_like(values)
-    for i in range(len(values)):
-        rest[i] = values[i] - window[half]
-        leaving = values[max(i - half, 0)]
-        entering = values[min(i + half + 1, last)]
-        k = np.searchsorted(window, leaving)
-        # The window stays sorted: what is between the two moves up by one element.
-        while k < _NEIGHBOURS - 1 and window[k + 1] < entering:
-            window[k] = window[k + 1]
-            k += 1
-        while k > 0 and window[k - 1] > entering:
-            window[k] = window[k - 1]
-            k -= 1
-        window[k] = entering
-    return rest
+    Unlike the median of the moduli it is not 0 where rounding makes most values equal.
+    """
+    # The mean modulus of a normal is sqrt(2 / pi) of its sigma.
+    variance = float(0.5 * np.pi * np.mean(np.abs(deviations)) ** 2)
+    for _ in range(_CUTS):
+        total, count = 0.0, 0
+        for x in deviations:
+            if x * x <= _CUT_SIGMAS**2 * variance:
+                total += x * x
+                count += 1
+        if count in (0, len(deviations)):
+            return total / max(count, 1)
+        variance = float(total / count)
+    return float(variance)
 
 
 @njit(cache=True, error_model="numpy")
 def outlier_weights(
-    noise: FloatArray, spread: FloatArray, contrast: float
+    noise: FloatArray, spread: FloatArray, contrast: float, step_dn: float
 ) -> tuple[bool, FloatArray]:
     """Whether single pixels stand out in the ``noise_part``, and Tukey biweights.
 
     ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
-    the pixels of the dark side would else set the scale.
+    the pixels of the dark side would else set the scale. Levels come in steps of ``step_dn``, 0
+    where they are fine.
     """
     scale = robust_sigma(noise / spread)
-    least = _OUTLIER_LEAST * contrast
+    least = max(_OUTLIER_LEAST * contrast, _OUTLIER_STEPS * step_dn)
     found = False
     weights = np.empty_like(noise)
     for i in range(len(noise)):

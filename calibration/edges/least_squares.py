@@ -1,0 +1,200 @@
+"""Least squares of an edge on raw pixels: the normal equations, and the steps to their minimum.
+
+One compiled pass over the pixels evaluates the model, its derivatives and the normal equations
+together. ``benchmarks/bench_edge_fit.py`` shows what that gains.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from calibration.edges.model import (
+    CURVATURE,
+    FLAT_PARAMETERS,
+    HIGH,
+    LOG_SIGMA,
+    LOW,
+    OFFSET,
+    SHADED_PARAMETERS,
+    TURN,
+    unit_edge,
+)
+from calibration.edge_search import BandPixels
+from simulation.arrays import FloatArray
+
+_LOG_SIGMA_MIN = -3.5  # 0.03 px: narrower than a pixel can resolve
+_LOG_SIGMA_MAX = 4.0
+_MAX_STEPS = 40
+_MAX_DAMPINGS = 12  # tenfold each
+
+
+class _NormalEquations(NamedTuple):
+    """``hessian`` J'WJ, ``gradient`` J'Wr and the weighted sum of squares."""
+
+    hessian: FloatArray
+    gradient: FloatArray
+    squares: float
+
+
+@njit(cache=True, error_model="numpy")
+def _normal_equations(
+    pixels: BandPixels, weights: FloatArray, parameters: FloatArray, is_square: bool
+) -> _NormalEquations:
+    x, y, values, half_length = pixels.x, pixels.y, pixels.values, pixels.half_length_px
+    count = parameters.size
+    hessian = np.zeros((count, count))
+    gradient = np.zeros(count)
+    row = np.zeros(count)
+    angle = pixels.normal_rad + parameters[TURN] / half_length
+    cosine, sine = np.cos(angle), np.sin(angle)
+    a, b = abs(cosine), abs(sine)
+    sigma = np.exp(parameters[LOG_SIGMA])
+    bend = parameters[CURVATURE]
+    per_length = 1.0 / half_length
+    is_shaded = count == SHADED_PARAMETERS
+    total = 0.0
+    for i in range(x.size):
+        w = weights[i]
+        if w == 0.0:
+            continue
+        along = (-sine * x[i] + cosine * y[i]) * per_length
+        across = cosine * x[i] + sine * y[i]
+        d = across - parameters[OFFSET] - bend * along * along
+        edge, slope, by_log_sigma = unit_edge(d, sigma, a, b, is_square)
+        low, high = parameters[LOW], parameters[HIGH]
+        if is_shaded:
+            low += parameters[6] * along
+            high += parameters[7] * along
+        residual = values[i] - low - (high - low) * edge
+        total += w * residual * residual
+        if slope == 0.0 and not is_shaded:
+            # Far from the edge a pixel depends on its level alone.
+            level = HIGH if edge > 0.5 else LOW
+            gradient[level] += w * residual
+            hessian[level, level] += w
+            continue
+        across_step = (high - low) * slope
+        row[TURN] = across_step * (along + 2.0 * bend * along * across * per_length**2)
+        row[OFFSET] = -across_step
+        row[CURVATURE] = -across_step * along * along
+        row[LOG_SIGMA] = (high - low) * by_log_sigma
+        row[LOW] = 1.0 - edge
+        row[HIGH] = edge
+        if is_shaded:
+            row[6] = along * (1.0 - edge)
+            row[7] = along * edge
+        # A constant number of terms is unrolled.
+        for j in range(FLAT_PARAMETERS):
+            wj = w * row[j]
+            gradient[j] += wj * residual
+            for k in range(j + 1):
+                hessian[j, k] += wj * row[k]
+        for j in range(FLAT_PARAMETERS, count):
+            wj = w * row[j]
+            gradient[j] += wj * residual
+            for k in range(j + 1):
+                hessian[j, k] += wj * row[k]
+    for j in range(count):
+        for k in range(j):
+            hessian[k, j] = hessian[j, k]
+    return _NormalEquations(hessian, gradient, total)
+
+
+class Minimum(NamedTuple):
+    """Minimum of the weighted squares; valid only if ``is_found``.
+
+    ``hessian`` is J'WJ there: its inverse is the covariance of the parameters where the weights
+    are inverse variances.
+    """
+
+    is_found: bool
+    parameters: FloatArray
+    hessian: FloatArray
+    squares: float
+
+
+@njit(cache=True)
+def levenberg_marquardt(
+    pixels: BandPixels, weights: FloatArray, start: FloatArray, is_square: bool, tolerance: float
+) -> Minimum:
+    """Minimise the weighted squares from ``start``.
+
+    A step below ``tolerance`` (px, and parts of sigma) is the last one; what is left is smaller by
+    far, as the steps shrink fast.
+    """
+    best = start.copy()
+    here = _normal_equations(pixels, weights, best, is_square)
+    damping = 1e-4
+    for _ in range(_MAX_STEPS):
+        moved = False
+        trial, there = best, here
+        for _ in range(_MAX_DAMPINGS):
+            change = solved(here.hessian, here.gradient, damping)
+            trial = best + change
+            trial[LOG_SIGMA] = min(max(trial[LOG_SIGMA], _LOG_SIGMA_MIN), _LOG_SIGMA_MAX)
+            if np.abs(change[:LOW]).max() < tolerance:
+                # What so small a step gains follows from the equations that it solves.
+                gain = min(max(np.dot(change, here.gradient), 0.0), here.squares)
+                return _minimum(trial, here.hessian, here.squares - gain)
+            there = _normal_equations(pixels, weights, trial, is_square)
+            if there.squares <= here.squares:
+                moved = True
+                break
+            damping *= 10.0
+        if not moved:
+            return _minimum(best, here.hessian, here.squares)
+        gain = here.squares - there.squares
+        best, here = trial, there
+        damping *= 0.1
+        if gain <= 1e-9 * here.squares:
+            return _minimum(best, here.hessian, here.squares)
+    return Minimum(False, best, here.hessian, here.squares)
+
+
+@njit(cache=True, error_model="numpy")
+def solved(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
+    """Solve for a step, the diagonal damped in proportion; NaN where that is not positive.
+
+    By Cholesky: for so few unknowns that is faster than a call of LAPACK, and raises nothing.
+    """
+    count = len(gradient)
+    scale, factor = np.empty(count), np.empty((count, count))
+    step = np.empty(count)
+    for j in range(count):
+        scale[j] = np.sqrt(abs(hessian[j, j]) * (1.0 + damping) + 1e-300)
+    for j in range(count):
+        for k in range(j + 1):
+            value = 1.0 if j == k else hessian[j, k] / (scale[j] * scale[k])
+            for m in range(k):
+                value -= factor[j, m] * factor[k, m]
+            if j > k:
+                factor[j, k] = value / factor[k, k]
+            elif value > 0.0:
+                factor[j, j] = np.sqrt(value)
+            else:
+                step[:] = np.nan
+                return step
+    for j in range(count):
+        value = gradient[j] / scale[j]
+        for m in range(j):
+            value -= factor[j, m] * step[m]
+        step[j] = value / factor[j, j]
+    for j in range(count - 1, -1, -1):
+        for m in range(j + 1, count):
+            step[j] -= factor[m, j] * step[m]
+        step[j] /= factor[j, j]
+    return step / scale
+
+
+@njit(cache=True)
+def inverse_element(hessian: FloatArray, index: int) -> float:
+    """Diagonal element of the inverse; NaN where the matrix is not positive."""
+    unit = np.zeros(len(hessian))
+    unit[index] = 1.0
+    return float(solved(hessian, unit, 1e-14)[index])
+
+
+@njit(cache=True)
+def _minimum(parameters: FloatArray, hessian: FloatArray, squares: float) -> Minimum:
+    return Minimum(bool(np.all(np.isfinite(parameters))), parameters, hessian, squares)

@@ -1,0 +1,341 @@
+"""The most likely edge for rounded pixels: each tells an interval of levels, not a level.
+
+Where the noise is below half a step, what rounding adds is neither independent of the level nor of
+mean 0: a flat side comes out at one or two codes whose mean is off by up to half a step, and least
+squares take that for a change of the width. The likelihood of a pixel is therefore the
+probability that its level plus Gaussian noise of standard deviation s lies in the interval that is
+stored as its code,
+
+    P = Phi((upper - mu) / s) - Phi((lower - mu) / s),
+
+an ordered probit model. It is maximised over the edge's parameters and log s together, s
+changing from one side of the edge to the other in proportion to the unit edge.
+
+References
+----------
+A. Agresti, Analysis of Ordinal Categorical Data, 2nd ed. (2010), section 5.1; J. W. Pratt,
+Concavity of the log likelihood, J. Am. Stat. Assoc. 76 (1981): log P is concave in mu.
+"""
+
+from math import erfc, exp, log, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from calibration.edges.least_squares import inverse_element, solved
+from calibration.edges.level_steps import LevelSteps
+from calibration.edges.model import (
+    LOG_SIGMA,
+    LOW,
+    EdgeJacobian,
+    EdgeLevels,
+    edge_jacobian,
+)
+from calibration.edge_search import BandPixels
+from simulation.arrays import FloatArray
+
+_LEAST_NOISE = 0.03  # of a step: what noise-free edges at random angles look like
+_LOG_NOISE_PRIOR = 1.0  # standard deviation of log s about that
+_LOG_RATIO_PRIOR = 0.5  # of the logarithm of both sides' ratio: shot noise of 4:1 has 0.7
+_FAR = 20.0  # standard deviations from which on the nearer bound alone counts
+_MAX_STEPS = 40
+_MAX_DAMPINGS = 12
+_GAIN = 1e-4  # of the logarithm of the likelihood: 0.014 standard errors
+_USUAL_NOISE = 0.3  # of a step, before rounding, where rounding matters
+_START = 4.0  # of the usual noise: a smoother likelihood, from which the walls are approached
+_FLAT = 0.05  # of a step from its level: a pixel that tells nothing but the level
+_BLOCK = 8
+_EVEN_CODE = 128  # taken off before the transform
+_SQRT_HALF = sqrt(0.5)
+_INV_SQRT_2PI = 1 / sqrt(2 * pi)
+
+
+class Intervals(NamedTuple):
+    """What is known of ``n`` observations before rounding; shape ``(n,)`` each.
+
+    The observations are the pixels, or where there are ``code_levels_dn`` the cosines of blocks
+    of 8 x 8 codes, block by block, and ``step_dn``, ``usual_noise_dn`` and the bounds in codes.
+    ``weights`` multiply the logarithms of the likelihood, ``step_dn`` is the usual interval,
+    ``extra_variance`` noise that is known beside that which is estimated.
+    """
+
+    pixels: BandPixels
+    lower: FloatArray
+    upper: FloatArray
+    weights: FloatArray
+    step_dn: float
+    usual_noise_dn: float
+    extra_variance: FloatArray
+    code_levels_dn: FloatArray
+
+
+class LikelyParameters(NamedTuple):
+    """Maximum of the likelihood; valid only if ``is_found``.
+
+    ``parameters`` are the edge's, ``log_sigma_variance`` follows from the observed information;
+    ``noise_dn`` is that of the dark and of the bright side before rounding.
+    """
+
+    is_found: bool
+    parameters: FloatArray
+    log_sigma_variance: float
+    log_likelihood: float
+    noise_dn: tuple[float, float]
+
+
+class _Equations(NamedTuple):
+    hessian: FloatArray
+    gradient: FloatArray
+    log_likelihood: float
+
+
+@njit(cache=True, error_model="numpy")
+def interval_terms(
+    below: float, above: float, s: float
+) -> tuple[float, float, float, float, float, float]:
+    """Log P and its derivatives for an interval from ``below`` to ``above`` the level.
+
+    Returns
+    -------
+    tuple
+        log P, its derivatives by the level and by log s, and the second ones: level twice, log s
+        twice, mixed.
+    """
+    a, b, sign = below / s, above / s, 1.0
+    if a + b < 0:
+        a, b, sign = -b, -a, -1.0
+    if a > _FAR:
+        far = -0.5 * a * a - log(a / _INV_SQRT_2PI)
+        return far, sign * a / s, a * a, -1 / (s * s), -2 * a * a, -2 * sign * a / s
+    p = 0.5 * (erfc(a * _SQRT_HALF) - erfc(b * _SQRT_HALF))
+    pa = _INV_SQRT_2PI * exp(-0.5 * a * a) / p
+    pb = _INV_SQRT_2PI * exp(-0.5 * b * b) / p
+    first, second = pb - pa, b * pb - a * pa
+    third, fourth = b * b * pb - a * a * pa, b * b * b * pb - a * a * a * pa
+    return (
+        log(p),
+        -sign * first / s,
+        -second,
+        -(second + first * first) / (s * s),
+        second - fourth - second * second,
+        sign * (first - third - first * second) / s,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equations:
+    """Log likelihood with the priors of the noise, its gradient and its negative Hessian."""
+    count = len(parameters)
+    edge_count = count - 2
+    model = _observed(data, parameters[:edge_count], is_square)
+    hessian, gradient = np.zeros((count, count)), np.zeros(count)
+    row = np.empty(count)
+    least2 = (_LEAST_NOISE * data.step_dn) ** 2
+    total = 0.0
+    for i in range(len(data.weights)):
+        w = data.weights[i]
+        if w == 0.0:
+            continue
+        e = model.edges[i]
+        s2 = np.exp(2 * ((1 - e) * parameters[edge_count] + e * parameters[edge_count + 1]))
+        all2 = s2 + least2 + data.extra_variance[i]
+        s = sqrt(all2)
+        level = model.levels[i]
+        term, by_level, by_s, by_levels, by_ss, mixed = interval_terms(
+            data.lower[i] - level, data.upper[i] - level, s
+        )
+        total += w * term
+        free = s2 / all2
+        for j in range(edge_count):
+            row[j] = model.jacobian[i, j]
+        row[edge_count], row[edge_count + 1] = free * (1 - e), free * e
+        for j in range(edge_count):
+            gradient[j] += w * by_level * row[j]
+            for k in range(j + 1):
+                hessian[j, k] -= w * by_levels * row[j] * row[k]
+        for j in range(edge_count, count):
+            gradient[j] += w * by_s * row[j]
+            for k in range(edge_count):
+                hessian[j, k] -= w * mixed * row[j] * row[k]
+            for k in range(edge_count, j + 1):
+                hessian[j, k] -= w * by_ss * row[j] * row[k]
+    total += _add_priors(hessian, gradient, parameters, data.usual_noise_dn)
+    for j in range(count):
+        for k in range(j):
+            hessian[k, j] = hessian[j, k]
+    return _Equations(hessian, gradient, total)
+
+
+@njit(cache=True)
+def cosine_transform() -> FloatArray:
+    """The orthonormal cosine transform of eight values, shape ``(8, 8)``, by rising frequency."""
+    matrix = np.empty((_BLOCK, _BLOCK))
+    for k in range(_BLOCK):
+        scale = sqrt((1.0 if k == 0 else 2.0) / _BLOCK)
+        for n in range(_BLOCK):
+            matrix[k, n] = scale * np.cos(pi * (2 * n + 1) * k / (2 * _BLOCK))
+    return matrix
+
+
+@njit(cache=True, error_model="numpy")
+def _observed(data: Intervals, parameters: FloatArray, is_square: bool) -> EdgeJacobian:
+    """The model of the observations: of the pixels, or of the cosines of their codes."""
+    model = edge_jacobian(data.pixels, parameters, is_square)
+    code_levels = data.code_levels_dn
+    if len(code_levels) == 0:
+        return model
+    levels, edges, jacobian = model.levels, model.edges, model.jacobian
+    last = len(code_levels) - 1
+    for i in range(len(levels)):
+        k = min(max(np.searchsorted(code_levels, levels[i]) - 1, 0), last - 1)
+        slope = 1.0 / (code_levels[k + 1] - code_levels[k])
+        levels[i] = k + slope * (levels[i] - code_levels[k]) - _EVEN_CODE
+        jacobian[i] *= slope
+    transform = cosine_transform()
+    for k in range(0, len(levels), _BLOCK**2):
+        block = slice(k, k + _BLOCK**2)
+        # Of a block away from the edge the first cosine alone is not 0.
+        edges[block] = np.mean(edges[block])
+        levels[block] = _cosines(transform, levels[block])
+        for j in range(jacobian.shape[1]):
+            jacobian[block, j] = _cosines(transform, jacobian[block, j].copy())
+    return EdgeJacobian(levels, edges, jacobian)
+
+
+@njit(cache=True)
+def _cosines(transform: FloatArray, values: FloatArray) -> FloatArray:
+    block = values.copy().reshape(_BLOCK, _BLOCK)
+    return (transform @ block @ transform.T).copy().reshape(_BLOCK * _BLOCK)
+
+
+@njit(cache=True)
+def _add_priors(
+    hessian: FloatArray, gradient: FloatArray, parameters: FloatArray, usual_noise_dn: float
+) -> float:
+    """What is known of the noise where the codes tell nothing: a side of one code alone."""
+    dark, bright = len(parameters) - 2, len(parameters) - 1
+    total = 0.0
+    for j in (dark, bright):
+        away = (parameters[j] - log(usual_noise_dn)) / _LOG_NOISE_PRIOR
+        total -= 0.5 * away * away
+        gradient[j] -= away / _LOG_NOISE_PRIOR
+        hessian[j, j] += 1 / _LOG_NOISE_PRIOR**2
+    apart = (parameters[bright] - parameters[dark]) / _LOG_RATIO_PRIOR
+    gradient[bright] -= apart / _LOG_RATIO_PRIOR
+    gradient[dark] += apart / _LOG_RATIO_PRIOR
+    hessian[bright, bright] += 1 / _LOG_RATIO_PRIOR**2
+    hessian[dark, dark] += 1 / _LOG_RATIO_PRIOR**2
+    hessian[bright, dark] -= 1 / _LOG_RATIO_PRIOR**2
+    return float(total - 0.5 * apart * apart)
+
+
+@njit(cache=True, error_model="numpy")
+def maximise_intervals(data: Intervals, start: FloatArray, is_square: bool) -> LikelyParameters:
+    """Maximise the likelihood by damped Newton steps.
+
+    Parameters
+    ----------
+    data
+        Pixels with their intervals.
+    start
+        The edge's parameters, as in ``calibration.edges.model``.
+    is_square
+        Whether the edge lies behind pixel squares.
+    """
+    edge_count = len(start)
+    best = np.empty(edge_count + 2)
+    best[:edge_count] = start
+    best[edge_count:] = log(_START * data.usual_noise_dn)
+    here = _equations(data, best, is_square)
+    damping = 1e-3
+    if not np.isfinite(here.log_likelihood):
+        return LikelyParameters(False, start, 0.0, -np.inf, (0.0, 0.0))
+    for _ in range(_MAX_STEPS):
+        has_moved = False
+        gain = 0.0
+        for _ in range(_MAX_DAMPINGS):
+            change = solved(here.hessian, here.gradient, damping)
+            if not np.isfinite(change[0]):
+                damping *= 10.0
+                continue
+            trial = best + change
+            trial[LOG_SIGMA] = min(max(trial[LOG_SIGMA], best[LOG_SIGMA] - 1), best[LOG_SIGMA] + 1)
+            there = _equations(data, trial, is_square)
+            gain = there.log_likelihood - here.log_likelihood
+            if gain >= 0:
+                best, here = trial, there
+                damping *= 0.1
+                has_moved = True
+                break
+            damping *= 10.0
+        if not has_moved or gain < _GAIN:
+            break
+    variance = inverse_element(here.hessian, LOG_SIGMA)
+    least = _LEAST_NOISE * data.step_dn
+    dark, bright = np.exp(best[edge_count]), np.exp(best[edge_count + 1])
+    return LikelyParameters(
+        bool(np.all(np.isfinite(best)) and variance > 0 and best[LOW + 1] > best[LOW]),
+        best[:edge_count].copy(),
+        variance,
+        here.log_likelihood,
+        (sqrt(dark**2 + least**2), sqrt(bright**2 + least**2)),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) -> FloatArray:
+    """Mean deviation from the model before rounding that each pixel's interval implies, in DN.
+
+    Its mean is 0 at any level, where that of the rounded pixels is off by up to half a step.
+    """
+    model = edge_jacobian(data.pixels, fit.parameters, is_square)
+    dark, bright = log(fit.noise_dn[0]), log(fit.noise_dn[1])
+    out = np.empty(len(data.weights))
+    for i in range(len(out)):
+        s = np.exp((1 - model.edges[i]) * dark + model.edges[i] * bright)
+        level = model.levels[i]
+        out[i] = s * s * interval_terms(data.lower[i] - level, data.upper[i] - level, s)[1]
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def pixel_intervals(
+    pixels: BandPixels,
+    stored: FloatArray,
+    steps: LevelSteps,
+    weights: FloatArray,
+    found: EdgeLevels,
+) -> Intervals:
+    """The levels that the stored codes stand for, less the shading that was taken off."""
+    shading = stored - pixels.values
+    lower, upper = steps.lower - shading, steps.upper - shading
+    contrast = found.levels.max() - found.levels.min()
+    return Intervals(
+        pixels,
+        lower,
+        upper,
+        _one_code_weights(lower, weights, found.edges, steps.step_dn, contrast),
+        steps.step_dn,
+        _USUAL_NOISE * steps.step_dn,
+        np.zeros(len(lower)),
+        np.empty(0),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _one_code_weights(
+    lower: FloatArray, weights: FloatArray, edges: FloatArray, step_dn: float, contrast: float
+) -> FloatArray:
+    """Weights where a flat side that is one code throughout counts as one pixel.
+
+    The noise does not reach the next code there, so its rounding errors are all the same; as
+    single pixels they would place the level in the middle of the code's interval.
+    """
+    weights = weights.copy()
+    reach = _FLAT * step_dn / contrast
+    for flat in (edges < reach, edges > 1 - reach):
+        own = lower[flat & (weights > 0)]
+        if len(own) > 0 and own.max() - own.min() < 0.5 * step_dn:
+            weights[flat] /= len(own)
+    return weights
