@@ -16,6 +16,7 @@ from scipy.special import ndtr
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
+from calibration.edge_fit import fit_edge
 from calibration.edge_search import (
     EdgeSegment,
     band_half_width,
@@ -23,7 +24,6 @@ from calibration.edge_search import (
     find_edges,
     side_level,
 )
-from calibration.edges import fit_edge
 from simulation.arrays import FloatArray
 
 SIGMAS_PX = (0.5, 0.8, 1.5)

@@ -15,12 +15,12 @@ import numpy as np
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
+from calibration.edge_fit import fit_edge
 from calibration.edge_search import find_edges
 from calibration.edges import (
     EdgeSamples,
     edge_samples,
     esfr_half_width_px,
-    fit_edge,
     gaussian_mtf50,
     measure_esfr,
     pixel_mtf50,

@@ -14,9 +14,7 @@ from .esfr import (
     esfr_half_width_px as esfr_half_width_px,
     measure_esfr as measure_esfr,
 )
-from .fit import EdgeFit as EdgeFit, fit_edge as fit_edge
 from .gaussian_mtf import gaussian_mtf50 as gaussian_mtf50, pixel_mtf50 as pixel_mtf50
-from .jpeg import JpegCompression as JpegCompression
 from .measurement import (
     REJECTING_FLAGS as REJECTING_FLAGS,
     EdgeImage as EdgeImage,
@@ -25,7 +23,6 @@ from .measurement import (
     Region as Region,
     measure_edges as measure_edges,
 )
-from .model import edge_profile as edge_profile
 from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places as plane_places
 from .orientation import Orientation as Orientation, orientation_of as orientation_of
 from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
@@ -37,13 +34,11 @@ __all__ = [
     "SFR_FREQ_CY_PER_PX",
     "AxisTransfer",
     "BinnedEdge",
-    "EdgeFit",
     "EdgeImage",
     "EdgeMeasurement",
     "EdgeSamples",
     "EdgeSelection",
     "EdgeSfr",
-    "JpegCompression",
     "MeasuredTransfer",
     "Method",
     "Orientation",
@@ -51,10 +46,8 @@ __all__ = [
     "Region",
     "bin_centres_px",
     "bin_edge",
-    "edge_profile",
     "edge_samples",
     "esfr_half_width_px",
-    "fit_edge",
     "gaussian_mtf50",
     "mean_transfer",
     "measure_edges",

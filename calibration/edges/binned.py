@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.fit import EdgeFit
-from calibration.edges.model import EdgeShape, edge_shape, shape_value
+from calibration.edge_fit import EdgeFit, EdgeShape, edge_shape, shape_value
 from calibration.edges.samples import EdgeSamples
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray, IntArray

@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from calibration.edge_fit import EdgeShape, edge_shape, shape_slopes, shape_value
 from calibration.edges.binned import BinnedEdge
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_transfer
-from calibration.edges.model import EdgeShape, edge_shape, shape_slopes, shape_value
 from calibration.edges.penalised_spline import (
     DEGREE,
     SplineFit,

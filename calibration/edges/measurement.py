@@ -8,12 +8,11 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from calibration.edge_fit import SATURATED_FRACTION, EdgeFit, JpegCompression, fit_edge
 from calibration.edge_search import EdgeSegment, band_half_width, find_edges
 from calibration.edges.binned import BinnedEdge, bin_edge
 from calibration.edges.esfr import EdgeSfr, esfr_half_width_px, measure_esfr, why_undersampled
-from calibration.edges.fit import SATURATED_FRACTION, EdgeFit, fit_edge
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
-from calibration.edges.jpeg import JpegCompression
 from calibration.edges.mosaic import in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit

@@ -16,8 +16,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
 from calibration.choices import PATTERNS, Pattern
-from calibration.edges.fit import SHARPEST_PX, EdgeFit
-from calibration.edges.model import edge_profile
+from calibration.edge_fit import SHARPEST_PX, EdgeFit, edge_profile
 from simulation.arrays import AnyArray, FloatArray
 
 PITCH_PX = 2

@@ -15,7 +15,7 @@ from math import sqrt
 import numpy as np
 from scipy.optimize import OptimizeWarning, curve_fit
 
-from calibration.edges.fit import EdgeFit
+from calibration.edge_fit import EdgeFit
 from calibration.edges.samples import EdgeSamples
 from simulation.arrays import FloatArray
 

@@ -6,10 +6,15 @@ from math import cos, pi, sin, sqrt
 import numpy as np
 from numba import njit
 
+from calibration.edge_fit import (
+    EdgeFit,
+    EdgeShape,
+    edge_profile,
+    shading_levels,
+    shape_slopes,
+    slopes_across,
+)
 from calibration.edge_search import EdgeLine, EdgeSegment, band_half_width, band_pixels
-from calibration.edges.fit import EdgeFit
-from calibration.edges.model import EdgeShape, edge_profile, shape_slopes
-from calibration.edges.shading import shading_levels, slopes_across
 from simulation.arrays import BoolArray, FloatArray
 
 _ROUGHNESS_PIECE_PX = 4.0

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from calibration.edge_fit.fit import EdgeFit
 from calibration.edges.binned import BinnedEdge, bin_edge
 from calibration.edges.esfr import (
     SFR_FREQ_CY_PER_PX,
@@ -10,7 +11,6 @@ from calibration.edges.esfr import (
     why_undersampled,
     widest_gap_px,
 )
-from calibration.edges.fit import EdgeFit
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
 from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples

@@ -8,8 +8,8 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
 from calibration.choices import PATTERNS, Pattern
+from calibration.edge_fit.fit import fit_edge
 from calibration.edge_search.detection import find_edges
-from calibration.edges.fit import fit_edge
 from calibration.edges.measurement import EdgeImage, Region
 from calibration.edges.mosaic import in_sensor_pixels, optical_of_total, plane_places
 from calibration.edges.selection import EdgeSelection

@@ -3,8 +3,8 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from calibration.edge_fit.fit import fit_edge
 from calibration.edge_search.detection import find_edges
-from calibration.edges.fit import fit_edge
 from calibration.edges.measurement import EdgeImage, measure_edges
 from calibration.edges.paper_method import BIN_PX, lsf_fit
 from calibration.edges.samples import EdgeSamples

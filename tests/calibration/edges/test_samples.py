@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.edge_fit.fit import fit_edge
 from calibration.edge_search.detection import find_edges
-from calibration.edges.fit import fit_edge
 from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
 from tests.calibration.closed_form import edge_image, point_edge

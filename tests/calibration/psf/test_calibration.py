@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.edges.fit import EdgeFit, fit_edge
+from calibration.edge_fit.fit import EdgeFit, fit_edge
 from calibration.edges.measurement import EdgeImage, Region, measure_edges
 from calibration.edges.selection import EdgeSelection
 from calibration.errors import NoEdgeError

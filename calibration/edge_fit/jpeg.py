@@ -2,7 +2,7 @@
 
 A JPEG stores multiples of a step for each of the 64 cosines of a block of 8 x 8 codes. Each tells
 an interval of the cosine before compression, and the noise of the codes is as white in the
-cosines, their transform being orthonormal: the likelihood is that of ``calibration.edges.rounded``,
+cosines, their transform being orthonormal: the likelihood is that of ``calibration.edge_fit.rounded``,
 of cosines in place of pixels. What compression loses is thereby part of the stated error, and
 ringing and the loss of high frequencies move no width.
 
@@ -17,9 +17,9 @@ from math import ceil, floor
 import numpy as np
 from numba import njit
 
-from calibration.edges.likelihood import LikelyEdge, WidthFit
-from calibration.edges.model import LOG_SIGMA
-from calibration.edges.rounded import Intervals, cosine_transform, maximise_intervals
+from calibration.edge_fit.likelihood import LikelyEdge, WidthFit
+from calibration.edge_fit.model import LOG_SIGMA
+from calibration.edge_fit.rounded import Intervals, cosine_transform, maximise_intervals
 from calibration.edge_search import BandPixels, EdgeLine, band_half_width
 from simulation.arrays import FloatArray
 

@@ -4,7 +4,7 @@ The stages: a band of pixels that fits the edge's width, with a rough fit; slope
 taken off; weights from the residuals; the total and the optical width; slopes along the edge, where
 the pixels ask for them. Together they take some six passes over the pixels of 50 us each; calls
 from Python in between would double that, as ``benchmarks/bench_edge_fit.py`` says.
-``calibration.edges.fit`` makes the result readable.
+``calibration.edge_fit.fit`` makes the result readable.
 """
 
 from math import log
@@ -13,16 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edge_search import (
-    BandPixels,
-    EdgeLine,
-    band_half_width,
-    band_pixels,
-    side_level,
-)
-from calibration.edges.least_squares import Minimum, inverse_element, levenberg_marquardt
-from calibration.edges.level_steps import is_coarse, level_steps
-from calibration.edges.model import (
+from calibration.edge_fit.least_squares import Minimum, inverse_element, levenberg_marquardt
+from calibration.edge_fit.level_steps import is_coarse, level_steps
+from calibration.edge_fit.model import (
     FLAT_PARAMETERS,
     HIGH,
     LOG_SIGMA,
@@ -32,16 +25,23 @@ from calibration.edges.model import (
     edge_values,
     slopes_gain,
 )
-from calibration.edges.residuals import ProfileFigures, noise_part, profile_figures
-from calibration.edges.rounded import (
+from calibration.edge_fit.residuals import ProfileFigures, noise_part, profile_figures
+from calibration.edge_fit.rounded import (
     Intervals,
     LikelyParameters,
     expected_residuals,
     maximise_intervals,
     pixel_intervals,
 )
-from calibration.edges.shading import is_even, shading_levels, slopes_across
-from calibration.edges.weights import PixelWeights, known_weights, pixel_weights
+from calibration.edge_fit.shading import is_even, shading_levels, slopes_across
+from calibration.edge_fit.weights import PixelWeights, known_weights, pixel_weights
+from calibration.edge_search import (
+    BandPixels,
+    EdgeLine,
+    band_half_width,
+    band_pixels,
+    side_level,
+)
 from simulation.arrays import FloatArray
 
 _ROUGH, _FINE = 1e-2, 1e-4  # last step of a fit, in px and parts of sigma
@@ -57,7 +57,7 @@ _NEARLY_SATURATED = 0.995
 class WidthFit(NamedTuple):
     """One edge shape fitted to the pixels; valid only if ``is_found``.
 
-    The parameters are in the order of ``calibration.edges.model``, the width as log sigma.
+    The parameters are in the order of ``calibration.edge_fit.model``, the width as log sigma.
     """
 
     is_found: bool

@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.least_squares import inverse_element, solved
-from calibration.edges.level_steps import LevelSteps
-from calibration.edges.model import (
+from calibration.edge_fit.least_squares import inverse_element, solved
+from calibration.edge_fit.level_steps import LevelSteps
+from calibration.edge_fit.model import (
     LOG_SIGMA,
     LOW,
     EdgeJacobian,
@@ -239,7 +239,7 @@ def maximise_intervals(data: Intervals, start: FloatArray, is_square: bool) -> L
     data
         Pixels with their intervals.
     start
-        The edge's parameters, as in ``calibration.edges.model``.
+        The edge's parameters, as in ``calibration.edge_fit.model``.
     is_square
         Whether the edge lies behind pixel squares.
     """

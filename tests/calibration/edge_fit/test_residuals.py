@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import ndtr
 
-from calibration.edges.residuals import (
+from calibration.edge_fit.residuals import (
     noise_part,
     outlier_weights,
     profile_figures,

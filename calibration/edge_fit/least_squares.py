@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.model import (
+from calibration.edge_fit.model import (
     CURVATURE,
     FLAT_PARAMETERS,
     HIGH,

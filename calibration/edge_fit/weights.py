@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.residuals import cut_variance, outlier_weights
+from calibration.edge_fit.residuals import cut_variance, outlier_weights
 from simulation.arrays import FloatArray
 
 _UNEVEN_SIGMAS = 3.1  # one in a thousand

@@ -9,10 +9,9 @@ from math import cos, exp, sin, sqrt
 
 import numpy as np
 
-from calibration.edge_search import SHORTEST_PX, EdgeSegment
-from calibration.edges.jpeg import JpegCompression, behind_compression
-from calibration.edges.likelihood import LikelyEdge, WidthFit, maximise
-from calibration.edges.model import (
+from calibration.edge_fit.jpeg import JpegCompression, behind_compression
+from calibration.edge_fit.likelihood import LikelyEdge, WidthFit, maximise
+from calibration.edge_fit.model import (
     CURVATURE,
     HIGH,
     LOG_SIGMA,
@@ -20,7 +19,8 @@ from calibration.edges.model import (
     OFFSET,
     TURN,
 )
-from calibration.edges.residuals import profile_flags
+from calibration.edge_fit.residuals import profile_flags
+from calibration.edge_search import SHORTEST_PX, EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edges.residuals import cut_variance
+from calibration.edge_fit.residuals import cut_variance
 from simulation.arrays import FloatArray
 
 _FIRST_PIXELS = 64

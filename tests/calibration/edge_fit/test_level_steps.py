@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges.level_steps import level_steps
-from calibration.edges.rounded import interval_terms
+from calibration.edge_fit.level_steps import level_steps
+from calibration.edge_fit.rounded import interval_terms
 from tests.calibration.closed_form import edge_image
 
 

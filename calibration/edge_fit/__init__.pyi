@@ -1,0 +1,35 @@
+from .fit import (
+    SATURATED_FRACTION as SATURATED_FRACTION,
+    SHARPEST_PX as SHARPEST_PX,
+    EdgeFit as EdgeFit,
+    fit_edge as fit_edge,
+)
+from .jpeg import (
+    JpegCompression as JpegCompression,
+)
+from .model import (
+    EdgeShape as EdgeShape,
+    edge_profile as edge_profile,
+    edge_shape as edge_shape,
+    shape_slopes as shape_slopes,
+    shape_value as shape_value,
+)
+from .shading import (
+    shading_levels as shading_levels,
+    slopes_across as slopes_across,
+)
+
+__all__ = [
+    "SATURATED_FRACTION",
+    "SHARPEST_PX",
+    "EdgeFit",
+    "EdgeShape",
+    "JpegCompression",
+    "edge_profile",
+    "edge_shape",
+    "fit_edge",
+    "shading_levels",
+    "shape_slopes",
+    "shape_value",
+    "slopes_across",
+]
