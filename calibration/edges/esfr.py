@@ -103,6 +103,32 @@ class EdgeSfr:
         beyond = (np.cos(turns) + turns * (sici(turns)[0] - pi / 2)) / self.reach_px
         return np.asarray(inside + 2 * self.tail_px * beyond)
 
+    def lsf(self, distance_px: FloatArray) -> FloatArray:
+        """Line spread function per px at distances from the fitted edge, of area 1."""
+        distance = np.asarray(distance_px, dtype=np.float64)
+        steps = (distance[:, None] - self.place_px) / self.knot_px
+        inner, outer = np.abs(steps) <= 0.5, np.abs(steps) < 1.5
+        bump = np.where(
+            inner, 0.75 - steps**2, np.where(outer, 0.5 * (1.5 - np.abs(steps)) ** 2, 0)
+        )
+        beyond = np.abs(distance) > self.reach_px
+        tail = self.tail_px / np.where(beyond, distance, self.reach_px) ** 2
+        return np.asarray(bump @ self.weight / self.knot_px + np.where(beyond, tail, 0.0))
+
+    def esf(self, distance_px: FloatArray) -> FloatArray:
+        """Level at distances from the fitted edge, from dark 0 to bright 1; shape ``(n,)``."""
+        distance = np.asarray(distance_px, dtype=np.float64)
+        steps = np.clip((distance[:, None] - self.place_px) / self.knot_px, -1.5, 1.5)
+        rising = np.where(
+            np.abs(steps) <= 0.5,
+            0.5 + 0.75 * steps - steps**3 / 3,
+            np.where(steps < 0, (steps + 1.5) ** 3 / 6, 1 - (1.5 - steps) ** 3 / 6),
+        )
+        far = np.maximum(np.abs(distance), self.reach_px)
+        before = self.tail_px / np.where(distance < 0, far, self.reach_px)
+        after = self.tail_px / self.reach_px - self.tail_px / far
+        return np.asarray(rising @ self.weight + before + np.where(distance > 0, after, 0.0))
+
     def transform_err(self, freq_cy_per_px: FloatArray) -> FloatArray:
         """Standard error, from the pixels' noise, of the part in phase with the edge."""
         freq = np.asarray(freq_cy_per_px, dtype=np.float64)

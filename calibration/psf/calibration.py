@@ -32,6 +32,7 @@ from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
 from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
+from calibration.sharpness import with_sharpness
 from simulation.arrays import FloatArray
 
 _TRUSTED = 0.5  # robust weight from which an edge counts
@@ -71,7 +72,7 @@ def calibrate_psf(
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
         frames.add(source.frame)
-        edges.extend(measure_edges(source, region(source), method))
+        edges.extend(with_sharpness(measure_edges(source, region(source), method), source))
         progress(done)
     used = [edge for edge in edges if edge.is_used]
     if not used:
@@ -106,6 +107,8 @@ def psf_of_edges(
         height_trend=_height_trend(used, total),
         transfer=_transfer(used),
         transfer_2d=None if method == "paper" else _transfer_2d(used, total),
+        picture_width_px=None if frame is None else frame[1],
+        picture_height_px=None if frame is None else frame[0],
         edges=tuple(edges),
     )
 
@@ -306,9 +309,12 @@ def calibrate_mosaic(
         names.append(source.name)
         frames.add(source.frame)
         chosen = region(source)
+        coloured = replace(source, pattern=pattern)
         for place in plane_places(pattern):
             plane = plane_source(source, place)
-            edges[place.colour].extend(measure_edges(plane, chosen, method))
+            found = measure_edges(plane, chosen, method)
+            shown = coloured if place.colour == channel else source
+            edges[place.colour].extend(with_sharpness(found, shown))
         progress(done)
     if not any(edge.is_used for edge in edges[channel]):
         raise _no_edge([f"{name} ({channel})" for name in names], edges[channel])
