@@ -20,7 +20,7 @@ from calibration.sharpness.verdict import LimitVerdict
 MODEL_REMARK = "* of the fitted Gaussian, where an edge has no e-SFR with an error"
 _DIGITS = {"cy/px": 4, "LW/PH": 1, "lp/mm": 2, "px": 4, "": 3}
 
-_DIGITS_MOST = 7
+_DIGITS_MOST = 6
 
 Cells = tuple[str, ...]
 

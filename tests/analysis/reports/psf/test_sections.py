@@ -13,7 +13,7 @@ from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldFit
 from calibration.sharpness import reported_mtf50
 from simulation.arrays import Float32Array, FloatArray
-from tests.analysis.reports.psf.test_edge_plots import edge_of
+from tests.calibration.sharpness.edges import edge_of
 
 
 def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(
