@@ -34,7 +34,7 @@ _PNG_DPI = 170
 _INPUTS_LISTED = 50
 _COLUMN_IN = 7.32  # A4 less its margins
 _GAP_IN = 0.08
-_WIDE_COLUMNS = 8
+_WIDE_COLUMNS = 11  # that fit on the short side of A4 at 8 pt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,12 +6,12 @@ where the interval straddles it (the decision rule of ISO 14253-1 with its zone 
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import BaseModel, ConfigDict
 
 from calibration.edges import EdgeMeasurement
-from calibration.sharpness.field_position import FieldPosition, position_in_field
+from calibration.sharpness.field_position import Corner, FieldPosition, position_in_field
 from calibration.sharpness.intervals import Figure, largest, median_of, ratio, smallest
 from calibration.sharpness.limits import SharpnessLimits, Zones
 from calibration.sharpness.resolution import lp_per_mm, lw_per_ph, reported_mtf50
@@ -172,12 +172,10 @@ class _Measured:
             if at.radius >= radius:
                 name = f"{at.corner}, {at.direction}"
                 groups.setdefault(name, []).append(_mtf50(edge))
-        missing = {"top left", "top right", "bottom left", "bottom right"} - {
-            name.split(",")[0] for name in groups
-        }
+        missing = set(get_args(Corner)) - {name.split(",")[0] for name in groups}
         if missing:
             raise _NotMeasuredError(
-                f"no edge {radius:g} half diagonals or more from the centre {_listed(missing)}; "
+                f"no edge {radius:g} half diagonals or more from the centre, {_listed(missing)}; "
                 "photograph one there, or set zones.corner_radius"
             )
         return [median_of(figures, name) for name, figures in sorted(groups.items())]
@@ -194,7 +192,7 @@ class _Measured:
 
 
 def _listed(corners: set[str]) -> str:
-    return "in the corner " + ", ".join(sorted(corners))
+    return "in any corner" if len(corners) == len(get_args(Corner)) else ", ".join(sorted(corners))
 
 
 def _place(edge: EdgeMeasurement) -> str:

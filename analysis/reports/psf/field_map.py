@@ -1,6 +1,7 @@
 """MTF50 over the field of view, meridional and sagittal, and lateral colour over it."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,6 +33,7 @@ _DIRECTIONS: tuple[tuple[Direction, str], ...] = (
 _MARKERS = {"meridional": "o", "sagittal": "^"}
 _INK = "#1b1f24"
 _TICK_SHARE = 0.02  # of the frame's width: half the stroke along an edge
+_MANY = 300
 _RINGS = 6
 _OUTLIER_QUARTILES = 3.0  # between the quartiles lie 1.35 sigma of Gaussian scatter
 _LEAST_SCALE = 0.02  # of the median: finer differences are not worth a colour
@@ -62,9 +64,8 @@ def field_map_section(psf: PsfCalibration) -> ReportSection | None:
         figures=(
             ReportFigure.of(
                 plot_field_map(edges, width, height),
-                "MTF50 of every edge at its position; each stroke lies along its edge. Left: "
-                "meridional; right: sagittal; one scale of colour for both. Outliers have the "
-                "colour of its end.",
+                "MTF50 of every edge at its position; each stroke lies along its edge. Outliers "
+                "have the colour of the scale's end.",
             ),
             ReportFigure.of(
                 plot_by_radius(edges, width, height),
@@ -87,17 +88,22 @@ def _scale(values: FloatArray) -> tuple[float, float]:
 @in_report_style
 def plot_field_map(edges: Sequence[EdgeMeasurement], width_px: int, height_px: int) -> Figure:
     """Draw the edges over the frame, coloured by MTF50, meridional and sagittal apart."""
-    figure = new_figure(7.2, min(2.8 * height_px / width_px, 5.5) + 0.9)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
     values = np.array([reported_mtf50(edge).cy_per_px for edge in edges])
     low, high = _scale(values)
-    shown = None
-    for axes, (direction, _) in zip(panels, _DIRECTIONS, strict=True):
-        chosen = [
-            (edge, value)
-            for edge, value in zip(edges, values.tolist(), strict=True)
-            if position_in_field(edge, width_px, height_px).direction == direction
-        ]
+    by_direction: dict[Direction, list[tuple[EdgeMeasurement, float]]] = {}
+    for edge, value in zip(edges, values.tolist(), strict=True):
+        direction = position_in_field(edge, width_px, height_px).direction
+        if direction is not None:
+            by_direction.setdefault(direction, []).append((edge, value))
+    drawn = [direction for direction, _ in _DIRECTIONS if direction in by_direction]
+    panel_in = 2.8 if len(drawn) > 1 else 4.2
+    figure = new_figure(
+        1.2 + 3.0 * len(drawn) * panel_in / 2.8, min(panel_in * height_px / width_px, 5.5) + 0.9
+    )
+    panels = figure.subplots(1, len(drawn), sharex=True, sharey=True, squeeze=False)[0]
+    shown: Any = None
+    for axes, direction in zip(panels, drawn, strict=True):
+        chosen = by_direction[direction]
         for edge, _ in chosen:
             turn = np.deg2rad(edge.angle_deg)
             reach = _TICK_SHARE * width_px * np.array([np.cos(turn), np.sin(turn)])
@@ -115,7 +121,7 @@ def plot_field_map(edges: Sequence[EdgeMeasurement], width_px: int, height_px: i
             vmin=low,
             vmax=high,
             cmap="viridis",
-            s=22 if len(chosen) < 300 else 9,
+            s=22 if len(chosen) < _MANY else 9,
             zorder=2,
         )
         axes.plot((width_px - 1) / 2, (height_px - 1) / 2, "+", color=_INK, markersize=9)
@@ -127,8 +133,7 @@ def plot_field_map(edges: Sequence[EdgeMeasurement], width_px: int, height_px: i
             xlabel="x / px",
         )
     panels[0].set_ylabel("y / px")
-    assert shown is not None
-    bar = figure.colorbar(shown, ax=panels, extend="both")
+    bar = figure.colorbar(shown, ax=list(panels), extend="both")
     bar.set_label("MTF50 / (cy/px)")
     return figure
 

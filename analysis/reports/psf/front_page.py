@@ -51,7 +51,7 @@ def _facts(psf: PsfCalibration) -> Iterable[tuple[str, str]]:
         names = (psf.camera.vendor, psf.camera.model, psf.camera.serial)
         stated["camera"] = " ".join(name for name in names if name)
     taken = psf.captured_utc or stated.get("taken")
-    yield "photographed", _UNSTATED if taken is None else str(taken)
+    yield "photographed", _UNSTATED if taken is None else str(taken).partition(".")[0]
     yield "measured", _UNSTATED if psf.provenance is None else psf.provenance.created
     for key, label in _FACTS:
         yield label, _text(key, stated.get(key))

@@ -321,6 +321,7 @@ def edge_table_section(psf: PsfCalibration) -> ReportSection:
     if more > 0:
         text.append(f"{more} more edges are in psf.json.")
     joined = list(zip(sharpness, quality, strict=True))
+    tables: tuple[ReportTable, ...]
     if len(edges) <= _EDGES_IN_FULL:
         tables = (
             ReportTable(columns=columns, rows=sharpness, caption="Sharpness."),

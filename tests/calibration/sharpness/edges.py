@@ -3,7 +3,7 @@
 from calibration.edges.measurement import EdgeMeasurement
 
 
-def edge_of(angle_deg: float = 95.0, **changes: object) -> EdgeMeasurement:
+def edge_of(angle_deg: object = 95.0, **changes: object) -> EdgeMeasurement:
     return EdgeMeasurement.model_validate(
         {
             "image": "edge.tif",

@@ -19,7 +19,7 @@ LADDER = {"pass": 0, "unsure": 1, "fail": 2}
 
 
 def sharp(mtf50: float, err: float = 0.0, **changes: object) -> EdgeMeasurement:
-    return edge_of(esfr_mtf50_cy_per_px=mtf50, esfr_mtf50_err_cy_per_px=err, **changes)
+    return edge_of(**{"esfr_mtf50_cy_per_px": mtf50, "esfr_mtf50_err_cy_per_px": err, **changes})
 
 
 def verdict_on(
@@ -149,7 +149,11 @@ def test_lateral_colour_is_judged_by_the_largest_shift_of_either_sign() -> None:
         ({"mtf50": {"min_lp_per_mm": 9}}, {"pixel_pitch_um": None}, "give --pixel-pitch-um"),
         ({"mtf50": {"min_lw_per_ph": 9}}, {"height_px": None}, "differ in size"),
         ({"mtf50": {"centre_min_cy_per_px": 0.1}}, {}, "no edge within 0.3 half diagonals"),
-        ({"mtf50": {"corner_min_cy_per_px": 0.1}}, {}, "in the corner bottom left, bottom right"),
+        (
+            {"mtf50": {"corner_min_cy_per_px": 0.1}},
+            {},
+            "from the centre, bottom left, bottom right, top right; ",
+        ),
         ({"lateral_colour": {"max_px": 1}}, {}, "have no colours"),
     ],
 )

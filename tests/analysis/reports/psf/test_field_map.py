@@ -1,3 +1,5 @@
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ from tests.calibration.sharpness.edges import edge_of
 WIDTH, HEIGHT = 401, 301
 
 
-def ring(count: int = 12, **changes: object) -> list[EdgeMeasurement]:
+def ring(count: int = 12, changes: Mapping[str, object] | None = None) -> list[EdgeMeasurement]:
     """Edges on a circle of 100 px about the centre, in turn across the radius and along it."""
     edges = []
     for k, turn in enumerate(np.linspace(0, 2 * np.pi, count, endpoint=False).tolist()):
@@ -28,7 +30,7 @@ def ring(count: int = 12, **changes: object) -> list[EdgeMeasurement]:
                 y_px=150 + 100 * np.sin(turn),
                 esfr_mtf50_cy_per_px=0.3 if is_across else 0.2,
                 esfr_mtf50_err_cy_per_px=0.01,
-                **changes,
+                **(changes or {}),
             )
         )
     return edges
@@ -47,13 +49,19 @@ def test_meridional_and_sagittal_edges_have_a_map_each() -> None:
     assert left.get_ylim() == (HEIGHT - 0.5, -0.5)
 
 
+def test_a_direction_without_edges_has_no_empty_map() -> None:
+    meridional = ring()[::2]
+    [axes, _] = plot_field_map(meridional, WIDTH, HEIGHT).axes
+    assert axes.get_title() == "meridional, 6 edges"
+
+
 def test_the_median_of_a_ring_is_drawn_for_each_direction() -> None:
     figure = plot_by_radius(ring(), WIDTH, HEIGHT)
     assert legend_of(figure) == ["meridional", "sagittal"]
     medians = [
         np.asarray(line.get_data())[:, 0]
         for line in figure.axes[0].get_lines()
-        if line.get_ls() == "-"
+        if line.get_linestyle() == "-"
     ]
     drawn = {round(float(level), 6) for _, level in medians}
     assert {0.3, 0.2} <= drawn
@@ -79,15 +87,15 @@ def test_lateral_colour_is_drawn_against_the_radius_along_the_normal() -> None:
         "red_shift_px": 0.2, "red_shift_err_px": 0.01, "blue_shift_px": -0.1,
         "blue_shift_err_px": 0.02,
     }  # fmt: skip
-    figure = plot_lateral_colour(ring(**shifts), WIDTH, HEIGHT)
+    figure = plot_lateral_colour(ring(changes=shifts), WIDTH, HEIGHT)
     assert legend_of(figure) == ["red from green", "blue from green"]
-    red = np.asarray(figure.axes[0].containers[0].lines[0].get_data())
+    red = np.asarray(figure.axes[0].get_lines()[0].get_data())
     # Edges across the radius have all of its 100 px along their normal, those along it none.
     assert sorted({round(x) for x in red[0].tolist()}) == [0, 100]
-    section = lateral_colour_section(calibration(ring(**shifts)))
+    section = lateral_colour_section(calibration(ring(changes=shifts)))
     assert section is not None
     assert section.tables[0].rows[0][1:] == ("0.200 ± 0.020", "-0.100 ± 0.039")
-    few = lateral_colour_section(calibration(ring(4, **shifts)))
+    few = lateral_colour_section(calibration(ring(4, shifts)))
     assert few is not None
     assert (len(few.tables[0].rows), few.figures) == (4, ())
     assert lateral_colour_section(calibration(ring())) is None
