@@ -17,7 +17,7 @@ from PIL import Image
 from benchmarks.bench_edge_fit import exact_edge
 from benchmarks.harness import Recorder, bench_parser
 from calibration.edge_fit import JpegCompression, fit_edge
-from calibration.edges import EdgeSegment, find_edges
+from calibration.edge_search import EdgeSegment, find_edges
 from simulation.arrays import FloatArray
 
 Range = tuple[float, float]

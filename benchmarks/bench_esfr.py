@@ -18,7 +18,9 @@ from benchmarks.timing import best_s
 from calibration.edge_fit import fit_edge
 from calibration.edge_search import find_edges
 from calibration.edges import (
+    BinnedEdge,
     EdgeSamples,
+    bin_edge,
     edge_samples,
     esfr_half_width_px,
     gaussian_mtf50,
@@ -54,16 +56,18 @@ def cases() -> dict[str, list[tuple[FloatArray, float]]]:
     }
 
 
-def samples_of(image: FloatArray) -> tuple[EdgeSamples, float]:
+def samples_of(image: FloatArray) -> tuple[EdgeSamples, BinnedEdge]:
     segment = find_edges(image)[0]
     fit = fit_edge(image, segment)
     assert fit is not None
-    return edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px)), fit.sigma_px
+    samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
+    binned = bin_edge(samples, fit)
+    assert binned is not None
+    return samples, binned
 
 
 def by_spline(image: FloatArray) -> float:
-    samples, sigma = samples_of(image)
-    esfr = measure_esfr(samples, sigma)
+    esfr = measure_esfr(samples_of(image)[1])
     return (esfr.mtf50_cy_per_px if esfr else None) or np.nan
 
 
@@ -115,9 +119,9 @@ def main() -> None:
         compare_errors(record, peers, rng)
         clean = edge_image(0.8, 5.0, has_pixel=True)
         image = clean + rng.normal(size=clean.shape) * NOISE_DN
-        samples, sigma = samples_of(image)
+        samples, binned = samples_of(image)
         seconds = record.pick(1.0, 0.2)
-        own_s = best_s(lambda: measure_esfr(samples, sigma), seconds, time.thread_time)
+        own_s = best_s(lambda: measure_esfr(binned), seconds, time.thread_time)
         record.say(f"\none edge, {samples.levels_dn.size} pixels / ms")
         record.say(f"  spline, samples at hand  {1e3 * own_s:8.2f}")
         peer_ms = None

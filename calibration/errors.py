@@ -99,6 +99,10 @@ class NoiseError(CalibrationError):
         self.saturated = saturated
 
 
+class LimitsFileError(DocumentError):
+    """A limits file cannot be read, has an unknown key, or sets no limit."""
+
+
 class NoiseFileError(DocumentError):
     """A noise.json cannot be read, or lacks a value that is needed."""
 

@@ -46,6 +46,7 @@ from calibration.psf import (
     PsfCalibration,
     Transfer2d,
 )
+from calibration.sharpness import LimitVerdict, SharpnessLimits, SharpnessVerdict
 from standoff.terminal import application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
@@ -95,11 +96,9 @@ def _code(names: list[str]) -> str:
 
 
 def configs_page() -> str:
-    """Every key of a bench file and of a capture plan."""
-    parts = [f"# Bench files and capture plans\n\n{MADE}"]
-    parts += [
-        "Both are TOML. A key that is unknown, missing or out of range is an error that names"
-    ]
+    """Every key of a bench file, of a capture plan and of a limits file."""
+    parts = [f"# Bench files, capture plans and limits\n\n{MADE}"]
+    parts += ["All are TOML. A key that is unknown, missing or out of range is an error that names"]
     parts += ["it. Shipped examples are in `configs/`; `--set section.key=value` replaces one key."]
     parts += [
         'A number is in the unit that its key ends in, or states its own as text: `"9 ms"`. One'
@@ -117,7 +116,17 @@ def configs_page() -> str:
         parts += [f"### [{name}]{'' if field.is_required() else ' (optional)'}\n"]
         parts += _model(section)
     parts += ["## Capture plan\n", *_model(CapturePlan), "### [[targets]]\n", *_model(PlanTarget)]
+    parts += ["## Limits file\n", "For `calibrate --limits`; what is left out is not judged.\n"]
+    for name in SharpnessLimits.model_fields:
+        parts += [f"### [{name}] (optional)\n", *_model(_table(SharpnessLimits, name))]
     return "\n".join(parts).rstrip() + "\n"
+
+
+def _table(model: type[BaseModel], name: str) -> type[BaseModel]:
+    kind = model.model_fields[name].annotation
+    assert isinstance(kind, type)
+    assert issubclass(kind, BaseModel)
+    return kind
 
 
 FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
@@ -138,6 +147,8 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
             CameraIdentity,
             ColourPsf,
             PairWidths,
+            SharpnessVerdict,
+            LimitVerdict,
         ),
     ),
     (

@@ -8,6 +8,7 @@ from .focus import plot_focus_sweep as plot_focus_sweep
 from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
 from .noise import render_noise_report as render_noise_report
 from .page import (
+    Report as Report,
     ReportSection as ReportSection,
     in_report_style as in_report_style,
     new_figure as new_figure,
@@ -16,14 +17,14 @@ from .page import (
     svg_bytes as svg_bytes,
 )
 from .psf import (
+    calibration_front as calibration_front,
     calibration_sections as calibration_sections,
     calibration_verdicts as calibration_verdicts,
     edge_table_section as edge_table_section,
-)
-from .psf_history import (
     history_document as history_document,
     history_sections as history_sections,
     ordered_history as ordered_history,
+    verdict_section as verdict_section,
 )
 from .results import (
     plot_changes as plot_changes,
@@ -40,7 +41,9 @@ from .validation_plots import (
 )
 
 __all__ = [
+    "Report",
     "ReportSection",
+    "calibration_front",
     "calibration_sections",
     "calibration_verdicts",
     "captures_section",
@@ -69,5 +72,6 @@ __all__ = [
     "render_validation",
     "stage_section",
     "svg_bytes",
+    "verdict_section",
     "versions",
 ]

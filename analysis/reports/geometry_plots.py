@@ -99,7 +99,7 @@ def plot_squareness(geometry: GeometryCalibration) -> Figure | None:
     for ring in rings[-3:]:
         axes.plot(ring * np.cos(turn), ring * np.sin(turn), color=_INK, linewidth=0.6, alpha=0.5)
         axes.annotate(
-            f"{ring:g}°", (ring * np.sqrt(0.5), ring * np.sqrt(0.5)), fontsize=7.5, alpha=0.8,
+            f"{ring:g}°", (ring * np.sqrt(0.5), ring * np.sqrt(0.5)), fontsize=8, alpha=0.8,
             ha="left", va="top",
         )  # fmt: skip
     axes.errorbar(

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.reports.page import (
+    Report,
     ReportFigure,
     ReportSection,
     ReportTable,
@@ -101,27 +102,32 @@ def render_noise_report(noise: NoiseMeasurement, source: str) -> str:
     """Return the report as one HTML page; ``source`` names the session."""
     transfer, known = noise.transfer, noise.calibration
     return render_report(
-        title="Camera noise",
-        subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures, "
-        f"{(known.captured_utc or '')[:10]}",
-        verdicts=_verdicts(noise),
-        sections=tuple(
-            section
-            for section in (
-                _transfer_section(noise),
-                _linearity_section(noise),
-                _maps_section(noise),
-                _captures_section(noise),
-            )
-            if section is not None
-        ),
-        provenance=(
-            ("camera", f"{known.camera_model or 'unknown'}, {known.camera_serial or 'no serial'}"),
-            ("gain", "unknown" if known.gain_db is None else f"{known.gain_db:g} dB"),
-            ("pixel format", known.pixel_format or "unknown"),
-            ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
-        ),
-        origin=known.provenance,
+        Report(
+            title="Camera noise",
+            subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures, "
+            f"{(known.captured_utc or '')[:10]}",
+            verdicts=_verdicts(noise),
+            sections=tuple(
+                section
+                for section in (
+                    _transfer_section(noise),
+                    _linearity_section(noise),
+                    _maps_section(noise),
+                    _captures_section(noise),
+                )
+                if section is not None
+            ),
+            provenance=(
+                (
+                    "camera",
+                    f"{known.camera_model or 'unknown'}, {known.camera_serial or 'no serial'}",
+                ),
+                ("gain", "unknown" if known.gain_db is None else f"{known.gain_db:g} dB"),
+                ("pixel format", known.pixel_format or "unknown"),
+                ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
+            ),
+            origin=known.provenance,
+        )
     )
 
 

@@ -30,8 +30,11 @@ _STYLE: Any = {
     "svg.hashsalt": "standoff",
     "svg.fonttype": "path",
 }
-_PNG_DPI = 110
+_PNG_DPI = 170
 _INPUTS_LISTED = 50
+_COLUMN_IN = 7.32  # A4 less its margins
+_GAP_IN = 0.08
+_WIDE_COLUMNS = 11  # that fit on the short side of A4 at 8 pt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,19 +48,25 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportTable:
-    """A table; the first column is text, the others are figures."""
+    """A table; the first column is text, the others are figures, but for a last one of words."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
+    ends_in_words: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportFigure:
-    """A figure as markup embedded in the page, and its caption."""
+    """A figure as markup embedded in the page, and its caption.
+
+    It is printed ``width_in`` inches wide, the size it was drawn at, so that its text has the size
+    it was given. The page numbers its figures and writes the number before the caption.
+    """
 
     markup: Markup
     caption: str
+    width_in: float = 6.4
 
     @classmethod
     def of(
@@ -70,14 +79,15 @@ class ReportFigure:
         else:
             encoded = b64encode(png_bytes(figure)).decode("ascii")
             markup = f'<img alt="" src="data:image/png;base64,{encoded}">'
-        return cls(markup=Markup(markup), caption=caption)  # noqa: S704 - matplotlib's own output
+        safe = Markup(markup)  # noqa: S704 - matplotlib's own output
+        return cls(markup=safe, caption=caption, width_in=float(figure.get_figwidth()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportSection:
     """A section of the report: text, tables and figures.
 
-    A folded section shows its title and words until it is opened.
+    A reader may fold a foldable section away on the screen; it begins open, and paper shows it.
     """
 
     title: str
@@ -85,6 +95,53 @@ class ReportSection:
     text: tuple[str, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether a table needs the long side of the paper."""
+        return any(len(table.columns) > _WIDE_COLUMNS for table in self.tables)
+
+    @property
+    def figures_of_first_row(self) -> int:
+        """How many figures stand side by side under the title: it is never parted from them."""
+        width_in = count = 0.0
+        for figure in self.figures:
+            width_in += figure.width_in + _GAP_IN * (count > 0)
+            if count and width_in > _COLUMN_IN:
+                break
+            count += 1
+        return int(count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportFront:
+    """What a reader needs first: the verdict, what was measured with what, and what to beware of.
+
+    ``outcome`` is pass, fail, unsure, or none without limits; ``verdict`` says it in a sentence.
+    """
+
+    outcome: Literal["pass", "fail", "unsure", "none"]
+    verdict: str
+    facts: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """The content of a report, in the order of the page.
+
+    ``verdicts`` are the headline figures, ``provenance`` are names and values for the table at the
+    end, ``origin`` is the provenance of the document that is reported: in the header, and its files
+    in the table.
+    """
+
+    title: str
+    subtitle: str
+    verdicts: tuple[Verdict, ...]
+    sections: tuple[ReportSection, ...]
+    provenance: tuple[tuple[str, str], ...]
+    origin: Provenance | None = None
+    front: ReportFront | None = None
 
 
 def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -121,42 +178,19 @@ def svg_bytes(figure: Figure) -> bytes:
     return data.getvalue()
 
 
-def render_report(
-    *,
-    title: str,
-    subtitle: str,
-    verdicts: tuple[Verdict, ...],
-    sections: tuple[ReportSection, ...],
-    provenance: tuple[tuple[str, str], ...],
-    origin: Provenance | None = None,
-) -> str:
-    """Return the report as one HTML document that needs no other file and no network.
-
-    Parameters
-    ----------
-    title, subtitle, verdicts, sections
-        The content, in the order of the page.
-    provenance
-        Names and values for the table at the end.
-    origin
-        Provenance of the document that is reported; in the header, its files in the table.
-    """
+def render_report(report: Report) -> str:
+    """Return the report as one HTML document that needs no other file and no network."""
     template = Environment(
         loader=PackageLoader("analysis.reports", "templates"),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
     ).get_template("report.html")
-    moment = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     return template.render(
-        title=title,
-        subtitle=subtitle,
-        verdicts=verdicts,
-        sections=sections,
-        provenance=(*_inputs(origin), *provenance),
-        origin=origin,
-        encodings=_encodings(origin),
-        written=moment,
+        report=report,
+        provenance=(*_inputs(report.origin), *report.provenance),
+        encodings=encodings_text(report.origin),
+        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )
 
 
@@ -168,7 +202,8 @@ def _inputs(origin: Provenance | None) -> tuple[tuple[str, str], ...]:
     return tuple(rows)
 
 
-def _encodings(origin: Provenance | None) -> str:
+def encodings_text(origin: Provenance | None) -> str:
+    """Return how the levels of the photographs were read; empty where it is not known."""
     if origin is None:
         return ""
     return origin.encoding if isinstance(origin.encoding, str) else ", ".join(origin.encoding)

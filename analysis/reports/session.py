@@ -13,6 +13,7 @@ from analysis.reports.bench import (
     stage_section,
 )
 from analysis.reports.page import (
+    Report,
     ReportFigure,
     ReportSection,
     ReportTable,
@@ -79,12 +80,14 @@ def render_session_report(
     if remarks:
         sections.insert(0, ReportSection(title="Left out", text=remarks))
     return render_report(
-        title=f"Session {session.plan.name}",
-        subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
-        verdicts=verdicts,
-        sections=tuple(sections),
-        provenance=(*device_rows(session), *versions()),
-        origin=origin,
+        Report(
+            title=f"Session {session.plan.name}",
+            subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
+            verdicts=verdicts,
+            sections=tuple(sections),
+            provenance=(*device_rows(session), *versions()),
+            origin=origin,
+        )
     )
 
 

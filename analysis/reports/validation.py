@@ -7,6 +7,7 @@ import numpy as np
 from acquisition.session import Session
 from analysis.reports.bench import device_rows
 from analysis.reports.page import (
+    Report,
     ReportFigure,
     ReportSection,
     ReportTable,
@@ -60,18 +61,20 @@ def render_validation(session: Session, validation: Validation, shown: Sequence[
         _registration_section(validation),
     )
     return render_report(
-        title=f"Validation of session {session.plan.name}",
-        subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
-        verdicts=_verdicts(validation),
-        sections=sections,
-        provenance=(
-            ("psf", validation.psf),
-            ("models", ", ".join(validation.models)),
-            ("training steps", str(validation.training_steps)),
-            *device_rows(session),
-            *versions(),
-        ),
-        origin=validation.provenance,
+        Report(
+            title=f"Validation of session {session.plan.name}",
+            subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
+            verdicts=_verdicts(validation),
+            sections=sections,
+            provenance=(
+                ("psf", validation.psf),
+                ("models", ", ".join(validation.models)),
+                ("training steps", str(validation.training_steps)),
+                *device_rows(session),
+                *versions(),
+            ),
+            origin=validation.provenance,
+        )
     )
 
 

@@ -2,8 +2,8 @@
 
 A JPEG stores multiples of a step for each of the 64 cosines of a block of 8 x 8 codes. Each tells
 an interval of the cosine before compression, and the noise of the codes is as white in the
-cosines, their transform being orthonormal: the likelihood is that of ``calibration.edge_fit.rounded``,
-of cosines in place of pixels. What compression loses is thereby part of the stated error, and
+cosines, their transform being orthonormal: the likelihood is that of ``rounded``, of cosines
+in place of pixels. What compression loses is thereby part of the stated error, and
 ringing and the loss of high frequencies move no width.
 
 References
@@ -84,8 +84,7 @@ def behind_compression(
     data = block_intervals(
         image_dn,
         line,
-        min(band_half_width(sigma), clearance_px),
-        clearance_px,
+        (min(band_half_width(sigma), clearance_px), clearance_px),
         np.ascontiguousarray(compression.steps, dtype=np.float64),
         np.ascontiguousarray(compression.code_levels_dn, dtype=np.float64),
         (compression.first_row, compression.first_col),
@@ -122,8 +121,7 @@ def _less_sure(likely: LikelyEdge, compression: JpegCompression) -> LikelyEdge:
 def block_intervals(
     image_dn: FloatArray,
     line: EdgeLine,
-    half_width_px: float,
-    clearance_px: float,
+    reach_px: tuple[float, float],
     steps: FloatArray,
     code_levels_dn: FloatArray,
     first: tuple[int, int],
@@ -136,9 +134,9 @@ def block_intervals(
         Shape ``(rows, cols)``.
     line
         The edge as it was fitted.
-    half_width_px, clearance_px
-        A block is taken where its nearest pixel is within the former and all are within the
-        latter.
+    reach_px
+        A block is taken where its nearest pixel is within the first distance from the line and all
+        are within the second.
     steps, code_levels_dn, first
         As in ``JpegCompression``.
 
@@ -148,6 +146,7 @@ def block_intervals(
         Pixels in the order of their blocks; none where too few blocks are crossed.
     """
     rows, cols = image_dn.shape
+    half_width_px, clearance_px = reach_px
     c, s = np.cos(line.normal_rad), np.sin(line.normal_rad)
     reach_x = (half_width_px + _SIDE) * abs(c) + line.half_length_px * abs(s)
     reach_y = (half_width_px + _SIDE) * abs(s) + line.half_length_px * abs(c)

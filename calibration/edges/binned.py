@@ -90,11 +90,11 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
         return None
     shape = edge_shape(fit.sigma_px, fit.optical_sigma_px, fit.normal_rad)
     bins = _binned(distance, levels, samples.along_px * pitch_px, shape)
-    if bins.index.size < _FEWEST_BINS:
+    if bins.numbers.size < _FEWEST_BINS:
         return None
     return BinnedEdge(
-        bin_index=bins.index,
-        away_px=bins.distance - bin_centres_px(bins.index),
+        bin_index=bins.numbers,
+        away_px=bins.distance - bin_centres_px(bins.numbers),
         along_px=bins.along,
         levels=bins.level,
         weights=bins.weight,
@@ -108,7 +108,7 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
 class _Bins(NamedTuple):
     """What is in each bin with a pixel in it: its number, and means over its pixels."""
 
-    index: IntArray
+    numbers: IntArray
     distance: FloatArray
     along: FloatArray
     level: FloatArray
@@ -217,4 +217,5 @@ def _variances(count: FloatArray, squares: FloatArray, level: FloatArray) -> Flo
     else:
         low = high = np.sum(sums) / max(np.sum(freedom), 1.0)
     low, high = max(low, _LEAST_NOISE**2), max(high, _LEAST_NOISE**2)
-    return low + (high - low) * level
+    variance: FloatArray = low + (high - low) * level
+    return variance

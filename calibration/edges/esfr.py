@@ -305,7 +305,8 @@ def _profile(curve: _Curve, distance: FloatArray) -> FloatArray:
         positions[i] = min(max(positions[i], 0.0), coefficients.size + 1.0)
         terms = _terms(curve.shape, curve.tail_px, distance[i])
         out[i] = terms[0] + np.sum(curve.fit.terms * terms)
-    return (out + curve_values(positions, coefficients) - coefficients[0]) / curve.rise
+    out += curve_values(positions, coefficients) - coefficients[0]
+    return out / curve.rise
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from calibration.choices import Pattern
 from calibration.edge_fit import SATURATED_FRACTION, EdgeFit, JpegCompression, fit_edge
 from calibration.edge_search import EdgeSegment, band_half_width, find_edges
 from calibration.edges.binned import BinnedEdge, bin_edge
@@ -24,7 +25,7 @@ from calibration.edges.samples import (
     without_shading,
 )
 from calibration.noise import LevelNoise
-from simulation.arrays import BoolArray, FloatArray
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 
 Method = Literal["all-angles", "paper"]
 
@@ -66,7 +67,8 @@ class EdgeImage:
     ``compression`` tells how a JPEG was made, if that is known and the plane is its luma.
     ``clipped`` marks pixels that were clipped in the file, in any colour. The plane of one
     colour of a mosaic has ``pitch_px`` 2: its pixels stand that far apart on the sensor, the
-    first one at ``first_x_px``, ``first_y_px``.
+    first one at ``first_x_px``, ``first_y_px``. ``colours_dn`` are the linear levels of a colour
+    photograph, shape ``(rows, cols, 3)``; ``pattern`` is that of a raw mosaic.
     """
 
     name: str
@@ -82,6 +84,9 @@ class EdgeImage:
     first_x_px: int = 0
     first_y_px: int = 0
     sensor_shape: tuple[int, int] | None = None
+    pixel_pitch_um: float | None = None
+    colours_dn: AnyArray | None = field(default=None, repr=False)
+    pattern: Pattern | None = None
 
     @property
     def frame(self) -> tuple[int, int]:
@@ -123,10 +128,13 @@ class EdgeMeasurement(BaseModel):
     None without any noise, ``chi2_reduced`` where the noise is known from this edge alone,
     ``optical_sigma_px`` where the edge is as sharp as the pixel square alone. MTF50 is the
     frequency of half contrast across the edge: of the fitted Gaussian with its pixel, or with
-    the prefix ``esfr_`` whatever the PSF's shape; ``esfr_missing`` says why that is None. The flag
-    ``esfr_differs`` says that the two contradict each other. ``contrast`` is Michelson's of the two
-    levels, ``clipped_fraction`` of the pixels of the fit. ``levels_dn`` (dark, bright),
-    ``esfr`` and ``binned`` are not kept in a file.
+    the prefix ``esfr_`` whatever the PSF's shape; ``esfr_missing`` says why that is None, and the
+    flag ``esfr_differs`` that the two contradict each other. In line widths per height of the
+    photograph and in line pairs per mm of the sensor it is null until ``with_sharpness`` adds it.
+    The shifts are those of red and blue from green across the edge, positive away from the frame's
+    centre, null without colours. ``contrast`` is Michelson's of the two levels,
+    ``clipped_fraction`` of the pixels of the fit. ``levels_dn`` (dark, bright), ``esfr`` and
+    ``binned`` are not kept in a file.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
@@ -146,10 +154,18 @@ class EdgeMeasurement(BaseModel):
     optical_sigma_err_px: float | None
     mtf50_cy_per_px: float
     mtf50_err_cy_per_px: float | None = None
+    mtf50_lw_per_ph: float | None = None
+    mtf50_lp_per_mm: float | None = None
     esfr_mtf50_cy_per_px: float | None = None
     esfr_mtf50_err_cy_per_px: float | None = None
+    esfr_mtf50_lw_per_ph: float | None = None
+    esfr_mtf50_lp_per_mm: float | None = None
     esfr_mtf20_cy_per_px: float | None = None
     esfr_missing: str | None = None
+    red_shift_px: float | None = None
+    red_shift_err_px: float | None = None
+    blue_shift_px: float | None = None
+    blue_shift_err_px: float | None = None
     contrast: float | None = None
     roughness_px: float | None = None
     clipped_fraction: float | None = None

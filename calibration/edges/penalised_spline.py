@@ -183,6 +183,30 @@ def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
+def _lower(square: FloatArray) -> FloatArray:
+    """Cholesky factor of the few terms: the library's takes longer to compile than to write."""
+    factor = np.zeros_like(square)
+    for i in range(square.shape[0]):
+        for j in range(i + 1):
+            total = square[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = np.sqrt(max(total, 0.0)) if i == j else total / factor[j, j]
+    return factor
+
+
+@njit(cache=True, error_model="numpy")
+def _lower_solved(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with a small lower factor for columns of right sides, shape ``(m, k)``."""
+    out = right.copy()
+    for i in range(factor.shape[0]):
+        for j in range(i):
+            out[i] -= factor[i, j] * out[j]
+        out[i] /= factor[i, i]
+    return out
+
+
+@njit(cache=True, error_model="numpy")
 def _solved(equations: _Equations, penalty: FloatArray, weight: float) -> tuple[float, SplineFit]:
     """Twice the restricted log likelihood, up to a constant, and the fit at a penalty's weight."""
     count, several = equations.cross.shape
@@ -194,12 +218,12 @@ def _solved(equations: _Equations, penalty: FloatArray, weight: float) -> tuple[
     sides[:, :several] = equations.cross
     sides[:, several] = equations.right
     sides = _forward(factor, sides)
-    products = np.ascontiguousarray(sides.T) @ sides
+    products: FloatArray = np.ascontiguousarray(sides.T) @ sides
     square = equations.terms - products[:several, :several]
     for m in range(several):
         square[m, m] = max(square[m, m], 0.0) + _RIDGE * equations.terms[m, m]
-    border = np.linalg.cholesky(square)
-    reduced = np.linalg.solve(border, equations.terms_right - products[:several, several])
+    border = _lower(square)
+    reduced = _lower_solved(border, (equations.terms_right - products[:several, several])[:, None])
     left = equations.squares - products[several, several] - np.sum(reduced**2)
     freedom = max(equations.samples - several - 1, 1)
     scale = left / freedom
@@ -211,7 +235,11 @@ def _solved(equations: _Equations, penalty: FloatArray, weight: float) -> tuple[
         likelihood -= 2.0 * log(factor[i, 0])
     for m in range(several):
         likelihood -= 2.0 * log(border[m, m])
-    terms = np.linalg.solve(np.ascontiguousarray(border.T), reduced)
+    terms = reduced[:, 0].copy()
+    for i in range(several - 1, -1, -1):
+        for j in range(i + 1, several):
+            terms[i] -= border[j, i] * terms[j]
+        terms[i] /= border[i, i]
     cross = sides[:, :several].copy()
     coefficients = _backward(factor, sides[:, several] - cross @ terms)
     fit = SplineFit(True, coefficients, terms, factor, cross, border, scale)
@@ -283,7 +311,7 @@ def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -
         Derivatives, shapes ``(count, k)`` and ``(m, k)`` for k quantities.
     """
     inner = _forward(fit.factor, by_coefficient)
-    outer = np.linalg.solve(fit.border, by_term - np.ascontiguousarray(fit.cross.T) @ inner)
+    outer = _lower_solved(fit.border, by_term - np.ascontiguousarray(fit.cross.T) @ inner)
     out = np.empty(by_coefficient.shape[1])
     for k in range(out.size):
         out[k] = np.sum(inner[:, k] ** 2) + np.sum(outer[:, k] ** 2)

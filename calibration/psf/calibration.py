@@ -33,6 +33,7 @@ from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
 from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
+from calibration.sharpness import with_sharpness
 from simulation.arrays import FloatArray
 
 _TARGET = EdgeSelection()
@@ -73,7 +74,7 @@ def calibrate_psf(
     for source in sources:
         names.append(source.name)
         frames.add(source.frame)
-        edges.extend(selection.measured_in(source, method))
+        edges.extend(with_sharpness(selection.measured_in(source, method), source))
         progress(len(names))
         del source  # before the next one is read
     used = [edge for edge in edges if edge.is_used]
@@ -109,6 +110,8 @@ def psf_of_edges(
         height_trend=_height_trend(used, total),
         transfer=_transfer(used),
         transfer_2d=None if method == "paper" else _transfer_2d(used, total),
+        picture_width_px=None if frame is None else frame[1],
+        picture_height_px=None if frame is None else frame[0],
         edges=tuple(edges),
     )
 
@@ -316,11 +319,14 @@ def calibrate_mosaic(
     for source in sources:
         names.append(source.name)
         frames.add(source.frame)
+        coloured = replace(source, pattern=pattern)
         for place in plane_places(pattern):
             plane = plane_source(source, place)
-            edges[place.colour].extend(selection.measured_in(plane, method))
+            found = selection.measured_in(plane, method)
+            shown = coloured if place.colour == channel else source
+            edges[place.colour].extend(with_sharpness(found, shown))
         progress(len(names))
-        del source, plane
+        del source, coloured, shown, plane
     if not any(edge.is_used for edge in edges[channel]):
         raise _no_edge([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
     frame = frames.pop() if len(frames) == 1 else None

@@ -15,6 +15,7 @@ from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
 from calibration.psf.transfer_2d import Transfer2d
+from calibration.sharpness import Picture, SharpnessLimits, SharpnessVerdict, judge_sharpness
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class PsfOrigin:
 
     ``captured_utc`` is the time of the first capture in ISO 8601, ``region`` the part of the
     frame that was used, ``channel`` the channel of colour photographs, ``photograph`` what their
-    files say alike of their taking.
+    files say alike of their taking. ``pixel_pitch_from`` names what states ``pixel_pitch_um``.
     """
 
     camera: CameraIdentity = field(default_factory=CameraIdentity)
@@ -63,6 +64,8 @@ class PsfOrigin:
     channel: str | None = None
     photograph: dict[str, str | float] | None = None
     provenance: Provenance | None = None
+    pixel_pitch_um: float | None = None
+    pixel_pitch_from: str | None = None
 
 
 class PairWidths(BaseModel):
@@ -207,7 +210,9 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     colour of a mosaic. ``pairs`` are the pairs of photographs of a two-distance calibration,
     ``softness_px2`` is the mean variance that the scene adds in a single-image calibration.
     ``photograph`` is what the files of the photographs say alike of their taking: camera, lens,
-    exposure. Files that give only the total values are accepted.
+    exposure. ``picture_width_px`` and ``picture_height_px`` are columns and rows of the
+    photographs, null if they differ; ``verdict`` compares the edges with a limits file. Files that
+    give only the total values are accepted.
     """
 
     field: FieldFit | None = None
@@ -224,6 +229,11 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     softness_px2: float | None = None
     edges: tuple[EdgeMeasurement, ...] = ()
     photograph: dict[str, str | float] | None = None
+    picture_width_px: int | None = None
+    picture_height_px: int | None = None
+    pixel_pitch_um: float | None = None
+    pixel_pitch_from: str | None = None
+    verdict: SharpnessVerdict | None = None
     provenance: Provenance | None = None
 
     @property
@@ -240,9 +250,21 @@ class PsfCalibration(PsfWidths, _PsfDocument):
                 "region": origin.region,
                 "channel": origin.channel,
                 "photograph": origin.photograph,
+                "pixel_pitch_um": origin.pixel_pitch_um,
+                "pixel_pitch_from": origin.pixel_pitch_from,
                 "provenance": origin.provenance,
             }
         )
+
+    def judged(self, limits: SharpnessLimits, limits_file: str) -> "PsfCalibration":
+        """Return the calibration with the verdict by the limits of a file of this name."""
+        picture = Picture(
+            width_px=self.picture_width_px,
+            height_px=self.picture_height_px,
+            pixel_pitch_um=self.pixel_pitch_um,
+        )
+        verdict = judge_sharpness(limits, self.edges, picture, limits_file)
+        return self.model_copy(update={"verdict": verdict})
 
     def total_psf(self, source: str) -> GaussianPsf:
         """Return the total PSF; a missing correlation is taken as zero.

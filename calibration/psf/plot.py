@@ -161,7 +161,7 @@ def draw_widths(
             axes.errorbar(
                 position,
                 width,
-                yerr=err,
+                yerr=_NORMAL_95 * err,
                 fmt="o",
                 markersize=3.5,
                 linewidth=0.8,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from acquisition.printable import on_one_line
 from calibration.choices import CalibrationMethod, Channel, Pattern, TargetChoice
 from standoff.terminal import (
     EncodingName,
@@ -18,6 +19,7 @@ from standoff.terminal import (
     Page,
     ShortEncoding,
     check_options,
+    checked_pitch,
     checked_zoom,
     command_line,
     exactly_one,
@@ -25,14 +27,18 @@ from standoff.terminal import (
     needs,
     photograph_inputs,
     print_json,
+    quantity,
     refuse_overwriting,
     refuse_suffix,
     region_corner_and_size,
+    remarks_so_far,
     say,
 )
 
 if TYPE_CHECKING:
     from calibration.edges import EdgeImage, Region
+    from calibration.psf import PsfCalibration
+    from standoff.workflows import Reading
 
 
 _WITH_AN_EDGE_TARGET = Option("method", ("all-angles", "paper"))
@@ -47,7 +53,10 @@ _RULES = (
     excludes("noise", "bayer", "srgb", because=_LINEAR),
     excludes("correct", "bayer", "srgb", because=_LINEAR),
     needs("zoom", Option("method", ("two-distance",))),
-    *(needs(option, _WITH_AN_EDGE_TARGET) for option in ("report", "bayer", "csv", "target")),
+    *(
+        needs(option, _WITH_AN_EDGE_TARGET)
+        for option in ("report", "bayer", "csv", "limits", "pixel_pitch_um", "target")
+    ),
 )
 
 
@@ -120,44 +129,46 @@ def calibrate(
     report: Annotated[
         Path | None, typer.Option(help="Also write a report on an edge target (HTML or PDF).")
     ] = None,
+    pixel_pitch_um: Annotated[
+        float | None,
+        typer.Option(
+            help="Pixel pitch of the sensor, for lp/mm; by default as the session's bench file or "
+            "EXIF states.",
+            parser=quantity("pixel_pitch_um"),
+            callback=checked_pitch,
+            metavar="UM",
+        ),
+    ] = None,
+    limits: Annotated[
+        Path | None,
+        typer.Option(help="Limits for pass and fail (TOML); the exit status stays 0."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Measure the camera's PSF from photographs of straight edges, at any angle."""
     check_options(context, _RULES)
-    refuse_overwriting([out, csv, report], [*(images or []), noise, correct])
+    refuse_overwriting([out, csv, report], [*(images or []), noise, correct, limits])
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     rule = _region_rule(region)
-    if zoom is not None and len(images or []) != 2:
-        raise typer.BadParameter(
-            "the distance ratio needs exactly two photographs", param_hint="--zoom"
-        )
-    if method == "two-distance" and session is None and len(images or []) < 2:
-        raise typer.BadParameter("two-distance needs at least two photographs, the nearest first")
-    from calibration.documents import json_object
-    from calibration.files import read_correction, read_noise, write_psf
-    from calibration.noise import level_noise
-    from standoff.terminal import edge_csv, print_psf, print_psf_remarks
+    _refuse_wrong_count(images or [], session, method, zoom)
+    from calibration.files import write_psf
+    from calibration.sharpness import read_limits
+    from standoff.terminal import edge_csv, print_psf_remarks
     from standoff.workflows import (
         CalibrationRequest,
-        Reading,
         calibrate_camera,
         require_writable,
         write_file,
     )
 
     require_writable([out, csv, report])
-    inputs = photograph_inputs(encoding, page, mean, srgb, files=(noise, correct))
-    reading = Reading(
-        channel=channel or ("luma" if bayer is None else "green"),
-        pattern=bayer,
-        correction=None if correct is None else read_correction(correct),
-        frame_noise=None if noise is None else level_noise(read_noise(noise).capture_noise),
-    )
+    bounds = None if limits is None else read_limits(limits)
+    inputs = photograph_inputs(encoding, page, mean, srgb, files=(noise, correct, limits))
     found = calibrate_camera(
         CalibrationRequest(
             images=tuple(images or ()),
             session=session,
-            reading=reading,
+            reading=_reading(channel, bayer, correct, noise, pixel_pitch_um),
             inputs=inputs,
             method=method,
             region=rule,
@@ -169,6 +180,8 @@ def calibrate(
     calibration = found.calibration.with_origin(
         replace(found.origin, region=region, provenance=made)
     )
+    if bounds is not None:
+        calibration = calibration.judged(bounds, on_one_line(limits))
     write_psf(out, calibration)
     if csv is not None:
         write_file(csv, edge_csv(calibration).encode("utf-8"))
@@ -177,13 +190,56 @@ def calibrate(
         if report is not None:
             from standoff.workflows import write_calibration_report  # loads what plots
 
-            write_calibration_report(report, calibration, found.edges.load, found.edges.session)
+            write_calibration_report(report, calibration, found.edges, remarks_so_far())
+    _print_results(calibration, [out, csv, report], has_target=found.edges is not None, json=json)
+
+
+def _refuse_wrong_count(
+    images: list[Path], session: Path | None, method: CalibrationMethod, zoom: float | None
+) -> None:
+    if zoom is not None and len(images) != 2:
+        raise typer.BadParameter(
+            "the distance ratio needs exactly two photographs", param_hint="--zoom"
+        )
+    if method == "two-distance" and session is None and len(images) < 2:
+        raise typer.BadParameter("two-distance needs at least two photographs, the nearest first")
+
+
+def _reading(
+    channel: Channel | None,
+    bayer: Pattern | None,
+    correct: Path | None,
+    noise: Path | None,
+    pixel_pitch_um: float | None,
+) -> Reading:
+    from calibration.files import read_correction, read_noise
+    from calibration.noise import level_noise
+    from standoff.workflows import Reading
+
+    return Reading(
+        channel=channel or ("luma" if bayer is None else "green"),
+        pattern=bayer,
+        correction=None if correct is None else read_correction(correct),
+        frame_noise=None if noise is None else level_noise(read_noise(noise).capture_noise),
+        pixel_pitch_um=pixel_pitch_um,
+    )
+
+
+def _print_results(
+    calibration: PsfCalibration, written: list[Path | None], *, has_target: bool, json: bool
+) -> None:
+    from calibration.documents import json_object
+    from standoff.terminal import print_edges, print_psf, print_verdict
+
     if json:
         print_json(json_object(calibration))
         return
     print_psf(calibration)
-    written = ", ".join(str(path) for path in (out, csv, report) if path is not None)
-    say(f"wrote {written}")
+    if has_target:
+        print_edges(calibration)
+    if calibration.verdict is not None:
+        print_verdict(calibration.verdict)
+    say(f"wrote {', '.join(str(path) for path in written if path is not None)}")
 
 
 def _region_rule(text: str | None) -> Callable[[EdgeImage], Region | None]:

@@ -108,6 +108,7 @@ def compare(
 
 def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
     from analysis.reports import (
+        Report,
         history_document,
         history_sections,
         ordered_history,
@@ -122,12 +123,14 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
     provenance = provenance_of(None, *(Path(name) for name, _ in calibrations))
     if report is not None:
         page = render_report(
-            title="PSF history",
-            subtitle=f"Calibrations: {sum(map(len, found.values()))}; cameras: {len(found)}",
-            verdicts=(),
-            sections=history_sections(found),
-            provenance=versions(),
-            origin=provenance,
+            Report(
+                title="PSF history",
+                subtitle=f"Calibrations: {sum(map(len, found.values()))}; cameras: {len(found)}",
+                verdicts=(),
+                sections=history_sections(found),
+                provenance=versions(),
+                origin=provenance,
+            )
         )
         write_page(report, page)
     if json:

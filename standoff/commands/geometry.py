@@ -12,10 +12,10 @@ from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff.terminal import (
     Json,
     note,
-    pixels,
     print_json,
     print_table,
     progress_bar,
+    quantity,
     refuse_overwriting,
     say,
 )
@@ -52,7 +52,7 @@ def geometry(
         float | None,
         typer.Option(
             help="Focal length in px, instead of the bench file's.",
-            parser=pixels("focal_length_px"),
+            parser=quantity("focal_length_px"),
         ),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Also write a report (HTML).")] = None,

@@ -22,9 +22,9 @@ from standoff.terminal import (
     chosen_curve,
     exactly_one,
     needs,
-    pixels,
     print_json,
     print_table,
+    quantity,
     refuse_overwriting,
     refuse_suffix,
     say,
@@ -53,7 +53,7 @@ def limits(
     focal_length_px: Annotated[
         float | None,
         typer.Option(
-            help="Focal length in px, instead of --geometry.", parser=pixels("focal_length_px")
+            help="Focal length in px, instead of --geometry.", parser=quantity("focal_length_px")
         ),
     ] = None,
     image_size: Annotated[

@@ -20,6 +20,7 @@ from calibration.psf import (
     calibrate_psf as psf_of_images,
     edge_images,
 )
+from calibration.sharpness import with_sharpness
 from simulation import GaussianPsf as GaussianPsf
 from standoff.library.inputs import FilePath, ImageLike, listed_images, path_of, photograph
 from standoff.photographs import Inputs, Photograph
@@ -113,7 +114,7 @@ def measure_edges(
     source = edge_image(photograph(image), Reading())
     if region is not None:
         source.refuse_beyond_frame(region)
-    return tuple(measured_edges(source, region, method))
+    return tuple(with_sharpness(measured_edges(source, region, method), source))
 
 
 def read_psf(path: FilePath) -> PsfCalibration:

@@ -18,7 +18,11 @@ from .image_options import (
     ShortEncoding as ShortEncoding,
     photograph_inputs as photograph_inputs,
 )
-from .invocation import command_line as command_line, note_at_end as note_at_end
+from .invocation import (
+    command_line as command_line,
+    note_at_end as note_at_end,
+    remarks_so_far as remarks_so_far,
+)
 from .live_line import LiveLine as LiveLine
 from .number_lists import ListedNumbers as ListedNumbers, number_list as number_list
 from .operator_prompts import (
@@ -40,10 +44,11 @@ from .options import (
     Json as Json,
     Threads as Threads,
     TransferForm as TransferForm,
+    checked_pitch as checked_pitch,
     checked_zoom as checked_zoom,
     chosen_models as chosen_models,
-    pixels as pixels,
     place_target as place_target,
+    quantity as quantity,
     read_bench as read_bench,
     refuse_overwriting as refuse_overwriting,
     refuse_suffix as refuse_suffix,
@@ -66,6 +71,7 @@ from .plan_preview import (
     time_text as time_text,
 )
 from .psf_tables import print_psf as print_psf, print_psf_remarks as print_psf_remarks
+from .sharpness_tables import print_edges as print_edges, print_verdict as print_verdict
 from .validation_tables import print_validation as print_validation
 
 __all__ = [
@@ -94,6 +100,7 @@ __all__ = [
     "TransferForm",
     "application",
     "check_options",
+    "checked_pitch",
     "checked_zoom",
     "chosen_curve",
     "chosen_models",
@@ -109,19 +116,22 @@ __all__ = [
     "note_at_end",
     "number_list",
     "photograph_inputs",
-    "pixels",
     "place_target",
     "preview_lines",
+    "print_edges",
     "print_json",
     "print_psf",
     "print_psf_remarks",
     "print_table",
     "print_validation",
+    "print_verdict",
     "progress_bar",
+    "quantity",
     "read_bench",
     "refuse_overwriting",
     "refuse_suffix",
     "region_corner_and_size",
+    "remarks_so_far",
     "run_application",
     "say",
     "say_error",

@@ -6,7 +6,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
-from standoff.terminal.output import note
+from acquisition.printable import on_one_line
+from standoff.terminal.output import NOTED, note
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +23,12 @@ _CURRENT: ContextVar[_Invocation | None] = ContextVar("_CURRENT", default=None)
 def invocation(arguments: Sequence[str]) -> Iterator[None]:
     """Remember a command while it runs; its remarks are printed unless it ends with an error."""
     current = _Invocation(tuple(arguments))
-    token = _CURRENT.set(current)
+    token, noted = _CURRENT.set(current), NOTED.set([])
     try:
         yield
     finally:
         _CURRENT.reset(token)
+        NOTED.reset(noted)
     for remark in current.remarks:
         note(remark)
 
@@ -44,3 +46,10 @@ def note_at_end(text: str) -> None:
         note(text)
     else:
         current.remarks.append(text)
+
+
+def remarks_so_far() -> tuple[str, ...]:
+    """Return what the command has noted, and what it will note at its end, once each."""
+    current = _CURRENT.get()
+    at_end = [] if current is None else [on_one_line(text) for text in current.remarks]
+    return tuple(dict.fromkeys([*(NOTED.get() or []), *at_end]))

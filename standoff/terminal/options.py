@@ -81,10 +81,17 @@ def checked_zoom(zoom: float | None) -> float | None:
     return zoom
 
 
-def pixels(name: str) -> Callable[[str], float]:
-    """Return a parser of a number in px, with or without its unit; refuse an implausible one.
+def checked_pitch(pitch_um: float | None) -> float | None:
+    """Accept a pixel pitch that is finite and positive, or None."""
+    if pitch_um is not None and not (math.isfinite(pitch_um) and pitch_um > 0):
+        raise typer.BadParameter(f"a pixel pitch must be positive, got {pitch_um:g}")
+    return pitch_um
 
-    ``name`` is the option's in the table of plausible ranges.
+
+def quantity(name: str) -> Callable[[str], float]:
+    """Return a parser of a number with or without its unit; refuse an implausible one.
+
+    ``name`` is the option's in the table of plausible ranges, and ends in the unit.
     """
 
     def parsed(text: str | float) -> float:

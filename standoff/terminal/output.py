@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 import typer
 from rich.console import Console
@@ -21,6 +22,9 @@ from rich.text import Text
 from acquisition.printable import on_one_line
 
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
+NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
+"""Every remark printed by the command that runs, for its report; None outside a command."""
+
 _WITHOUT_A_TERMINAL = 10_000
 _RESULTS = Console(
     soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else _WITHOUT_A_TERMINAL
@@ -77,6 +81,9 @@ def say(text: str) -> None:
 
 def note(text: str) -> None:
     """Print a remark on stderr that is worth knowing but not an error."""
+    noted = NOTED.get()
+    if noted is not None:
+        noted.append(on_one_line(text))
     ERRORS.print(f"note: {on_one_line(text)}", markup=False)
 
 

@@ -34,6 +34,7 @@ def print_psf(calibration: PsfCalibration) -> None:
                 ("sigma_y / px", total.sigma_y_px, optical.sigma_y_px),
                 ("rho", total.rho, optical.rho),
             )
+            if with_pixel is not None
         ],
     )
     if calibration.transfer_2d is not None:
@@ -97,20 +98,43 @@ def print_psf_remarks(calibration: PsfCalibration) -> None:
         count = sum(flag in edge.flags for edge in used)
         if count:
             note(text.format(n=count, total=len(used)))
-    if calibration.rho is None and used:
-        share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
-        if share * _USUAL_RHO > _WORTH_SAYING:
-            note(
-                f"without diagonal edges rho is unknown: if it were {_USUAL_RHO:g}, a width "
-                f"would be off by {100 * share * _USUAL_RHO:.1f} %, beyond its interval; add "
-                "diagonal edges"
-            )
+    if used:
+        _note_what_is_missing(calibration)
     trend = calibration.height_trend
     if trend is not None and trend.is_drift:
         note(
             f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
             "or the target is too rough for the nearest height; calibrate at one height or refocus"
         )
+
+
+def _note_what_is_missing(calibration: PsfCalibration) -> None:
+    """Say in one line what the directions of the edges do not determine, and the remedy."""
+    missing = [
+        text
+        for value, text in (
+            (calibration.sigma_x_px, "sigma_x"),
+            (calibration.sigma_y_px, "sigma_y"),
+            (calibration.rho, "rho"),
+        )
+        if value is None
+    ]
+    if not missing or calibration.method == "paper":  # which never determines rho
+        return
+    used = calibration.edges_used
+    if len(used) == 1:
+        missing.append("the change over the frame")
+    *first, last = missing
+    listed = f"{', '.join(first)} and {last}" if first else last
+    text = f"not determined by {len(used)} edge{'s' * (len(used) > 1)}: {listed}"
+    share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
+    if calibration.rho is None and share * _USUAL_RHO > _WORTH_SAYING:
+        text += (
+            f"; if rho were {_USUAL_RHO:g}, a width would be off by "
+            f"{100 * share * _USUAL_RHO:.1f} %, beyond its interval"
+        )
+    needed = "in other directions" if len(missing) > 1 else "that are diagonal"
+    note(f"{text}; add edges {needed}")
 
 
 def _cells(estimate: Estimate | None) -> list[str]:

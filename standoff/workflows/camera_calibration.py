@@ -1,7 +1,7 @@
 """Calibrates a camera's PSF: from edges, from the edges of a scene, or from two distances."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition.session import Session
@@ -16,7 +16,7 @@ from calibration.psf import (
     capture_images,
     scene_records,
 )
-from standoff.photographs import Inputs, shared_facts
+from standoff.photographs import Inputs
 from standoff.terminal import note, progress_bar
 from standoff.workflows.edge_sources import (
     EdgeSources,
@@ -24,6 +24,7 @@ from standoff.workflows.edge_sources import (
     from_files,
     from_session,
     origin_of,
+    taken_with,
 )
 
 
@@ -116,7 +117,7 @@ def _from_edges(request: CalibrationRequest) -> CalibratedCamera:
             )
     return CalibratedCamera(
         calibration=calibration,
-        origin=replace(sources.origin, photograph=shared_facts(sources.taken) or None),
+        origin=taken_with(sources),
         edges=sources,
     )
 

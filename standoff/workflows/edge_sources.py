@@ -22,7 +22,7 @@ from calibration.psf import (
     luma_plane,
 )
 from simulation.arrays import FloatArray
-from standoff.photographs import Inputs, Photograph, PhotographFacts
+from standoff.photographs import Inputs, Photograph, PhotographFacts, shared_facts
 from standoff.terminal import note
 
 _CLIPPED_FROM = 0.995  # of the saturation level
@@ -34,13 +34,15 @@ class Reading:
 
     Of a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
     ``correction`` are maps of the sensor to apply, ``frame_noise`` is the noise of a frame for
-    photographs that do not tell it.
+    photographs that do not tell it. ``pixel_pitch_um`` is that of the command line, which comes
+    before what a bench file or a photograph states.
     """
 
     channel: Channel = "luma"
     pattern: Pattern | None = None
     correction: CorrectionMaps | None = None
     frame_noise: LevelNoise | None = None
+    pixel_pitch_um: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,13 +74,18 @@ def from_session(session: Session, reading: Reading) -> EdgeSources:
             mean_dn = reading.correction.correct(mean_dn)
         return _shown(mean_dn, reading)
 
+    origin = origin_of(session, list(records.values()))
+    stated_um, stated_by = _stated_pitch(reading, origin.photograph or {}, "the bench file")
+    images = edge_images(session, correction=reading.correction, frame_noise=reading.frame_noise)
     return EdgeSources(
         count=len(records),
-        images=edge_images(session, correction=reading.correction, frame_noise=reading.frame_noise),
+        images=(replace(image, pixel_pitch_um=stated_um) for image in images),
         load=load,
         origin=replace(
-            origin_of(session, list(records.values())),
+            origin,
             channel=reading.channel if reading.pattern else None,
+            pixel_pitch_um=stated_um,
+            pixel_pitch_from=stated_by,
         ),
         reading=reading,
         session=session,
@@ -141,7 +148,54 @@ def origin_of(session: Session, records: Sequence[CaptureRecord]) -> PsfOrigin:
             vendor=_text(camera, "DeviceVendorName"),
         ),
         captured_utc=min(record.started_utc for record in records),
+        photograph=_taken_with(session, records),
     )
+
+
+def _taken_with(
+    session: Session, records: Sequence[CaptureRecord]
+) -> dict[str, str | float] | None:
+    """Lens, exposure and pixel pitch of a session: of its bench, or of imported photographs."""
+    bench = session.bench or {}
+    tables = (session.devices.get("camera"), session.devices.get("lens"), bench.get("optics"))
+    stated = {key: value for one in tables if isinstance(one, dict) for key, value in one.items()}
+    facts: dict[str, str | float] = {}
+    for name in ("lens", "focal_length_mm", "f_number", "iso", "pixel_pitch_um"):
+        value = stated.get(name)
+        if isinstance(value, str | int | float) and value:
+            facts[name] = value
+    exposures = {record.exposure_us for record in records}
+    exposure_us = exposures.pop() if len(exposures) == 1 else None
+    if exposure_us is not None:
+        facts["exposure_s"] = exposure_us / 1e6
+    return facts or None
+
+
+def taken_with(sources: EdgeSources) -> PsfOrigin:
+    """Return the origin with what the photographs state, once all of them are read."""
+    if sources.session is not None:
+        return sources.origin
+    facts = shared_facts(sources.taken)
+    pitch_um, stated_by = _stated_pitch(sources.reading, facts, "EXIF")
+    times = sorted(each.taken for each in sources.taken if each.taken)
+    if times:
+        facts["taken"] = times[0].replace(":", "-", 2)  # Exif writes 2026:11:22 13:14:15
+    return replace(
+        sources.origin,
+        photograph=facts or None,
+        pixel_pitch_um=pitch_um,
+        pixel_pitch_from=stated_by,
+    )
+
+
+def _stated_pitch(
+    reading: Reading, facts: Mapping[str, object], source: str
+) -> tuple[float | None, str | None]:
+    """The pixel pitch and what states it: the command line, or ``source``."""
+    if reading.pixel_pitch_um is not None:
+        return reading.pixel_pitch_um, "--pixel-pitch-um"
+    pitch = facts.get("pixel_pitch_um")
+    return (float(pitch), source) if isinstance(pitch, int | float) else (None, None)
 
 
 def _text(snapshot: Mapping[str, object], key: str) -> str | None:
@@ -189,6 +243,8 @@ def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
         saturation_dn=saturation,
         is_jpeg=photograph.is_jpeg,
         clipped=clipped,
+        pixel_pitch_um=reading.pixel_pitch_um or photograph.facts.pixel_pitch_um,
+        colours_dn=planes if photograph.is_colour else None,
     )
 
 

@@ -1,16 +1,18 @@
 """Writes the reports, as HTML or PDF, whole or not at all."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.session import MANIFEST_NAME, Session, file_sha256
+from acquisition.session import MANIFEST_NAME, file_sha256
 from analysis.reports import (
+    Report,
     ReportSection,
+    calibration_front,
     calibration_sections,
     calibration_verdicts,
     captures_section,
@@ -21,11 +23,13 @@ from analysis.reports import (
     noise_section,
     render_report,
     stage_section,
+    verdict_section,
     versions,
 )
 from calibration.edges import EdgeMeasurement
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
+from standoff.workflows.edge_sources import EdgeSources
 from standoff.workflows.output_files import require_pdf, write_file
 
 
@@ -57,8 +61,8 @@ _LABELS = {
 def write_calibration_report(
     path: Path,
     psf: PsfCalibration,
-    load_image: Callable[[str], NDArray[np.floating[Any]]],
-    session: Session | None = None,
+    sources: EdgeSources,
+    warnings: Iterable[str] = (),
 ) -> None:
     """Write the report of a PSF calibration, as HTML or PDF.
 
@@ -68,10 +72,11 @@ def write_calibration_report(
         The file; its suffix chooses the format.
     psf
         The calibration.
-    load_image
-        Returns the linear image for an image name in the calibration.
-    session
-        The session of the calibration, if any; its captures, noise and stage are reported too.
+    sources
+        The photographs of the calibration; of a session, captures, noise and stage are reported
+        too.
+    warnings
+        What the command noted.
 
     Raises
     ------
@@ -80,7 +85,9 @@ def write_calibration_report(
     """
 
     def load(edge: EdgeMeasurement) -> NDArray[np.floating[Any]]:
-        return load_image(edge.image)
+        return sources.load(edge.image)
+
+    session = sources.session
 
     names = list(dict.fromkeys(edge.image for edge in psf.edges))
     subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"
@@ -96,18 +103,23 @@ def write_calibration_report(
             ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
             *device_rows(session),
         )
+    limits = verdict_section(psf)
     page = render_report(
-        title="PSF calibration",
-        subtitle=subtitle,
-        verdicts=calibration_verdicts(psf),
-        sections=(
-            *before,
-            *calibration_sections(psf, load),
-            *after,
-            edge_table_section(psf),
-        ),
-        provenance=(("method", psf.method or ""), *_taken_with(psf), *rows, *versions()),
-        origin=psf.provenance,
+        Report(
+            title="PSF calibration",
+            subtitle=subtitle,
+            verdicts=calibration_verdicts(psf),
+            sections=(
+                *([] if limits is None else [limits]),
+                *before,
+                *calibration_sections(psf, load),
+                *after,
+                edge_table_section(psf),
+            ),
+            provenance=(("method", psf.method or ""), *_taken_with(psf), *rows, *versions()),
+            origin=psf.provenance,
+            front=calibration_front(psf, warnings),
+        )
     )
     write_page(path, page)
 
@@ -140,11 +152,13 @@ def write_geometry_report(path: Path, geometry: GeometryCalibration, subtitle: s
         If the file cannot be written.
     """
     page = render_report(
-        title="Geometry",
-        subtitle=subtitle,
-        verdicts=geometry_verdicts(geometry),
-        sections=geometry_sections(geometry),
-        provenance=versions(),
-        origin=geometry.provenance,
+        Report(
+            title="Geometry",
+            subtitle=subtitle,
+            verdicts=geometry_verdicts(geometry),
+            sections=geometry_sections(geometry),
+            provenance=versions(),
+            origin=geometry.provenance,
+        )
     )
     write_page(path, page)

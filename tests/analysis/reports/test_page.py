@@ -1,10 +1,13 @@
 import re
+from dataclasses import replace
 
 import pytest
 from markupsafe import Markup
 
 from analysis.reports.page import (
+    Report,
     ReportFigure,
+    ReportFront,
     ReportSection,
     ReportTable,
     Verdict,
@@ -24,13 +27,21 @@ def line_figure() -> ReportFigure:
     return ReportFigure.of(figure, "A line.")
 
 
-def report(*sections: ReportSection, title: str = "Session", remark: str = "") -> str:
+def report(
+    *sections: ReportSection,
+    title: str = "Session",
+    remark: str = "",
+    front: ReportFront | None = None,
+) -> str:
     return render_report(
-        title=title,
-        subtitle="bench 1",
-        verdicts=(Verdict(name="total sigma x", value="0.7990 px", remark=remark),),
-        sections=sections,
-        provenance=(("Python", "3.11.0"),),
+        Report(
+            title=title,
+            subtitle="bench 1",
+            verdicts=(Verdict(name="total sigma x", value="0.7990 px", remark=remark),),
+            sections=sections,
+            provenance=(("Python", "3.11.0"),),
+            front=front,
+        )
     )
 
 
@@ -56,7 +67,7 @@ def test_lines_are_drawn_as_svg_and_photographs_as_png() -> None:
     photograph = ReportFigure.of(new_figure(), "A photograph.", form="png")
     page = Page(report(ReportSection(title="Photographs", figures=(photograph,))))
     assert [link[:22] for link in page.links] == ["data:image/png;base64,"]
-    assert "A photograph." in page.texts
+    assert "Figure 1: A photograph." in page.texts
 
 
 def test_text_is_escaped_wherever_it_stands() -> None:
@@ -81,10 +92,84 @@ def test_a_table_holds_its_cells_in_order() -> None:
     assert texts[start : start + 6] == ["name", "MSE", "paper", "1.04", "matched", "0.60"]
 
 
-def test_a_folded_section_waits_to_be_opened() -> None:
+def test_a_section_that_may_be_folded_begins_open_so_that_paper_shows_it() -> None:
     folded = ReportSection(title="All edges", is_folded=True, text=("12 edges.",))
-    assert "details" in Page(report(folded)).tags
+    assert "<details open>" in report(folded)
     assert "details" not in Page(report(ReportSection(title="All edges"))).tags
+
+
+def test_figures_are_numbered_through_all_sections() -> None:
+    tables = (ReportTable(columns=("a",), rows=(("b",),)),)
+    document = report(
+        ReportSection(title="One", figures=(line_figure(),) * 3),
+        ReportSection(title="Two", figures=(line_figure(),), tables=tables),
+        ReportSection(title="Three", figures=(line_figure(),), is_folded=True),
+    )
+    numbers = re.findall(r"<figcaption>Figure (\d+): ", document)
+    assert numbers == ["1", "2", "3", "4", "5"]
+
+
+def test_a_figure_is_printed_at_the_size_it_was_drawn_at() -> None:
+    figure = ReportFigure.of(new_figure(5.25, 2.0), "Small.")
+    assert 'style="width: 5.25in"' in report(ReportSection(title="S", figures=(figure,)))
+
+
+@pytest.mark.parametrize(
+    ("widths_in", "count"), [((7.2,), 1), ((3.6, 3.6, 3.6), 2), ((6.4, 6.4), 1)]
+)
+def test_a_title_is_kept_with_the_figures_of_its_first_row(
+    widths_in: tuple[float, ...], count: int
+) -> None:
+    figures = tuple(ReportFigure.of(new_figure(width, 2.0), "F.") for width in widths_in)
+    section = ReportSection(title="Title", figures=figures)
+    assert section.figures_of_first_row == count
+    together = re.search(
+        r'<div class="together">(.*?)</figure>\s*</div>\s*</div>', report(section), re.S
+    )
+    assert together is not None
+    assert together[1].count("<figcaption>") == count
+
+
+def test_the_front_has_verdict_facts_and_every_warning() -> None:
+    front = ReportFront(
+        outcome="unsure",
+        verdict="1 limit of l.toml: 1 unsure.",
+        facts=(("lens", "Kowa & co"), ("f-number", "f/4")),
+        warnings=("white is clipped", "JPEG <q 75>"),
+    )
+    page = Page(report(ReportSection(title="All"), front=front))
+    for text in ("unsure", "1 limit of l.toml: 1 unsure.", "lens", "Kowa & co", "f/4", "Warnings"):
+        assert text in page.texts
+    assert page.texts.index("white is clipped") < page.texts.index("JPEG <q 75>")
+    bare = replace(front, outcome="none", warnings=())
+    texts = Page(report(ReportSection(title="All"), front=bare)).texts
+    assert "no limits set" in texts
+    assert "No warnings" in texts
+
+
+@pytest.mark.slow
+def test_on_paper_no_text_is_below_8_points_and_no_title_parted_from_its_figure() -> None:
+    weasyprint = pytest.importorskip("weasyprint")
+    many = ReportTable(columns=("edge", "sigma"), rows=(("a", "0.8 ± 0.1"),) * 90, caption="C.")
+    sections = [
+        ReportSection(title=f"Section {k}", text=("Words. " * 30,), figures=(line_figure(),) * 2)
+        for k in range(4)
+    ]
+    sections.append(ReportSection(title="All edges", tables=(many,), is_folded=True))
+    front = ReportFront(
+        outcome="none", verdict="None.", facts=(("lens", "L"),), warnings=("beware",)
+    )
+    document = weasyprint.HTML(string=report(*sections, front=front)).render()
+    sizes, last_titles, cells = [], [], 0
+    for page in document.pages:
+        boxes = [box for box in page._page_box.descendants() if type(box).__name__ == "TextBox"]
+        sizes += [box.style["font_size"] * 0.75 for box in boxes if box.text.strip()]
+        body = [b for b in boxes if b.element_tag not in ("@bottom-left", "@bottom-right")]
+        last_titles.append(max(body, key=lambda box: box.position_y).element_tag == "h2")
+        cells += sum(box.text == "0.8 ± 0.1" for box in boxes)
+    assert min(sizes) >= 8.0 - 1e-9
+    assert not any(last_titles)
+    assert cells == 90  # nothing is folded away
 
 
 def test_the_page_says_when_and_with_what_it_was_written() -> None:

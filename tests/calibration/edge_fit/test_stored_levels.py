@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from benchmarks.bench_edge_levels import compressed, level_errors
 from calibration.edge_fit.fit import fit_edge
 from calibration.edge_fit.jpeg import JpegCompression
-from calibration.edges.detection import find_edges
+from calibration.edge_search.detection import find_edges
 from calibration.noise.noise_by_level import LevelNoise
 from tests.calibration.closed_form import edge_image
 

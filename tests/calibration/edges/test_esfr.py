@@ -208,8 +208,9 @@ def test_at_every_angle_mtf50_is_right_or_said_to_be_missing(
         assert sigma_px < 0.6
     else:
         assert edge.esfr_missing is None
-        # 0.3 % is asked for; without noise nothing but arithmetic is left.
-        assert edge.esfr_mtf50_cy_per_px == pytest.approx(truth, rel=1e-4)
+        # 0.3 % is asked for; the fit's last step is 1e-4 px, and of a sharp edge along the rows
+        # few pixels tell the angle.
+        assert edge.esfr_mtf50_cy_per_px == pytest.approx(truth, rel=1e-3)
 
 
 def test_gaps_between_the_distances_are_those_of_the_angle() -> None:

@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.reports.edge_plots import plot_widths_by_angle
 from analysis.reports.page import (
     ReportFigure,
     ReportSection,
@@ -15,6 +14,7 @@ from analysis.reports.page import (
     in_report_style,
     new_figure,
 )
+from analysis.reports.psf.edge_plots import plot_widths_by_angle
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
 from calibration.psf import (
@@ -25,7 +25,11 @@ from calibration.psf import (
     draw_mtf,
     draw_transfer_2d,
 )
+from calibration.sharpness import NORMAL_95, with_reach
 from simulation.psf import PsfField
+
+FEWEST_DRAWN = 6
+"""Fewer edges are told by a table, and by their labels on the photograph."""
 
 _INK = "#1b1f24"
 _AXES = (("x", "vertical"), ("y", "horizontal"))
@@ -122,7 +126,7 @@ def _draw_edges_by_height(axes: Axes, edges: Sequence[EdgeMeasurement]) -> None:
         axes.errorbar(
             [(edge.height_mm or 0.0) + shift_mm for edge in chosen],
             [edge.sigma_px for edge in chosen],
-            yerr=[edge.sigma_err_px for edge in chosen],
+            yerr=[NORMAL_95 * edge.sigma_err_px for edge in chosen],
             fmt="o",
             markersize=3.5,
             linewidth=0.8,
@@ -167,14 +171,19 @@ def _draw_trend(axes: Axes, trend: HeightTrend) -> None:
     axes.legend(loc="upper center", fontsize=8, ncols=2)
 
 
-def widths_section(psf: PsfCalibration) -> ReportSection:
-    """Show the width across every edge by its angle and the height of the camera."""
-    figures = [
-        ReportFigure.of(
-            plot_widths_by_angle(psf, REJECTING_FLAGS),
-            "Width across each edge with its standard error; the curve is the fitted covariance.",
+def widths_section(psf: PsfCalibration) -> ReportSection | None:
+    """Show the width across every edge by its angle and the height of the camera.
+
+    None for few edges at one height: their widths stand in the table.
+    """
+    figures = []
+    if len(psf.edges_used) >= FEWEST_DRAWN:
+        figures.append(
+            ReportFigure.of(
+                plot_widths_by_angle(psf, REJECTING_FLAGS),
+                "Width across each edge with its 95 % bar; the curve is the fitted covariance.",
+            )
         )
-    ]
     by_height = plot_heights(psf, REJECTING_FLAGS)
     if by_height is not None:
         figures.append(
@@ -184,6 +193,8 @@ def widths_section(psf: PsfCalibration) -> ReportSection:
                 "relative to the mean of the calibration.",
             )
         )
+    if not figures:
+        return None
     return ReportSection(
         title="Width by angle and height",
         text=_trend_text(psf),
@@ -218,7 +229,7 @@ def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
             str(group.edges),
             with_err(group.sigma_x_px, group.sigma_x_err_px),
             with_err(group.sigma_y_px, group.sigma_y_err_px),
-            f"{100 * (group.relative_width - 1):+.2f} ± {100 * group.relative_width_err:.2f}",
+            f"{100 * (group.relative_width - 1):+.2f} ± {196 * group.relative_width_err:.2f}",
         )
         for group in psf.height_trend.heights
     )
@@ -229,7 +240,7 @@ def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
         "median sigma y / px",
         "deviation from the mean / %",
     )
-    return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
+    return (ReportTable(columns=columns, rows=rows, caption="Total widths by height, ± at 95 %."),)
 
 
 def field_section(psf: PsfCalibration) -> ReportSection | None:
@@ -239,7 +250,7 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
     except PsfFileError as error:
         return ReportSection(title="From centre to corner", text=(f"Left out: {error}.",))
     if field is None:
-        if not psf.edges:
+        if len(psf.edges_used) < FEWEST_DRAWN:
             return None
         return ReportSection(
             title="From centre to corner",
@@ -287,5 +298,5 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
 
 
 def with_err(value: float | None, err: float | None) -> str:
-    """Format a value with its standard error; empty if either is missing."""
-    return "" if value is None or err is None else f"{value:.4f} ± {err:.4f}"
+    """Format a value with half its 95 % interval; empty if it or its error is missing."""
+    return "" if value is None or err is None else with_reach(value, NORMAL_95 * err, 4)

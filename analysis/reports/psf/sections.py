@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from itertools import groupby
-from pathlib import PurePath
 
-from analysis.reports.edge_plots import plot_edges, plot_profile
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
-from analysis.reports.psf_plots import (
+from analysis.reports.psf.edge_curves import curves_section
+from analysis.reports.psf.edge_plots import plot_edges, plot_profile
+from analysis.reports.psf.field_map import field_map_section, lateral_colour_section
+from analysis.reports.psf.plots import (
     field_section,
     plot_mtf,
     plot_transfer_2d,
@@ -15,34 +16,85 @@ from analysis.reports.psf_plots import (
 )
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.psf import PsfCalibration
+from calibration.sharpness import (
+    MODEL_REMARK,
+    NORMAL_95,
+    edge_cells,
+    lp_per_mm,
+    lw_per_ph,
+    median_of_edges,
+    reported_mtf50,
+    with_reach,
+)
 from simulation.arrays import FloatImage
 
 ImageLoader = Callable[[EdgeMeasurement], FloatImage]
 
 _IMAGES_SHOWN = 4
+_EDGES_WITH_CURVES_FIRST = 5  # they fill a page; those of more edges come last
+_WHOLE_WIDTH_IN, _HALF_WIDTH_IN = 7.2, 3.6
 _DIRECTION_STEP_DEG = 15.0
 _EDGES_LISTED = 200
+_EDGES_IN_FULL = 12
 
 
 def calibration_verdicts(psf: PsfCalibration) -> tuple[Verdict, ...]:
-    """Return the headline figures: total widths and correlation, with their 95 % intervals."""
-    used = [edge for edge in psf.edges if not REJECTING_FLAGS & set(edge.flags)]
-    verdicts = [
-        Verdict(
-            name=name,
-            value=_figure(value, unit),
-            remark=_remark(psf, key, value),
-        )
-        for name, key, value, unit in (
-            ("total sigma x", "sigma_x_px", psf.sigma_x_px, " px"),
-            ("total sigma y", "sigma_y_px", psf.sigma_y_px, " px"),
-            ("correlation rho", "rho", psf.rho, ""),
-        )
-    ]
-    verdicts.append(
-        Verdict(name="edges used", value=str(len(used)), remark=f"of {len(psf.edges)} found")
-    )
+    """Return the headline figures with their 95 % uncertainties: MTF50, widths, correlation.
+
+    What the edges do not determine is left out.
+    """
+    verdicts = [*_mtf50_verdicts(psf)]
+    for name, key, unit in (
+        ("total sigma x", "sigma_x_px", " px"),
+        ("total sigma y", "sigma_y_px", " px"),
+        ("correlation rho", "rho", ""),
+    ):
+        value: float | None = getattr(psf, key)
+        if value is not None:
+            verdicts.append(
+                Verdict(name=name, value=_figure(value, unit), remark=_remark(psf, key, value))
+            )
+    used, found = len(psf.edges_used), len(psf.edges)
+    verdicts.append(Verdict(name="edges used", value=str(used), remark=f"of {found} found"))
     return tuple(verdicts)
+
+
+def _mtf50_verdicts(psf: PsfCalibration) -> list[Verdict]:
+    """MTF50 of the only edge, or the median of many and the softest."""
+    ranked = sorted(psf.edges_used, key=lambda edge: reported_mtf50(edge).cy_per_px)
+    if not ranked:
+        return []
+    if len(ranked) == 1:
+        return [_mtf50_verdict("MTF50", ranked[0], psf.pixel_pitch_um)]
+    middle = median_of_edges(ranked)
+    height, pitch_um = psf.picture_height_px, psf.pixel_pitch_um
+    in_units = [f"{with_reach(middle.value, NORMAL_95 * middle.err, 4)} cy/px"]
+    if height is not None:
+        in_units.append(f"{lw_per_ph(middle.value, height):.0f} LW/PH")
+    if pitch_um is not None:
+        in_units.append(f"{lp_per_mm(middle.value, pitch_um):.1f} lp/mm")
+    return [
+        Verdict(
+            name=f"MTF50, median of {len(ranked)} edges",
+            value=f"{middle.value:.3f} cy/px",
+            remark=f"{'; '.join(in_units)} (95 %)",
+        ),
+        _mtf50_verdict("MTF50, softest edge", ranked[0], pitch_um),
+        _mtf50_verdict("MTF50, sharpest edge", ranked[-1], pitch_um),
+    ]
+
+
+def _mtf50_verdict(name: str, edge: EdgeMeasurement, pixel_pitch_um: float | None) -> Verdict:
+    known = reported_mtf50(edge)
+    _, [cells] = edge_cells([edge], pixel_pitch_um, has_image=False)
+    units = ("cy/px", "LW/PH", "lp/mm")[: 2 + (pixel_pitch_um is not None)]
+    said = "; ".join(
+        f"{cell.removesuffix(' *')} {unit}"
+        for cell, unit in zip(cells[1:], units, strict=False)
+        if cell
+    )
+    model = "" if known.is_model_free else ", of the fitted Gaussian"
+    return Verdict(name=name, value=f"{known.cy_per_px:.3f} cy/px", remark=f"{said} (95 %){model}")
 
 
 def calibration_sections(
@@ -60,21 +112,21 @@ def calibration_sections(
         Names of the photographs that are at hand, None for all. Edges of others are in the
         widths and tables, but cannot be drawn; the report says so.
     """
-    sections = [_psf_section(psf)]
-    if psf.edges:
-        drawn = [edge for edge in psf.edges if images is None or edge.image in images]
-        missing = len(psf.edges) - len(drawn)
-        if drawn:
-            sections += [
-                _edges_section(drawn, load_image, missing),
-                _profiles_section(drawn, load_image),
-            ]
-        else:
-            sections.append(ReportSection(title="Edges", text=_missing_text(missing)))
-        sections.append(widths_section(psf))
-    if (field := field_section(psf)) is not None:
-        sections.append(field)
-    return tuple(sections)
+    drawn = [edge for edge in psf.edges if images is None or edge.image in images]
+    curves = curves_section(psf)
+    is_short = len(psf.edges_used) <= _EDGES_WITH_CURVES_FIRST
+    sections = [
+        _edges_section(psf, drawn, load_image) if psf.edges else None,
+        curves if is_short else None,
+        field_map_section(psf),
+        lateral_colour_section(psf),
+        _psf_section(psf),
+        _profiles_section(drawn, load_image) if drawn else None,
+        widths_section(psf),
+        field_section(psf),
+        None if is_short else curves,
+    ]
+    return tuple(section for section in sections if section is not None)
 
 
 def _missing_text(missing: int) -> tuple[str, ...]:
@@ -87,7 +139,7 @@ def _missing_text(missing: int) -> tuple[str, ...]:
 
 
 def _psf_section(psf: PsfCalibration) -> ReportSection:
-    rows = []
+    rows, missing = [], []
     for name, key, unit in (
         ("sigma x", "sigma_x_px", "px"),
         ("sigma y", "sigma_y_px", "px"),
@@ -97,6 +149,9 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
         for prefix in ("", "optical_"):
             value = getattr(psf, f"{prefix}{key}")
             cells += [_figure(value, ""), _interval(psf, f"{prefix}{key}", value)]
+        if getattr(psf, key) is None:
+            missing.append(name)
+            continue
         rows.append((f"{name} / {unit}" if unit else name, *cells))
     mtf = plot_mtf(psf)
     figures = []
@@ -124,6 +179,7 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
             "Total is what the image shows: optics and square pixel together, the Sigma of the "
             "capture model. Optical is the lens alone.",
             *_origin(psf),
+            *([f"Not determined by these edges: {', '.join(missing)}."] if missing else []),
         ),
         tables=(
             ReportTable(
@@ -170,12 +226,19 @@ def _channels_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
         "optical sigma x / px",
         "optical sigma y / px",
     )
-    return (ReportTable(columns=columns, rows=rows, caption="Widths by colour of the mosaic."),)
+    return (
+        ReportTable(
+            columns=columns, rows=rows, caption="Widths by colour of the mosaic, ± at 95 %."
+        ),
+    )
 
 
 def _edges_section(
-    found: list[EdgeMeasurement], load_image: ImageLoader, missing: int
+    psf: PsfCalibration, found: list[EdgeMeasurement], load_image: ImageLoader
 ) -> ReportSection:
+    missing = len(psf.edges) - len(found)
+    if not found:
+        return ReportSection(title="Edges", text=_missing_text(missing))
     by_image = {
         name: list(edges)
         for name, edges in groupby(sorted(found, key=lambda e: e.image), lambda e: e.image)
@@ -186,9 +249,14 @@ def _edges_section(
     figures = []
     for name in shown:
         edges = by_image[name]
-        figure = plot_edges(load_image(edges[0]), edges, REJECTING_FLAGS)
+        width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else _HALF_WIDTH_IN
+        figure = plot_edges(load_image(edges[0]), edges, REJECTING_FLAGS, width_in)
         figures.append(ReportFigure.of(figure, name, form="png"))
-    text = ["Every straight edge that was found and fitted; long ones are cut into pieces."]
+    text = [
+        "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are cut "
+        "into pieces. Labels that would overlap are left out, never those of the softest and the "
+        "sharpest edge."
+    ]
     if len(by_image) > len(shown):
         text.append(f"{len(shown)} of {len(by_image)} photographs are shown.")
     text += _missing_text(missing)
@@ -228,48 +296,64 @@ def _profiles_section(found: list[EdgeMeasurement], load_image: ImageLoader) -> 
 
 
 def edge_table_section(psf: PsfCalibration) -> ReportSection:
-    """Tabulate every edge, in a folded section."""
-    rows = tuple(
+    """Tabulate the edges: their sharpness, and what there is to say of their quality."""
+    edges = psf.edges[:_EDGES_LISTED]
+    has_image = len({edge.image for edge in psf.edges}) > 1
+    columns, cells = edge_cells(edges, psf.pixel_pitch_um, has_image=has_image)
+    # Lines break between a photograph's name and a position, not within one.
+    sharpness = tuple((name.replace(", ", ",\u00a0"), *others) for name, *others in cells)
+    quality = [
         (
-            PurePath(edge.image).name,
-            f"{edge.angle_deg:.1f}",
             f"{edge.length_px:.0f}",
             "over 9999" if edge.snr is None or edge.snr > 9999 else f"{edge.snr:.0f}",
-            f"{edge.sigma_px:.4f} ± {edge.sigma_err_px:.4f}",
-            with_err(edge.optical_sigma_px, edge.optical_sigma_err_px),
-            f"{edge.mtf50_cy_per_px:.3f}",
-            _optional(edge.esfr_mtf50_cy_per_px, ".3f"),
             _optional(edge.contrast, ".2f"),
             _optional(edge.roughness_px, ".3f"),
             _percent(edge.clipped_fraction),
             "" if edge.chi2_reduced is None else f"{edge.chi2_reduced:.2f}",
             ", ".join(flag.replace("_", " ") for flag in edge.flags),
         )
-        for edge in psf.edges[:_EDGES_LISTED]
-    )
-    columns = (
-        "image",
-        "angle / deg",
-        "length / px",
-        "SNR",
-        "total sigma / px",
-        "optical sigma / px",
-        "MTF50 / (cy/px)",
-        "e-SFR MTF50 / (cy/px)",
-        "contrast",
-        "roughness / px",
-        "clipped / %",
-        "reduced chi²",
-        "remarks",
-    )
-    more = len(psf.edges) - len(rows)
-    text = (f"{more} more edges are in psf.json.",) if more > 0 else ()
-    return ReportSection(
-        title="All edges",
-        text=text,
-        is_folded=True,
-        tables=(ReportTable(columns=columns, rows=rows),),
-    )
+        for edge in edges
+    ]
+    text = ["Every ± is half a 95 % interval. An edge is named by its middle and its direction."]
+    if any(" *" in cell for row in sharpness for cell in row):
+        text.append(MODEL_REMARK)
+    more = len(psf.edges) - len(edges)
+    if more > 0:
+        text.append(f"{more} more edges are in psf.json.")
+    joined = list(zip(sharpness, quality, strict=True))
+    tables: tuple[ReportTable, ...]
+    if len(edges) <= _EDGES_IN_FULL:
+        tables = (
+            ReportTable(columns=columns, rows=sharpness, caption="Sharpness."),
+            ReportTable(
+                columns=("edge", *_QUALITY_COLUMNS),
+                rows=tuple((one[0], *other) for one, other in joined),
+                caption="Quality.",
+                ends_in_words=True,
+            ),
+        )
+    else:  # a row each on one line: five pages at most
+        text.append("psf.json and the table of --csv also have contrast, roughness and clipping.")
+        kept = (0, 1, len(_QUALITY_COLUMNS) - 1)
+        tables = (
+            ReportTable(
+                columns=(*columns[:-1], *(_QUALITY_COLUMNS[k] for k in kept)),
+                rows=tuple((*one[:-1], *(other[k] for k in kept)) for one, other in joined),
+                ends_in_words=True,
+            ),
+        )
+    return ReportSection(title="All edges", text=tuple(text), is_folded=True, tables=tables)
+
+
+_QUALITY_COLUMNS = (
+    "length / px",
+    "SNR",
+    "contrast",
+    "roughness / px",
+    "clipped / %",
+    "reduced chi²",
+    "remarks",
+)
 
 
 def _figure(value: float | None, unit: str) -> str:

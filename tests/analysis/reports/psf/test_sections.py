@@ -2,22 +2,29 @@ import numpy as np
 import pytest
 
 from acquisition.session.reader import Session
-from analysis.reports.psf import (
+from analysis.reports.psf.plots import field_section, widths_section
+from analysis.reports.psf.sections import (
     calibration_sections,
     calibration_verdicts,
     edge_table_section,
 )
-from analysis.reports.psf_plots import field_section, widths_section
 from calibration.edges.measurement import EdgeMeasurement
 from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldFit
+from calibration.sharpness import reported_mtf50
 from simulation.arrays import Float32Array, FloatArray
+from tests.calibration.sharpness.edges import edge_of
 
 
 def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(
     psf: PsfCalibration,
 ) -> None:
-    x, y, rho, edges = calibration_verdicts(psf)
+    middle, softest, sharpest, x, y, rho, edges = calibration_verdicts(psf)
+    values = sorted(reported_mtf50(edge).cy_per_px for edge in psf.edges)
+    assert middle.value == f"{np.median(values):.3f} cy/px"
+    assert softest.value == f"{values[0]:.3f} cy/px"
+    assert sharpest.value == f"{values[-1]:.3f} cy/px"
+    assert "(95 %)" in softest.remark
     assert x.value == f"{psf.sigma_x_px:.4f} px"
     low, high = psf.intervals_95["sigma_x_px"]
     assert x.remark == f"95 %: {low:.4f} to {high:.4f}"
@@ -31,10 +38,29 @@ def test_what_is_null_is_not_determined_and_rejected_edges_do_not_count(
 ) -> None:
     flagged = [psf.edges[0].model_copy(update={"flags": ["saturated"]}), *psf.edges[1:]]
     partial = psf.model_copy(update={"sigma_y_px": None, "rho": None, "edges": flagged})
-    _, y, rho, edges = calibration_verdicts(partial)
-    assert (y.value, y.remark) == ("not determined", "")
-    assert rho.value == "not determined"
-    assert edges.value == str(len(psf.edges) - 1)
+    names = [verdict.name for verdict in calibration_verdicts(partial)]
+    assert "total sigma x" in names
+    assert not {"total sigma y", "correlation rho"} & set(names)
+    assert calibration_verdicts(partial)[-1].value == str(len(psf.edges) - 1)
+
+
+def test_the_headline_of_one_edge_is_its_mtf50_in_every_known_unit() -> None:
+    edge = edge_of(
+        esfr_mtf50_cy_per_px=0.25, esfr_mtf50_err_cy_per_px=0.01, mtf50_lw_per_ph=0.27 * 2 * 480
+    )
+    one = PsfCalibration(edges=(edge,), picture_height_px=480, pixel_pitch_um=5.0)
+    headline = calibration_verdicts(one)[0]
+    # By hand: 2 * 0.25 * 480 = 240 LW/PH; 0.25 / 5 um = 50 lp/mm; 1.96 * 4 % = 7.84 %.
+    assert headline.value == "0.250 cy/px"
+    assert headline.remark == (
+        "0.2500 ± 0.0196 cy/px; 240.0 ± 18.8 LW/PH; 50.00 ± 3.92 lp/mm (95 %)"
+    )
+
+
+def test_what_the_edges_do_not_determine_is_said_in_one_line() -> None:
+    section = calibration_sections(PsfCalibration(sigma_x_px=0.8), lambda _: np.zeros((2, 2)))[0]
+    assert [row[0] for row in section.tables[0].rows] == ["sigma x / px"]
+    assert section.text[-1] == "Not determined by these edges: sigma y, rho."
 
 
 def test_a_psf_of_total_values_alone_has_a_report_too() -> None:
@@ -60,8 +86,8 @@ def test_photographs_of_different_directions_are_shown_and_each_orientation_has_
 
     sections = {section.title: section for section in calibration_sections(psf, load)}
     assert list(sections) == [
-        "Point spread function",
         "Edges",
+        "Point spread function",
         "Edge profiles",
         "Width by angle and height",
         "From centre to corner",
@@ -69,6 +95,7 @@ def test_photographs_of_different_directions_are_shown_and_each_orientation_has_
     edges = sections["Edges"]
     assert len(edges.figures) == 4
     assert f"4 of {len({e.image for e in psf.edges})} photographs are shown." in edges.text
+    assert sections["Edges"].figures_of_first_row == 2
     shown = [figure.caption for figure in edges.figures]
     angles = {name: next(e.angle_deg for e in psf.edges if e.image == name) for name in shown}
     assert len({round(angle) for angle in angles.values()}) == 4
@@ -89,23 +116,32 @@ def test_the_table_of_edges_gives_widths_with_errors_and_remarks(psf: PsfCalibra
         }
     )
     section = edge_table_section(psf.model_copy(update={"edges": [first]}))
-    [row] = section.tables[0].rows
     assert section.is_folded
-    assert len(row) == len(section.tables[0].columns)
-    assert row[0] == "0001.tif"
-    assert row[3] == "over 9999"
-    assert row[4] == f"{first.sigma_px:.4f} ± {first.sigma_err_px:.4f}"
-    assert row[5] == row[11] == ""
-    assert row[7] == f"{first.esfr_mtf50_cy_per_px:.3f}"
-    assert row[8] == f"{first.contrast:.2f}"
-    assert row[12] == "too short, jpeg"
+    rows = []
+    for table in section.tables:
+        [row] = table.rows
+        assert len(row) == len(table.columns)
+        rows.append(dict(zip(table.columns, row, strict=True)))
+    sharpness, quality = rows
+    assert sharpness["sigma / px"] == f"{first.sigma_px:.4f} ± {1.96 * first.sigma_err_px:.4f}"
+    assert sharpness["MTF50 / (cy/px)"].startswith(f"{first.esfr_mtf50_cy_per_px:.4f} ± ")
+    assert sharpness["optical sigma / px"] == "not resolved"
+    assert quality["SNR"] == "over 9999"
+    assert quality["reduced chi²"] == ""
+    assert quality["contrast"] == f"{first.contrast:.2f}"
+    assert quality["remarks"] == "too short, jpeg"
+    other = psf.edges[1].model_copy(update={"image": "captures/0002.tif"})
+    two = edge_table_section(psf.model_copy(update={"edges": [first, other]}))
+    assert two.tables[0].rows[0][0].startswith("0001.tif (")
 
 
 def test_a_long_list_of_edges_is_cut_and_says_so(psf: PsfCalibration) -> None:
     many = psf.model_copy(update={"edges": psf.edges[:1] * 230})
     section = edge_table_section(many)
     assert len(section.tables[0].rows) == 200
-    assert section.text == ("30 more edges are in psf.json.",)
+    assert "30 more edges are in psf.json." in section.text
+    assert len(section.tables) == 1
+    assert not section.is_wide
 
 
 def test_edges_of_foreign_photographs_are_counted_and_said_to_be_left_out(
@@ -144,9 +180,13 @@ def test_a_field_that_is_none_is_left_out_with_its_fault(psf: PsfCalibration) ->
 def test_a_drift_of_the_focus_is_said_in_words(psf: PsfCalibration) -> None:
     trend = psf.height_trend
     assert trend is not None
-    assert "change of the width with the height is not significant" in widths_section(psf).text[0]
+    section = widths_section(psf)
+    assert section is not None
+    assert "change of the width with the height is not significant" in section.text[0]
     drifting = trend.model_copy(update={"is_drift": True, "p_value": 1e-6})
-    text = widths_section(psf.model_copy(update={"height_trend": drifting})).text[0]
+    section = widths_section(psf.model_copy(update={"height_trend": drifting}))
+    assert section is not None
+    text = section.text[0]
     assert "the focus drifts" in text
     assert "1e-06" in text
 

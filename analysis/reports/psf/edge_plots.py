@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import uniform_filter
 
 from analysis.reports.page import in_report_style, new_figure
+from analysis.reports.psf.edge_labels import LABEL_POINTS, placed_labels
 from calibration.edge_fit import edge_profile
 from calibration.edges import EdgeMeasurement
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
@@ -15,6 +16,10 @@ from simulation.arrays import FloatArray, FloatImage
 REJECTED_COLOUR = "#CC79A7"
 SCENE_COLOUR = "#F0E442"
 _INK = "#1b1f24"
+_AXES_IN = 0.75  # of a figure's width: ticks and labels
+_LEGEND_IN = 0.85  # of its height: the legend, too
+_HIGHEST_IN = 5.4  # room for the title and the legend on a page
+_MANY = 200
 
 _PROFILE_BAND_SIGMAS = 6.0
 _PROFILE_BAND_EXTRA_PX = 3.0
@@ -23,12 +28,19 @@ _PROFILE_BIN_PX = 0.25
 
 @in_report_style
 def plot_edges(
-    image_dn: FloatImage, edges: Sequence[EdgeMeasurement], rejected: frozenset[str]
+    image_dn: FloatImage,
+    edges: Sequence[EdgeMeasurement],
+    rejected: frozenset[str],
+    width_in: float = 3.6,
 ) -> Figure:
-    """Draw the measured edges on their photograph; rejected ones dashed."""
+    """Draw the measured edges on their photograph, with their MTF50; rejected ones dashed.
+
+    Labels that would overlap are left out, those of the softest and the sharpest edge last.
+    """
     rows, cols = image_dn.shape
     image_dn = _filled(image_dn)
-    figure = new_figure(4.4, 4.4 * rows / cols + 0.5)
+    drawn_in = min(width_in - _AXES_IN, _HIGHEST_IN * cols / rows)
+    figure = new_figure(drawn_in + _AXES_IN, drawn_in * rows / cols + _LEGEND_IN)
     axes = figure.subplots()
     low, high = np.percentile(image_dn, [0.5, 99.5])
     axes.imshow(image_dn, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
@@ -47,14 +59,26 @@ def plot_edges(
             color=colour,
             linestyle="--" if is_rejected else "-",
             marker="|",
-            linewidth=1.8,
+            linewidth=1.8 if len(edges) < _MANY else 1.0,
             label=None if label in labels else label,
         )
         labels.add(label)
+    used = [edge for edge in edges if not rejected & set(edge.flags)]
+    for one in placed_labels(used, cols, rows, cols / drawn_in):
+        axes.text(
+            one.x_px,
+            one.y_px,
+            one.text,
+            fontsize=LABEL_POINTS,
+            ha="center",
+            va="center",
+            color=_INK,
+            bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6},
+        )
     axes.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5), xlabel="x / px", ylabel="y / px")
     axes.grid(visible=False)
     if labels:
-        figure.legend(loc="outside upper right", ncols=len(labels))
+        figure.legend(loc="outside upper right", ncols=min(len(labels), 2 if width_in < 5 else 4))
     return figure
 
 

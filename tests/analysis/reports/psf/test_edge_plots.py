@@ -2,36 +2,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from analysis.reports.edge_plots import plot_edges, plot_profile, plot_widths_by_angle
-from calibration.edges.measurement import EdgeMeasurement
+from analysis.reports.psf.edge_plots import plot_edges, plot_profile, plot_widths_by_angle
 from calibration.psf.document import PsfCalibration
 from tests.calibration.closed_form import edge_image
+from tests.calibration.sharpness.edges import edge_of
 
 NONE: frozenset[str] = frozenset()
-
-
-def edge_of(angle_deg: float = 95.0, **changes: object) -> EdgeMeasurement:
-    return EdgeMeasurement.model_validate(
-        {
-            "image": "edge.tif",
-            "capture": 0,
-            "height_mm": 100.0,
-            "x_px": 55.0,
-            "y_px": 45.0,
-            "angle_deg": angle_deg,
-            "orientation": "vertical",
-            "length_px": 60.0,
-            "snr": 100.0,
-            "sigma_px": 0.7,
-            "sigma_err_px": 0.01,
-            "optical_sigma_px": 0.64,
-            "optical_sigma_err_px": 0.011,
-            "mtf50_cy_per_px": 0.27,
-            "chi2_reduced": 1.0,
-            "flags": [],
-            **changes,
-        }
-    )
 
 
 def legend_of(figure: Figure) -> list[str]:
