@@ -26,7 +26,7 @@ from simulation.arrays import FloatArray
 
 NOISIEST_SNR = 3.0
 SATURATED_FRACTION = 0.05  # of the pixels: clipping fewer moves sigma by 0.3 % at SNR 30
-SHARPEST_PX = 0.06  # optical widths below this look like a perfect lens
+SHARPEST_PX = 0.075  # optical widths below this look like a perfect lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,9 +135,9 @@ def _measurement(
         if optical < SHARPEST_PX:
             optical = optical_err = None
     half_length_px = segment.line.half_length_px
-    # The shape that fits worse gives a sharp edge along the rows a wrong angle: its misfit at a few
-    # distances looks like a slope.
-    position = best.parameters
+    # Without the pixel, a sharp edge nearly along the rows has a wrong angle: what the square
+    # changes at a few distances looks like a slope.
+    position = likely.optical.parameters if likely.optical.is_found else total
     angle = segment.normal_rad + position[TURN] / half_length_px
     contrast = abs(best.parameters[HIGH] - best.parameters[LOW])
     flags = list(profile_flags(likely.profile, contrast))

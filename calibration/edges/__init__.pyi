@@ -15,12 +15,11 @@ from .esfr import (
     measure_esfr as measure_esfr,
 )
 from .gaussian_mtf import gaussian_mtf50 as gaussian_mtf50, pixel_mtf50 as pixel_mtf50
+from .image import EdgeImage as EdgeImage, Region as Region
 from .measurement import (
     REJECTING_FLAGS as REJECTING_FLAGS,
-    EdgeImage as EdgeImage,
     EdgeMeasurement as EdgeMeasurement,
     Method as Method,
-    Region as Region,
     measure_edges as measure_edges,
 )
 from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places as plane_places

@@ -12,6 +12,7 @@ from simulation.arrays import FloatArray
 
 _MEDIAN_ERR = sqrt(pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
 _FEWEST_FOR_SCATTER = 4
+_ENOUGH_FOR_NOISE = 64  # edges: their mean square error is that of all within some per cent
 
 TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
 """Frequencies at which the transfer is stored; beyond Nyquist for the aliased part."""
@@ -63,10 +64,11 @@ def _median_err(edges: Sequence[EdgeSfr], curves: FloatArray) -> FloatArray:
 
     The scatter of few edges is no measure: up to three, noise alone counts.
     """
-    errs = np.array([edge.transform_err(TRANSFER_FREQ_CY_PER_PX) for edge in edges])
     count = len(edges)
+    some = edges[:: max(count // _ENOUGH_FOR_NOISE, 1)]
+    errs = np.array([edge.transform_err(TRANSFER_FREQ_CY_PER_PX) for edge in some])
     share = 1.0 if count < 3 else _MEDIAN_ERR
-    noise = share * np.sqrt(np.sum(errs**2, axis=0)) / count
+    noise = share * np.sqrt(np.mean(errs**2, axis=0) / count)
     if count < _FEWEST_FOR_SCATTER:
         return np.asarray(noise)
     away = curves - np.median(curves, axis=0)

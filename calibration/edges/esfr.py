@@ -35,15 +35,17 @@ _BAND_EXTRA_PX = 14.0
 _DETAIL_SIGMAS = 2.0
 _DETAIL_EXTRA_PX = 0.5
 # A Lorentzian this much wider than the Gaussian: beyond it falls as 1 / x^2, as diffraction does.
-_TAIL_EXTRA_PX = 0.3
+_TAIL_WIDER, _TAIL_EXTRA_PX = 1.5, 0.3
 _TAIL_PRIOR = 0.3  # standard deviation of the tail's share: a round aperture has about 0.2
 # A sampled Gaussian instead of one behind the pixel only where it fits far better: the spline
 # follows a lens with the pixel's kinks less well.
 _POINTS_SURE = 0.25
 _GRID_STEPS = 50  # from 0 to 1 cy/px
-_ROOT_STEPS = 60
+_HALF, _FIFTH = 0.5, 0.2
+_ROOT_STEPS, _ROOT_EXACT = 60, 1e-11
+_UNEVEN_MOST = 0.2  # of the contrast, between the levels beside the edge and at the band's ends
 _SLOPE_STEP = 1e-4
-_WIDEST_GAP_PX = 0.5
+WIDEST_GAP_PX = 0.5
 _CORE_SIGMAS = 1.5
 _MOST_ALIASED = 0.02  # contrast that samples as far apart as the gap fold onto that of one half
 
@@ -119,7 +121,8 @@ def measure_esfr(edge: BinnedEdge) -> EdgeSfr | None:
     Returns
     -------
     EdgeSfr or None
-        None where the levels do not rise along the normal.
+        None where the levels do not rise along the normal, or change beside the edge as much as no
+        PSF spreads them.
     """
     distance = edge.distance_px
     shapes = (
@@ -142,28 +145,37 @@ def measure_esfr(edge: BinnedEdge) -> EdgeSfr | None:
 
 def widest_gap_px(edge: BinnedEdge) -> float:
     """Widest gap between the pixels' distances where the edge rises."""
-    distance = edge.distance_px
     core = max(_CORE_SIGMAS * edge.sigma_px, float(edge.pitch_px))
-    # The neighbours of the core count: a gap may reach over its end.
-    first, last = np.searchsorted(distance, [-core, core])
-    return float(np.diff(distance[max(first - 1, 0) : last + 1]).max(initial=0.0))
+    return float(_widest_gap(edge.distance_px, core))
 
 
-def why_undersampled(edge: BinnedEdge) -> str | None:
-    """Say why the pixels do not show the contrast of the edge; None where they do.
+@njit(cache=True)
+def _widest_gap(distance: FloatArray, core: float) -> float:
+    widest = 0.0
+    for i in range(1, distance.size):
+        # The neighbours of the core count: a gap may reach over its end.
+        if distance[i] >= -core and distance[i - 1] <= core:
+            widest = max(widest, distance[i] - distance[i - 1])
+    return widest
+
+
+def is_aliased(edge: BinnedEdge, gap_px: float) -> bool:
+    """Whether gaps so wide fold contrast onto MTF50.
 
     Along rows, columns and diagonals all pixels lie at a few distances. Samples as far apart as the
     widest gap fold the contrast at their frequency less MTF50 onto that at MTF50.
     """
-    gap = widest_gap_px(edge)
-    if gap <= _WIDEST_GAP_PX * edge.pitch_px:
-        return None
+    if gap_px <= WIDEST_GAP_PX * edge.pitch_px:
+        return False
     half = gaussian_mtf50(edge.sigma_px)
-    folded = 1 / gap - half
-    if folded > half and exp(-2 * (pi * edge.sigma_px * folded) ** 2) <= _MOST_ALIASED:
-        return None
+    folded = 1 / gap_px - half
+    return folded < half or exp(-2 * (pi * edge.sigma_px * folded) ** 2) > _MOST_ALIASED
+
+
+def gap_message(edge: BinnedEdge, gap_px: float) -> str:
+    """Say what is wrong with an edge whose pixels leave too wide a gap, and the remedy."""
     return (
-        f"its pixels leave gaps of {gap:.2f} px across the edge, too wide for a PSF of "
+        f"its pixels leave gaps of {gap_px:.2f} px across the edge, too wide for a PSF of "
         f"{edge.sigma_px:.2f} px; turn the target by 2 to 10 degrees"
     )
 
@@ -183,7 +195,7 @@ def _fitted(
         shape = shapes[0]
     count = int(2 * min(-distance[0], distance[-1]) / knot_px) - 1
     half = 0.5 * (count + 1) * knot_px
-    tail_px = sigma_px + _TAIL_EXTRA_PX
+    tail_px = _TAIL_WIDER * (sigma_px + _TAIL_EXTRA_PX)
     terms = np.empty((distance.size, 4))
     left = np.empty(distance.size)
     positions = np.empty(distance.size)
@@ -198,7 +210,7 @@ def _fitted(
     rise = 0.0
     if fit.is_found:
         rise = 1.0 + fit.terms[0] + fit.coefficients[-1] - fit.coefficients[0]
-    is_found = fit.is_found and rise > 0
+    is_found = fit.is_found and abs(rise - 1.0) < _UNEVEN_MOST
     return _Curve(shape, tail_px, knot_px, _marked(fit, is_found), rise)
 
 
@@ -312,39 +324,50 @@ def _profile(curve: _Curve, distance: FloatArray) -> FloatArray:
 @njit(cache=True, error_model="numpy")
 def _read(curve: _Curve) -> tuple[float, float, float]:
     """MTF50, its standard error and MTF20 in cy/px; each 0 where there is none."""
-    grid = np.arange(_GRID_STEPS + 1) / _GRID_STEPS
-    contrast = np.abs(_transform(curve, grid))
-    half = _falls_to(0.5, curve, contrast)
-    fifth = _falls_to(0.2, curve, contrast)
+    half = fifth = 0.0
+    below, here = 0.0, 1.0
+    for k in range(1, _GRID_STEPS + 1):
+        before, here = here, _contrast(curve, k / _GRID_STEPS)
+        below = (k - 1) / _GRID_STEPS
+        if half == 0.0 and here < _HALF:
+            half = _falls_to(_HALF, curve, below, before - _HALF, here - _HALF)
+        if here < _FIFTH:
+            fifth = _falls_to(_FIFTH, curve, below, before - _FIFTH, here - _FIFTH)
+            break
     if half == 0.0:
         return half, 0.0, fifth
-    around = _transform(curve, np.array([half - _SLOPE_STEP, half, half + _SLOPE_STEP]))
-    slope = (abs(around[2]) - abs(around[0])) / (2 * _SLOPE_STEP)
+    slope = _contrast(curve, half + _SLOPE_STEP) - _contrast(curve, half - _SLOPE_STEP)
     if slope >= 0:
         return half, 0.0, fifth
-    phase = atan2(around[1].imag, around[1].real)
+    here_at = _transform(curve, np.array([half]))[0]
+    phase = atan2(here_at.imag, here_at.real)
     err = _errors(curve, np.array([half]), np.array([phase]))[0]
-    return half, err / -slope, fifth
+    return half, err * 2 * _SLOPE_STEP / -slope, fifth
 
 
 @njit(cache=True, error_model="numpy")
-def _falls_to(level: float, curve: _Curve, contrast: FloatArray) -> float:
-    """First frequency at which the contrast falls to a level; 0 where it does not.
+def _contrast(curve: _Curve, freq_cy_per_px: float) -> float:
+    return float(abs(_transform(curve, np.array([freq_cy_per_px]))[0]))
 
-    ``contrast`` is the curve's on the grid of frequencies.
+
+@njit(cache=True, error_model="numpy")
+def _falls_to(
+    level: float, curve: _Curve, low: float, above_low: float, above_high: float
+) -> float:
+    """Frequency in the step of the grid from ``low`` at which the contrast falls to a level.
+
+    By the secant of Illinois, from what the contrast is above the level at either end.
     """
-    first = 0
-    while first < contrast.size and contrast[first] >= level:
-        first += 1
-    if first in (0, contrast.size):
-        return 0.0
-    low, high = (first - 1) / _GRID_STEPS, first / _GRID_STEPS
+    high = low + 1 / _GRID_STEPS
     for _ in range(_ROOT_STEPS):
-        middle = 0.5 * (low + high)
-        if abs(_transform(curve, np.array([middle]))[0]) >= level:
-            low = middle
+        middle = high - above_high * (high - low) / (above_high - above_low)
+        above = _contrast(curve, middle) - level
+        if abs(above) < _ROOT_EXACT:
+            return middle
+        if above > 0:
+            low, above_low = middle, above
+            above_high *= 0.5
         else:
-            high = middle
-        if high - low < 1e-10:
-            break
+            high, above_high = middle, above
+            above_low *= 0.5
     return 0.5 * (low + high)

@@ -1,19 +1,27 @@
 """Measure every straight edge of one photograph: width, contrast by frequency, roughness."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from calibration.choices import Pattern
-from calibration.edge_fit import SATURATED_FRACTION, EdgeFit, JpegCompression, fit_edge
+from calibration.edge_fit import SATURATED_FRACTION, EdgeFit, fit_edge
 from calibration.edge_search import EdgeSegment, band_half_width, find_edges
 from calibration.edges.binned import BinnedEdge, bin_edge
-from calibration.edges.esfr import EdgeSfr, esfr_half_width_px, measure_esfr, why_undersampled
+from calibration.edges.esfr import (
+    WIDEST_GAP_PX,
+    EdgeSfr,
+    esfr_half_width_px,
+    gap_message,
+    is_aliased,
+    measure_esfr,
+    widest_gap_px,
+)
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
+from calibration.edges.image import EdgeImage, Region
 from calibration.edges.mosaic import in_sensor_pixels
 from calibration.edges.orientation import Orientation, orientation_of
 from calibration.edges.paper_method import lsf_fit
@@ -24,8 +32,6 @@ from calibration.edges.samples import (
     share_within,
     without_shading,
 )
-from calibration.noise import LevelNoise
-from simulation.arrays import AnyArray, BoolArray, FloatArray
 
 Method = Literal["all-angles", "paper"]
 
@@ -35,90 +41,6 @@ REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy", "beside_targ
 _UNSEEN_MOST = 0.05  # of the contrast: in the narrowest band, 2 sigma + 1 px, 2.3 % are not seen
 _SIGMA_STEP = 1e-4  # relative
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Region:
-    """Part of an image that is used, in px: left, top, width and height."""
-
-    x_px: int
-    y_px: int
-    width_px: int
-    height_px: int
-
-    @classmethod
-    def centre(cls, rows: int, cols: int) -> "Region":
-        """Return the central half along both axes, for which the paper's PSF holds."""
-        return cls(
-            x_px=cols // 4,
-            y_px=rows // 4,
-            width_px=cols - 2 * (cols // 4),
-            height_px=rows - 2 * (rows // 4),
-        )
-
-    def __str__(self) -> str:
-        return f"{self.x_px},{self.y_px},{self.width_px},{self.height_px}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeImage:
-    """One photograph with edges: a plane linear in light, and what is known about it.
-
-    ``compression`` tells how a JPEG was made, if that is known and the plane is its luma.
-    ``clipped`` marks pixels that were clipped in the file, in any colour. The plane of one
-    colour of a mosaic has ``pitch_px`` 2: its pixels stand that far apart on the sensor, the
-    first one at ``first_x_px``, ``first_y_px``. ``colours_dn`` are the linear levels of a colour
-    photograph, shape ``(rows, cols, 3)``; ``pattern`` is that of a raw mosaic.
-    """
-
-    name: str
-    image_dn: FloatArray = field(repr=False)
-    capture: int | None = None
-    height_mm: float | None = None
-    noise: LevelNoise | None = None
-    saturation_dn: float | None = None
-    is_jpeg: bool = False
-    compression: JpegCompression | None = None
-    clipped: BoolArray | None = field(default=None, repr=False)
-    pitch_px: int = 1
-    first_x_px: int = 0
-    first_y_px: int = 0
-    sensor_shape: tuple[int, int] | None = None
-    pixel_pitch_um: float | None = None
-    colours_dn: AnyArray | None = field(default=None, repr=False)
-    pattern: Pattern | None = None
-
-    @property
-    def frame(self) -> tuple[int, int]:
-        """Rows and columns of the whole sensor."""
-        rows, cols = self.image_dn.shape
-        return self.sensor_shape or (rows, cols)
-
-    def refuse_beyond_frame(self, region: Region) -> None:
-        """Check that a region is within the frame.
-
-        Raises
-        ------
-        ValueError
-            If it is not.
-        """
-        rows, cols = self.frame
-        right, bottom = region.x_px + region.width_px, region.y_px + region.height_px
-        if not (0 <= region.x_px < right <= cols and 0 <= region.y_px < bottom <= rows):
-            raise ValueError(f"region {region} is not within {self.name} ({cols}x{rows})")
-
-    def within(self, region: Region) -> "EdgeImage":
-        """Return the part of the photograph that lies in a region; positions count from there."""
-        pitch = self.pitch_px
-        rows = slice(region.y_px // pitch, (region.y_px + region.height_px) // pitch)
-        cols = slice(region.x_px // pitch, (region.x_px + region.width_px) // pitch)
-        clipped = None if self.clipped is None else self.clipped[rows, cols]
-        compression = self.compression
-        if compression is not None:
-            compression = compression.cropped(rows.start, cols.start)
-        return replace(
-            self, image_dn=self.image_dn[rows, cols], clipped=clipped, compression=compression
-        )
 
 
 class EdgeMeasurement(BaseModel):
@@ -254,7 +176,7 @@ def _measured_edge(
         return None
     on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
     binned = bin_edge(without_shading(samples, image, segment, fit), on_sensor, source.pitch_px)
-    contrast = _Contrast.of(binned)
+    contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
     if source.clipped is not None:
         share = share_within(source.clipped, segment, fit, near_px)
         fit = replace(fit, clipped_fraction=share)
@@ -294,6 +216,13 @@ def _is_at_border(fit: EdgeFit, shape: tuple[int, ...], half_width_px: float) ->
     return min(fit.x_px, fit.y_px, cols - 1 - fit.x_px, rows - 1 - fit.y_px) < half_width_px
 
 
+class _Gaussian(NamedTuple):
+    """MTF50 of the fitted Gaussian with its pixel, and its standard error, in cy/px."""
+
+    mtf50: float
+    err: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Contrast:
     """The e-SFR of an edge, or why there is none."""
@@ -302,14 +231,19 @@ class _Contrast:
     missing: str | None = None
 
     @classmethod
-    def of(cls, binned: BinnedEdge | None) -> "_Contrast":
+    def of(cls, binned: BinnedEdge | None, gaussian: _Gaussian) -> "_Contrast":
         if binned is None:
             return cls(missing="too few pixels lie beside the edge")
-        missing = why_undersampled(binned)
-        if missing is not None:
-            return cls(missing=missing)
+        gap_px = widest_gap_px(binned)
+        if is_aliased(binned, gap_px):
+            return cls(missing=gap_message(binned, gap_px))
         esfr = measure_esfr(binned)
-        return cls(esfr=esfr, missing=None if esfr else "the levels do not rise across the edge")
+        if esfr is None:
+            return cls(missing="the levels beside the edge are not even")
+        # Between distances so far apart, it is as likely to be wrong as the Gaussian.
+        if gap_px > WIDEST_GAP_PX * binned.pitch_px and _differs(esfr, gaussian):
+            return cls(missing=gap_message(binned, gap_px))
+        return cls(esfr=esfr)
 
 
 def _measurement(
@@ -321,7 +255,7 @@ def _measurement(
 ) -> EdgeMeasurement:
     """The edge in sensor pixels."""
     esfr = contrast.esfr
-    mtf50, mtf50_err = _gaussian_mtf50(fit)
+    gaussian = _gaussian_mtf50(fit)
     return EdgeMeasurement(
         image=source.name,
         capture=source.capture,
@@ -336,8 +270,8 @@ def _measurement(
         sigma_err_px=fit.sigma_err_px,
         optical_sigma_px=fit.optical_sigma_px,
         optical_sigma_err_px=fit.optical_sigma_err_px,
-        mtf50_cy_per_px=mtf50,
-        mtf50_err_cy_per_px=mtf50_err,
+        mtf50_cy_per_px=gaussian.mtf50,
+        mtf50_err_cy_per_px=gaussian.err,
         esfr_mtf50_cy_per_px=None if esfr is None else esfr.mtf50_cy_per_px,
         esfr_mtf50_err_cy_per_px=None if esfr is None else esfr.mtf50_err_cy_per_px,
         esfr_mtf20_cy_per_px=None if esfr is None else esfr.mtf20_cy_per_px,
@@ -346,31 +280,30 @@ def _measurement(
         roughness_px=rough_px,
         clipped_fraction=fit.clipped_fraction,
         chi2_reduced=fit.chi2_reduced,
-        flags=_flags(source, fit, _differs(esfr, mtf50, mtf50_err)),
+        flags=_flags(source, fit, _differs(esfr, gaussian)),
         levels_dn=(fit.low_dn, fit.high_dn),
         esfr=esfr,
         binned=binned,
     )
 
 
-def _gaussian_mtf50(fit: EdgeFit) -> tuple[float, float]:
-    """Frequency of half contrast of the fitted Gaussian with its pixel, and its error."""
+def _gaussian_mtf50(fit: EdgeFit) -> _Gaussian:
     optical, err = fit.optical_sigma_px, fit.optical_sigma_err_px
     if optical is None or err is None:
         mtf50 = gaussian_mtf50(fit.sigma_px)
-        return mtf50, mtf50 * fit.sigma_err_px / fit.sigma_px
+        return _Gaussian(mtf50, mtf50 * fit.sigma_err_px / fit.sigma_px)
     mtf50 = pixel_mtf50(optical, fit.normal_rad)
     wider = pixel_mtf50(optical * (1 + _SIGMA_STEP), fit.normal_rad)
-    return mtf50, (mtf50 - wider) * err / (optical * _SIGMA_STEP)
+    return _Gaussian(mtf50, (mtf50 - wider) * err / (optical * _SIGMA_STEP))
 
 
-def _differs(esfr: EdgeSfr | None, mtf50: float, mtf50_err: float) -> bool:
+def _differs(esfr: EdgeSfr | None, gaussian: _Gaussian) -> bool:
     """Whether the contrast contradicts the fitted Gaussian by more than their errors."""
     if esfr is None or esfr.mtf50_cy_per_px is None or esfr.mtf50_err_cy_per_px is None:
         return False
-    apart = abs(esfr.mtf50_cy_per_px - mtf50)
-    surprising = _DIFFERS_SIGMAS * math.hypot(esfr.mtf50_err_cy_per_px, mtf50_err)
-    return apart > max(surprising, _DIFFERS_LEAST * mtf50)
+    apart = abs(esfr.mtf50_cy_per_px - gaussian.mtf50)
+    surprising = _DIFFERS_SIGMAS * math.hypot(esfr.mtf50_err_cy_per_px, gaussian.err)
+    return apart > max(surprising, _DIFFERS_LEAST * gaussian.mtf50)
 
 
 def _contrast(fit: EdgeFit) -> float | None:

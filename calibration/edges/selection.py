@@ -7,13 +7,8 @@ import numpy as np
 
 from calibration.choices import TargetChoice
 from calibration.edge_search import EdgeSegment, beside_target
-from calibration.edges.measurement import (
-    EdgeImage,
-    EdgeMeasurement,
-    Method,
-    Region,
-    measure_edges,
-)
+from calibration.edges.image import EdgeImage, Region
+from calibration.edges.measurement import EdgeMeasurement, Method, measure_edges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

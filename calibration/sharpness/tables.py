@@ -79,7 +79,7 @@ def with_reach(value: float, reach_95: float | None, digits: int) -> str:
     """Format a value with half its 95 % interval, in so many digits that the half is not 0."""
     if reach_95 is None:
         return f"{value:.{digits}f}"
-    if 0 < reach_95 < 0.5 * 10.0**-digits:
+    if 0 < reach_95 < 10.0**-digits:
         digits = min(-floor(log10(reach_95)), _DIGITS_MOST)
     return f"{value:.{digits}f} ± {reach_95:.{digits}f}"
 

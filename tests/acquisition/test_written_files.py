@@ -7,6 +7,7 @@ import pytest
 from acquisition.bench import BenchConfig, load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError
 from acquisition.plan import load_plan, parse_plan
+from calibration.sharpness import read_limits
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 BENCH = CONFIGS / "simulated.toml"
@@ -155,5 +156,7 @@ def test_what_a_session_recorded_is_read_whatever_its_size() -> None:
 def test_no_shipped_file_is_asked_about(path: Path) -> None:
     if path.name.endswith(("_plan.toml", "_validation.toml", "_short.toml")):
         load_plan(path)
+    elif path.name == "limits.toml":
+        read_limits(path)
     else:
         load_bench(path)

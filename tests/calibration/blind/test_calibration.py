@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.blind.calibration import calibrate_from_distances, calibrate_from_scene
-from calibration.edges.measurement import EdgeImage, Region
+from calibration.edges.image import EdgeImage, Region
 from calibration.errors import NoEdgeError, PairError
 from calibration.noise.noise_by_level import LevelNoise
 from calibration.psf.document import PsfCalibration

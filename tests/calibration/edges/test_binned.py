@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.edges.binned import BinnedEdge, bin_centres_px
-from calibration.edges.measurement import EdgeImage, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import measure_edges
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import (
     HIGH_DN,

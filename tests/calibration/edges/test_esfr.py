@@ -7,12 +7,13 @@ from calibration.edges.binned import BinnedEdge, bin_edge
 from calibration.edges.esfr import (
     SFR_FREQ_CY_PER_PX,
     EdgeSfr,
+    is_aliased,
     measure_esfr,
-    why_undersampled,
     widest_gap_px,
 )
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
-from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
@@ -218,7 +219,7 @@ def test_gaps_between_the_distances_are_those_of_the_angle() -> None:
         edge = measured(edge_image(0.8, normal_deg, has_pixel=True)).binned
         assert edge is not None
         assert widest_gap_px(edge) == pytest.approx(gap_px, abs=0.01)
-        assert why_undersampled(edge) is None
+        assert not is_aliased(edge, gap_px)
 
 
 def test_a_wide_tail_is_told_from_the_middle() -> None:

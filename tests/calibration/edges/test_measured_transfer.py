@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from calibration.edges.axis_transfer import mean_transfer
-from calibration.edges.measurement import EdgeImage
+from calibration.edges.image import EdgeImage
 from calibration.errors import PsfFileError
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.document import PsfCalibration

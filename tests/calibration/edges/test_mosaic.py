@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from calibration.choices import PATTERNS, Pattern
 from calibration.edge_fit.fit import fit_edge
 from calibration.edge_search.detection import find_edges
-from calibration.edges.measurement import EdgeImage, Region
+from calibration.edges.image import EdgeImage, Region
 from calibration.edges.mosaic import in_sensor_pixels, optical_of_total, plane_places
 from calibration.edges.selection import EdgeSelection
 from calibration.errors import NoEdgeError

@@ -5,7 +5,8 @@ import pytest
 
 from calibration.edge_fit.fit import fit_edge
 from calibration.edge_search.detection import find_edges
-from calibration.edges.measurement import EdgeImage, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import measure_edges
 from calibration.edges.paper_method import BIN_PX, lsf_fit
 from calibration.edges.samples import EdgeSamples
 from calibration.psf.calibration import calibrate_psf

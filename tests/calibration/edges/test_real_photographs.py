@@ -10,7 +10,8 @@ import tifffile
 from PIL import Image
 
 from calibration.edges.gaussian_mtf import gaussian_mtf50
-from calibration.edges.measurement import EdgeImage, EdgeMeasurement, Method, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import EdgeMeasurement, Method, measure_edges
 from calibration.edges.selection import told_apart
 from calibration.noise.noise_by_level import LevelNoise
 from calibration.psf.calibration import calibrate_psf

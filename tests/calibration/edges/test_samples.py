@@ -5,7 +5,8 @@ import pytest
 
 from calibration.edge_fit.fit import fit_edge
 from calibration.edge_search.detection import find_edges
-from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import EdgeMeasurement, measure_edges
 from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
 from tests.calibration.closed_form import edge_image, point_edge
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration.edges.measurement import EdgeImage, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import measure_edges
 from calibration.edges.selection import EdgeSelection, told_apart
 from hil_mocks import BenchTruth
 from tests.calibration.squares import chart

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibration.edge_search import least_side_px
-from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import EdgeMeasurement, measure_edges
 from calibration.errors import NoEdgeError
 from calibration.psf.calibration import calibrate_psf
 from simulation.arrays import FloatArray

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.edge_fit.fit import EdgeFit, fit_edge
-from calibration.edges.measurement import EdgeImage, Region, measure_edges
+from calibration.edges.image import EdgeImage, Region
+from calibration.edges.measurement import measure_edges
 from calibration.edges.selection import EdgeSelection
 from calibration.errors import NoEdgeError
 from calibration.psf.calibration import calibrate_psf

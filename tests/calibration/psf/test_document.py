@@ -76,6 +76,7 @@ DOCUMENTED_EDGE_KEYS = {
     "esfr_mtf50_cy_per_px",
     "esfr_mtf50_err_cy_per_px",
     "esfr_mtf20_cy_per_px",
+    "esfr_missing",
     "contrast",
     "roughness_px",
     "clipped_fraction",

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibration.edge_fit.model import edge_profile
-from calibration.edges.measurement import EdgeImage, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import measure_edges
 from calibration.edges.mosaic import plane_places
 from calibration.sharpness.lateral_colour import edge_place, with_colour_shifts
 from simulation.arrays import FloatArray

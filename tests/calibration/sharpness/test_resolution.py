@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
-from calibration.edges.measurement import EdgeImage, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import measure_edges
 from calibration.sharpness.resolution import (
     gaussian_mtf50_err,
     lp_per_mm,

@@ -6,7 +6,7 @@ import pytest
 
 from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
-from calibration.edges.measurement import EdgeImage
+from calibration.edges.image import EdgeImage
 from calibration.noise.noise_by_level import fit_level_noise
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.covariance import Estimate

@@ -3,7 +3,8 @@ import pytest
 
 from analysis.reports.psf.edge_curves import curves_section, plot_curves_of_edges
 from calibration.edge_fit.model import edge_profile
-from calibration.edges.measurement import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.edges.image import EdgeImage
+from calibration.edges.measurement import EdgeMeasurement, measure_edges
 from calibration.psf.document import PsfCalibration
 from calibration.sharpness.resolution import with_sharpness
 from tests.calibration.closed_form import edge_image
