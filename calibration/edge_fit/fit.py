@@ -135,9 +135,9 @@ def _measurement(
         if optical < SHARPEST_PX:
             optical = optical_err = None
     half_length_px = segment.line.half_length_px
-    # Without the pixel, a sharp edge nearly along the rows has a wrong angle: what the square
-    # changes at a few distances looks like a slope.
-    position = likely.optical.parameters if likely.optical.is_found else total
+    # The shape that fits worse gives a sharp edge along the rows a wrong angle: its misfit at a
+    # few distances looks like a slope.
+    position = best.parameters
     angle = segment.normal_rad + position[TURN] / half_length_px
     contrast = abs(best.parameters[HIGH] - best.parameters[LOW])
     flags = list(profile_flags(likely.profile, contrast))

@@ -25,7 +25,12 @@ from calibration.edge_fit.model import (
     edge_values,
     slopes_gain,
 )
-from calibration.edge_fit.residuals import ProfileFigures, noise_part, profile_figures
+from calibration.edge_fit.residuals import (
+    ProfileFigures,
+    noise_of_steps,
+    noise_part,
+    profile_figures,
+)
 from calibration.edge_fit.rounded import (
     Intervals,
     LikelyParameters,
@@ -50,6 +55,7 @@ _WINDOW_AGREES = 0.1  # relative change of sigma that needs no new window
 _SHADING_P = 1e-3
 _SHADING_SCORE_P = 1e-2  # the score is only an estimate of the F-test
 _SHADING_LEAST = 2e-3  # of the contrast over half an edge: less does not move sigma by 0.01 %
+_COARSE = 2e-3  # of the contrast: from this step on, the median of levels is one of few
 _BLACK_DN = 0.0
 _NEARLY_SATURATED = 0.995
 
@@ -143,13 +149,17 @@ def maximise(
     pixels, parameters = window.pixels, window.rough.parameters
     if is_shaded:
         found = edge_values(pixels, parameters, False)
-    scatter = noise_part(pixels.values - found.levels, found.distances)
     steps = level_steps(stored)
+    contrast_dn = parameters[HIGH] - parameters[LOW]
+    if steps.step_dn > _COARSE * contrast_dn:
+        scatter = noise_of_steps(pixels.values - found.levels, found.distances)
+    else:
+        scatter = noise_part(pixels.values - found.levels, found.distances)
     weighed = pixel_weights(
         scatter,
         found.edges,
         window.weights if len(noise_line) > 0 else np.empty(0),
-        parameters[HIGH] - parameters[LOW],
+        contrast_dn,
         steps.step_dn,
     )
     flat = _widths(pixels, weighed.weights, parameters)

@@ -8,7 +8,7 @@ from numba import njit
 from scipy.special import chdtrc
 
 from calibration.robust import robust_sigma
-from simulation.arrays import FloatArray
+from simulation.arrays import FloatArray, IntArray
 
 _NEIGHBOURS = 25  # pixels at nearly the same distance from the edge
 _CUT_SIGMAS = 4.0  # takes 0.1 % from the variance of Gaussian noise
@@ -24,13 +24,75 @@ _NON_GAUSSIAN_P = 1e-5
 _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True)
 def noise_part(residuals: FloatArray, distances: FloatArray) -> FloatArray:
-    """Residuals less their mean over pixels at nearly the same distance, outliers left out.
+    """Residuals less the running median over pixels at nearly the same distance.
 
     What depends on the distance from the edge alone (a PSF that is not the model's) is
-    structure; what is left is noise and outliers. A mean, as the median of rounded levels is one
-    of them.
+    structure; what is left is noise and outliers.
+    """
+    order = _by_distance(distances)
+    noise = np.empty_like(residuals)
+    noise[order] = _without_running_median(residuals[order])
+    return noise
+
+
+@njit(cache=True)
+def _by_distance(distances: FloatArray) -> IntArray:
+    """Indices in the order of the distances: by counting into steps, then by insertion."""
+    n = len(distances)
+    least = distances.min()
+    per_step = (n - 1) / max(distances.max() - least, 1e-300)
+    first = np.zeros(n + 1, np.int64)
+    for d in distances:
+        first[int((d - least) * per_step) + 1] += 1
+    first = np.cumsum(first)
+    order = np.empty(n, np.int64)
+    for i in range(n):
+        step = int((distances[i] - least) * per_step)
+        order[first[step]] = i
+        first[step] += 1
+    for i in range(1, n):
+        index, d = order[i], distances[order[i]]
+        k = i
+        while k > 0 and distances[order[k - 1]] > d:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = index
+    return order
+
+
+@njit(cache=True)
+def _without_running_median(values: FloatArray) -> FloatArray:
+    """Values less the median of the ``_NEIGHBOURS`` around each; the ends are repeated."""
+    half = _NEIGHBOURS // 2
+    last = len(values) - 1
+    window = np.empty(_NEIGHBOURS)
+    for k in range(_NEIGHBOURS):
+        window[k] = values[min(max(k - half, 0), last)]
+    window.sort()
+    rest = np.empty_like(values)
+    for i in range(len(values)):
+        rest[i] = values[i] - window[half]
+        leaving = values[max(i - half, 0)]
+        entering = values[min(i + half + 1, last)]
+        k = np.searchsorted(window, leaving)
+        # The window stays sorted: what is between the two moves up by one element.
+        while k < _NEIGHBOURS - 1 and window[k + 1] < entering:
+            window[k] = window[k + 1]
+            k += 1
+        while k > 0 and window[k - 1] > entering:
+            window[k] = window[k - 1]
+            k -= 1
+        window[k] = entering
+    return rest
+
+
+@njit(cache=True, error_model="numpy")
+def noise_of_steps(residuals: FloatArray, distances: FloatArray) -> FloatArray:
+    """Residuals of coarse levels less their mean over pixels at nearly the same distance.
+
+    Like ``noise_part``, but a mean without outliers: the median of rounded levels is one of them.
     """
     n = len(residuals)
     least = distances.min()

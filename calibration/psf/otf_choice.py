@@ -30,7 +30,7 @@ from calibration.psf.otf_forms import (
     TOTAL_GAUSSIAN,
     TWO_ELLIPSES,
 )
-from calibration.psf.otf_pool import MOST_GROUPS, pooled, representatives
+from calibration.psf.otf_pool import MOST_GROUPS, pooled
 from calibration.psf.otf_slices import EdgeStack, StackedBins
 from simulation.arrays import FloatArray
 
@@ -153,12 +153,16 @@ def _uncorrected_fits(
 ) -> tuple[EdgeStack, list[OtfFit]]:
     """Fits of the forms without a correction, simplest first, and the edges that they are of.
 
-    Those are the edges themselves; many edges are pooled by their direction, about the lens that a
-    few of them show. Whatever the first fits show of the places of the edges is put right before
-    the last ones.
+    Those are the edges themselves; many edges are pooled by their direction, about a Gaussian at
+    first and then about the best of the first fits. Whatever these show of the places of the edges
+    is put right before the last ones.
     """
     is_many = len(every.normal_rad) > MOST_GROUPS
-    stack = EdgeStack(representatives(every.binned)) if is_many else every
+    stack = every
+    if is_many:
+        guess = np.full(2, variance_px2)
+        left = every.left_by(AXIAL_GAUSSIAN.slices(guess, every.normal_rad))
+        stack = pooled(every, AXIAL_GAUSSIAN, guess, left)
     start = _round_start(stack.binned, variance_px2)
     fits = _first_fits(stack, variance_px2, start, is_spread=is_spread)
     if not fits:

@@ -21,7 +21,6 @@ from simulation.arrays import FloatArray, IntArray
 
 MOST_GROUPS: Final = 32  # 5.6 degrees each, less than what counts as another direction
 _GROUP_RAD = np.pi / MOST_GROUPS
-_REPRESENTATIVES = MOST_GROUPS  # of 12 small squares the best lens was one of another valley
 
 
 def pooled(stack: EdgeStack, form: OtfForm, parameters: FloatArray, left: Residuals) -> EdgeStack:
@@ -54,18 +53,6 @@ def pooled(stack: EdgeStack, form: OtfForm, parameters: FloatArray, left: Residu
     )
     profiles = EdgeStack(bins).profiles(form.slices(parameters, normal_rad))
     return EdgeStack(replace(bins, levels=profiles + mean))
-
-
-def representatives(bins: StackedBins) -> StackedBins:
-    """Return some of the edges: those of each direction that tell most."""
-    number, normal_rad = _directions(bins.normal_rad)
-    each = max(_REPRESENTATIVES // normal_rad.size, 1)
-    weight = bins.weights.sum(axis=1)
-    chosen = [
-        members[np.argsort(-weight[members], kind="stable")[:each]]
-        for members in (np.flatnonzero(number == k) for k in range(normal_rad.size))
-    ]
-    return bins.some(np.sort(np.concatenate(chosen)))
 
 
 def _groups(normal_rad: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,8 +6,8 @@ import pytest
 from calibration.edges.binned import BinnedEdge, bin_centres_px
 from calibration.psf.otf_choice import choose_otf
 from calibration.psf.otf_fit import OtfFit, fit_form, settled
-from calibration.psf.otf_forms import ELLIPTIC, ROUND
-from calibration.psf.otf_pool import MOST_GROUPS, pooled, representatives
+from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, ROUND
+from calibration.psf.otf_pool import pooled
 from calibration.psf.otf_slices import EdgeStack, StackedBins
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import Lens, profile
@@ -52,9 +52,11 @@ def normals(count: int, rng: np.random.Generator) -> FloatArray:
 
 
 def fits(edges: list[BinnedEdge]) -> tuple[OtfFit, OtfFit]:
-    """The fit of all edges, and that of pooled ones, settled."""
+    """The fit of all edges, and that of edges pooled twice, settled."""
     every = EdgeStack(StackedBins.of(edges))
-    few = fit_form(EdgeStack(representatives(every.binned)), ROUND, np.array([0.4, 0.0, 0.01]))
+    guess = np.full(2, 0.25)
+    first = every.left_by(AXIAL_GAUSSIAN.slices(guess, every.normal_rad))
+    few = fit_form(pooled(every, AXIAL_GAUSSIAN, guess, first), ROUND, np.array([0.4, 0.0, 0.01]))
     assert few is not None
     left = every.left_by(ROUND.slices(few.parameters, every.normal_rad))
     means = fit_form(pooled(every, ROUND, few.parameters, left), ELLIPTIC, TRUTH)
@@ -114,13 +116,6 @@ def test_normals_half_a_turn_apart_are_pooled() -> None:
     left = every.left_by(ELLIPTIC.slices(TRUTH, every.normal_rad))
     means = pooled(every, ELLIPTIC, TRUTH, left)
     assert np.rad2deg(means.normal_rad) % 180 == pytest.approx([4.0])
-
-
-def test_representatives_are_of_every_direction() -> None:
-    rng = np.random.default_rng(7)
-    some = representatives(StackedBins.of(edges_of(LENS, normals(120, rng), rng)))
-    assert len(some.levels) <= MOST_GROUPS
-    assert set(np.round(np.rad2deg(some.normal_rad))) == set(TWELVE_DEG)
 
 
 def test_the_95_percent_band_of_many_edges_holds_the_truth() -> None:
