@@ -8,7 +8,7 @@ from numba import njit
 from scipy.special import chdtrc
 
 from calibration.robust import robust_sigma
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 _NEIGHBOURS = 25  # pixels at nearly the same distance from the edge
 _CUT_SIGMAS = 4.0  # takes 0.1 % from the variance of Gaussian noise
@@ -78,15 +78,15 @@ def cut_variance(deviations: FloatArray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def outlier_weights(
-    noise: FloatArray, spread: FloatArray, contrast: float, step_dn: float
+    noise: FloatArray, is_clipped: BoolArray, spread: FloatArray, contrast: float, step_dn: float
 ) -> tuple[bool, FloatArray]:
     """Whether single pixels stand out in the ``noise_part``, and Tukey biweights.
 
     ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
     the pixels of the dark side would else set the scale. Levels come in steps of ``step_dn``, 0
-    where they are fine.
+    where they are fine; clipped ones do not scatter.
     """
-    scale = robust_sigma(noise / spread)
+    scale = robust_sigma((noise / spread)[~is_clipped])
     least = max(_OUTLIER_LEAST * contrast, _OUTLIER_STEPS * step_dn)
     found = False
     weights = np.empty_like(noise)
