@@ -40,8 +40,16 @@ class LevelIntervals(NamedTuple):
 
 @njit(cache=True)
 def clipped_pixels(stored: FloatArray, saturation_dn: float) -> BoolArray:
-    """Which pixels are at the saturation level or at black."""
-    return (stored >= NEARLY_SATURATED * saturation_dn) | (stored <= _BLACK_DN)
+    """Which pixels are at the saturation level or at black; none where the former is not known.
+
+    Levels below 0 are those of a dark level that was taken off: then 0 is no bound.
+    """
+    if not np.isfinite(saturation_dn):
+        return np.zeros(len(stored), np.bool_)
+    is_bright = stored >= NEARLY_SATURATED * saturation_dn
+    if stored.min() < _BLACK_DN:
+        return is_bright
+    return is_bright | (stored <= _BLACK_DN)
 
 
 @njit(cache=True)

@@ -27,7 +27,9 @@ _CORNER_SLACK_PX = 4.0  # by which ends before a corner are uncertain
 _TURNED_DEG = 12.0  # perspective turns lines less from one square to the next
 _NEIGHBOURS = 8
 _FARTHEST = 2.5  # times the distance of the pattern's own neighbours: the next square, half seen
-_WIDER = 1.8  # times the pattern's own near by: a shadow, or what is far out of focus
+# Times the pattern's own near by: shadows, and what is far out of focus. Sides of real boards
+# reach 1.7; an edge with the levels and corners of the pattern is its own unless beyond doubt.
+_WIDER, _WIDER_WITH_CORNER = 1.6, 2.0
 _WIDER_SIGMAS = 6.0
 _OTHER_PATCH_EDGES = 4  # a square of other levels, aligned with the pattern, belongs to it
 
@@ -80,7 +82,7 @@ def beside_target(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> Boo
     _, group = connected_components(_graph(corners, count), directed=False)
     sizes = np.bincount(group[is_aligned], minlength=count)
     beside &= ~(is_aligned & (sizes[group] >= _OTHER_PATCH_EDGES))
-    return np.asarray(beside | (~pattern & _is_wider(edges, pattern)))
+    return np.asarray(beside | _is_wider(edges, pattern))
 
 
 def _edges(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> _Edges:
@@ -171,7 +173,8 @@ def _is_wider(edges: _Edges, pattern: BoolArray) -> BoolArray:
     near, _ = _nearest(edges.middle[chosen], edges.middle, _NEIGHBOURS)
     ratio = edges.sigma_px / np.median(edges.sigma_px[chosen[near]], axis=1)
     scatter = robust_sigma(ratio[chosen] - 1.0)
-    return np.asarray(ratio > max(_WIDER, 1.0 + _WIDER_SIGMAS * scatter))
+    least = np.where(pattern, _WIDER_WITH_CORNER, _WIDER)
+    return np.asarray(ratio > np.maximum(least, 1.0 + _WIDER_SIGMAS * scatter))
 
 
 def _like_neighbours(edges: _Edges, pattern: BoolArray) -> tuple[BoolArray, BoolArray]:
