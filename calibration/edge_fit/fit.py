@@ -27,7 +27,7 @@ from simulation.arrays import FloatArray
 
 NOISIEST_SNR = 3.0
 CLIPPED_FRACTION = 0.05  # of the pixels: from here on the fit relies on what is not clipped
-# Of the rise. Photographed edges that were clipped at 0.95 of it came out with -0.3 to 0.5 %, at
+# Of the rise. Photographed edges that were clipped at 0.95 of it came out with 0.5 %, at
 # 0.9 with -5 %: no lens is quite Gaussian.
 _SEEN_LEAST = 0.9
 _CLIPPED_ERROR = 0.05  # of sigma: what is left then does not tell the width

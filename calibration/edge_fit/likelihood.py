@@ -187,10 +187,7 @@ def _likely(
     clipped: tuple[BoolArray, float],
     is_shaded: bool,
 ) -> LikelyEdge:
-    """The fits with what their residuals say.
-
-    ``clipped`` are the pixels that were fitted as bounds, and the share of all that are clipped.
-    """
+    """The fits with what their residuals say, and with the pixels that were fitted as bounds."""
     values, weights = pixels.values, weighed.weights
     is_bound, clipped_fraction = clipped
     counted = weights > 0
