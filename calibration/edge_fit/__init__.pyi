@@ -1,5 +1,5 @@
 from .fit import (
-    SATURATED_FRACTION as SATURATED_FRACTION,
+    CLIPPED_FRACTION as CLIPPED_FRACTION,
     SHARPEST_PX as SHARPEST_PX,
     EdgeFit as EdgeFit,
     fit_edge as fit_edge,
@@ -20,7 +20,7 @@ from .shading import (
 )
 
 __all__ = [
-    "SATURATED_FRACTION",
+    "CLIPPED_FRACTION",
     "SHARPEST_PX",
     "EdgeFit",
     "EdgeShape",

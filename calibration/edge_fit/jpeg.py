@@ -77,9 +77,12 @@ def behind_compression(
 ) -> LikelyEdge:
     """Return the fit with the widths before compression.
 
-    Where fewer than three whole blocks lie across the edge, within its length and clearance, a
-    width from the decoded pixels is all there is: its error grows by what was measured.
+    Where fewer than three whole blocks lie across the edge, within its length and clearance, or
+    pixels are clipped, a width from the decoded pixels is all there is: its error grows by what was
+    measured.
     """
+    if likely.is_censored:
+        return _less_sure(likely, compression)
     sigma = float(np.exp(likely.total.parameters[LOG_SIGMA]))
     data = block_intervals(
         image_dn,

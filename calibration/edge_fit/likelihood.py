@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from calibration.edge_fit.clipping import clipped_pixels, is_censored, level_intervals
 from calibration.edge_fit.least_squares import Minimum, inverse_element, levenberg_marquardt
 from calibration.edge_fit.level_steps import is_coarse, level_steps
 from calibration.edge_fit.model import (
@@ -26,8 +27,8 @@ from calibration.edge_fit.model import (
     slopes_gain,
 )
 from calibration.edge_fit.residuals import (
+    COARSE,
     ProfileFigures,
-    noise_of_steps,
     noise_part,
     profile_figures,
 )
@@ -38,7 +39,7 @@ from calibration.edge_fit.rounded import (
     maximise_intervals,
     pixel_intervals,
 )
-from calibration.edge_fit.shading import is_even, shading_levels, slopes_across
+from calibration.edge_fit.shading import is_even, shading_levels, slopes_across, unclipped_slopes
 from calibration.edge_fit.weights import PixelWeights, known_weights, pixel_weights
 from calibration.edge_search import (
     BandPixels,
@@ -47,7 +48,7 @@ from calibration.edge_search import (
     band_pixels,
     side_level,
 )
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 _ROUGH, _FINE = 1e-2, 1e-4  # last step of a fit, in px and parts of sigma
 _WINDOW_ROUNDS = 4
@@ -55,9 +56,6 @@ _WINDOW_AGREES = 0.1  # relative change of sigma that needs no new window
 _SHADING_P = 1e-3
 _SHADING_SCORE_P = 1e-2  # the score is only an estimate of the F-test
 _SHADING_LEAST = 2e-3  # of the contrast over half an edge: less does not move sigma by 0.01 %
-_COARSE = 2e-3  # of the contrast: from this step on, the median of levels is one of few
-_BLACK_DN = 0.0
-_NEARLY_SATURATED = 0.995
 
 
 class WidthFit(NamedTuple):
@@ -75,7 +73,8 @@ class LikelyEdge(NamedTuple):
     """The fitted edges: plain (total width) and behind pixel squares (optical width).
 
     If ``total`` is not found, the rest is not valid. ``is_square`` tells whether the optical edge
-    fits better; ``chi2_reduced`` is that of the better one, in terms of the weights.
+    fits better; ``chi2_reduced`` is that of the better one, in terms of the weights. In a
+    ``is_censored`` fit the clipped pixels are bounds, else levels like the others.
     """
 
     total: WidthFit
@@ -84,6 +83,7 @@ class LikelyEdge(NamedTuple):
     chi2_reduced: float
     noise_dn: float
     clipped_fraction: float
+    is_censored: bool
     has_outliers: bool
     is_shaded: bool
     profile: ProfileFigures
@@ -143,23 +143,30 @@ def maximise(
         return _none()
     stored = window.pixels.values
     found = edge_values(window.pixels, window.rough.parameters, False)
-    window, is_shaded = _without_shading(image_dn, line, clearance_px, window, found.distances)
+    is_clipped = clipped_pixels(stored, saturation_dn)
+    clipped_fraction = float(np.mean(is_clipped))
+    if not is_censored(is_clipped):
+        is_clipped[:] = False
+    window, is_shaded = _without_shading(
+        image_dn, line, clearance_px, window, (found.distances, is_clipped)
+    )
     if not window.rough.is_found:
         return _none()
     pixels, parameters = window.pixels, window.rough.parameters
     if is_shaded:
         found = edge_values(pixels, parameters, False)
     steps = level_steps(stored)
-    contrast_dn = parameters[HIGH] - parameters[LOW]
-    if steps.step_dn > _COARSE * contrast_dn:
-        scatter = noise_of_steps(pixels.values - found.levels, found.distances)
-    else:
-        scatter = noise_part(pixels.values - found.levels, found.distances)
+    contrast = parameters[HIGH] - parameters[LOW]
+    left = pixels.values - found.levels
+    is_coarse_step = steps.step_dn > COARSE * contrast
+    scatter = noise_part(left, found.distances, is_coarse_step)
+    # Clipped pixels do not scatter: they would make theirs the quieter side.
+    is_weighed = len(noise_line) > 0 or np.any(is_clipped)
     weighed = pixel_weights(
-        scatter,
+        (scatter, is_clipped),
         found.edges,
-        window.weights if len(noise_line) > 0 else np.empty(0),
-        contrast_dn,
+        window.weights if is_weighed else np.empty(0),
+        contrast,
         steps.step_dn,
     )
     flat = _widths(pixels, weighed.weights, parameters)
@@ -170,12 +177,13 @@ def maximise(
     if has_slopes:
         found = _best_levels(pixels, widths)
     fits = _smooth_fits(pixels, weighed.weights, widths, found)
-    if is_coarse(scatter, found.edges, steps):
-        rounded = _rounded_fits(
-            pixel_intervals(pixels, stored, steps, weighed.outliers, found), widths
-        )
-        fits = rounded if rounded.total.is_found else fits
-    return _likely(fits, pixels, weighed, saturation_dn, is_shaded or has_slopes)
+    if np.any(is_clipped) or is_coarse(scatter, found.edges, steps):
+        levels = level_intervals(stored, steps, scatter, is_clipped, contrast)
+        data = pixel_intervals(pixels, stored, levels, weighed.outliers, found)
+        likely = _interval_fits(data, widths)
+        is_clipped &= likely.total.is_found
+        fits = likely if likely.total.is_found else fits
+    return _likely(fits, pixels, weighed, (is_clipped, clipped_fraction), is_shaded or has_slopes)
 
 
 @njit(cache=True, error_model="numpy")
@@ -183,24 +191,24 @@ def _likely(
     fits: _Fits,
     pixels: BandPixels,
     weighed: PixelWeights,
-    saturation_dn: float,
+    clipped: tuple[BoolArray, float],
     is_shaded: bool,
 ) -> LikelyEdge:
-    """The fits with what their residuals say."""
+    """The fits with what their residuals say, and with the pixels that were fitted as bounds."""
     values, weights = pixels.values, weighed.weights
+    is_bound, clipped_fraction = clipped
     counted = weights > 0
-    residuals = (values - fits.found.levels)[counted]
-    clipped = np.count_nonzero(
-        (values >= _NEARLY_SATURATED * saturation_dn) | (values <= _BLACK_DN)
-    )
+    is_level = counted & ~is_bound
+    residuals = (values - fits.found.levels)[is_level]
     sigma = np.exp(fits.total.parameters[LOG_SIGMA])
     return LikelyEdge(
         fits.total,
         fits.optical,
         fits.is_square,
-        np.sum(weights[counted] * residuals**2) / _freedom(weights),
+        np.sum(weights[is_level] * residuals**2) / _freedom(weights[is_level]),
         float(np.std(residuals)),
-        clipped / len(values),
+        clipped_fraction,
+        bool(np.any(is_bound)),
         weighed.has_outliers,
         is_shaded,
         profile_figures(
@@ -230,8 +238,8 @@ def _smooth_fits(
 
 
 @njit(cache=True, error_model="numpy")
-def _rounded_fits(data: Intervals, widths: _Widths) -> _Fits:
-    """From the least squares to the most likely edges before rounding."""
+def _interval_fits(data: Intervals, widths: _Widths) -> _Fits:
+    """From the least squares to the most likely edges before rounding and clipping."""
     total = maximise_intervals(data, widths.total.parameters, False)
     optical = LikelyParameters(False, widths.optical.parameters, 0.0, -np.inf, (0.0, 0.0))
     if widths.optical.is_found:
@@ -251,7 +259,7 @@ def _rounded_fits(data: Intervals, widths: _Widths) -> _Fits:
 def _none() -> LikelyEdge:
     void = WidthFit(False, np.zeros(FLAT_PARAMETERS), 0.0)
     profile = ProfileFigures(0.0, 0.0, 0.0, 0.0, 0, 0)
-    return LikelyEdge(void, void, False, 0.0, 0.0, 0.0, False, False, profile)
+    return LikelyEdge(void, void, False, 0.0, 0.0, 0.0, False, False, False, profile)
 
 
 @njit(cache=True, error_model="numpy")
@@ -293,12 +301,18 @@ def _without_shading(
     line: EdgeLine,
     clearance_px: float,
     window: _Window,
-    distances: FloatArray,
+    sides: tuple[FloatArray, BoolArray],
 ) -> tuple[_Window, bool]:
-    """Subtract slopes across the edge and fit again; also whether there were any."""
+    """Subtract slopes across the edge and fit again; also whether there were any.
+
+    ``sides`` are the pixels' distances from the edge and which of them are clipped: levels that
+    are cut off tell no slope.
+    """
+    distances, is_clipped = sides
     parameters = window.rough.parameters
     contrast = parameters[HIGH] - parameters[LOW]
     slopes = slopes_across(image_dn, line, window.half_width_px, clearance_px, contrast)
+    slopes = unclipped_slopes(slopes, distances[is_clipped])
     if is_even(slopes):
         return window, False
     pixels = window.pixels

@@ -8,9 +8,10 @@ from numba import njit
 from scipy.special import chdtrc
 
 from calibration.robust import robust_sigma
-from simulation.arrays import FloatArray, IntArray
+from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _NEIGHBOURS = 25  # pixels at nearly the same distance from the edge
+COARSE = 2e-3  # of the contrast: from this step on, the median of levels is one of few
 _CUT_SIGMAS = 4.0  # takes 0.1 % from the variance of Gaussian noise
 _CUTS = 3
 _OUTLIER_SIGMAS = 6.0
@@ -25,12 +26,15 @@ _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
 
 
 @njit(cache=True)
-def noise_part(residuals: FloatArray, distances: FloatArray) -> FloatArray:
+def noise_part(residuals: FloatArray, distances: FloatArray, is_coarse: bool = False) -> FloatArray:
     """Residuals less the running median over pixels at nearly the same distance.
 
     What depends on the distance from the edge alone (a PSF that is not the model's) is
-    structure; what is left is noise and outliers.
+    structure; what is left is noise and outliers. The median of coarse levels would be one of
+    them: there it is the mean without outliers.
     """
+    if is_coarse:
+        return _without_means(residuals, distances)
     order = _by_distance(distances)
     noise = np.empty_like(residuals)
     noise[order] = _without_running_median(residuals[order])
@@ -89,11 +93,8 @@ def _without_running_median(values: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
-def noise_of_steps(residuals: FloatArray, distances: FloatArray) -> FloatArray:
-    """Residuals of coarse levels less their mean over pixels at nearly the same distance.
-
-    Like ``noise_part``, but a mean without outliers: the median of rounded levels is one of them.
-    """
+def _without_means(residuals: FloatArray, distances: FloatArray) -> FloatArray:
+    """Residuals less their mean over pixels at nearly the same distance, outliers left out."""
     n = len(residuals)
     least = distances.min()
     bins = max(n // _NEIGHBOURS, 1)
@@ -140,15 +141,15 @@ def cut_variance(deviations: FloatArray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def outlier_weights(
-    noise: FloatArray, spread: FloatArray, contrast: float, step_dn: float
+    noise: FloatArray, is_clipped: BoolArray, spread: FloatArray, contrast: float, step_dn: float
 ) -> tuple[bool, FloatArray]:
     """Whether single pixels stand out in the ``noise_part``, and Tukey biweights.
 
     ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
     the pixels of the dark side would else set the scale. Levels come in steps of ``step_dn``, 0
-    where they are fine.
+    where they are fine; clipped ones do not scatter.
     """
-    scale = robust_sigma(noise / spread)
+    scale = robust_sigma((noise / spread)[~is_clipped])
     least = max(_OUTLIER_LEAST * contrast, _OUTLIER_STEPS * step_dn)
     found = False
     weights = np.empty_like(noise)

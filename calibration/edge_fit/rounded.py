@@ -9,12 +9,16 @@ stored as its code,
     P = Phi((upper - mu) / s) - Phi((lower - mu) / s),
 
 an ordered probit model. It is maximised over the edge's parameters and log s together, s
-changing from one side of the edge to the other in proportion to the unit edge.
+changing from one side of the edge to the other in proportion to the unit edge. A clipped pixel's
+interval has no end: all that it tells is "at least that bright", or "at most that dark" (a
+censored observation).
 
 References
 ----------
 A. Agresti, Analysis of Ordinal Categorical Data, 2nd ed. (2010), section 5.1; J. W. Pratt,
 Concavity of the log likelihood, J. Am. Stat. Assoc. 76 (1981): log P is concave in mu.
+J. Tobin, Estimation of relationships for limited dependent variables, Econometrica 26 (1958):
+censored observations.
 """
 
 from math import erfc, exp, log, pi, sqrt
@@ -23,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from calibration.edge_fit.clipping import LevelIntervals
 from calibration.edge_fit.least_squares import inverse_element, solved
-from calibration.edge_fit.level_steps import LevelSteps
 from calibration.edge_fit.model import (
     LOG_SIGMA,
     LOW,
@@ -42,7 +46,6 @@ _FAR = 20.0  # standard deviations from which on the nearer bound alone counts
 _MAX_STEPS = 40
 _MAX_DAMPINGS = 12
 _GAIN = 1e-4  # of the logarithm of the likelihood: 0.014 standard errors
-_USUAL_NOISE = 0.3  # of a step, before rounding, where rounding matters
 _START = 4.0  # of the usual noise: a smoother likelihood, from which the walls are approached
 _FLAT = 0.05  # of a step from its level: a pixel that tells nothing but the level
 _BLOCK = 8
@@ -303,29 +306,28 @@ def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) 
 def pixel_intervals(
     pixels: BandPixels,
     stored: FloatArray,
-    steps: LevelSteps,
+    levels: LevelIntervals,
     weights: FloatArray,
     found: EdgeLevels,
 ) -> Intervals:
     """The levels that the stored codes stand for, less the shading that was taken off."""
     shading = stored - pixels.values
-    lower, upper = steps.lower - shading, steps.upper - shading
     contrast = found.levels.max() - found.levels.min()
     return Intervals(
         pixels,
-        lower,
-        upper,
-        _one_code_weights(lower, weights, found.edges, steps.step_dn, contrast),
-        steps.step_dn,
-        _USUAL_NOISE * steps.step_dn,
-        np.zeros(len(lower)),
+        levels.lower - shading,
+        levels.upper - shading,
+        _one_code_weights(levels, weights, found.edges, contrast),
+        levels.step_dn,
+        levels.usual_noise_dn,
+        np.zeros(len(stored)),
         np.empty(0),
     )
 
 
 @njit(cache=True, error_model="numpy")
 def _one_code_weights(
-    lower: FloatArray, weights: FloatArray, edges: FloatArray, step_dn: float, contrast: float
+    levels: LevelIntervals, weights: FloatArray, edges: FloatArray, contrast: float
 ) -> FloatArray:
     """Weights where a flat side that is one code throughout counts as one pixel.
 
@@ -333,8 +335,9 @@ def _one_code_weights(
     single pixels they would place the level in the middle of the code's interval.
     """
     weights = weights.copy()
+    lower, is_open, step_dn = levels.lower, ~levels.is_clipped, levels.step_dn
     reach = _FLAT * step_dn / contrast
-    for flat in (edges < reach, edges > 1 - reach):
+    for flat in (is_open & (edges < reach), is_open & (edges > 1 - reach)):
         own = lower[flat & (weights > 0)]
         if len(own) > 0 and own.max() - own.min() < 0.5 * step_dn:
             weights[flat] /= len(own)

@@ -81,6 +81,21 @@ def slopes_across(
 
 
 @njit(cache=True)
+def unclipped_slopes(shading: Shading, clipped_distances_px: FloatArray) -> Shading:
+    """The shading of those sides of the edge that have no clipped pixels."""
+    dark = 0.0 if np.any(clipped_distances_px < 0) else 1.0
+    bright = 0.0 if np.any(clipped_distances_px > 0) else 1.0
+    return Shading(
+        dark * shading.dark,
+        bright * shading.bright,
+        dark * shading.dark_bend,
+        bright * shading.bright_bend,
+        dark * shading.dark_bend_along,
+        bright * shading.bright_bend_along,
+    )
+
+
+@njit(cache=True)
 def is_even(shading: Shading) -> bool:
     """Whether there is no shading."""
     for value in shading:  # noqa: SIM110 - numba compiles no generator

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from calibration.edge_fit.residuals import cut_variance, outlier_weights
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 _UNEVEN_SIGMAS = 3.1  # one in a thousand
 _SIDE_PIXELS = 30
@@ -40,7 +40,7 @@ def known_weights(
 
 @njit(cache=True, error_model="numpy")
 def pixel_weights(
-    scatter: FloatArray,
+    noise: tuple[FloatArray, BoolArray],
     edges: FloatArray,
     known: FloatArray,
     contrast: float,
@@ -50,8 +50,9 @@ def pixel_weights(
 
     Parameters
     ----------
-    scatter
-        Residuals less what depends on the distance from the edge alone, shape ``(n,)``.
+    noise
+        Residuals less what depends on the distance from the edge alone, and which of them tell no
+        noise as their pixels are clipped; shape ``(n,)`` each.
     edges
         The unit edge at each pixel.
     known
@@ -61,9 +62,12 @@ def pixel_weights(
     step_dn
         Steps in which the levels come; 0 where they are fine.
     """
+    scatter, is_clipped = noise
     least = step_dn**2 / 12 + (_LEAST_NOISE * contrast) ** 2
     weights = known if len(known) > 0 else _side_weights(scatter, edges, least)
-    found, outliers = outlier_weights(scatter, 1.0 / np.sqrt(weights), contrast, step_dn)
+    found, outliers = outlier_weights(
+        scatter, is_clipped, 1.0 / np.sqrt(weights), contrast, step_dn
+    )
     return PixelWeights(weights * outliers if found else weights, outliers, found)
 
 

@@ -2,8 +2,9 @@
 
 A target is a printed pattern: many edges of the same two levels that meet in corners. Levels are
 compared between neighbours, so that the light may fall off over the frame, and directions with
-those nearby, so that perspective may turn them. Where no such pattern stands out, all edges are
-the target's: one slanted edge, a fan of edges, or a chart of a few large patches.
+those nearby, so that perspective may turn them; an edge far wider than the pattern's near by is no
+part of it. Where no such pattern stands out, all edges are the target's: one slanted edge, a fan of
+edges, or a chart of a few large patches.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, KDTree
 
 from calibration.edge_search.segments import EdgeSegment, corner_reach
+from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _LEAST_EDGES = 12  # three squares: fewer are no pattern
@@ -25,6 +27,10 @@ _CORNER_SLACK_PX = 4.0  # by which ends before a corner are uncertain
 _TURNED_DEG = 12.0  # perspective turns lines less from one square to the next
 _NEIGHBOURS = 8
 _FARTHEST = 2.5  # times the distance of the pattern's own neighbours: the next square, half seen
+# Times the pattern's own near by: shadows, and what is far out of focus. Sides of real boards
+# reach 1.7; an edge with the levels and corners of the pattern is its own unless beyond doubt.
+_WIDER, _WIDER_WITH_CORNER = 1.6, 2.0
+_WIDER_SIGMAS = 6.0
 _OTHER_PATCH_EDGES = 4  # a square of other levels, aligned with the pattern, belongs to it
 
 
@@ -35,6 +41,7 @@ class _Edges:
     middle: FloatArray
     along: FloatArray
     half_px: FloatArray
+    sigma_px: FloatArray
     reach_px: FloatArray
     levels_dn: FloatArray
     contrast_dn: FloatArray
@@ -74,17 +81,20 @@ def beside_target(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> Boo
     beside &= ~(is_next & is_aligned)
     _, group = connected_components(_graph(corners, count), directed=False)
     sizes = np.bincount(group[is_aligned], minlength=count)
-    return np.asarray(beside & ~(is_aligned & (sizes[group] >= _OTHER_PATCH_EDGES)))
+    beside &= ~(is_aligned & (sizes[group] >= _OTHER_PATCH_EDGES))
+    return np.asarray(beside | _is_wider(edges, pattern))
 
 
 def _edges(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> _Edges:
-    x, y, normal, length, reach = np.array(
-        [(s.x_px, s.y_px, s.normal_rad, s.length_px, corner_reach(s.sigma_px)) for s in segments]
+    x, y, normal, length, sigma = np.array(
+        [(s.x_px, s.y_px, s.normal_rad, s.length_px, s.sigma_px) for s in segments]
     ).T
+    reach = np.array([corner_reach(s.sigma_px) for s in segments])
     return _Edges(
         middle=np.column_stack([x, y]),
         along=np.column_stack([-np.sin(normal), np.cos(normal)]),
         half_px=0.5 * length,
+        sigma_px=sigma,
         reach_px=reach + _CORNER_SLACK_PX,
         levels_dn=levels_dn,
         contrast_dn=levels_dn[:, 1] - levels_dn[:, 0],
@@ -155,6 +165,16 @@ def _within(edges: _Edges, pattern: BoolArray) -> BoolArray:
     planes = ConvexHull(ends, qhull_options="QJ").equations
     away = edges.middle @ planes[:, :2].T + planes[:, 2]
     return np.asarray(away.max(axis=1) <= 0)
+
+
+def _is_wider(edges: _Edges, pattern: BoolArray) -> BoolArray:
+    """Whether an edge is far wider than those of the pattern near by, beyond their scatter."""
+    chosen = np.flatnonzero(pattern)
+    near, _ = _nearest(edges.middle[chosen], edges.middle, _NEIGHBOURS)
+    ratio = edges.sigma_px / np.median(edges.sigma_px[chosen[near]], axis=1)
+    scatter = robust_sigma(ratio[chosen] - 1.0)
+    least = np.where(pattern, _WIDER_WITH_CORNER, _WIDER)
+    return np.asarray(ratio > np.maximum(least, 1.0 + _WIDER_SIGMAS * scatter))
 
 
 def _like_neighbours(edges: _Edges, pattern: BoolArray) -> tuple[BoolArray, BoolArray]:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from calibration.edge_fit import SATURATED_FRACTION, EdgeFit, fit_edge
+from calibration.edge_fit import CLIPPED_FRACTION, EdgeFit, fit_edge
 from calibration.edge_search import EdgeSegment, band_half_width, find_edges
 from calibration.edges.binned import BinnedEdge, bin_edge
 from calibration.edges.esfr import (
@@ -38,6 +38,7 @@ Method = Literal["all-angles", "paper"]
 REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy", "beside_target"})
 """Flags that exclude an edge; the others are only remarks."""
 
+_CLIPPED_FLAGS = {"clipped", "saturated"}  # the fit itself judges how far the levels are seen
 _UNSEEN_MOST = 0.05  # of the contrast: in the narrowest band, 2 sigma + 1 px, 2.3 % are not seen
 _SIGMA_STEP = 1e-4  # relative
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
@@ -172,11 +173,15 @@ def _measured_edge(
         return None
     near_px = band_half_width(fit.sigma_px)
     samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
-    if not (_is_seen(fit, samples) or _is_at_border(fit, image.shape, near_px)):
+    is_clipped = bool(_CLIPPED_FLAGS & set(fit.flags))
+    is_seen = is_clipped or _is_seen(fit, samples)
+    if not (is_seen or _is_at_border(fit, image.shape, near_px)):
         return None
-    on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
-    binned = bin_edge(without_shading(samples, image, segment, fit), on_sensor, source.pitch_px)
-    contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
+    binned, contrast = None, _Contrast(missing="pixels beside the edge are clipped")
+    if not is_clipped:
+        on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
+        binned = bin_edge(without_shading(samples, image, segment, fit), on_sensor, source.pitch_px)
+        contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
     if source.clipped is not None:
         share = share_within(source.clipped, segment, fit, near_px)
         fit = replace(fit, clipped_fraction=share)
@@ -314,8 +319,10 @@ def _contrast(fit: EdgeFit) -> float | None:
 
 def _flags(source: EdgeImage, fit: EdgeFit, differs: bool) -> tuple[str, ...]:
     flags, fraction = fit.flags, fit.clipped_fraction
-    if fraction is not None and fraction > SATURATED_FRACTION and "saturated" not in flags:
-        flags = ("saturated", *flags)
+    # A plane made of clipped colours, or corrected, has no level from which on it is clipped.
+    is_hidden = source.clipped is not None and fraction is not None and fraction > CLIPPED_FRACTION
+    if is_hidden and "saturated" not in flags:
+        flags = ("saturated", *(flag for flag in flags if flag != "clipped"))
     if differs:
         flags = (*flags, "esfr_differs")
     return (*flags, "jpeg") if source.is_jpeg else flags

@@ -167,14 +167,55 @@ def test_a_halo_is_not_taken_for_shading() -> None:
     assert "shaded" not in only_fit(0.97 * core + 0.03 * halo).flags
 
 
-class TestFlags:
-    def test_a_clipped_bright_side_is_saturated(self) -> None:
-        image = np.minimum(edge_image(0.8, 5.0), 50_000.0)
-        assert "saturated" in only_fit(image, saturation_dn=50_000.0).flags
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("seen", [1.0, 0.97])
+def test_a_clipped_bright_side_moves_sigma_by_no_more_than_its_error(
+    bits: int, seen: float
+) -> None:
+    # Saturated at the bright level, where noise decides, and at 97 % of the rise.
+    top = 2.0**bits - 1
+    low, rise = 0.12 * top, 0.88 * top / seen
+    rng = np.random.default_rng(31)
+    scaled = []
+    for _ in range(40):
+        normal = rng.uniform(0.0, 360.0)
+        image = edge_image(0.8, normal, shape=(44, 44), low_dn=low, high_dn=low + rise)
+        image = np.clip(np.rint(image + rng.normal(0.0, rise / 30, image.shape)), 0.0, top)
+        fit = only_fit(image, saturation_dn=top)
+        assert fit.clipped_fraction is not None
+        assert 0.1 < fit.clipped_fraction < 0.5
+        assert "saturated" not in fit.flags
+        scaled.append((fit.sigma_px - 0.8) / fit.sigma_err_px)
+    # Of 40 unit normals the RMS is beyond 0.66 to 1.37 once in 1000, the mean beyond 0.52.
+    assert 0.66 < np.sqrt(np.mean(np.square(scaled))) < 1.37
+    assert abs(np.mean(scaled)) < 0.52
 
-    def test_a_clipped_dark_side_is_saturated_too(self) -> None:
+
+class TestFlags:
+    def test_a_clipped_bright_side_is_a_remark_where_the_rise_is_seen(self) -> None:
+        fit = only_fit(np.minimum(edge_image(0.8, 5.0), 50_000.0), saturation_dn=50_000.0)
+        assert "clipped" in fit.flags
+        assert "saturated" not in fit.flags
+        # Without noise levels are read to 1 in 1000 of the contrast.
+        assert fit.sigma_px == pytest.approx(0.8, rel=1e-3)
+        assert fit.high_dn == pytest.approx(52_000.0, rel=1e-3)
+
+    def test_a_clipped_dark_side_is_one_too(self) -> None:
         image = np.maximum(edge_image(0.8, 5.0, low_dn=0.0) - 800.0, 0.0)
-        assert "saturated" in only_fit(image, saturation_dn=65_535.0).flags
+        fit = only_fit(image, saturation_dn=65_535.0)
+        assert "clipped" in fit.flags
+        assert fit.sigma_px == pytest.approx(0.8, rel=1e-3)
+        assert fit.low_dn == pytest.approx(-800.0, abs=1e-3 * 52_000.0)
+
+    @pytest.mark.parametrize("top_dn", [30_000.0, 46_000.0])
+    def test_a_side_clipped_far_below_its_level_is_saturated(self, top_dn: float) -> None:
+        fit = only_fit(np.minimum(edge_image(0.8, 5.0), top_dn), saturation_dn=top_dn)
+        assert "saturated" in fit.flags
+        assert "clipped" not in fit.flags
+
+    def test_levels_below_zero_are_no_clipped_ones(self) -> None:
+        image = edge_image(0.8, 5.0, low_dn=0.0) - 800.0
+        assert only_fit(image, saturation_dn=65_535.0).flags == ()
 
     def test_levels_inside_the_scale_are_not_saturated(self) -> None:
         assert only_fit(edge_image(0.8, 5.0), saturation_dn=65_535.0).flags == ()

@@ -15,6 +15,7 @@ from tests.calibration.closed_form import point_edge
 PIXELS = 3000
 CONTRAST_DN = 1000.0
 SIGMA_PX = 0.8
+UNCLIPPED = np.zeros(PIXELS, np.bool_)
 EVEN = np.ones(PIXELS)
 
 
@@ -52,13 +53,13 @@ def test_the_order_of_the_pixels_does_not_matter(order_seed: int) -> None:
 def test_gaussian_noise_holds_no_outliers() -> None:
     # Beyond 6 sigma lie 2e-9 of all pixels.
     for seed in range(20):
-        assert not outlier_weights(gaussian_noise(10.0, seed), EVEN, CONTRAST_DN, 0.0)[0]
+        assert not outlier_weights(gaussian_noise(10.0, seed), UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
 
 
 def test_an_outlier_weighs_nothing_and_its_neighbours_nearly_all() -> None:
     noise = gaussian_noise(3.0)
     noise[17] = 200.0
-    found, weights = outlier_weights(noise, EVEN, CONTRAST_DN, 0.0)
+    found, weights = outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)
     assert found
     assert weights[17] == 0.0
     # Tukey's (1 - (r / 6 sigma)^2)^2 averages 1 - 2 / 36 + 3 / 36^2 over a Gaussian.
@@ -68,14 +69,21 @@ def test_an_outlier_weighs_nothing_and_its_neighbours_nearly_all() -> None:
 def test_a_deviation_below_one_percent_of_the_contrast_is_no_outlier() -> None:
     noise = gaussian_noise(0.01)
     noise[17] = 9.0
-    assert not outlier_weights(noise, EVEN, CONTRAST_DN, 0.0)[0]
+    assert not outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
+
+
+def test_clipped_pixels_do_not_set_the_scale() -> None:
+    # Two thirds that do not scatter: the median of all moduli is 0, and each other an outlier.
+    is_clipped = np.arange(PIXELS) % 3 > 0
+    noise = np.where(is_clipped, 0.0, gaussian_noise(10.0))
+    assert not outlier_weights(noise, is_clipped, EVEN, CONTRAST_DN, 0.0)[0]
 
 
 def test_the_noisier_side_of_an_edge_is_not_taken_for_outliers() -> None:
     spread = np.where(np.arange(PIXELS) < PIXELS // 5, 10.0, 1.0)
     noise = 5.0 * spread * gaussian_noise(1.0)
-    assert not outlier_weights(noise, spread, CONTRAST_DN, 0.0)[0]
-    assert outlier_weights(noise, EVEN, CONTRAST_DN, 0.0)[0]
+    assert not outlier_weights(noise, UNCLIPPED, spread, CONTRAST_DN, 0.0)[0]
+    assert outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
 
 
 def test_the_models_own_edge_has_no_flags() -> None:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -146,3 +148,16 @@ def test_of_two_patterns_of_one_size_neither_is_the_scene() -> None:
     third = squares([(x, y + 400.0) for x, y in grid(70.0)], 36.0, 20.0)
     levels = [(30.0, 220.0)] * 80 + [(100.0, 160.0)] * 80 + [(5.0, 60.0)] * 80
     assert not judged(left + right + third, levels).any()
+
+
+def test_an_edge_far_wider_than_the_board_about_it_is_the_scenes() -> None:
+    rng = np.random.default_rng(9)
+    # Out of focus towards the right: 0.8 to 1.6 px, with 5 % of scatter.
+    edges = [
+        replace(edge, sigma_px=(0.8 + 0.8 * edge.x_px / 640.0) * rng.normal(1.0, 0.05))
+        for edge in board()
+    ]
+    shadow = replace(segment(np.array([300.0, 230.0]), np.array([340.0, 236.0])), sigma_px=3.6)
+    blurred = replace(edges[40], sigma_px=2.6 * edges[40].sigma_px)
+    beside = judged([*edges[:40], blurred, *edges[41:], shadow], [(20.0, 230.0)] * (len(edges) + 1))
+    assert np.flatnonzero(beside).tolist() == [40, len(edges)]

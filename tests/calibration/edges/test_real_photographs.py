@@ -13,7 +13,6 @@ from calibration.edges.gaussian_mtf import gaussian_mtf50
 from calibration.edges.image import EdgeImage
 from calibration.edges.measurement import EdgeMeasurement, Method, measure_edges
 from calibration.edges.selection import told_apart
-from calibration.noise.noise_by_level import LevelNoise
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.document import PsfCalibration
 from calibration.psf.linearise import luma_plane
@@ -80,7 +79,8 @@ def test_photographed_chessboards_give_their_widths_and_sixty_edges_each() -> No
 
 
 LEAST_SIDE_PX = 22.0
-AT_LEAST_A_LEVEL = LevelNoise(offset_dn2=1.0, slope_dn=0.0, floor_dn2=1 / 12)
+UNSEEN_MOST = 0.05  # of the contrast: how far a level may lie outside those of the pixels
+CLIPPED_MOST = 0.1  # where the pixels are at the end of the scale: they tell a bound
 
 
 def board_sides(image_dn: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
@@ -112,6 +112,19 @@ def lies_on(edge: EdgeMeasurement, side: tuple[FloatArray, FloatArray]) -> bool:
     )
 
 
+def is_among_the_pixels(edge: EdgeMeasurement, image_dn: FloatArray) -> bool:
+    """Whether the edge's levels are those of pixels within the reach of its fit."""
+    reach = int(np.ceil(6 * edge.sigma_px + 4 + edge.length_px / 2))
+    row, col = round(edge.y_px), round(edge.x_px)
+    own = image_dn[max(row - reach, 0) : row + reach + 1, max(col - reach, 0) : col + reach + 1]
+    assert edge.levels_dn is not None
+    low, high = edge.levels_dn
+    below = CLIPPED_MOST if own.min() <= 0 else UNSEEN_MOST
+    above = CLIPPED_MOST if own.max() >= 255 else UNSEEN_MOST
+    contrast = high - low
+    return bool(low >= own.min() - below * contrast and high <= own.max() + above * contrast)
+
+
 def linear_from_srgb(levels: FloatArray) -> FloatArray:
     """IEC 61966-2-1, from 0 to 255."""
     v = levels / 255.0
@@ -127,12 +140,16 @@ def test_every_side_of_the_chessboards_is_measured_and_told_from_the_room(is_srg
         image = np.asarray(Image.open(path), dtype=np.float64)
         sides = board_sides(image)
         level = linear_from_srgb(image) if is_srgb else image
-        source = EdgeImage(name=path.name, image_dn=level, noise=AT_LEAST_A_LEVEL)
+        source = EdgeImage(name=path.name, image_dn=level, saturation_dn=255.0, is_jpeg=True)
         edges = told_apart(measure_edges(source))
         on_board = [[edge for edge in edges if lies_on(edge, side)] for side in sides]
         count += len(sides)
         measured += sum(any(edge.is_used for edge in found) for found in on_board)
         beside += sum("beside_target" in edge.flags for found in on_board for edge in found)
+        used = [edge for edge in edges if edge.is_used]
+        assert all(is_among_the_pixels(edge, level) for edge in used), path.name
+        # The softest genuine sides of the boards: 1.51 px.
+        assert all(edge.sigma_px < 1.6 for edge in used), path.name
         # The room has its own edges: a screen, a keyboard, the rim of the board.
         assert sum("beside_target" in edge.flags for edge in edges) >= 20, path.name
     assert count == 740  # of 8 x 93

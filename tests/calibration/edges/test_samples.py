@@ -63,9 +63,25 @@ def test_the_clipped_fraction_counts_both_ends() -> None:
     [edge] = measure_edges(bright)
     assert edge.clipped_fraction is not None
     assert 0.3 < edge.clipped_fraction < 0.5
-    assert "saturated" in edge.flags
+    assert edge.flags == ("clipped",)
     unknown = measure_edges(EdgeImage(name="u", image_dn=image))[0]
     assert unknown.clipped_fraction is None
+
+
+def test_a_clipped_edge_has_a_width_and_says_why_it_has_no_contrast_by_frequency() -> None:
+    image = np.minimum(edge_image(0.8, 5.0), 50_000.0)
+    [edge] = measure_edges(EdgeImage(name="b", image_dn=image, saturation_dn=50_000.0))
+    assert edge.is_used
+    assert edge.esfr is None
+    assert edge.binned is None
+    assert edge.esfr_missing == "pixels beside the edge are clipped"
+
+
+def test_an_edge_clipped_far_below_its_level_is_kept_with_its_flag() -> None:
+    image = np.minimum(edge_image(0.8, 5.0), 35_000.0)
+    [edge] = measure_edges(EdgeImage(name="b", image_dn=image, saturation_dn=35_000.0))
+    assert "saturated" in edge.flags
+    assert not edge.is_used
 
 
 def test_pixels_clipped_in_any_colour_reject_the_edge() -> None:
