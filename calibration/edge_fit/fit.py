@@ -20,6 +20,7 @@ from calibration.edge_fit.model import (
     TURN,
 )
 from calibration.edge_fit.residuals import profile_flags
+from calibration.edge_fit.rounding import Rounding
 from calibration.edge_search import SHORTEST_PX, EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
@@ -37,7 +38,8 @@ class EdgeFit:
     ``curvature_per_px`` its curvature at the middle. ``optical_sigma_px`` is None where the
     edge is as sharp as the pixel square alone. ``chi2_reduced`` is None where the noise is
     known from this edge's residuals only. ``clipped_fraction`` is of the pixels of the fit, None
-    where the saturation level is not known.
+    where the saturation level is not known. ``rounding`` tells of rounding errors that the
+    noise is too small to make random; None where there are none.
     """
 
     x_px: float
@@ -55,6 +57,7 @@ class EdgeFit:
     chi2_reduced: float | None
     flags: tuple[str, ...]
     clipped_fraction: float | None = None
+    rounding: Rounding | None = None
 
     @property
     def snr(self) -> float:
@@ -167,6 +170,7 @@ def _measurement(
         chi2_reduced=float(likely.chi2_reduced) if is_noise_known else None,
         flags=tuple(flags),
         clipped_fraction=likely.clipped_fraction if has_saturation else None,
+        rounding=likely.rounding if likely.rounding.dark_step_dn > 0 else None,
     )
 
 

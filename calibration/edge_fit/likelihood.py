@@ -33,6 +33,7 @@ from calibration.edge_fit.rounded import (
     maximise_intervals,
     pixel_intervals,
 )
+from calibration.edge_fit.rounding import Rounding, rounding_of
 from calibration.edge_fit.shading import is_even, shading_levels, slopes_across
 from calibration.edge_fit.weights import PixelWeights, known_weights, pixel_weights
 from calibration.edge_search import (
@@ -70,6 +71,7 @@ class LikelyEdge(NamedTuple):
 
     If ``total`` is not found, the rest is not valid. ``is_square`` tells whether the optical edge
     fits better; ``chi2_reduced`` is that of the better one, in terms of the weights.
+    ``rounding`` tells of rounding errors that noise does not make random.
     """
 
     total: WidthFit
@@ -81,16 +83,18 @@ class LikelyEdge(NamedTuple):
     has_outliers: bool
     is_shaded: bool
     profile: ProfileFigures
+    rounding: Rounding
 
 
 class _Fits(NamedTuple):
-    """Both shapes, the levels of the better one and its residuals for the profile."""
+    """Both shapes, the levels of the better one, its residuals and the noise before rounding."""
 
     total: WidthFit
     optical: WidthFit
     is_square: bool
     found: EdgeLevels
     residuals: FloatArray
+    noise_dn: tuple[float, float]
 
 
 class _Window(NamedTuple):
@@ -160,12 +164,15 @@ def maximise(
     if has_slopes:
         found = _best_levels(pixels, widths)
     fits = _smooth_fits(pixels, weighed.weights, widths, found)
+    rounding = Rounding(0.0, 0.0, 0.0, 0.0)
     if is_coarse(scatter, found.edges, steps):
         rounded = _rounded_fits(
             pixel_intervals(pixels, stored, steps, weighed.outliers, found), widths
         )
-        fits = rounded if rounded.total.is_found else fits
-    return _likely(fits, pixels, weighed, saturation_dn, is_shaded or has_slopes)
+        if rounded.total.is_found:
+            fits = rounded
+            rounding = rounding_of(steps, found.edges, rounded.noise_dn)
+    return _likely(fits, pixels, weighed, saturation_dn, is_shaded or has_slopes, rounding)
 
 
 @njit(cache=True, error_model="numpy")
@@ -175,6 +182,7 @@ def _likely(
     weighed: PixelWeights,
     saturation_dn: float,
     is_shaded: bool,
+    rounding: Rounding,
 ) -> LikelyEdge:
     """The fits with what their residuals say."""
     values, weights = pixels.values, weighed.weights
@@ -196,6 +204,7 @@ def _likely(
         profile_figures(
             values[counted], fits.residuals[counted], fits.found.distances[counted], sigma
         ),
+        rounding,
     )
 
 
@@ -216,6 +225,7 @@ def _smooth_fits(
         _is_square(widths),
         found,
         pixels.values - found.levels,
+        (0.0, 0.0),
     )
 
 
@@ -234,6 +244,7 @@ def _rounded_fits(data: Intervals, widths: _Widths) -> _Fits:
         is_square,
         edge_values(data.pixels, best.parameters, is_square),
         expected_residuals(data, best, is_square),
+        best.noise_dn,
     )
 
 
@@ -241,7 +252,9 @@ def _rounded_fits(data: Intervals, widths: _Widths) -> _Fits:
 def _none() -> LikelyEdge:
     void = WidthFit(False, np.zeros(FLAT_PARAMETERS), 0.0)
     profile = ProfileFigures(0.0, 0.0, 0.0, 0.0, 0, 0)
-    return LikelyEdge(void, void, False, 0.0, 0.0, 0.0, False, False, profile)
+    return LikelyEdge(
+        void, void, False, 0.0, 0.0, 0.0, False, False, profile, Rounding(0.0, 0.0, 0.0, 0.0)
+    )
 
 
 @njit(cache=True, error_model="numpy")

@@ -117,8 +117,18 @@ class EdgeImage:
         if compression is not None:
             compression = compression.cropped(rows.start, cols.start)
         return replace(
-            self, image_dn=self.image_dn[rows, cols], clipped=clipped, compression=compression
+            self,
+            image_dn=self.image_dn[rows, cols],
+            clipped=clipped,
+            compression=compression,
+            colours_dn=None if self.colours_dn is None else self.colours_dn[rows, cols],
         )
+
+    def compression_at(self, segment: EdgeSegment) -> JpegCompression | None:
+        """How an edge was compressed; None where that is not known."""
+        if self.compression is None or self.colours_dn is None:
+            return self.compression
+        return self.compression.along(self.image_dn, self.colours_dn, segment.line)
 
 
 class EdgeMeasurement(BaseModel):
@@ -228,7 +238,9 @@ def measure_edges(
         source.refuse_beyond_frame(region)
         left, top = region.x_px // source.pitch_px, region.y_px // source.pitch_px
         source = source.within(region)
-    found = (_measured_edge(source, segment, method) for segment in find_edges(source.image_dn))
+    artefacts = None if source.compression is None else source.compression.artefacts
+    segments = find_edges(source.image_dn, artefacts=artefacts)
+    found = (_measured_edge(source, each, method) for each in segments)
     shift_px = source.pitch_px * left, source.pitch_px * top
     return [edge.moved(*shift_px) for edge in found if edge is not None]
 
@@ -243,7 +255,7 @@ def _measured_edge(
         segment,
         noise=source.noise,
         saturation_dn=source.saturation_dn,
-        compression=source.compression,
+        compression=source.compression_at(segment),
     )
     fit = None if found is None else _determined(found)
     if fit is None:
