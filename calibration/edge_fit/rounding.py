@@ -10,7 +10,7 @@ from calibration.edge_fit.level_steps import LevelSteps
 from simulation.arrays import FloatArray
 
 _TERMS = 8
-_LEAST_NOISE = 0.1  # of a step: the least for which eight terms of the series are enough
+_LEAST_NOISE = 0.095  # of a step: below, the error jumps at levels that no fit places so well
 
 
 class Rounding(NamedTuple):
@@ -44,6 +44,8 @@ def rounding_bias(
 ) -> FloatArray:
     """Mean rounding error of each pixel at the level that a fitted edge has there.
 
+    It is 0 where the noise is below 0.1 of a step: what is lost there is not known.
+
     Parameters
     ----------
     levels_dn
@@ -67,7 +69,8 @@ def rounding_bias(
         e = min(max(edges[i], 0.0), 1.0)
         step = (1 - e) * rounding.dark_step_dn + e * rounding.bright_step_dn
         noise = ((1 - e) * rounding.dark_noise_dn + e * rounding.bright_noise_dn) / step
-        noise = max(noise, _LEAST_NOISE)
+        if noise < _LEAST_NOISE:
+            continue
         phase = 2 * pi * (expected_dn[i] - levels_dn[i]) / step
         sign = -1.0
         for k in range(1, _TERMS + 1):
