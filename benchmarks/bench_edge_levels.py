@@ -82,7 +82,8 @@ def level_errors(
         compression = None
         if quality:
             image, compression = compressed(image, quality)
-        segments = find_edges(image, cell_px=1000.0)
+        artefacts = None if compression is None else compression.artefacts
+        segments = find_edges(image, cell_px=1000.0, artefacts=artefacts)
         fit = None
         if segments:
             longest: EdgeSegment = max(segments, key=lambda e: e.length_px)

@@ -14,6 +14,10 @@ from .model import (
     shape_slopes as shape_slopes,
     shape_value as shape_value,
 )
+from .rounding import (
+    Rounding as Rounding,
+    rounding_bias as rounding_bias,
+)
 from .shading import (
     shading_levels as shading_levels,
     slopes_across as slopes_across,
@@ -25,9 +29,11 @@ __all__ = [
     "EdgeFit",
     "EdgeShape",
     "JpegCompression",
+    "Rounding",
     "edge_profile",
     "edge_shape",
     "fit_edge",
+    "rounding_bias",
     "shading_levels",
     "shape_slopes",
     "shape_value",

@@ -11,7 +11,8 @@ import numpy as np
 
 from calibration.edge_fit.clipping import seen_rise
 from calibration.edge_fit.jpeg import JpegCompression, behind_compression
-from calibration.edge_fit.likelihood import LikelyEdge, WidthFit, maximise
+from calibration.edge_fit.likelihood import maximise
+from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit
 from calibration.edge_fit.model import (
     CURVATURE,
     HIGH,
@@ -21,6 +22,7 @@ from calibration.edge_fit.model import (
     TURN,
 )
 from calibration.edge_fit.residuals import profile_flags
+from calibration.edge_fit.rounding import Rounding
 from calibration.edge_search import SHORTEST_PX, EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
@@ -42,7 +44,8 @@ class EdgeFit:
     ``curvature_per_px`` its curvature at the middle. ``optical_sigma_px`` is None where the
     edge is as sharp as the pixel square alone. ``chi2_reduced`` is None where the noise is
     known from this edge's residuals only. ``clipped_fraction`` is of the pixels of the fit, None
-    where the saturation level is not known.
+    where the saturation level is not known. ``rounding`` tells of rounding errors that the
+    noise is too small to make random; None where there are none.
     """
 
     x_px: float
@@ -60,6 +63,7 @@ class EdgeFit:
     chi2_reduced: float | None
     flags: tuple[str, ...]
     clipped_fraction: float | None = None
+    rounding: Rounding | None = None
 
     @property
     def snr(self) -> float:
@@ -176,6 +180,7 @@ def _measurement(
         chi2_reduced=float(likely.chi2_reduced) if is_noise_known else None,
         flags=tuple(flags),
         clipped_fraction=None if saturation_dn is None else likely.clipped_fraction,
+        rounding=likely.rounding if likely.rounding.dark_step_dn > 0 else None,
     )
 
 

@@ -11,17 +11,23 @@ References
 ITU-T T.81 (1992), A.3.3 (the transform) and A.3.4 (the steps).
 """
 
-from dataclasses import dataclass, field
-from math import ceil, floor
+from dataclasses import dataclass, field, replace
+from math import ceil, cos, floor, sin, sqrt
 
 import numpy as np
 from numba import njit
 
-from calibration.edge_fit.likelihood import LikelyEdge, WidthFit
+from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit
 from calibration.edge_fit.model import LOG_SIGMA
 from calibration.edge_fit.rounded import Intervals, cosine_transform, maximise_intervals
-from calibration.edge_search import BandPixels, EdgeLine, band_half_width
-from simulation.arrays import FloatArray
+from calibration.edge_search import (
+    SMOOTHING_PX,
+    ArtefactGradient,
+    BandPixels,
+    EdgeLine,
+    band_half_width,
+)
+from simulation.arrays import AnyArray, FloatArray
 
 _SIDE = 8
 _CODES = 256
@@ -35,6 +41,10 @@ _USUAL_NOISE = 0.7  # codes, before compression
 # 95, 85 and 75, where the mean step of the 16 lowest cosines is 1.6, 4.9 and 8.3 (contrast 40 to
 # 200, noise 0.5 to 2 codes).
 _ERROR_PER_STEP = 0.8
+_REC601 = np.array([0.299, 0.587, 0.114])  # of codes: ITU-T T.871, section 7
+_BESIDE_PX = 8.0  # of an edge
+_SHARE_GREY = 0.9  # of the pixels: other things may reach into the box about an edge
+_STEPS_OF_ARTEFACT = 1.0  # of 0.7 to 1.4, all leave no ringing beside 800 edges, and all edges
 _FEWEST_CROSSED = 3  # blocks that the edge crosses
 
 
@@ -44,13 +54,15 @@ class JpegCompression:
 
     ``steps`` is the luma's quantisation table, shape ``(8, 8)``, rows by vertical frequency.
     ``code_levels_dn``, shape ``(256,)`` and rising, is the level of each code in the plane that is
-    measured. The plane's first pixel is at ``first_row``, ``first_col`` of a block.
+    measured. The plane's first pixel is at ``first_row``, ``first_col`` of a block. Where
+    ``is_luma`` is false, the plane does not follow from what was compressed.
     """
 
     steps: FloatArray = field(repr=False)
     code_levels_dn: FloatArray = field(repr=False)
     first_row: int = 0
     first_col: int = 0
+    is_luma: bool = True
 
     def __post_init__(self) -> None:
         if self.steps.shape != (_SIDE, _SIDE) or not np.all(self.steps >= 1):
@@ -58,14 +70,50 @@ class JpegCompression:
         if self.code_levels_dn.shape != (_CODES,) or not np.all(np.diff(self.code_levels_dn) > 0):
             raise ValueError("code_levels_dn must be 256 rising levels")
 
+    @property
+    def artefacts(self) -> ArtefactGradient:
+        """The gradient of one step of a cosine: noise and ringing come in such steps."""
+        frequency = np.pi * np.arange(_SIDE) / _SIDE
+        squares = frequency[:, np.newaxis] ** 2 + frequency**2
+        share = np.where(frequency > 0, 0.5, 1 / sqrt(_SIDE))
+        height = self.steps * share[:, np.newaxis] * share
+        codes_per_px = np.max(height * np.sqrt(squares) * np.exp(-0.5 * squares * SMOOTHING_PX**2))
+        slopes = np.gradient(self.code_levels_dn)
+        return ArtefactGradient(self.code_levels_dn, _STEPS_OF_ARTEFACT * codes_per_px * slopes)
+
     def cropped(self, top: int, left: int) -> "JpegCompression":
         """Return what holds for the plane without its first ``top`` rows and ``left`` columns."""
-        return JpegCompression(
-            steps=self.steps,
-            code_levels_dn=self.code_levels_dn,
+        return replace(
+            self,
             first_row=(self.first_row + top) % _SIDE,
             first_col=(self.first_col + left) % _SIDE,
         )
+
+    def along(
+        self, plane_dn: FloatArray, colours_dn: AnyArray, line: EdgeLine
+    ) -> "JpegCompression":
+        """Return what holds for an edge of a colour photograph.
+
+        Luma in light is not that of codes where colours differ; between greys both are the same.
+
+        Parameters
+        ----------
+        plane_dn, colours_dn
+            Shapes ``(rows, cols)`` and ``(rows, cols, 3)``, linear in light.
+        line
+            The edge.
+        """
+        reach_px = line.half_length_px + _BESIDE_PX
+        right, down = abs(sin(line.normal_rad)) * reach_px, abs(cos(line.normal_rad)) * reach_px
+        right, down = max(right, _BESIDE_PX), max(down, _BESIDE_PX)
+        rows = slice(max(int(line.y_px - down), 0), int(line.y_px + down) + 1)
+        cols = slice(max(int(line.x_px - right), 0), int(line.x_px + right) + 1)
+        every = np.arange(float(_CODES))
+        colours = np.asarray(colours_dn[rows, cols], dtype=np.float64)
+        codes = np.interp(colours, self.code_levels_dn, every)
+        own = np.interp(plane_dn[rows, cols], self.code_levels_dn, every)
+        is_grey = bool(np.mean(np.abs(codes @ _REC601 - own) <= 0.5) >= _SHARE_GREY)
+        return replace(self, is_luma=is_grey)
 
 
 def behind_compression(
@@ -78,10 +126,10 @@ def behind_compression(
     """Return the fit with the widths before compression.
 
     Where fewer than three whole blocks lie across the edge, within its length and clearance, or
-    pixels are clipped, a width from the decoded pixels is all there is: its error grows by what was
-    measured.
+    pixels are clipped, or the plane is not the luma, a width from the decoded pixels is all there
+    is: its error grows by what was measured.
     """
-    if likely.is_censored:
+    if likely.is_censored or not compression.is_luma:
         return _less_sure(likely, compression)
     sigma = float(np.exp(likely.total.parameters[LOG_SIGMA]))
     data = block_intervals(

@@ -16,6 +16,7 @@ from numba import njit
 from calibration.edge_fit.clipping import clipped_pixels, is_censored, level_intervals
 from calibration.edge_fit.least_squares import Minimum, inverse_element, levenberg_marquardt
 from calibration.edge_fit.level_steps import is_coarse, level_steps
+from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit, no_edge
 from calibration.edge_fit.model import (
     FLAT_PARAMETERS,
     HIGH,
@@ -28,7 +29,6 @@ from calibration.edge_fit.model import (
 )
 from calibration.edge_fit.residuals import (
     COARSE,
-    ProfileFigures,
     noise_part,
     profile_figures,
 )
@@ -39,6 +39,7 @@ from calibration.edge_fit.rounded import (
     maximise_intervals,
     pixel_intervals,
 )
+from calibration.edge_fit.rounding import Rounding, rounding_of
 from calibration.edge_fit.shading import is_even, shading_levels, slopes_across, unclipped_slopes
 from calibration.edge_fit.weights import PixelWeights, known_weights, pixel_weights
 from calibration.edge_search import (
@@ -58,45 +59,15 @@ _SHADING_SCORE_P = 1e-2  # the score is only an estimate of the F-test
 _SHADING_LEAST = 2e-3  # of the contrast over half an edge: less does not move sigma by 0.01 %
 
 
-class WidthFit(NamedTuple):
-    """One edge shape fitted to the pixels; valid only if ``is_found``.
-
-    The parameters are in the order of ``calibration.edge_fit.model``, the width as log sigma.
-    """
-
-    is_found: bool
-    parameters: FloatArray
-    log_sigma_variance: float
-
-
-class LikelyEdge(NamedTuple):
-    """The fitted edges: plain (total width) and behind pixel squares (optical width).
-
-    If ``total`` is not found, the rest is not valid. ``is_square`` tells whether the optical edge
-    fits better; ``chi2_reduced`` is that of the better one, in terms of the weights. In a
-    ``is_censored`` fit the clipped pixels are bounds, else levels like the others.
-    """
-
-    total: WidthFit
-    optical: WidthFit
-    is_square: bool
-    chi2_reduced: float
-    noise_dn: float
-    clipped_fraction: float
-    is_censored: bool
-    has_outliers: bool
-    is_shaded: bool
-    profile: ProfileFigures
-
-
 class _Fits(NamedTuple):
-    """Both shapes, the levels of the better one and its residuals for the profile."""
+    """Both shapes, the levels of the better one, its residuals and the noise before rounding."""
 
     total: WidthFit
     optical: WidthFit
     is_square: bool
     found: EdgeLevels
     residuals: FloatArray
+    noise_dn: tuple[float, float]
 
 
 class _Window(NamedTuple):
@@ -140,7 +111,7 @@ def maximise(
     """
     window = _window(image_dn, line, sigma_px, clearance_px, noise_line)
     if not window.rough.is_found or window.rough.parameters[HIGH] <= window.rough.parameters[LOW]:
-        return _none()
+        return no_edge()
     stored = window.pixels.values
     found = edge_values(window.pixels, window.rough.parameters, False)
     is_clipped = clipped_pixels(stored, saturation_dn)
@@ -151,7 +122,7 @@ def maximise(
         image_dn, line, clearance_px, window, (found.distances, is_clipped)
     )
     if not window.rough.is_found:
-        return _none()
+        return no_edge()
     pixels, parameters = window.pixels, window.rough.parameters
     if is_shaded:
         found = edge_values(pixels, parameters, False)
@@ -171,19 +142,24 @@ def maximise(
     )
     flat = _widths(pixels, weighed.weights, parameters)
     if not flat.total.is_found:
-        return _none()
+        return no_edge()
     found = _best_levels(pixels, flat)
     widths, has_slopes = _with_slopes_along(pixels, weighed.weights, flat, found)
     if has_slopes:
         found = _best_levels(pixels, widths)
     fits = _smooth_fits(pixels, weighed.weights, widths, found)
+    rounding = Rounding(0.0, 0.0, 0.0, 0.0)
     if np.any(is_clipped) or is_coarse(scatter, found.edges, steps):
         levels = level_intervals(stored, steps, scatter, is_clipped, contrast)
         data = pixel_intervals(pixels, stored, levels, weighed.outliers, found)
         likely = _interval_fits(data, widths)
         is_clipped &= likely.total.is_found
-        fits = likely if likely.total.is_found else fits
-    return _likely(fits, pixels, weighed, (is_clipped, clipped_fraction), is_shaded or has_slopes)
+        if likely.total.is_found:
+            fits = likely
+            if is_coarse(scatter, found.edges, steps):
+                rounding = rounding_of(steps, found.edges, likely.noise_dn)
+    clipped = (is_clipped, clipped_fraction)
+    return _likely(fits, pixels, weighed, clipped, is_shaded or has_slopes, rounding)
 
 
 @njit(cache=True, error_model="numpy")
@@ -193,6 +169,7 @@ def _likely(
     weighed: PixelWeights,
     clipped: tuple[BoolArray, float],
     is_shaded: bool,
+    rounding: Rounding,
 ) -> LikelyEdge:
     """The fits with what their residuals say, and with the pixels that were fitted as bounds."""
     values, weights = pixels.values, weighed.weights
@@ -214,6 +191,7 @@ def _likely(
         profile_figures(
             values[counted], fits.residuals[counted], fits.found.distances[counted], sigma
         ),
+        rounding,
     )
 
 
@@ -234,6 +212,7 @@ def _smooth_fits(
         _is_square(widths),
         found,
         pixels.values - found.levels,
+        (0.0, 0.0),
     )
 
 
@@ -252,14 +231,8 @@ def _interval_fits(data: Intervals, widths: _Widths) -> _Fits:
         is_square,
         edge_values(data.pixels, best.parameters, is_square),
         expected_residuals(data, best, is_square),
+        best.noise_dn,
     )
-
-
-@njit(cache=True)
-def _none() -> LikelyEdge:
-    void = WidthFit(False, np.zeros(FLAT_PARAMETERS), 0.0)
-    profile = ProfileFigures(0.0, 0.0, 0.0, 0.0, 0, 0)
-    return LikelyEdge(void, void, False, 0.0, 0.0, 0.0, False, False, False, profile)
 
 
 @njit(cache=True, error_model="numpy")

@@ -42,7 +42,8 @@ from simulation.arrays import FloatArray
 _LEAST_NOISE = 0.03  # of a step: what noise-free edges at random angles look like
 _LOG_NOISE_PRIOR = 1.0  # standard deviation of log s about that
 _LOG_RATIO_PRIOR = 0.5  # of the logarithm of both sides' ratio: shot noise of 4:1 has 0.7
-_FAR = 20.0  # standard deviations from which on the nearer bound alone counts
+_FAR = 10.0  # standard deviations: from here on, ratios of probabilities that are near to 0
+_FRACTIONS = 16  # of the continued fraction, exact to the last digit from _FAR on
 _MAX_STEPS = 40
 _MAX_DAMPINGS = 12
 _GAIN = 1e-4  # of the logarithm of the likelihood: 0.014 standard errors
@@ -94,6 +95,18 @@ class _Equations(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
+def _mills_ratio(x: float) -> float:
+    """Upper tail of the normal distribution over its density, for ``x`` from ``_FAR`` on.
+
+    Laplace's continued fraction (Abramowitz and Stegun 1964, 26.2.14).
+    """
+    below = x
+    for k in range(_FRACTIONS, 0, -1):
+        below = x + k / below
+    return 1 / below
+
+
+@njit(cache=True, error_model="numpy")
 def interval_terms(
     below: float, above: float, s: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -109,15 +122,19 @@ def interval_terms(
     if a + b < 0:
         a, b, sign = -b, -a, -1.0
     if a > _FAR:
-        far = -0.5 * a * a - log(a / _INV_SQRT_2PI)
-        return far, sign * a / s, a * a, -1 / (s * s), -2 * a * a, -2 * sign * a / s
-    p = 0.5 * (erfc(a * _SQRT_HALF) - erfc(b * _SQRT_HALF))
-    pa = _INV_SQRT_2PI * exp(-0.5 * a * a) / p
-    pb = _INV_SQRT_2PI * exp(-0.5 * b * b) / p
+        decay = exp(0.5 * (a - b) * (a + b))
+        p = _mills_ratio(a) - _mills_ratio(b) * decay  # over the density at a
+        log_p = log(_INV_SQRT_2PI * p) - 0.5 * a * a
+        pa, pb = 1 / p, decay / p
+    else:
+        p = 0.5 * (erfc(a * _SQRT_HALF) - erfc(b * _SQRT_HALF))
+        log_p = log(p)
+        pa = _INV_SQRT_2PI * exp(-0.5 * a * a) / p
+        pb = _INV_SQRT_2PI * exp(-0.5 * b * b) / p
     first, second = pb - pa, b * pb - a * pa
     third, fourth = b * b * pb - a * a * pa, b * b * b * pb - a * a * a * pa
     return (
-        log(p),
+        log_p,
         -sign * first / s,
         -second,
         -(second + first * first) / (s * s),

@@ -1,4 +1,6 @@
 from .detection import find_edges as find_edges
+from .gradient import SMOOTHING_PX as SMOOTHING_PX
+from .ridges import ArtefactGradient as ArtefactGradient
 from .segments import (
     SHORTEST_PX as SHORTEST_PX,
     BandPixels as BandPixels,
@@ -13,6 +15,8 @@ from .target import beside_target as beside_target
 
 __all__ = [
     "SHORTEST_PX",
+    "SMOOTHING_PX",
+    "ArtefactGradient",
     "BandPixels",
     "EdgeLine",
     "EdgeSegment",

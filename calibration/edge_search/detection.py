@@ -12,7 +12,12 @@ import numpy as np
 
 from calibration.edge_search.clearance import clear_stretches, nearest_others
 from calibration.edge_search.gradient import SMOOTHING_PX, Gradient, RidgePixels
-from calibration.edge_search.ridges import SHORTEST_REGION_PX, find_ridges, refined
+from calibration.edge_search.ridges import (
+    SHORTEST_REGION_PX,
+    ArtefactGradient,
+    find_ridges,
+    refined,
+)
 from calibration.edge_search.segments import (
     SHORTEST_PX,
     EdgeSegment,
@@ -30,7 +35,12 @@ _BESIDE_PX = 60.0  # other edges farther away are not looked for
 _CELL_PX = 128.0
 
 
-def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeSegment]:
+def find_edges(
+    image_dn: FloatArray,
+    *,
+    cell_px: float = _CELL_PX,
+    artefacts: ArtefactGradient | None = None,
+) -> list[EdgeSegment]:
     """Find straight edges and cut long ones into pieces of about ``cell_px``.
 
     Parameters
@@ -39,6 +49,9 @@ def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeS
         Shape ``(rows, cols)``, finite.
     cell_px
         Length of the pieces: each measures the PSF at its own position in the field.
+    artefacts
+        What compression makes of a flat area: ridges that are weaker are no edges, nor are they
+        near to one. None where nothing was compressed.
 
     Returns
     -------
@@ -49,7 +62,7 @@ def find_edges(image_dn: FloatArray, *, cell_px: float = _CELL_PX) -> list[EdgeS
     gradient = Gradient.of(image_dn) if min(rows, cols) >= SHORTEST_REGION_PX else None
     if gradient is None:
         return []
-    ridges = find_ridges(gradient, image_dn)
+    ridges = find_ridges(gradient, image_dn, artefacts)
     lines = [
         EdgeSegment(
             x_px=x,

@@ -74,13 +74,14 @@ class Gradient:
 
     Ridge pixels weaker than ``high`` count only beside others. Bright areas can be noisier than
     dark ones: ``noise`` is the gradient's noise in each range of levels of the image, and
-    ``levels_dn`` what separates the ranges.
+    ``levels_dn`` what separates the ranges. Gradients are in units of ``span_dn`` per px.
     """
 
     ridge: RidgePixels
     high: float
     levels_dn: FloatArray
     noise: FloatArray
+    span_dn: float
 
     @classmethod
     def of(cls, image_dn: FloatArray) -> "Gradient | None":
@@ -105,7 +106,8 @@ class Gradient:
             found.append(RidgePixels(pixels[0] + first, *pixels[1:]))
         ridge = found[0] if len(found) == 1 else RidgePixels.joined(found)
         ridge = ridge.where(ridge.strength >= _lowest(noise, strongest))
-        return cls(ridge, _highest(noise, strongest), separators, noise_by_level)
+        high = _highest(noise, strongest)
+        return cls(ridge, high, separators, noise_by_level, scale.span_dn)
 
 
 def _highest(noise: float, strongest: float) -> float:

@@ -6,6 +6,7 @@ per call would be most of the time. ``benchmarks/bench_edge_fit.py`` shows what 
 
 from dataclasses import dataclass
 from math import atan2, cos, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,6 +25,16 @@ _LINE_BAND_PX = 1.5  # a ridge's pixels are nearer to its line
 _LINE_ROUNDS = 3
 
 
+class ArtefactGradient(NamedTuple):
+    """Gradient of the smoothed image that a compression makes by itself, in DN per px.
+
+    ``dn_per_px`` is that at each of ``levels_dn``, which rise; shape ``(n,)`` both.
+    """
+
+    levels_dn: FloatArray
+    dn_per_px: FloatArray
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Ridges:
     """Lines through the ridges of an image, and the ridge pixels.
@@ -38,8 +49,10 @@ class Ridges:
     pixels: RidgePixels
 
 
-def find_ridges(gradient: Gradient, image_dn: FloatArray) -> Ridges:
-    """Group the ridge pixels into regions and put a line through each."""
+def find_ridges(
+    gradient: Gradient, image_dn: FloatArray, artefacts: ArtefactGradient | None = None
+) -> Ridges:
+    """Group the ridge pixels into regions and put a line through each that is no artefact."""
     found = gradient.ridge
     height = image_dn.shape[0]
     is_strong = found.strength >= gradient.high
@@ -56,11 +69,15 @@ def find_ridges(gradient: Gradient, image_dn: FloatArray) -> Ridges:
     level_dn = np.add.reduceat(level_dn, starts[:-1]) / sizes
     noise = gradient.noise[np.searchsorted(gradient.levels_dn, level_dn, side="right")]
     strength = np.add.reduceat(pixels.strength[members], starts[:-1]) / sizes
-    is_real = strength >= _NOISE_MEAN * noise
+    least = np.zeros(sizes.size)
+    if artefacts is not None:
+        least = np.interp(level_dn, artefacts.levels_dn, artefacts.dn_per_px) / gradient.span_dn
+    is_real = strength >= np.maximum(_NOISE_MEAN * noise, least)
     gradient_of = pixels.x, pixels.y, pixels.shift
     lines = _lines(pixels.rows, pixels.cols, gradient_of, members, starts, is_real)
     # Noise beside a faint edge makes short, faint ridges; only what is neither spoils a fit.
     is_solid = (sizes >= _SMALLEST_NEIGHBOUR_PX) & (strength >= _NOISE_SOLID * noise)
+    is_solid &= strength >= least
     is_solid |= (sizes >= _FAINT_NEIGHBOUR_PX) & is_real
     solid = np.sort(members[np.repeat(is_solid, sizes)])
     points = np.column_stack([pixels.cols[solid], pixels.rows[solid]]).astype(np.float64)

@@ -15,7 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calibration.edge_fit import EdgeFit, EdgeShape, edge_shape, shape_value
+from calibration.edge_fit import (
+    EdgeFit,
+    EdgeShape,
+    Rounding,
+    edge_shape,
+    rounding_bias,
+    shape_value,
+)
 from calibration.edges.samples import EdgeSamples
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray, IntArray
@@ -83,13 +90,18 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
     BinnedEdge or None
         None where the pixels are too few or reach too little to either side.
     """
-    distance, levels = samples.distance_px * pitch_px, samples.unit_levels
+    distance = samples.distance_px * pitch_px
     if distance.size < _FEWEST_PIXELS:
         return None
     if min(-float(distance.min()), float(distance.max())) < _LEAST_REACH_PX * pitch_px:
         return None
     shape = edge_shape(fit.sigma_px, fit.optical_sigma_px, fit.normal_rad)
-    bins = _binned(distance, levels, samples.along_px * pitch_px, shape)
+    levels, least_noise = samples.unit_levels, _LEAST_NOISE
+    if fit.rounding is not None:
+        contrast = samples.high_dn - samples.low_dn
+        levels = _without_rounding(samples, distance, shape, fit.rounding)
+        least_noise = max(least_noise, fit.rounding.error_dn / contrast)
+    bins = _binned(distance, levels, samples.along_px * pitch_px, shape, least_noise)
     if bins.numbers.size < _FEWEST_BINS:
         return None
     return BinnedEdge(
@@ -105,6 +117,16 @@ def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdg
     )
 
 
+def _without_rounding(
+    samples: EdgeSamples, distance_px: FloatArray, shape: EdgeShape, rounding: Rounding
+) -> FloatArray:
+    """Unit levels less the mean error that rounding has at the levels of the fitted edge."""
+    contrast = samples.high_dn - samples.low_dn
+    bright = _shape_values(shape, distance_px)
+    bias = rounding_bias(samples.levels_dn, samples.low_dn + contrast * bright, bright, rounding)
+    return samples.unit_levels - bias / contrast
+
+
 class _Bins(NamedTuple):
     """What is in each bin with a pixel in it: its number, and means over its pixels."""
 
@@ -116,7 +138,21 @@ class _Bins(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _binned(distance: FloatArray, levels: FloatArray, along: FloatArray, shape: EdgeShape) -> _Bins:
+def _shape_values(shape: EdgeShape, distance_px: FloatArray) -> FloatArray:
+    values = np.empty(distance_px.size)
+    for i in range(distance_px.size):
+        values[i] = shape_value(shape, distance_px[i])
+    return values
+
+
+@njit(cache=True, error_model="numpy")
+def _binned(
+    distance: FloatArray,
+    levels: FloatArray,
+    along: FloatArray,
+    shape: EdgeShape,
+    least_noise: float,
+) -> _Bins:
     number, first = _numbers(distance)
     left = np.empty(distance.size)
     for i in range(distance.size):
@@ -136,7 +172,7 @@ def _binned(distance: FloatArray, levels: FloatArray, along: FloatArray, shape: 
     for k in range(filled.size):
         level[k] = shape_value(shape, at[k])
     count, squares = count[filled], squares[filled]
-    variance = _variances(count, squares, level)
+    variance = _variances(count, squares, level, least_noise)
     return _Bins(filled + first, at, middle, level + mean[filled], count / variance)
 
 
@@ -202,7 +238,9 @@ def _without_outliers(distance: FloatArray, left: FloatArray) -> BoolArray:
 
 
 @njit(cache=True, error_model="numpy")
-def _variances(count: FloatArray, squares: FloatArray, level: FloatArray) -> FloatArray:
+def _variances(
+    count: FloatArray, squares: FloatArray, level: FloatArray, least_noise: float
+) -> FloatArray:
     """Variance of one pixel in each bin, from the scatter within the bins of either side.
 
     Between the sides it changes in proportion to the level, as that of shot noise does.
@@ -216,6 +254,6 @@ def _variances(count: FloatArray, squares: FloatArray, level: FloatArray) -> Flo
         low, high = sums[0] / freedom[0], sums[1] / freedom[1]
     else:
         low = high = np.sum(sums) / max(np.sum(freedom), 1.0)
-    low, high = max(low, _LEAST_NOISE**2), max(high, _LEAST_NOISE**2)
+    low, high = max(low, least_noise**2), max(high, least_noise**2)
     variance: FloatArray = low + (high - low) * level
     return variance

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from calibration.choices import Pattern
 from calibration.edge_fit import JpegCompression
+from calibration.edge_search import EdgeSegment
 from calibration.noise import LevelNoise
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 
@@ -88,5 +89,15 @@ class EdgeImage:
         if compression is not None:
             compression = compression.cropped(rows.start, cols.start)
         return replace(
-            self, image_dn=self.image_dn[rows, cols], clipped=clipped, compression=compression
+            self,
+            image_dn=self.image_dn[rows, cols],
+            clipped=clipped,
+            compression=compression,
+            colours_dn=None if self.colours_dn is None else self.colours_dn[rows, cols],
         )
+
+    def compression_at(self, segment: EdgeSegment) -> JpegCompression | None:
+        """How an edge was compressed; None where that is not known."""
+        if self.compression is None or self.colours_dn is None:
+            return self.compression
+        return self.compression.along(self.image_dn, self.colours_dn, segment.line)

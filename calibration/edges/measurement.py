@@ -151,7 +151,9 @@ def measure_edges(
         source.refuse_beyond_frame(region)
         left, top = region.x_px // source.pitch_px, region.y_px // source.pitch_px
         source = source.within(region)
-    found = (_measured_edge(source, segment, method) for segment in find_edges(source.image_dn))
+    artefacts = None if source.compression is None else source.compression.artefacts
+    segments = find_edges(source.image_dn, artefacts=artefacts)
+    found = (_measured_edge(source, each, method) for each in segments)
     shift_px = source.pitch_px * left, source.pitch_px * top
     return [edge.moved(*shift_px) for edge in found if edge is not None]
 
@@ -166,7 +168,7 @@ def _measured_edge(
         segment,
         noise=source.noise,
         saturation_dn=source.saturation_dn,
-        compression=source.compression,
+        compression=source.compression_at(segment),
     )
     fit = None if found is None else _determined(found)
     if fit is None:

@@ -81,6 +81,9 @@ class Photograph(PhotographHead):
         Linear level at which the sensor clips, as far as the file tells.
     is_jpeg
         Whether the levels were compressed as JPEG does.
+    luma_steps
+        Of a JPEG file, the quantisation table of its luma, shape ``(8, 8)``, rows by vertical
+        frequency; the blocks start at the first pixel.
     variance_dn2, frames
         Temporal variance of one frame and the number of them, for the mean of a stack.
     """
@@ -89,6 +92,7 @@ class Photograph(PhotographHead):
     full_scale_dn: float | None = None
     saturation_dn: float | None = None
     is_jpeg: bool = False
+    luma_steps: FloatArray | None = field(default=None, repr=False)
     variance_dn2: FloatArray | None = field(default=None, repr=False)
     frames: int = 1
 

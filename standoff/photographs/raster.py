@@ -16,7 +16,9 @@ import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
+from PIL.JpegImagePlugin import JpegImageFile
 
+from simulation.arrays import FloatArray
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import PhotographFacts, is_srgb
 from standoff.photographs.guard import TOO_LARGE, refuse_giant, refuse_many_scans
@@ -35,6 +37,7 @@ _PNG_TRANSFER = {  # ITU-T H.273 in the cICP chunk
     13: SRGB,
 }
 _UNSPECIFIED = 2
+_IDS_OF_RGB = tuple(b"RGB")  # what libjpeg takes for RGB where no marker tells
 _CODESTREAM = b"\xff\x4f\xff\x51"
 _JPEG_2000 = (_CODESTREAM, b"\0\0\0\x0cjP  ")
 _BLANK = rb"(?:\s|#[^\n]*\n)+"
@@ -75,6 +78,7 @@ def read_raster_image(data: bytes) -> StoredImage:
             unmarked=(LINEAR if is_deep else SRGB, f"{depth}{name}"),
             facts=PhotographFacts.of_tags(tags, image.width),
             is_jpeg=is_jpeg,
+            luma_steps=_luma_steps(image) if is_jpeg else None,
             white_dn=white_dn,
         )
 
@@ -123,6 +127,21 @@ class _Pages:
             if self.count > 1 or self.image.mode in _WITH_A_PALETTE:
                 return np.asarray(self.image.convert("RGB"))
             return np.asarray(self.image)
+
+
+def _luma_steps(image: Image.Image) -> FloatArray | None:
+    """The quantisation table of a JPEG's luma; None where none of its components is that.
+
+    ITU-T T.871, 6.1: grey, or YCbCr unless Adobe's marker says that it is RGB as it stands.
+    """
+    if not isinstance(image, JpegImageFile) or image.mode not in ("L", "RGB"):
+        return None
+    ids, rows, cols, tables = zip(*image.layer, strict=True)
+    is_rgb = image.info.get("adobe_transform") == 0 or ids == _IDS_OF_RGB
+    if (image.mode == "RGB" and is_rgb) or rows[0] < max(rows) or cols[0] < max(cols):
+        return None
+    # Pillow has taken the file's zigzag apart: rows follow each other.
+    return np.array(image.quantization[tables[0]], dtype=np.float64).reshape(8, 8)
 
 
 def _wide_white_dn(data: bytes) -> float | None:

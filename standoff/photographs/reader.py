@@ -106,6 +106,7 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         full_scale_dn=white,
         saturation_dn=saturation,
         is_jpeg=stored.is_jpeg,
+        luma_steps=stored.luma_steps,
         pattern=stored.pattern,
         facts=stored.facts,
         variance_dn2=variance,

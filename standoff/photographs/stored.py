@@ -42,6 +42,9 @@ class StoredImage:
         Level at which the sensor clips, where the file states it.
     pattern
         Colours of a raw mosaic.
+    luma_steps
+        Of a JPEG, the quantisation table of its luma, shape ``(8, 8)``, rows by vertical frequency;
+        None where the levels are no luma compressed as that.
     variance_dn2, frames
         Of a capture of a session: temporal variance of a frame, and the frames in the mean.
     """
@@ -52,6 +55,7 @@ class StoredImage:
     unmarked: tuple[Encoding, str] = (LINEAR, "")
     facts: PhotographFacts = field(default_factory=PhotographFacts)
     is_jpeg: bool = False
+    luma_steps: FloatArray | None = field(default=None, repr=False)
     white_dn: float | None = None
     saturation_dn: float | None = None
     pattern: Pattern | None = None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
 from calibration.choices import Channel, Pattern
+from calibration.edge_fit import JpegCompression
 from calibration.edges import EdgeImage, plane_places
 from calibration.errors import CalibrationError
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
@@ -242,10 +243,26 @@ def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
         noise=noise,
         saturation_dn=saturation,
         is_jpeg=photograph.is_jpeg,
+        compression=_compression_of(photograph, reading),
         clipped=clipped,
         pixel_pitch_um=reading.pixel_pitch_um or photograph.facts.pixel_pitch_um,
         colours_dn=planes if photograph.is_colour else None,
     )
+
+
+def _compression_of(photograph: Photograph, reading: Reading) -> JpegCompression | None:
+    """How the measured plane was compressed, where it is the luma of a JPEG as it was stored."""
+    steps = photograph.luma_steps
+    is_luma = reading.pattern is None and reading.channel == "luma" and reading.correction is None
+    if steps is None or not is_luma:
+        return None
+    greys = np.arange(256.0).reshape(256, 1)
+    if photograph.is_colour:
+        greys = np.repeat(greys[:, :, np.newaxis], 3, axis=2)
+    levels_dn = luma_plane(photograph.encoding.decode(greys, photograph.white_dn))[:, 0]
+    if not np.all(np.diff(levels_dn) > 0):
+        return None  # a profile whose curve is flat somewhere: codes do not follow from levels
+    return JpegCompression(steps=steps, code_levels_dn=levels_dn)
 
 
 def _refuse_other_mosaic(photograph: Photograph, reading: Reading) -> None:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from scipy.special import log_ndtr
 
 from calibration.edge_fit.level_steps import level_steps
 from calibration.edge_fit.rounded import interval_terms
@@ -41,7 +42,7 @@ def test_few_pixels_and_two_levels_tell_no_steps() -> None:
     assert not level_steps(np.repeat([8.0, 52.0], 500)).is_found
 
 
-@given(below=st.floats(-4.0, 4.0), width=st.floats(0.2, 4.0), s=st.floats(0.25, 3.0))
+@given(below=st.floats(-6.0, 6.0), width=st.floats(0.2, 4.0), s=st.floats(0.2, 3.0))
 def test_the_derivatives_of_the_likelihood_are_its_differences(
     below: float, width: float, s: float
 ) -> None:
@@ -54,7 +55,7 @@ def test_the_derivatives_of_the_likelihood_are_its_differences(
     here = terms(0.0, np.log(s))
     by_level = (terms(step, np.log(s)) - terms(-step, np.log(s))) / (2 * step)
     by_s = (terms(0.0, np.log(s) + step) - terms(0.0, np.log(s) - step)) / (2 * step)
-    # Central differences: off by the third derivative times step^2, below 1e-8 x (6 / 0.2)^5.
+    # Central differences: off by the third derivative times step^2, below 1e-8 of any scale here.
     scale = 1 + np.abs(here).max()
     assert here[[1, 3, 5]] == pytest.approx(by_level[[0, 1, 2]], abs=2e-4 * scale)
     assert here[[2, 5, 4]] == pytest.approx(by_s[[0, 1, 2]], abs=2e-4 * scale)
@@ -62,6 +63,18 @@ def test_the_derivatives_of_the_likelihood_are_its_differences(
 
 
 def test_a_level_far_outside_its_interval_still_pulls_towards_it() -> None:
-    near, far = interval_terms(19.9, 20.9, 1.0), interval_terms(20.1, 21.1, 1.0)
-    assert far[1] == pytest.approx(near[1], rel=0.02)
-    assert interval_terms(-21.1, -20.1, 1.0)[1] == pytest.approx(-far[1])
+    far = interval_terms(-2000.0, -1999.0, 0.5)
+    # Towards it, by the distance over the variance: the tail's slope, to 1 / distance^2.
+    assert far[1] == pytest.approx(-1999.0 / 0.25, rel=1e-5)
+    assert interval_terms(1999.0, 2000.0, 0.5)[1] == pytest.approx(-far[1])
+
+
+@given(away=st.floats(9.0, 11.0), width=st.floats(0.1, 4.0), s=st.floats(0.05, 3.0))
+def test_the_far_tail_continues_the_near_one(away: float, width: float, s: float) -> None:
+    found = interval_terms(away * s, away * s + width, s)
+    upper = log_ndtr(-away) + np.log1p(-np.exp(log_ndtr(-away - width / s) - log_ndtr(-away)))
+    # The density over the probability, in logarithms as scipy computes them.
+    first = np.exp(-0.5 * away**2 - 0.5 * np.log(2 * np.pi) - upper)
+    second = np.exp(-0.5 * (away + width / s) ** 2 - 0.5 * np.log(2 * np.pi) - upper)
+    assert found[0] == pytest.approx(upper, rel=1e-9)
+    assert found[1] * s == pytest.approx(first - second, rel=1e-9)

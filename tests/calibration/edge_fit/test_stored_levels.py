@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import chi2, norm
 
 from benchmarks.bench_edge_levels import compressed, level_errors
 from calibration.edge_fit.fit import fit_edge
@@ -20,12 +21,23 @@ def scaled(noise_dn: float, seed: int, edges: int = 40) -> NDArray[np.float64]:
     return np.array(tally.scaled)
 
 
+def rms_range(edges: int) -> tuple[float, float]:
+    """What the RMS of so many unit normals is within 999 times of 1000."""
+    low, high = np.sqrt(chi2.ppf([0.0005, 0.9995], edges) / edges)
+    return float(low), float(high)
+
+
+def largest(edges: int) -> float:
+    """What none of so many unit normals exceeds 999 times of 1000."""
+    return float(norm.isf(0.5 * (1 - 0.999 ** (1 / edges))))
+
+
 @pytest.mark.parametrize("noise_dn", [0.2, 0.4, 0.8])
 def test_errors_in_eight_bits_are_as_large_as_stated(noise_dn: float) -> None:
-    errors = scaled(noise_dn, seed=7)
-    # Of 40 unit normals the RMS is beyond 0.66 to 1.37 once in 1000, and one beyond 4.2 too.
-    assert 0.66 < np.sqrt(np.mean(errors**2)) < 1.37
-    assert np.abs(errors).max() < 4.2
+    errors = scaled(noise_dn, seed=0)
+    low, high = rms_range(errors.size)
+    assert low < np.sqrt(np.mean(errors**2)) < high
+    assert np.abs(errors).max() < largest(errors.size)
 
 
 def test_an_edge_without_noise_has_an_error_of_the_size_stated() -> None:
@@ -71,8 +83,21 @@ def test_a_jpeg_gives_the_width_before_compression(quality: int) -> None:
         assert fit.optical_sigma_err_px is not None
         errors.append((fit.optical_sigma_px - 0.9) / fit.optical_sigma_err_px)
         assert fit.optical_sigma_err_px < 0.02
-    # Of 6 unit normals the RMS is beyond 1.94 once in 1000.
-    assert np.sqrt(np.mean(np.square(errors))) < 1.94
+    assert np.sqrt(np.mean(np.square(errors))) < rms_range(len(errors))[1]
+
+
+@pytest.mark.parametrize("quality", [75, 80])
+def test_ringing_beside_an_edge_is_no_edge_and_takes_none_of_its_length(quality: int) -> None:
+    # Faint edges ring by as much as strong ones: steps of cosines are the same for both.
+    for seed in range(12):
+        clean = edge_image(0.9, 20.0 + 5 * seed, low_dn=60.0, high_dn=105.0, has_pixel=True)
+        noisy = clean + np.random.default_rng(seed).normal(0.0, 1.0, clean.shape)
+        image, how = compressed(noisy, quality)
+        segments = find_edges(image, cell_px=1000.0, artefacts=how.artefacts)
+        plain = find_edges(np.rint(noisy), cell_px=1000.0)
+        assert len(segments) == len(plain) == 1
+        assert segments[0].clearance_px == np.inf
+        assert segments[0].length_px == pytest.approx(plain[0].length_px, abs=2.0)
 
 
 def test_a_crop_of_a_jpeg_keeps_the_grid_of_its_blocks() -> None:
