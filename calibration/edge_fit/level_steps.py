@@ -16,7 +16,7 @@ from simulation.arrays import FloatArray
 
 _FIRST_PIXELS = 64
 _FIRST_LEVELS = 44  # more among so many pixels: the noise is far above one step
-_MOST_LEVELS = 512  # steps below 0.2 % of a contrast do not matter
+_MOST_LEVELS = 512  # over the contrast: finer steps do not matter, and chance makes some
 _FEWEST_LEVELS = 4
 _WHOLE = 0.01  # of a step: how near to whole multiples the distances of an even grid are
 _ALIKE = 1.35  # ratio of neighbouring steps: 1.25 in sRGB at code 10, two of an even grid
@@ -47,7 +47,8 @@ def level_steps(values: FloatArray) -> LevelSteps:
     none = LevelSteps(False, values, values, 0.0)
     if len(values) < _FIRST_PIXELS:
         return none
-    near = _COINCIDE * (values.max() - values.min())
+    span = values.max() - values.min()
+    near = _COINCIDE * span
     if len(_distinct(values[:: len(values) // _FIRST_PIXELS], near)) > _FIRST_LEVELS:
         return none
     levels = _distinct(values, near)
@@ -56,6 +57,8 @@ def level_steps(values: FloatArray) -> LevelSteps:
     steps = levels[1:] - levels[:-1]
     least = steps.min()
     if np.abs(steps / least - np.rint(steps / least)).max() < _WHOLE:
+        if least * _MOST_LEVELS < span:
+            return none
         return LevelSteps(True, values - 0.5 * least, values + 0.5 * least, least)
     alike = 0
     for k in range(1, len(steps)):
@@ -63,7 +66,8 @@ def level_steps(values: FloatArray) -> LevelSteps:
         alike += int(1 / _ALIKE < ratio < _ALIKE)
     if alike < _SHARE_ALIKE * (len(steps) - 1) or len(steps) < 2 * _FEWEST_LEVELS:
         return none
-    return _between_neighbours(values, levels, steps)
+    found = _between_neighbours(values, levels, steps)
+    return found if found.step_dn * _MOST_LEVELS >= span else none
 
 
 @njit(cache=True)

@@ -176,6 +176,10 @@ def _measured_edge(
     near_px = band_half_width(fit.sigma_px)
     samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
     is_clipped = bool(_CLIPPED_FLAGS & set(fit.flags))
+    if source.clipped is not None:
+        share = share_within(source.clipped, segment, fit, near_px)
+        fit = replace(fit, clipped_fraction=share)
+        is_clipped |= share > CLIPPED_FRACTION
     is_seen = is_clipped or _is_seen(fit, samples)
     if not (is_seen or _is_at_border(fit, image.shape, near_px)):
         return None
@@ -184,9 +188,6 @@ def _measured_edge(
         on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
         binned = bin_edge(without_shading(samples, image, segment, fit), on_sensor, source.pitch_px)
         contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
-    if source.clipped is not None:
-        share = share_within(source.clipped, segment, fit, near_px)
-        fit = replace(fit, clipped_fraction=share)
     rough_px = roughness_px(samples, fit.sigma_px)
     if method == "paper":
         widened = lsf_fit(edge_samples(image, segment, fit, near_px), fit)

@@ -220,7 +220,8 @@ class EdgeStack:
             values=level - (basis @ projected)[:, :, 0],
             slopes=np.empty((edges, bins, 0)),
             contrast=np.asarray(contrast[:, 0]),
-            shift_px=fitted[:, 2:, 0] / contrast,
+            # Levels that a trial lens leaves even tell no place.
+            shift_px=fitted[:, 2:, 0] / np.where(contrast == 0, np.inf, contrast),
             pooled_squares=self.binned.pooled_squares,
         )
         if not with_slopes:
