@@ -122,21 +122,22 @@ def fit_edge(
     )
     if not likely.total.is_found:
         return None
+    # What compression adds to the error is no matter of what is seen of the rise.
+    clipping = None if saturation_dn is None else _clipping_flag(likely, saturation_dn)
     if compression is not None:
         likely = behind_compression(
             likely, image_dn, segment.line, segment.clearance_px, compression
         )
-    return _measurement(
-        likely, segment, is_noise_known=noise is not None, saturation_dn=saturation_dn
-    )
+    fit = _measurement(likely, segment, clipping, is_noise_known=noise is not None)
+    return fit if saturation_dn is not None else replace(fit, clipped_fraction=None)
 
 
 def _measurement(
     likely: LikelyEdge,
     segment: EdgeSegment,
+    clipping: str | None,
     *,
     is_noise_known: bool,
-    saturation_dn: float | None,
 ) -> EdgeFit:
     total = likely.total.parameters
     sigma, sigma_err = _width(likely.total)
@@ -154,8 +155,8 @@ def _measurement(
     angle = segment.normal_rad + position[TURN] / half_length_px
     contrast = abs(best.parameters[HIGH] - best.parameters[LOW])
     flags = list(profile_flags(likely.profile, contrast))
-    if saturation_dn is not None and likely.clipped_fraction > CLIPPED_FRACTION:
-        flags.insert(0, _clipping_flag(likely, saturation_dn))
+    if clipping is not None:
+        flags.insert(0, clipping)
     for flag, applies in (
         ("too_short", segment.length_px < SHORTEST_PX),
         ("too_noisy", contrast < NOISIEST_SNR * likely.noise_dn),
@@ -179,16 +180,18 @@ def _measurement(
         curvature_per_px=float(2 * position[CURVATURE] / half_length_px**2),
         chi2_reduced=float(likely.chi2_reduced) if is_noise_known else None,
         flags=tuple(flags),
-        clipped_fraction=None if saturation_dn is None else likely.clipped_fraction,
+        clipped_fraction=likely.clipped_fraction,
         rounding=likely.rounding if likely.rounding.dark_step_dn > 0 else None,
     )
 
 
-def _clipping_flag(likely: LikelyEdge, saturation_dn: float) -> str:
+def _clipping_flag(likely: LikelyEdge, saturation_dn: float) -> str | None:
     """``saturated`` where the pixels that are not clipped do not tell the width, else ``clipped``.
 
     The width is that of a Gaussian through the part of the rise that is seen.
     """
+    if likely.clipped_fraction <= CLIPPED_FRACTION:
+        return None
     total = likely.total
     is_told = (
         likely.is_censored
