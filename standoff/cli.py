@@ -50,7 +50,7 @@ def _note_once() -> Callable[[str], None]:
             is_said = True
             from standoff.terminal import note
 
-            note("compiling the numerical code, once: up to half a minute")
+            note("compiling the numerical code, once: a minute or two")
 
     return say
 

@@ -121,7 +121,7 @@ def warm_up() -> list[str]:
 
 def main() -> int:
     """Compile, and say so."""
-    sys.stdout.write("Compiling the numerical code, once (about a minute) ...\n")
+    sys.stdout.write("Compiling the numerical code, once (about three minutes) ...\n")
     sys.stdout.flush()
     started = time.perf_counter()
     compiled = warm_up()
