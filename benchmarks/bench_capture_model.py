@@ -364,8 +364,7 @@ def judge(record: Recorder, cameras: Sequence[Calibrated]) -> Iterator[str]:
         poses = judge_poses(posed, record.pick(POSES, POSES[2:3]))
         record.say("\nposes")
         record.say(poses.table(COLUMNS))
-        peer = f"{DEFAULT_MODEL} with a Gaussian PSF"
-        record_ratios(record, "poses", poses, peer)
+        record_ratios(record, "poses", poses, f"{DEFAULT_MODEL} with a Gaussian PSF")
         yield from broken_pose_bounds(poses)
 
 
@@ -382,12 +381,7 @@ def judge_noisier_edges(record: Recorder, lenses: Sequence[Camera]) -> None:
         record_ratios(record, f"zooms, edges at SNR {snr:g}", results, "OpenCV")
 
 
-def record_ratios(
-    record: Recorder,
-    what: str,
-    results: ModelErrors,
-    peer: str,
-) -> None:
+def record_ratios(record: Recorder, what: str, results: ModelErrors, peer: str) -> None:
     """Keep the mean and the worst ratio of the default model, beside a peer's."""
     column = peer.replace(" with a Gaussian PSF", ", Gaussian")
     name = "OpenCV's blur and resize" if peer == "OpenCV" else peer
