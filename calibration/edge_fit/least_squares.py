@@ -11,7 +11,7 @@ from numba import njit
 
 from calibration.edge_fit.model import (
     CURVATURE,
-    FLAT_PARAMETERS,
+
     HIGH,
     LOG_SIGMA,
     LOW,
@@ -43,9 +43,9 @@ def _normal_equations(
 ) -> _NormalEquations:
     x, y, values, half_length = pixels.x, pixels.y, pixels.values, pixels.half_length_px
     count = parameters.size
-    hessian = np.zeros((count, count))
-    gradient = np.zeros(count)
-    row = np.zeros(count)
+    residuals = np.empty(x.size)
+    # A row a parameter, as the products below run over the pixels.
+    slopes = np.zeros((count, x.size))
     angle = pixels.normal_rad + parameters[TURN] / half_length
     cosine, sine = np.cos(angle), np.sin(angle)
     a, b = abs(cosine), abs(sine)
@@ -53,11 +53,7 @@ def _normal_equations(
     bend = parameters[CURVATURE]
     per_length = 1.0 / half_length
     is_shaded = count == SHADED_PARAMETERS
-    total = 0.0
     for i in range(x.size):
-        w = weights[i]
-        if w == 0.0:
-            continue
         along = (-sine * x[i] + cosine * y[i]) * per_length
         across = cosine * x[i] + sine * y[i]
         d = across - parameters[OFFSET] - bend * along * along
@@ -66,39 +62,46 @@ def _normal_equations(
         if is_shaded:
             low += parameters[6] * along
             high += parameters[7] * along
-        residual = values[i] - low - (high - low) * edge
-        total += w * residual * residual
-        if slope == 0.0 and not is_shaded:
-            # Far from the edge a pixel depends on its level alone.
-            level = HIGH if edge > 0.5 else LOW
-            gradient[level] += w * residual
-            hessian[level, level] += w
+            slopes[6, i] = along * (1.0 - edge)
+            slopes[7, i] = along * edge
+        residuals[i] = values[i] - low - (high - low) * edge
+        slopes[LOW, i] = 1.0 - edge
+        slopes[HIGH, i] = edge
+        if slope == 0.0:  # far from the edge
             continue
         across_step = (high - low) * slope
-        row[TURN] = across_step * (along + 2.0 * bend * along * across * per_length**2)
-        row[OFFSET] = -across_step
-        row[CURVATURE] = -across_step * along * along
-        row[LOG_SIGMA] = (high - low) * by_log_sigma
-        row[LOW] = 1.0 - edge
-        row[HIGH] = edge
-        if is_shaded:
-            row[6] = along * (1.0 - edge)
-            row[7] = along * edge
-        # A constant number of terms is unrolled.
-        for j in range(FLAT_PARAMETERS):
-            wj = w * row[j]
-            gradient[j] += wj * residual
-            for k in range(j + 1):
-                hessian[j, k] += wj * row[k]
-        for j in range(FLAT_PARAMETERS, count):
-            wj = w * row[j]
-            gradient[j] += wj * residual
-            for k in range(j + 1):
-                hessian[j, k] += wj * row[k]
+        slopes[TURN, i] = across_step * (along + 2.0 * bend * along * across * per_length**2)
+        slopes[OFFSET, i] = -across_step
+        slopes[CURVATURE, i] = -across_step * along * along
+        slopes[LOG_SIGMA, i] = (high - low) * by_log_sigma
+    return _products(slopes, residuals, weights)
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _products(slopes: FloatArray, residuals: FloatArray, weights: FloatArray) -> _NormalEquations:
+    """Weighted products of the derivatives and of the residuals.
+
+    The order of the sums is free: they run in parallel lanes.
+    """
+    count, size = slopes.shape
+    hessian, gradient = np.empty((count, count)), np.empty(count)
+    weighted = np.empty(size)
     for j in range(count):
-        for k in range(j):
-            hessian[k, j] = hessian[j, k]
-    return _NormalEquations(hessian, gradient, total)
+        for i in range(size):
+            weighted[i] = weights[i] * slopes[j, i]
+        total = 0.0
+        for i in range(size):
+            total += weighted[i] * residuals[i]
+        gradient[j] = total
+        for k in range(j + 1):
+            total = 0.0
+            for i in range(size):
+                total += weighted[i] * slopes[k, i]
+            hessian[j, k] = hessian[k, j] = total
+    squares = 0.0
+    for i in range(size):
+        squares += weights[i] * residuals[i] * residuals[i]
+    return _NormalEquations(hessian, gradient, squares)
 
 
 class Minimum(NamedTuple):

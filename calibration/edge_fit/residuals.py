@@ -66,29 +66,30 @@ def _by_distance(distances: FloatArray) -> IntArray:
     return order
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"nnan", "nsz"})
 def _without_running_median(values: FloatArray) -> FloatArray:
     """Values less the median of the ``_NEIGHBOURS`` around each; the ends are repeated."""
     half = _NEIGHBOURS // 2
     last = len(values) - 1
-    window = np.empty(_NEIGHBOURS)
+    window = np.full(_NEIGHBOURS + 1, np.inf)  # sorted, with a bound behind its last element
     for k in range(_NEIGHBOURS):
         window[k] = values[min(max(k - half, 0), last)]
     window.sort()
+    others = np.empty(_NEIGHBOURS + 1)  # with a bound before its first element
+    others[0] = -np.inf
     rest = np.empty_like(values)
     for i in range(len(values)):
         rest[i] = values[i] - window[half]
         leaving = values[max(i - half, 0)]
         entering = values[min(i + half + 1, last)]
-        k = np.searchsorted(window, leaving)
-        # The window stays sorted: what is between the two moves up by one element.
-        while k < _NEIGHBOURS - 1 and window[k + 1] < entering:
-            window[k] = window[k + 1]
-            k += 1
-        while k > 0 and window[k - 1] > entering:
-            window[k] = window[k - 1]
-            k -= 1
-        window[k] = entering
+        # Without branches: a processor cannot foresee where noise belongs.
+        for k in range(_NEIGHBOURS):
+            here, following = window[k], window[k + 1]
+            others[k + 1] = here if here < leaving else following
+        for k in range(_NEIGHBOURS):
+            before, here = others[k], others[k + 1]
+            least = here if here < entering else entering
+            window[k] = before if before > least else least
     return rest
 
 

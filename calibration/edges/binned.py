@@ -154,26 +154,20 @@ def _binned(
     least_noise: float,
 ) -> _Bins:
     number, first = _numbers(distance)
-    left = np.empty(distance.size)
-    for i in range(distance.size):
-        left[i] = levels[i] - shape_value(shape, distance[i])
-    count, mean, squares = _moments(number, left, np.ones(distance.size, np.bool_))
-    pooled = np.sqrt(np.sum(squares) / max(np.sum(count) - count.size, 1.0))
-    is_kept = np.ones(distance.size, np.bool_)
-    for i in range(distance.size):
-        if abs(left[i] - mean[number[i]]) > max(_SUSPECT_SIGMAS * pooled, _OUTLIER_LEAST):
-            is_kept = _without_outliers(distance, left)
-            count, mean, squares = _moments(number, left, is_kept)
-            break
-    filled = np.flatnonzero(count > 0)
-    at = _sums(number, distance, is_kept, count.size)[filled] / count[filled]
-    middle = _sums(number, along, is_kept, count.size)[filled] / count[filled]
-    level = np.empty(filled.size)
-    for k in range(filled.size):
-        level[k] = shape_value(shape, at[k])
-    count, squares = count[filled], squares[filled]
-    variance = _variances(count, squares, level, least_noise)
-    return _Bins(filled + first, at, middle, level + mean[filled], count / variance)
+    left = levels - _shape_values(shape, distance)
+    sums = _sums(number, distance, along, left)
+    pooled = np.sqrt(np.sum(sums.squares) / max(np.sum(sums.count) - sums.count.size, 1.0))
+    limit = max(_SUSPECT_SIGMAS * pooled, _OUTLIER_LEAST)
+    if _farthest(number, left, sums.left) > limit:
+        kept = np.flatnonzero(_without_outliers(distance, left))
+        sums = _sums(number[kept], distance[kept], along[kept], left[kept])
+    filled = np.flatnonzero(sums.count > 0)
+    count, at = sums.count[filled], sums.distance[filled]
+    level = _shape_values(shape, at)
+    variance = _variances(count, sums.squares[filled], level, least_noise)
+    return _Bins(
+        filled + first, at, sums.along[filled], level + sums.left[filled], count / variance
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -199,30 +193,45 @@ def _numbers(distance: FloatArray) -> tuple[IntArray, int]:
     return number - first, first
 
 
-@njit(cache=True)
-def _sums(number: IntArray, values: FloatArray, is_kept: BoolArray, bins: int) -> FloatArray:
-    total = np.zeros(bins)
-    for i in range(values.size):
-        if is_kept[i]:
-            total[number[i]] += values[i]
-    return total
+class _Sums(NamedTuple):
+    """Number of the pixels in each bin, their means, and the squares of what differs from one."""
+
+    count: FloatArray
+    distance: FloatArray
+    along: FloatArray
+    left: FloatArray
+    squares: FloatArray
 
 
 @njit(cache=True, error_model="numpy")
-def _moments(
-    number: IntArray, values: FloatArray, is_kept: BoolArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Count, mean and sum of the squared distances from the mean of what is kept in each bin."""
+def _sums(
+    number: IntArray, distance: FloatArray, along: FloatArray, left: FloatArray
+) -> _Sums:
+    """Sums over the pixels of each bin; ``left`` is what the Gaussian leaves of their levels."""
     bins = number.max() + 1
-    count = _sums(number, np.ones(values.size), is_kept, bins)
-    mean = _sums(number, values, is_kept, bins)
-    for k in range(bins):
-        mean[k] /= max(count[k], 1.0)
-    squares = np.zeros(bins)
-    for i in range(values.size):
-        if is_kept[i]:
-            squares[number[i]] += (values[i] - mean[number[i]]) ** 2
-    return count, mean, squares
+    table = np.zeros((bins, 5))
+    for i in range(left.size):
+        bin_ = table[number[i]]
+        bin_[0] += 1.0
+        bin_[1] += distance[i]
+        bin_[2] += along[i]
+        bin_[3] += left[i]
+        bin_[4] += left[i] * left[i]
+    count = table[:, 0].copy()
+    per_pixel = 1.0 / np.maximum(count, 1.0)
+    mean = table[:, 3] * per_pixel
+    # What is left is so small that the difference of the squares is exact enough.
+    squares = np.maximum(table[:, 4] - count * mean * mean, 0.0)
+    return _Sums(count, table[:, 1] * per_pixel, table[:, 2] * per_pixel, mean, squares)
+
+
+@njit(cache=True)
+def _farthest(number: IntArray, left: FloatArray, mean: FloatArray) -> float:
+    """Largest distance of a pixel from the mean of its bin."""
+    farthest = 0.0
+    for i in range(left.size):
+        farthest = max(farthest, abs(left[i] - mean[number[i]]))
+    return farthest
 
 
 @njit(cache=True, error_model="numpy")
