@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import to_json
 
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
@@ -34,9 +35,10 @@ def write_document(path: Path, document: BaseModel, failure: type[DocumentError]
     ValueError
         If a number is infinite or NaN.
     """
-    text = json.dumps(json_object(document), indent=1, allow_nan=False) + "\n"
+    content = json_object(document)
+    json.dumps(content, allow_nan=False)  # refuses numbers that are none; indented, it is slow
     try:
-        atomic_write(path, text.encode("utf-8"))
+        atomic_write(path, to_json(content, indent=1) + b"\n")
     except OSError as error:
         raise failure(f"cannot write {path}: {error.strerror}", source=str(path)) from error
 

@@ -55,13 +55,14 @@ class _Curve(NamedTuple):
 
     The fit's terms are a further rise of the Gaussian, its change with log sigma and with its
     place, and the share of a Lorentzian of half width ``tail_px``; its spline has knots ``knot_px``
-    apart, symmetrical about the edge.
+    apart, symmetrical about the edge, and ``steps`` are its coefficients' differences.
     """
 
     shape: EdgeShape
     tail_px: float
     knot_px: float
     fit: SplineFit
+    steps: FloatArray
     rise: float
 
 
@@ -200,18 +201,21 @@ def _fitted(
     left = np.empty(distance.size)
     positions = np.empty(distance.size)
     for i in range(distance.size):
-        terms[i] = _terms(shape, tail_px, distance[i])
-        left[i] = levels[i] - terms[i, 0]
+        here = _terms(shape, tail_px, distance[i])
+        terms[i, 0], terms[i, 1], terms[i, 2], terms[i, 3] = here
+        left[i] = levels[i] - here[0]
         # Pixels beyond belong to the flat ends.
         positions[i] = min(max((distance[i] + half) / knot_px, 0.0), count + 1.0)
     precision = np.array([0.0, 0.0, 0.0, 1.0 / _TAIL_PRIOR**2])
     stiffness = _stiffness(count, half, knot_px, sigma_px)
     fit = fit_penalised_spline(positions, left, weights, terms, precision, stiffness)
-    rise = 0.0
-    if fit.is_found:
-        rise = 1.0 + fit.terms[0] + fit.coefficients[-1] - fit.coefficients[0]
-    is_found = fit.is_found and abs(rise - 1.0) < _UNEVEN_MOST
-    return _Curve(shape, tail_px, knot_px, _marked(fit, is_found), rise)
+    if not fit.is_found:
+        return _Curve(shape, tail_px, knot_px, fit, fit.coefficients, 0.0)
+    steps = np.diff(fit.coefficients)
+    rise = 1.0 + fit.terms[0] + np.sum(steps)
+    return _Curve(
+        shape, tail_px, knot_px, _marked(fit, abs(rise - 1.0) < _UNEVEN_MOST), steps, rise
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -232,11 +236,12 @@ def _marked(fit: SplineFit, is_found: bool) -> SplineFit:
 
 
 @njit(cache=True, error_model="numpy")
-def _terms(shape: EdgeShape, tail_px: float, distance: float) -> FloatArray:
+def _terms(
+    shape: EdgeShape, tail_px: float, distance: float
+) -> tuple[float, float, float, float]:
     """The Gaussian edge, its derivatives by log sigma and by place, and what a tail changes."""
     value, slope, by_log_sigma = shape_slopes(shape, distance)
-    tail = 0.5 + atan(distance / tail_px) / pi - value
-    return np.array([value, by_log_sigma, slope, tail])
+    return value, by_log_sigma, slope, 0.5 + atan(distance / tail_px) / pi - value
 
 
 @njit(cache=True, error_model="numpy")
@@ -255,25 +260,35 @@ def _stiffness(count: int, half_px: float, knot_px: float, sigma_px: float) -> F
 @njit(cache=True, error_model="numpy")
 def _transform(curve: _Curve, freq_cy_per_px: FloatArray) -> NDArray[np.complex128]:
     out = np.empty(freq_cy_per_px.size, dtype=np.complex128)
-    shape, terms, steps = curve.shape, curve.fit.terms, np.diff(curve.fit.coefficients)
     for i in range(out.size):
-        freq = freq_cy_per_px[i]
-        gauss = pixel_transfer(freq, shape.sigma_px, shape.cosine, shape.sine)
-        by_log_sigma = -((2.0 * pi * shape.sigma_px * freq) ** 2) * gauss
-        total = (1.0 + terms[0]) * gauss + terms[1] * by_log_sigma
-        total += terms[3] * (exp(-2.0 * pi * curve.tail_px * abs(freq)) - gauss)
-        spline = 0.0j
-        # The steps lie symmetrically about the edge, a knot apart.
-        angle = -2.0 * pi * freq * curve.knot_px
-        turn = complex(cos(angle), sin(angle))
-        angle *= -0.5 * (steps.size - 1)
-        phase = complex(cos(angle), sin(angle))
-        for k in range(steps.size):
-            spline += steps[k] * phase
-            phase *= turn
-        spline *= np.sinc(freq * curve.knot_px) ** DEGREE
-        out[i] = (total + 2j * pi * freq * terms[2] * gauss + spline) / curve.rise
+        out[i] = _transform_at(curve, freq_cy_per_px[i])
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def _transform_at(curve: _Curve, freq: float) -> complex:
+    shape, terms, steps = curve.shape, curve.fit.terms, curve.steps
+    gauss = pixel_transfer(freq, shape.sigma_px, shape.cosine, shape.sine)
+    by_log_sigma = -((2.0 * pi * shape.sigma_px * freq) ** 2) * gauss
+    total = (1.0 + terms[0]) * gauss + terms[1] * by_log_sigma
+    total += terms[3] * (exp(-2.0 * pi * curve.tail_px * abs(freq)) - gauss)
+    # The steps lie symmetrically about the edge, a knot apart: pairs turn either way.
+    angle = 2.0 * pi * freq * curve.knot_px
+    turn_c, turn_s = cos(angle), sin(angle)
+    angle *= 0.5 * ((steps.size - 1) % 2)
+    c, s = cos(angle), sin(angle)
+    even = odd = 0.0
+    first = steps.size // 2
+    for k in range(first, steps.size):
+        after, before = steps[k], steps[steps.size - 1 - k]
+        even += c * (after + before)
+        odd += s * (before - after)
+        c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
+    if steps.size % 2 == 1:
+        even -= steps[first]
+    smooth = np.sinc(freq * curve.knot_px) ** DEGREE
+    slope = 2.0 * pi * freq * terms[2] * gauss
+    return complex(total + even * smooth, slope + odd * smooth) / curve.rise
 
 
 @njit(cache=True, error_model="numpy")
@@ -316,7 +331,9 @@ def _profile(curve: _Curve, distance: FloatArray) -> FloatArray:
         positions[i] = (distance[i] + half) / curve.knot_px
         positions[i] = min(max(positions[i], 0.0), coefficients.size + 1.0)
         terms = _terms(curve.shape, curve.tail_px, distance[i])
-        out[i] = terms[0] + np.sum(curve.fit.terms * terms)
+        out[i] = terms[0]
+        for k in range(4):
+            out[i] += curve.fit.terms[k] * terms[k]
     out += curve_values(positions, coefficients) - coefficients[0]
     return out / curve.rise
 
@@ -339,7 +356,7 @@ def _read(curve: _Curve) -> tuple[float, float, float]:
     slope = _contrast(curve, half + _SLOPE_STEP) - _contrast(curve, half - _SLOPE_STEP)
     if slope >= 0:
         return half, 0.0, fifth
-    here_at = _transform(curve, np.array([half]))[0]
+    here_at = _transform_at(curve, half)
     phase = atan2(here_at.imag, here_at.real)
     err = _errors(curve, np.array([half]), np.array([phase]))[0]
     return half, err * 2 * _SLOPE_STEP / -slope, fifth
@@ -347,7 +364,7 @@ def _read(curve: _Curve) -> tuple[float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def _contrast(curve: _Curve, freq_cy_per_px: float) -> float:
-    return float(abs(_transform(curve, np.array([freq_cy_per_px]))[0]))
+    return float(abs(_transform_at(curve, freq_cy_per_px)))
 
 
 @njit(cache=True, error_model="numpy")

@@ -139,25 +139,23 @@ def _factor(data: FloatArray, penalty: FloatArray, weight: float) -> FloatArray:
     """Lower Cholesky factor in the band; its first element is 0 where there is none."""
     count = data.shape[0]
     factor = np.zeros((count + _BAND - 1, _BAND))  # three rows of zeros come before the first
+    inverse3 = inverse2 = inverse1 = 0.0  # of the diagonal in the rows before
     for i in range(count):
         k = i + _BAND - 1
-        third = second = first = 0.0
-        if i > 2:
-            third = (data[i, 3] + weight * penalty[i, 3]) / factor[k - 3, 0]
-        if i > 1:
-            second = data[i, 2] + weight * penalty[i, 2] - third * factor[k - 2, 1]
-            second /= factor[k - 2, 0]
-        if i > 0:
-            first = data[i, 1] + weight * penalty[i, 1]
-            first -= third * factor[k - 1, 2] + second * factor[k - 1, 1]
-            first /= factor[k - 1, 0]
+        third = (data[i, 3] + weight * penalty[i, 3]) * inverse3
+        second = data[i, 2] + weight * penalty[i, 2] - third * factor[k - 2, 1]
+        second *= inverse2
+        first = data[i, 1] + weight * penalty[i, 1]
+        first -= third * factor[k - 1, 2] + second * factor[k - 1, 1]
+        first *= inverse1
         pivot = data[i, 0] + weight * penalty[i, 0]
         pivot -= first * first + second * second + third * third
         if not pivot > 0.0:
             factor[_BAND - 1, 0] = 0.0
             break
-        factor[k, 0], factor[k, 1] = np.sqrt(pivot), first
-        factor[k, 2], factor[k, 3] = second, third
+        root = np.sqrt(pivot)
+        inverse3, inverse2, inverse1 = inverse2, inverse1, 1.0 / root
+        factor[k, 0], factor[k, 1], factor[k, 2], factor[k, 3] = root, first, second, third
     return factor[_BAND - 1 :]
 
 
@@ -212,14 +210,30 @@ def _lower_solved(factor: FloatArray, right: FloatArray) -> FloatArray:
     return out
 
 
+class _Reduced(NamedTuple):
+    """The system without its spline: the terms' factor and right side; void if not ``is_found``.
+
+    ``sides`` are the spline's factor's solutions for each term and for the levels, shape
+    ``(n, m + 1)``; ``likelihood`` is twice the restricted logarithm, up to a constant.
+    """
+
+    is_found: bool
+    likelihood: float
+    scale: float
+    factor: FloatArray
+    sides: FloatArray
+    border: FloatArray
+    right: FloatArray
+
+
 @njit(cache=True, error_model="numpy")
-def _solved(equations: _Equations, penalty: FloatArray, weight: float) -> tuple[float, SplineFit]:
-    """Twice the restricted log likelihood, up to a constant, and the fit at a penalty's weight."""
+def _reduced(equations: _Equations, penalty: FloatArray, weight: float) -> _Reduced:
+    """Eliminate the spline at a penalty's weight."""
     count, several = equations.cross.shape
     factor = _factor(equations.band, penalty, weight)
-    none = np.empty((1, 0))
     if factor[0, 0] == 0.0:
-        return -np.inf, SplineFit(False, equations.right, none[0], factor, none, none, 0.0)
+        none = np.empty((1, 0))
+        return _Reduced(False, -np.inf, 0.0, factor, none, none, none)
     sides = np.empty((count, several + 1))
     sides[:, :several] = equations.cross
     sides[:, several] = equations.right
@@ -229,27 +243,45 @@ def _solved(equations: _Equations, penalty: FloatArray, weight: float) -> tuple[
     for m in range(several):
         square[m, m] = max(square[m, m], 0.0) + _RIDGE * equations.terms[m, m]
     border = _lower(square)
-    reduced = _lower_solved(border, (equations.terms_right - products[:several, several])[:, None])
-    left = equations.squares - products[several, several] - np.sum(reduced**2)
+    right = _lower_solved(border, (equations.terms_right - products[:several, several])[:, None])
+    left = equations.squares - products[several, several] - np.sum(right**2)
     freedom = max(equations.samples - several - 1, 1)
     scale = left / freedom
     # Only what is surely more than the weights say is taken from so few samples.
     if scale < 1.0 + _SURPRISING * sqrt(2.0 / freedom):
         scale = 1.0
     likelihood = (count - 1) * log(weight) - left
-    for i in range(count):
-        likelihood -= 2.0 * log(factor[i, 0])
-    for m in range(several):
-        likelihood -= 2.0 * log(border[m, m])
-    terms = reduced[:, 0].copy()
+    likelihood -= 2.0 * (_log_of_diagonal(factor) + np.sum(np.log(np.diag(border))))
+    return _Reduced(True, likelihood, scale, factor, sides, border, right)
+
+
+@njit(cache=True)
+def _log_of_diagonal(factor: FloatArray) -> float:
+    """Logarithm of the product of the diagonal, in parts that do not overflow."""
+    total, product = 0.0, 1.0
+    for i in range(factor.shape[0]):
+        product *= factor[i, 0]
+        if not 1e-100 < product < 1e100:
+            total += log(product)
+            product = 1.0
+    return total + log(product)
+
+
+@njit(cache=True, error_model="numpy")
+def _solved(reduced: _Reduced) -> SplineFit:
+    """Go back from the terms to the spline."""
+    several = reduced.border.shape[0]
+    if not reduced.is_found:
+        none = np.empty((1, 0))
+        return SplineFit(False, none[0], none[0], reduced.factor, none, none, 0.0)
+    border, terms = reduced.border, reduced.right[:, 0].copy()
     for i in range(several - 1, -1, -1):
         for j in range(i + 1, several):
             terms[i] -= border[j, i] * terms[j]
         terms[i] /= border[i, i]
-    cross = sides[:, :several].copy()
-    coefficients = _backward(factor, sides[:, several] - cross @ terms)
-    fit = SplineFit(True, coefficients, terms, factor, cross, border, scale)
-    return likelihood, fit
+    cross = reduced.sides[:, :several].copy()
+    coefficients = _backward(reduced.factor, reduced.sides[:, several] - cross @ terms)
+    return SplineFit(True, coefficients, terms, reduced.factor, cross, border, reduced.scale)
 
 
 @njit(cache=True, error_model="numpy")
@@ -281,30 +313,45 @@ def fit_penalised_spline(
     for m in range(precision.size):
         equations.terms[m, m] += precision[m]
     penalty = _penalty_band(stiffness)
-    unit = log(np.mean(weights))
+    unit = log(np.mean(weights)) + _LIGHTEST_LOG
     step = (_HEAVIEST_LOG - _LIGHTEST_LOG) / (_STEPS - 1)
-    likelihood = np.empty(_STEPS)
-    for k in range(_STEPS):
-        likelihood[k] = _solved(equations, penalty, np.exp(unit + _LIGHTEST_LOG + k * step))[0]
-    at = _LIGHTEST_LOG + step * _lighter(likelihood)
-    return _solved(equations, penalty, np.exp(unit + at))[1]
+    at = step * _lightest_likely(equations, penalty, unit, step)
+    return _solved(_reduced(equations, penalty, np.exp(unit + at)))
 
 
 @njit(cache=True, error_model="numpy")
-def _lighter(likelihood: FloatArray) -> float:
+def _lightest_likely(
+    equations: _Equations, penalty: FloatArray, lightest: float, step: float
+) -> float:
     """Step at which twice the log likelihood has fallen so far below its maximum, to the light.
 
     At the maximum itself, what single samples add to the curve's detail would be smoothed away as
-    often as not, and no error would say so.
+    often as not, and no error would say so. Every other step is looked at, and those between them
+    where it matters.
     """
+    likelihood = np.empty(_STEPS)
+    for k in range(0, _STEPS, 2):
+        likelihood[k] = _reduced(equations, penalty, np.exp(lightest + k * step)).likelihood
+        # Until it is known, a step counts as the one before.
+        likelihood[min(k + 1, _STEPS - 1)] = likelihood[k]
+    best = 2 * int(np.argmax(likelihood[::2]))
+    for k in (best - 1, best + 1):
+        if 0 < k < _STEPS:
+            likelihood[k] = _reduced(equations, penalty, np.exp(lightest + k * step)).likelihood
     best = int(np.argmax(likelihood))
     lowest = likelihood[best] - _FALLEN
-    k = best
-    while k > 0 and likelihood[k - 1] > lowest:
-        k -= 1
-    if k == 0:
+    k = best - best % 2
+    while k > 0 and likelihood[k] > lowest:
+        k -= 2
+    if likelihood[k] > lowest:
         return 0.0
-    return float(k - (likelihood[k] - lowest) / (likelihood[k] - likelihood[k - 1]))
+    if k + 1 < best - 1:
+        middle = _reduced(equations, penalty, np.exp(lightest + (k + 1) * step)).likelihood
+        likelihood[k + 1] = middle
+    if likelihood[k + 1] <= lowest:
+        k += 1
+    rise = likelihood[k + 1] - likelihood[k]
+    return float(k + 1 - (likelihood[k + 1] - lowest) / rise)
 
 
 @njit(cache=True, error_model="numpy")
