@@ -10,6 +10,7 @@ from analysis.reports.geometry_plots import (
 )
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
 from calibration.geometry import GeometryCalibration
+from calibration.sharpness import NORMAL_95
 
 _SOURCES = {
     "board": "The scale is based on the size of the board's squares.",
@@ -20,7 +21,7 @@ _SOURCES = {
 
 
 def geometry_verdicts(geometry: GeometryCalibration) -> tuple[Verdict, ...]:
-    """Return the headline figures with their standard errors."""
+    """Return the headline figures with their 95 % uncertainties."""
     return (
         Verdict(
             name="entrance pupil above height 0",
@@ -83,9 +84,9 @@ def _scale_section(geometry: GeometryCalibration) -> ReportSection:
         (
             f"{height:g}",
             _value(scale, 5, ""),
-            "" if err is None else f"{err:.5f}",
+            "" if err is None else f"{NORMAL_95 * err:.5f}",
             f"{zooms[height].zoom:.5f}" if height in zooms else "1",
-            f"{zooms[height].zoom_err:.5f}" if height in zooms else "",
+            f"{NORMAL_95 * zooms[height].zoom_err:.5f}" if height in zooms else "",
         )
         for height, scale, err in zip(geometry.heights_mm, scales, errs, strict=True)
     )
@@ -115,7 +116,7 @@ def _scale_section(geometry: GeometryCalibration) -> ReportSection:
             ReportFigure.of(
                 plot_scale_by_height(geometry),
                 "Scale of every capture, and the height read back minus the one fitted to its "
-                "image, with the standard error of the fit.",
+                "image, with the 95 % interval of the fit.",
             ),
         ),
     )
@@ -156,9 +157,13 @@ def _squareness_section(geometry: GeometryCalibration) -> ReportSection:
         title="Squareness",
         tables=(
             ReportTable(
-                columns=("", "value", "standard error"),
+                columns=("", "value", "±"),
                 rows=tuple(
-                    (name, _value(value, digits, ""), "" if err is None else f"{err:.{digits}f}")
+                    (
+                        name,
+                        _value(value, digits, ""),
+                        "" if err is None else f"{NORMAL_95 * err:.{digits}f}",
+                    )
                     for name, value, err, digits in rows
                 ),
             ),
@@ -175,9 +180,9 @@ def _lens_table(geometry: GeometryCalibration) -> ReportTable:
         ("k2 of OpenCV", geometry.k2_opencv, None),
     ]
     return ReportTable(
-        columns=("", "value", "standard error"),
+        columns=("", "value", "±"),
         rows=tuple(
-            (name, _value(value, 5, ""), "" if err is None else f"{err:.5f}")
+            (name, _value(value, 5, ""), "" if err is None else f"{NORMAL_95 * err:.5f}")
             for name, value, err in rows
         ),
     )
@@ -225,4 +230,4 @@ def _value(value: float | None, digits: int, unit: str) -> str:
 
 
 def _err(err: float | None, digits: int, unit: str) -> str:
-    return "" if err is None else f"± {err:.{digits}f}{unit} (standard error)"
+    return "" if err is None else f"± {NORMAL_95 * err:.{digits}f}{unit}"

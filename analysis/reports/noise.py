@@ -14,6 +14,7 @@ from analysis.reports.page import (
     render_report,
 )
 from calibration.noise import CorrectionMaps, Linearity, NoiseMeasurement, PhotonTransfer
+from calibration.sharpness import NORMAL_95
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 _BLUE, _ORANGE, _GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -51,7 +52,8 @@ def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
     upper.legend(loc="upper left", fontsize=8)
     expected = transfer.variance_dn2(light)
     lower.errorbar(
-        light[fitted], 100 * (variance / expected - 1)[fitted], yerr=100 * (err / expected)[fitted],
+        light[fitted], 100 * (variance / expected - 1)[fitted],
+        yerr=100 * NORMAL_95 * (err / expected)[fitted],
         fmt="o", markersize=4, linewidth=0.9, color=_BLUE,
     )  # fmt: skip
     lower.axhline(0, color=_INK, linewidth=0.8)
@@ -93,9 +95,6 @@ def plot_maps(maps: CorrectionMaps) -> Figure:
         axes.grid(visible=False)
         figure.colorbar(shown, ax=axes, shrink=0.8)
     return figure
-
-
-_SIGMAS_95 = 1.96
 
 
 def render_noise_report(noise: NoiseMeasurement, source: str) -> str:
@@ -161,7 +160,7 @@ def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
 
 
 def _interval(err: float, digits: int) -> str:
-    return f"± {_SIGMAS_95 * err:.{digits}f} (95 %)"
+    return f"± {NORMAL_95 * err:.{digits}f}"
 
 
 def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
@@ -180,7 +179,7 @@ def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
             ReportFigure.of(
                 plot_photon_transfer(transfer),
                 "Mean of all good pixels of each capture. Below: deviation from the fit, with the "
-                "standard error from the number of pixels.",
+                "95 % interval that the number of pixels gives.",
             ),
         ),
     )

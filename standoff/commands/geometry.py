@@ -114,7 +114,7 @@ def geometry(
 def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
     print_table(
         "Geometry",
-        ["", "value", "standard error"],
+        ["", "value", "± at 95 %"],
         [
             ["entrance pupil above height 0 / mm",
              *_cells(found.pupil_offset_mm, found.pupil_offset_err_mm, 3)],
@@ -131,9 +131,9 @@ def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
         lowest = found.heights_mm[0]
         print_table(
             f"Heights (scale by {_SOURCES[found.scale_source].format(board=board)})",
-            ["height / mm", "scale / (px/mm)", "standard error", f"zoom from {lowest:g} mm"],
+            ["height / mm", "scale / (px/mm)", "± at 95 %", f"zoom from {lowest:g} mm"],
             [
-                [f"{height:g}", f"{scale:.5f}", f"{err:.5f}", f"{found.zoom(lowest, height):.5f}"]
+                [f"{height:g}", *_cells(scale, err, 5), f"{found.zoom(lowest, height):.5f}"]
                 for height, scale, err in zip(found.heights_mm, scales, errs, strict=True)
             ],
         )  # fmt: skip
@@ -144,4 +144,6 @@ def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
 def _cells(value: float | None, err: float | None, digits: int) -> list[str]:
     if value is None or err is None:
         return ["not determined", ""]
-    return [f"{value:.{digits}f}", f"{err:.{digits}f}"]
+    from calibration.sharpness import NORMAL_95
+
+    return [f"{value:.{digits}f}", f"{NORMAL_95 * err:.{digits}f}"]

@@ -68,16 +68,18 @@ def _mtf50_verdicts(psf: PsfCalibration) -> list[Verdict]:
         return [_mtf50_verdict("MTF50", ranked[0], psf.pixel_pitch_um)]
     middle = median_of_edges(ranked)
     height, pitch_um = psf.picture_height_px, psf.pixel_pitch_um
-    in_units = [f"{with_reach(middle.value, NORMAL_95 * middle.err, 4)} cy/px"]
-    if height is not None:
-        in_units.append(f"{lw_per_ph(middle.value, height):.0f} LW/PH")
-    if pitch_um is not None:
-        in_units.append(f"{lp_per_mm(middle.value, pitch_um):.1f} lp/mm")
+    units = [(1.0, 4, "cy/px")]
+    units += [] if height is None else [(lw_per_ph(1.0, height), 1, "LW/PH")]
+    units += [] if pitch_um is None else [(lp_per_mm(1.0, pitch_um), 2, "lp/mm")]
+    said = "; ".join(
+        f"{with_reach(factor * middle.value, factor * NORMAL_95 * middle.err, digits)} {unit}"
+        for factor, digits, unit in units
+    )
     return [
         Verdict(
             name=f"MTF50, median of {len(ranked)} edges",
             value=f"{middle.value:.3f} cy/px",
-            remark=f"{'; '.join(in_units)} (95 %)",
+            remark=said,
         ),
         _mtf50_verdict("MTF50, softest edge", ranked[0], pitch_um),
         _mtf50_verdict("MTF50, sharpest edge", ranked[-1], pitch_um),
@@ -94,7 +96,7 @@ def _mtf50_verdict(name: str, edge: EdgeMeasurement, pixel_pitch_um: float | Non
         if cell
     )
     model = "" if known.is_model_free else ", of the fitted Gaussian"
-    return Verdict(name=name, value=f"{known.cy_per_px:.3f} cy/px", remark=f"{said} (95 %){model}")
+    return Verdict(name=name, value=f"{known.cy_per_px:.3f} cy/px", remark=f"{said}{model}")
 
 
 def calibration_sections(
@@ -170,7 +172,7 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
                 plot_transfer_2d(psf.transfer_2d),
                 "Transfer function of optics and pixel, fitted to the pixels of all edges at once, "
                 f"with its pointwise 95 % band: {psf.transfer_2d}. Below 0, light and dark are "
-                "exchanged.",
+                "exchanged. Where a band leaves the figure, no edge tells that direction.",
             )
         )
     return ReportSection(
@@ -226,11 +228,7 @@ def _channels_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
         "optical sigma x / px",
         "optical sigma y / px",
     )
-    return (
-        ReportTable(
-            columns=columns, rows=rows, caption="Widths by colour of the mosaic, ± at 95 %."
-        ),
-    )
+    return (ReportTable(columns=columns, rows=rows, caption="Widths by colour of the mosaic."),)
 
 
 def _edges_section(
@@ -251,7 +249,8 @@ def _edges_section(
         edges = by_image[name]
         width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else _HALF_WIDTH_IN
         figure = plot_edges(load_image(edges[0]), edges, REJECTING_FLAGS, width_in)
-        figures.append(ReportFigure.of(figure, name, form="png"))
+        caption = f"Edges of {name} and their MTF50 in cy/px."
+        figures.append(ReportFigure.of(figure, caption, form="png"))
     text = [
         "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are cut "
         "into pieces. Labels that would overlap are left out, never those of the softest and the "
@@ -314,7 +313,7 @@ def edge_table_section(psf: PsfCalibration) -> ReportSection:
         )
         for edge in edges
     ]
-    text = ["Every ± is half a 95 % interval. An edge is named by its middle and its direction."]
+    text = ["An edge is named by its middle in px and the direction of its line."]
     if any(" *" in cell for row in sharpness for cell in row):
         text.append(MODEL_REMARK)
     more = len(psf.edges) - len(edges)
