@@ -52,7 +52,10 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportTable:
-    """A table; the first column is text, the others are figures, but for a last one of words."""
+    """A table; the first column is text, the others are figures, but for a last one of words.
+
+    A row of a single cell is the title of those below it.
+    """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]

@@ -17,7 +17,6 @@ from analysis.reports.psf.plots import (
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.psf import PsfCalibration
 from calibration.sharpness import (
-    MODEL_REMARK,
     NORMAL_95,
     edge_cells,
     lp_per_mm,
@@ -34,8 +33,6 @@ _IMAGES_SHOWN = 4
 _EDGES_WITH_CURVES_FIRST = 5  # they fill a page; those of more edges come last
 _WHOLE_WIDTH_IN, _HALF_WIDTH_IN = 7.2, 3.6
 _DIRECTION_STEP_DEG = 15.0
-_EDGES_LISTED = 200
-_EDGES_IN_FULL = 12
 
 
 def calibration_verdicts(psf: PsfCalibration) -> tuple[Verdict, ...]:
@@ -294,77 +291,8 @@ def _profiles_section(found: list[EdgeMeasurement], load_image: ImageLoader) -> 
     )
 
 
-def edge_table_section(psf: PsfCalibration) -> ReportSection:
-    """Tabulate the edges: their sharpness, and what there is to say of their quality."""
-    edges = psf.edges[:_EDGES_LISTED]
-    has_image = len({edge.image for edge in psf.edges}) > 1
-    columns, cells = edge_cells(edges, psf.pixel_pitch_um, has_image=has_image)
-    # Lines break between a photograph's name and a position, not within one.
-    sharpness = tuple((name.replace(", ", ",\u00a0"), *others) for name, *others in cells)
-    quality = [
-        (
-            f"{edge.length_px:.0f}",
-            "over 9999" if edge.snr is None or edge.snr > 9999 else f"{edge.snr:.0f}",
-            _optional(edge.contrast, ".2f"),
-            _optional(edge.roughness_px, ".3f"),
-            _percent(edge.clipped_fraction),
-            "" if edge.chi2_reduced is None else f"{edge.chi2_reduced:.2f}",
-            ", ".join(flag.replace("_", " ") for flag in edge.flags),
-        )
-        for edge in edges
-    ]
-    text = ["An edge is named by its middle in px and the direction of its line."]
-    if any(" *" in cell for row in sharpness for cell in row):
-        text.append(MODEL_REMARK)
-    more = len(psf.edges) - len(edges)
-    if more > 0:
-        text.append(f"{more} more edges are in psf.json.")
-    joined = list(zip(sharpness, quality, strict=True))
-    tables: tuple[ReportTable, ...]
-    if len(edges) <= _EDGES_IN_FULL:
-        tables = (
-            ReportTable(columns=columns, rows=sharpness, caption="Sharpness."),
-            ReportTable(
-                columns=("edge", *_QUALITY_COLUMNS),
-                rows=tuple((one[0], *other) for one, other in joined),
-                caption="Quality.",
-                ends_in_words=True,
-            ),
-        )
-    else:  # a row each on one line: five pages at most
-        text.append("psf.json and the table of --csv also have contrast, roughness and clipping.")
-        kept = (0, 1, len(_QUALITY_COLUMNS) - 1)
-        tables = (
-            ReportTable(
-                columns=(*columns[:-1], *(_QUALITY_COLUMNS[k] for k in kept)),
-                rows=tuple((*one[:-1], *(other[k] for k in kept)) for one, other in joined),
-                ends_in_words=True,
-            ),
-        )
-    return ReportSection(title="All edges", text=tuple(text), is_folded=True, tables=tables)
-
-
-_QUALITY_COLUMNS = (
-    "length / px",
-    "SNR",
-    "contrast",
-    "roughness / px",
-    "clipped / %",
-    "reduced chi²",
-    "remarks",
-)
-
-
 def _figure(value: float | None, unit: str) -> str:
     return "not determined" if value is None else f"{value:.4f}{unit}"
-
-
-def _optional(value: float | None, form: str) -> str:
-    return "" if value is None else format(value, form)
-
-
-def _percent(fraction: float | None) -> str:
-    return "" if fraction is None else f"{100 * fraction:.2f}"
 
 
 def _remark(psf: PsfCalibration, key: str, value: float | None) -> str:
