@@ -193,14 +193,14 @@ def svg_bytes(figure: Figure) -> bytes:
 
 def render_report(report: Report) -> str:
     """Return the report as one HTML document that needs no other file and no network."""
-    template = Environment(
+    environment = Environment(
         loader=PackageLoader("analysis.reports", "templates"),
         autoescape=True,
-        finalize=_unbroken,
         trim_blocks=True,
         lstrip_blocks=True,
-    ).get_template("report.html")
-    return template.render(
+    )
+    environment.filters["unbroken"] = _unbroken
+    return environment.get_template("report.html").render(
         report=report,
         convention=CONVENTION if report.has_uncertainties else "",
         provenance=(*_inputs(report.origin), *report.provenance),
@@ -209,9 +209,9 @@ def render_report(report: Report) -> str:
     )
 
 
-def _unbroken(value: object) -> object:
+def _unbroken(text: str) -> str:
     """Keep a number and its per cent sign on one line."""
-    return value.replace(" %", "\u00a0%") if type(value) is str else value
+    return text.replace(" %", "\u00a0%")
 
 
 def _inputs(origin: Provenance | None) -> tuple[tuple[str, str], ...]:

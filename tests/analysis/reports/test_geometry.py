@@ -68,6 +68,14 @@ def test_the_plotted_scales_are_those_of_the_captures() -> None:
     )
 
 
+def test_what_is_printed_after_a_value_is_half_its_95_percent_interval() -> None:
+    geometry = stored(pupil_offset_err_mm=0.01, k1_err=0.001)
+    pupil, *_, k1 = geometry_verdicts(geometry)
+    # 1.96 times the standard error.
+    assert pupil.remark == "± 0.020 mm"
+    assert k1.remark == "± 0.196 %"
+
+
 def test_what_is_not_determined_is_said_and_not_drawn() -> None:
     bare = stored(
         k1=None, k2=None, tilt_deg=None, tilt_x_deg=None, tilt_y_deg=None, focal_length_px=None,
