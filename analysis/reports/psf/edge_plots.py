@@ -22,6 +22,7 @@ _HIGHEST_IN = 5.4  # room for the title and the legend on a page
 _FEW = 12  # edges, told apart on a small picture, which stands below the facts on the first page
 _HIGHEST_OF_FEW_IN = 2.7
 _MANY = 200
+_LEGEND_COLUMNS = 3
 
 _PROFILE_BAND_SIGMAS = 6.0
 _PROFILE_BAND_EXTRA_PX = 3.0
@@ -135,12 +136,12 @@ def plot_widths_by_angle(psf: PsfCalibration, rejected: frozenset[str]) -> Figur
     entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     order = [name for name in ORIENTATION_COLOURS if name in entries]
     order += [name for name in entries if name not in order]
+    rows = [name for column in range(_LEGEND_COLUMNS) for name in order[column::_LEGEND_COLUMNS]]
     figure.legend(
-        [entries[name] for name in order],
-        order,
+        [entries[name] for name in rows],
+        rows,
         loc="outside upper center",
-        ncols=max(len(order), 1),
-        columnspacing=1.2,
+        ncols=_LEGEND_COLUMNS,
         fontsize=8,
     )
     return figure

@@ -148,8 +148,8 @@ def _compared(entries: list[HistoryEntry]) -> list[HistoryEntry]:
 def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
     rows = tuple(
         (
-            entry.captured_utc[:19].replace("T", " "),
             entry.name,
+            entry.captured_utc[:19].replace("T", " "),
             _width(entry.psf.sigma_x_px, entry.psf.sigma_x_err_px),
             _width(entry.psf.sigma_y_px, entry.psf.sigma_y_err_px),
             _width(entry.psf.rho, entry.psf.rho_err),
@@ -163,8 +163,9 @@ def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
         text=("Every calibration is compared with the first one of its camera.",),
         tables=(
             ReportTable(
-                columns=("captured (UTC)", "file", "sigma x / px", "sigma y / px", "rho", "change"),
+                columns=("file", "captured (UTC)", "sigma x / px", "sigma y / px", "rho", "change"),
                 rows=rows,
+                ends_in_words=True,
             ),
         ),
         figures=(
