@@ -37,7 +37,7 @@ def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
         upper.plot(own, measured, "o", markersize=4.5, color=colour, label=name)
         err = [_height_err_mm(geometry, c) for c in captures]
         lower.errorbar(
-            own, 1e3 * left, yerr=1e3 * NORMAL_95 * np.array(err), fmt="o", markersize=4,
+            own, 1e3 * left, yerr=1e3 * geometry.fit_factor * np.array(err), fmt="o", markersize=4,
             linewidth=0.9, color=colour,
         )  # fmt: skip
     lower.axhline(0, color=_INK, linewidth=0.8)

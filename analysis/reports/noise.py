@@ -14,7 +14,7 @@ from analysis.reports.page import (
     render_report,
 )
 from calibration.noise import CorrectionMaps, Linearity, NoiseMeasurement, PhotonTransfer
-from calibration.sharpness import NORMAL_95
+from calibration.sharpness import NORMAL_95, with_reach
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 _BLUE, _ORANGE, _GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -137,17 +137,17 @@ def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
         Verdict(
             name="Gain",
             value=f"{transfer.gain_e_per_dn:.4f} e/DN",
-            remark=_interval(transfer.gain_e_per_dn_err, 4),
+            remark=_known(transfer.gain_e_per_dn, transfer.gain_e_per_dn_err, 4, "e/DN"),
         ),
         Verdict(
             name="Read noise",
             value=f"{transfer.read_noise_e:.3f} e",
-            remark=_interval(transfer.read_noise_e_err, 3),
+            remark=_known(transfer.read_noise_e, transfer.read_noise_e_err, 3, "e"),
         ),
         Verdict(
             name="Black level",
             value=f"{dark.black_level_dn:.3f} DN",
-            remark=_interval(dark.black_level_dn_err, 3),
+            remark=_known(dark.black_level_dn, dark.black_level_dn_err, 3, "DN"),
         ),
         Verdict(
             name="Saturation",
@@ -159,8 +159,8 @@ def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
     )
 
 
-def _interval(err: float, digits: int) -> str:
-    return f"± {NORMAL_95 * err:.{digits}f}"
+def _known(value: float, err: float, digits: int, unit: str) -> str:
+    return f"{with_reach(value, NORMAL_95 * err, digits)} {unit}"
 
 
 def _transfer_section(noise: NoiseMeasurement) -> ReportSection:

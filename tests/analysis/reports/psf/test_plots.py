@@ -78,8 +78,7 @@ def test_a_direction_that_no_edge_tells_does_not_set_the_scale_of_the_transfer()
         scatter=1.0,
     )
     axes = plot_transfer_2d(unknown).axes[0]
-    low, high = axes.get_ylim()
-    assert (low, high) == (pytest.approx(-0.08), pytest.approx(1.08))
+    assert axes.get_ylim() == pytest.approx((-0.08, 1.08))
 
 
 def test_the_field_is_mapped_over_its_frame() -> None:
