@@ -248,11 +248,13 @@ def _edges_section(
         figure = plot_edges(load_image(edges[0]), edges, REJECTING_FLAGS, width_in)
         caption = f"Edges of {name} and their MTF50 in cy/px."
         figures.append(ReportFigure.of(figure, caption, form="png"))
-    text = [
-        "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are cut "
-        "into pieces. Labels that would overlap are left out, never those of the softest and the "
-        "sharpest edge."
-    ]
+    text = ["The edge that was found and fitted, with its MTF50 in cy/px."]
+    if len(found) > 1:
+        text = [
+            "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are "
+            "cut into pieces. Labels that would overlap are left out, never those of the softest "
+            "and the sharpest edge."
+        ]
     if len(by_image) > len(shown):
         text.append(f"{len(shown)} of {len(by_image)} photographs are shown.")
     text += _missing_text(missing)
