@@ -19,7 +19,9 @@ def edge_table_section(psf: PsfCalibration) -> ReportSection:
     on all of them is said once.
     """
     edges = psf.edges[:_EDGES_LISTED]
-    columns, sharpness = edge_cells(edges, psf.pixel_pitch_um, has_image=False)
+    columns, cells = edge_cells(edges, psf.pixel_pitch_um, has_image=False)
+    # A row of figures is one line high: no line breaks within a position.
+    sharpness = tuple((name.replace(" ", "\u00a0"), *others) for name, *others in cells)
     shared: frozenset[str] = frozenset()
     if len(edges) > 1:
         shared = frozenset.intersection(*(frozenset(edge.flags) for edge in edges))

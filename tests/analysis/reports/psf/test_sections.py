@@ -133,6 +133,7 @@ def test_the_table_of_edges_gives_widths_with_errors_and_remarks(psf: PsfCalibra
         assert len(row) == len(table.columns)
         rows.append(dict(zip(table.columns, row, strict=True)))
     sharpness, quality = rows
+    assert " " not in sharpness["edge"]  # no line breaks within a position
     assert sharpness["sigma / px"] == f"{first.sigma_px:.4f} ± {1.96 * first.sigma_err_px:.4f}"
     assert sharpness["MTF50 / (cy/px)"].startswith(f"{first.esfr_mtf50_cy_per_px:.4f} ± ")
     assert sharpness["optical sigma / px"] == "not resolved"
