@@ -54,9 +54,9 @@ def _note_once() -> Callable[[str], None]:
         nonlocal is_said
         if not is_said:
             is_said = True
-            from standoff.terminal import note
+            from standoff.terminal import note_in_passing
 
-            note("compiling the numerical code, once: a minute or two")
+            note_in_passing("compiling the numerical code, once: a minute or two")
 
     return say
 

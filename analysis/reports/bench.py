@@ -18,6 +18,7 @@ from analysis.reports.page import (
 from calibration.edges import REJECTING_FLAGS
 from calibration.noise import LevelNoise, fit_level_noise
 from calibration.psf import PsfCalibration
+from calibration.sharpness import NORMAL_95
 
 _INK = "#1b1f24"
 _BLUE = "#0072B2"
@@ -58,11 +59,11 @@ def plot_noise(sample: NoiseSample) -> Figure:
     used = count >= _FEWEST_IN_BIN
     level = np.bincount(bin_index, mean, minlength=_BINS)[used] / count[used]
     spread = np.bincount(bin_index, variance, minlength=_BINS)[used] / count[used]
-    err = spread * np.sqrt(2 / (max(sample.frames - 1, 1) * count[used]))
+    reach = NORMAL_95 * spread * np.sqrt(2 / (max(sample.frames - 1, 1) * count[used]))
     figure = new_figure(6.4, 3.2)
     axes = figure.subplots()
     axes.errorbar(
-        level, spread, yerr=err, fmt="o", markersize=3.5, color=_BLUE, label="binned pixels"
+        level, spread, yerr=reach, fmt="o", markersize=3.5, color=_BLUE, label="binned pixels"
     )
     line = np.linspace(0, float(mean.max()), 100)
     axes.plot(line, sample.noise.variance_dn2(line), color=_INK, linewidth=1, label="fitted line")
@@ -175,7 +176,9 @@ def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection
                 ),
             ),
         ),
-        figures=(ReportFigure.of(plot_noise(sample), "Photon transfer of one edge capture."),),
+        figures=(
+            ReportFigure.of(plot_noise(sample), "Photon transfer of one capture, with 95 % bars."),
+        ),
     )
 
 

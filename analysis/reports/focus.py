@@ -5,10 +5,10 @@ from matplotlib.figure import Figure
 
 from acquisition.focus import FocusPeak
 from analysis.reports.page import in_report_style, new_figure
+from calibration.sharpness import NORMAL_95
 from simulation.arrays import FloatArray
 
 _BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#1b1f24"
-_SIGMAS_95 = 1.96
 
 
 @in_report_style
@@ -29,7 +29,7 @@ def plot_focus_sweep(
     if peak is not None:
         line = np.linspace(heights_mm.min(), heights_mm.max(), 400)
         axes.plot(line, peak.curve(line), color=_INK, linewidth=1, label=f"fit, {peak.shape}")
-        half = _SIGMAS_95 * peak.err_mm
+        half = NORMAL_95 * peak.err_mm
         axes.axvspan(
             peak.height_mm - half, peak.height_mm + half, color=_ORANGE, alpha=0.25, linewidth=0,
             label="peak, 95 %",

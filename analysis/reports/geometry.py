@@ -10,6 +10,7 @@ from analysis.reports.geometry_plots import (
 )
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable, Verdict
 from calibration.geometry import GeometryCalibration
+from calibration.sharpness import NORMAL_95, with_reach
 
 _SOURCES = {
     "board": "The scale is based on the size of the board's squares.",
@@ -20,32 +21,30 @@ _SOURCES = {
 
 
 def geometry_verdicts(geometry: GeometryCalibration) -> tuple[Verdict, ...]:
-    """Return the headline figures with their standard errors."""
-    return (
+    """Return the headline figures with their 95 % uncertainties."""
+    factor, scales = geometry.fit_factor, geometry.scale_px_per_mm
+    scale_errs = geometry.scale_err_px_per_mm
+    known = (
+        ("entrance pupil above height 0", geometry.pupil_offset_mm, 3, " mm"),
+        (f"scale at {geometry.heights_mm[0]:g} mm", scales[0] if scales else None, 4, " px/mm"),
+        ("tilt of target to sensor", geometry.tilt_deg, 3, "°"),
+        ("distortion k1 at the corner", _in_percent(geometry.k1), 3, " %"),
+    )
+    reaches = (
+        _times(factor, geometry.pupil_offset_err_mm),
+        _times(factor, scale_errs[0] if scale_errs else None),
+        _times(NORMAL_95, geometry.tilt_err_deg),
+        _times(NORMAL_95, _in_percent(geometry.k1_err)),
+    )
+    return tuple(
         Verdict(
-            name="entrance pupil above height 0",
-            value=f"{geometry.pupil_offset_mm:.3f} mm",
-            remark=_err(geometry.pupil_offset_err_mm, 3, " mm"),
-        ),
-        Verdict(
-            name=f"scale at {geometry.heights_mm[0]:g} mm",
-            value="not determined"
-            if geometry.scale_px_per_mm is None
-            else f"{geometry.scale_px_per_mm[0]:.4f} px/mm",
+            name=name,
+            value=_value(value, digits, unit),
             remark=""
-            if geometry.scale_err_px_per_mm is None
-            else _err(geometry.scale_err_px_per_mm[0], 4, " px/mm"),
-        ),
-        Verdict(
-            name="tilt of target to sensor",
-            value=_value(geometry.tilt_deg, 3, "°"),
-            remark=_err(geometry.tilt_err_deg, 3, "°"),
-        ),
-        Verdict(
-            name="distortion k1 at the corner",
-            value=_value(None if geometry.k1 is None else 100 * geometry.k1, 3, " %"),
-            remark=_err(None if geometry.k1_err is None else 100 * geometry.k1_err, 3, " %"),
-        ),
+            if value is None or reach is None
+            else f"{with_reach(value, reach, digits)}{unit}",
+        )
+        for (name, value, digits, unit), reach in zip(known, reaches, strict=True)
     )
 
 
@@ -83,9 +82,9 @@ def _scale_section(geometry: GeometryCalibration) -> ReportSection:
         (
             f"{height:g}",
             _value(scale, 5, ""),
-            "" if err is None else f"{err:.5f}",
+            "" if err is None else f"{geometry.fit_factor * err:.5f}",
             f"{zooms[height].zoom:.5f}" if height in zooms else "1",
-            f"{zooms[height].zoom_err:.5f}" if height in zooms else "",
+            f"{geometry.fit_factor * zooms[height].zoom_err:.5f}" if height in zooms else "",
         )
         for height, scale, err in zip(geometry.heights_mm, scales, errs, strict=True)
     )
@@ -115,7 +114,7 @@ def _scale_section(geometry: GeometryCalibration) -> ReportSection:
             ReportFigure.of(
                 plot_scale_by_height(geometry),
                 "Scale of every capture, and the height read back minus the one fitted to its "
-                "image, with the standard error of the fit.",
+                "image, with the 95 % interval of the fit.",
             ),
         ),
     )
@@ -156,9 +155,13 @@ def _squareness_section(geometry: GeometryCalibration) -> ReportSection:
         title="Squareness",
         tables=(
             ReportTable(
-                columns=("", "value", "standard error"),
+                columns=("", "value", "±"),
                 rows=tuple(
-                    (name, _value(value, digits, ""), "" if err is None else f"{err:.{digits}f}")
+                    (
+                        name,
+                        _value(value, digits, ""),
+                        "" if err is None else f"{NORMAL_95 * err:.{digits}f}",
+                    )
                     for name, value, err, digits in rows
                 ),
             ),
@@ -175,9 +178,9 @@ def _lens_table(geometry: GeometryCalibration) -> ReportTable:
         ("k2 of OpenCV", geometry.k2_opencv, None),
     ]
     return ReportTable(
-        columns=("", "value", "standard error"),
+        columns=("", "value", "±"),
         rows=tuple(
-            (name, _value(value, 5, ""), "" if err is None else f"{err:.5f}")
+            (name, _value(value, 5, ""), "" if err is None else f"{NORMAL_95 * err:.5f}")
             for name, value, err in rows
         ),
     )
@@ -224,5 +227,9 @@ def _value(value: float | None, digits: int, unit: str) -> str:
     return "not determined" if value is None else f"{value:.{digits}f}{unit}"
 
 
-def _err(err: float | None, digits: int, unit: str) -> str:
-    return "" if err is None else f"± {err:.{digits}f}{unit} (standard error)"
+def _times(factor: float, err: float | None) -> float | None:
+    return None if err is None else factor * err
+
+
+def _in_percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share

@@ -5,6 +5,7 @@ from matplotlib.figure import Figure
 
 from analysis.reports.page import in_report_style, new_figure
 from calibration.geometry import CaptureGeometry, GeometryCalibration
+from calibration.sharpness import NORMAL_95
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -36,8 +37,8 @@ def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
         upper.plot(own, measured, "o", markersize=4.5, color=colour, label=name)
         err = [_height_err_mm(geometry, c) for c in captures]
         lower.errorbar(
-            own, 1e3 * left, yerr=1e3 * np.array(err), fmt="o", markersize=4, linewidth=0.9,
-            color=colour,
+            own, 1e3 * left, yerr=1e3 * geometry.fit_factor * np.array(err), fmt="o", markersize=4,
+            linewidth=0.9, color=colour,
         )  # fmt: skip
     lower.axhline(0, color=_INK, linewidth=0.8)
     lower.margins(y=0.25)
@@ -89,7 +90,9 @@ def plot_squareness(geometry: GeometryCalibration) -> Figure | None:
         return None
     figure = new_figure(3.6, 3.6)
     axes = figure.subplots()
-    x_err, y_err = (1.96 * (e or 0.0) for e in (geometry.tilt_x_err_deg, geometry.tilt_y_err_deg))
+    x_err, y_err = (
+        NORMAL_95 * (e or 0.0) for e in (geometry.tilt_x_err_deg, geometry.tilt_y_err_deg)
+    )
     reach = max(
         np.hypot(geometry.tilt_x_deg, geometry.tilt_y_deg) * 1.25, 3 * x_err, 3 * y_err, 0.1
     )

@@ -14,6 +14,7 @@ from analysis.reports.page import (
     render_report,
 )
 from calibration.noise import CorrectionMaps, Linearity, NoiseMeasurement, PhotonTransfer
+from calibration.sharpness import NORMAL_95, with_reach
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 _BLUE, _ORANGE, _GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -51,7 +52,8 @@ def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
     upper.legend(loc="upper left", fontsize=8)
     expected = transfer.variance_dn2(light)
     lower.errorbar(
-        light[fitted], 100 * (variance / expected - 1)[fitted], yerr=100 * (err / expected)[fitted],
+        light[fitted], 100 * (variance / expected - 1)[fitted],
+        yerr=100 * NORMAL_95 * (err / expected)[fitted],
         fmt="o", markersize=4, linewidth=0.9, color=_BLUE,
     )  # fmt: skip
     lower.axhline(0, color=_INK, linewidth=0.8)
@@ -95,9 +97,6 @@ def plot_maps(maps: CorrectionMaps) -> Figure:
     return figure
 
 
-_SIGMAS_95 = 1.96
-
-
 def render_noise_report(noise: NoiseMeasurement, source: str) -> str:
     """Return the report as one HTML page; ``source`` names the session."""
     transfer, known = noise.transfer, noise.calibration
@@ -138,17 +137,17 @@ def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
         Verdict(
             name="Gain",
             value=f"{transfer.gain_e_per_dn:.4f} e/DN",
-            remark=_interval(transfer.gain_e_per_dn_err, 4),
+            remark=_known(transfer.gain_e_per_dn, transfer.gain_e_per_dn_err, 4, "e/DN"),
         ),
         Verdict(
             name="Read noise",
             value=f"{transfer.read_noise_e:.3f} e",
-            remark=_interval(transfer.read_noise_e_err, 3),
+            remark=_known(transfer.read_noise_e, transfer.read_noise_e_err, 3, "e"),
         ),
         Verdict(
             name="Black level",
             value=f"{dark.black_level_dn:.3f} DN",
-            remark=_interval(dark.black_level_dn_err, 3),
+            remark=_known(dark.black_level_dn, dark.black_level_dn_err, 3, "DN"),
         ),
         Verdict(
             name="Saturation",
@@ -160,8 +159,8 @@ def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
     )
 
 
-def _interval(err: float, digits: int) -> str:
-    return f"± {_SIGMAS_95 * err:.{digits}f} (95 %)"
+def _known(value: float, err: float, digits: int, unit: str) -> str:
+    return f"{with_reach(value, NORMAL_95 * err, digits)} {unit}"
 
 
 def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
@@ -180,7 +179,7 @@ def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
             ReportFigure.of(
                 plot_photon_transfer(transfer),
                 "Mean of all good pixels of each capture. Below: deviation from the fit, with the "
-                "standard error from the number of pixels.",
+                "95 % interval that the number of pixels gives.",
             ),
         ),
     )

@@ -32,9 +32,13 @@ _STYLE: Any = {
 }
 _PNG_DPI = 170
 _INPUTS_LISTED = 50
+_UNBROKEN_ROWS = 8  # of a table that no page break parts: an inch and a half
 _COLUMN_IN = 7.32  # A4 less its margins
 _GAP_IN = 0.08
 _WIDE_COLUMNS = 11  # that fit on the short side of A4 at 8 pt
+
+
+CONVENTION = "Uncertainties are 95 % intervals: ± is half of one, bars and bands are whole ones."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,12 +52,20 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportTable:
-    """A table; the first column is text, the others are figures, but for a last one of words."""
+    """A table; the first column is text, the others are figures, but for a last one of words.
+
+    A row of a single cell is the title of those below it.
+    """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     ends_in_words: bool = False
+
+    @property
+    def is_short(self) -> bool:
+        """Whether it stays on one page; rows of words may take half a page and may be parted."""
+        return len(self.rows) <= _UNBROKEN_ROWS and not self.ends_in_words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +144,7 @@ class Report:
 
     ``verdicts`` are the headline figures, ``provenance`` are names and values for the table at the
     end, ``origin`` is the provenance of the document that is reported: in the header, and its files
-    in the table.
+    in the table. A report that ``has_uncertainties`` says under its title that all are at 95 %.
     """
 
     title: str
@@ -142,6 +154,7 @@ class Report:
     provenance: tuple[tuple[str, str], ...]
     origin: Provenance | None = None
     front: ReportFront | None = None
+    has_uncertainties: bool = True
 
 
 def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -180,18 +193,25 @@ def svg_bytes(figure: Figure) -> bytes:
 
 def render_report(report: Report) -> str:
     """Return the report as one HTML document that needs no other file and no network."""
-    template = Environment(
+    environment = Environment(
         loader=PackageLoader("analysis.reports", "templates"),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
-    ).get_template("report.html")
-    return template.render(
+    )
+    environment.filters["unbroken"] = _unbroken
+    return environment.get_template("report.html").render(
         report=report,
+        convention=CONVENTION if report.has_uncertainties else "",
         provenance=(*_inputs(report.origin), *report.provenance),
         encodings=encodings_text(report.origin),
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )
+
+
+def _unbroken(text: str) -> str:
+    """Keep a number and its per cent sign on one line."""
+    return text.replace(" %", "\u00a0%")
 
 
 def _inputs(origin: Provenance | None) -> tuple[tuple[str, str], ...]:

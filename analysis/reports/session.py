@@ -1,6 +1,7 @@
 """The report of a capture session: captures, PSF, and how well the models predict them."""
 
 import platform
+from collections.abc import Mapping
 from importlib.metadata import version
 
 import numpy as np
@@ -21,15 +22,19 @@ from analysis.reports.page import (
     render_report,
 )
 from analysis.reports.psf import (
+    calibration_front,
     calibration_sections,
     calibration_verdicts,
     edge_table_section,
+    verdict_section,
 )
 from analysis.reports.validation_plots import plot_curves, plot_furthest
 from analysis.validation import ShownPair, Validation, furthest_pair
-from calibration.edges import EdgeMeasurement
+from calibration.edges import EdgeMeasurement, measure_edges
 from calibration.provenance import Provenance
-from calibration.psf import PsfCalibration
+from calibration.psf import PsfCalibration, capture_images
+
+_SAME_MTF50 = 1e-3  # relative; the digits of a report
 
 
 def render_session_report(
@@ -38,6 +43,7 @@ def render_session_report(
     validation: Validation | None,
     remarks: tuple[str, ...] = (),
     origin: Provenance | None = None,
+    warnings: tuple[str, ...] = (),
 ) -> str:
     """Return the report of a session as one HTML document.
 
@@ -52,6 +58,8 @@ def render_session_report(
         What the report leaves out, and why.
     origin
         Provenance of the report.
+    warnings
+        What the command noted; on the front page of a session with a PSF.
 
     Raises
     ------
@@ -60,6 +68,7 @@ def render_session_report(
     """
     verdicts: tuple[Verdict, ...] = ()
     sections = [captures_section(session)]
+    front = None
     if psf is not None:
         records = {record.file: record for record in session.records}
 
@@ -67,7 +76,10 @@ def render_session_report(
             return session.load(records[edge.image]).mean_dn
 
         verdicts = calibration_verdicts(psf)
-        sections += calibration_sections(psf, load, frozenset(records))
+        front = calibration_front(psf, warnings)
+        limits = verdict_section(psf)
+        sections = [*([] if limits is None else [limits]), *sections]
+        sections += calibration_sections(with_curves(psf, session), load, frozenset(records))
     if validation is not None:
         shown = None
         if psf is not None:
@@ -87,8 +99,45 @@ def render_session_report(
             sections=tuple(sections),
             provenance=(*device_rows(session), *versions()),
             origin=origin,
+            front=front,
+            has_uncertainties=psf is not None,
         )
     )
+
+
+def with_curves(psf: PsfCalibration, session: Session) -> PsfCalibration:
+    """Return the calibration with the curves of the edges of a session's captures.
+
+    psf.json does not keep them, so the captures are measured again. An edge that does not come
+    back with the same MTF50 (of a mosaic, or corrected by maps of the sensor) stays without.
+
+    Raises
+    ------
+    SessionError
+        If a capture file is missing or changed.
+    """
+    if psf.channels is not None:
+        return psf
+    wanted = {edge.image for edge in psf.edges_used if edge.esfr_mtf50_cy_per_px is not None}
+    records = [record for record in session.records if record.file in wanted]
+    found = {
+        (image.name, round(edge.x_px), round(edge.y_px)): edge
+        for image in capture_images(session, records)
+        for edge in measure_edges(image)
+    }
+    return psf.model_copy(update={"edges": tuple(_with_curve(edge, found) for edge in psf.edges)})
+
+
+def _with_curve(
+    edge: EdgeMeasurement, found: Mapping[tuple[str, int, int], EdgeMeasurement]
+) -> EdgeMeasurement:
+    again = found.get((edge.image, round(edge.x_px), round(edge.y_px)))
+    before = edge.esfr_mtf50_cy_per_px
+    if again is None or before is None or again.esfr_mtf50_cy_per_px is None:
+        return edge
+    if not np.isclose(again.esfr_mtf50_cy_per_px, before, rtol=_SAME_MTF50):
+        return edge
+    return edge.model_copy(update={"esfr": again.esfr, "binned": again.binned})
 
 
 def _agreement_verdicts(validation: Validation) -> tuple[Verdict, ...]:

@@ -17,6 +17,7 @@ from analysis.reports.page import (
 from analysis.reports.session import versions
 from analysis.reports.validation_plots import plot_curves, plot_images
 from analysis.validation import TABLE_NOTES, ResultTable, ShownPair, Validation, both_tables
+from calibration.sharpness import NORMAL_95
 
 
 def render_validation(session: Session, validation: Validation, shown: Sequence[ShownPair]) -> str:
@@ -125,13 +126,13 @@ def _report_table(table: ResultTable) -> ReportTable:
 
 
 def _registration_section(validation: Validation) -> ReportSection:
-    errors_px = [pair.place_err_px for pair in validation.pairs]
+    reaches_px = [NORMAL_95 * pair.place_err_px for pair in validation.pairs]
     return ReportSection(
         title="Alignment",
         is_folded=True,
         text=(
-            f"Standard error of a pixel's position: median {np.median(errors_px):.4f} px, largest "
-            f"{max(errors_px):.4f} px of the reference.",
+            f"A pixel's position in the reference is known to ± {np.median(reaches_px):.4f} px "
+            f"(median of the pairs) and to ± {max(reaches_px):.4f} px at worst.",
         ),
         tables=(
             ReportTable(
@@ -141,8 +142,8 @@ def _registration_section(validation: Validation) -> ReportSection:
                     "follow-up / mm",
                     "zoom",
                     "k1",
-                    "standard error of k1",
-                    "position error / px",
+                    "± k1",
+                    "± position / px",
                     "features",
                 ),
                 rows=tuple(
@@ -152,8 +153,8 @@ def _registration_section(validation: Validation) -> ReportSection:
                         f"{pair.followup_height_mm:.2f}",
                         f"{pair.zoom:.5f}",
                         f"{pair.k1:+.5f}",
-                        f"{pair.k1_err:.5f}",
-                        f"{pair.place_err_px:.4f}",
+                        f"{NORMAL_95 * pair.k1_err:.5f}",
+                        f"{NORMAL_95 * pair.place_err_px:.4f}",
                         str(pair.matches),
                     )
                     for pair in validation.pairs

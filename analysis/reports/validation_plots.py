@@ -61,7 +61,13 @@ def plot_furthest(shown: ShownPair, crop_px: int = _FURTHEST_CROP_PX) -> Figure:
         axes.imshow(image, cmap="gray", vmin=-reach, vmax=reach)
         axes.set_title(name)
     grid[1, 0].axis("off")
-    grid[1, 0].text(0.5, 0.5, f"minus captured\n±{spread:.1f} of 255", ha="center", va="center")
+    grid[1, 0].text(
+        0.5,
+        0.5,
+        f"minus captured,\n−{spread:.1f} to {spread:.1f}\nof 255",
+        ha="center",
+        va="center",
+    )
     for axes, difference in zip(grid[1, 1:], differences, strict=True):
         axes.imshow(difference, cmap="RdBu", vmin=-spread, vmax=spread)
     for axes in grid.flat:

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from calibration.provenance import Provenance
 
 GEOMETRY_SCHEMA: Final = "standoff.geometry/1"
+_NORMAL_95 = 1.959963984540054
 
 ScaleSource = Literal["board", "given", "bench"]
 
@@ -133,6 +134,18 @@ class GeometryCalibration(_Stored):
     undetermined: dict[str, str] = {}
     notes: tuple[str, ...] = ()
     provenance: Provenance | None = None
+
+    @property
+    def fit_factor(self) -> float:
+        """Half a 95 % interval in standard errors, of what the fit of the heights gives.
+
+        That is the pupil, the scales, the zooms and the focal length. It is Student's where the
+        heights scatter more than the images explain: with three heights 12.7.
+        """
+        if self.pupil_offset_interval_95_mm is None or not self.pupil_offset_err_mm:
+            return _NORMAL_95
+        low, high = self.pupil_offset_interval_95_mm
+        return 0.5 * (high - low) / self.pupil_offset_err_mm
 
     def zoom(self, near_mm: float, far_mm: float) -> float:
         """True zoom-out between two heights: the ratio of the distances from the entrance pupil."""

@@ -42,9 +42,14 @@ class ParameterChange:
         return self.second - self.first
 
     @property
+    def difference_err(self) -> float:
+        """Standard error of the difference."""
+        return hypot(self.first_err, self.second_err)
+
+    @property
     def z(self) -> float:
         """Difference divided by its standard error."""
-        return self.difference / hypot(self.first_err, self.second_err)
+        return self.difference / self.difference_err
 
     @property
     def p_value(self) -> float:

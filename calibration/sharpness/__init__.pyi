@@ -20,7 +20,7 @@ from .tables import (
     VERDICT_COLUMNS as VERDICT_COLUMNS,
     edge_cells as edge_cells,
     edge_name as edge_name,
-    verdict_cells as verdict_cells,
+    verdict_rows as verdict_rows,
     with_reach as with_reach,
 )
 from .verdict import (
@@ -51,7 +51,7 @@ __all__ = [
     "position_in_field",
     "read_limits",
     "reported_mtf50",
-    "verdict_cells",
+    "verdict_rows",
     "with_reach",
     "with_sharpness",
 ]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import pi, sqrt
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from scipy.special import ndtri
@@ -59,15 +59,7 @@ def smallest(figures: Sequence[Figure]) -> Figure:
     ValueError
         If there is none.
     """
-    if not figures:
-        raise ValueError("the smallest of no figures")
-    reach = _reach(len(figures))
-    least = min(figures, key=lambda figure: figure.value)
-    return replace(
-        least,
-        low=min(_least(figure, reach) for figure in figures),
-        high=min(figure.value + reach * figure.err for figure in figures),
-    )
+    return _extreme("smallest", figures)
 
 
 def largest(figures: Sequence[Figure]) -> Figure:
@@ -78,14 +70,19 @@ def largest(figures: Sequence[Figure]) -> Figure:
     ValueError
         If there is none.
     """
+    return _extreme("largest", figures)
+
+
+def _extreme(which: Literal["smallest", "largest"], figures: Sequence[Figure]) -> Figure:
     if not figures:
-        raise ValueError("the largest of no figures")
+        raise ValueError(f"the {which} of no figures")
+    choose = min if which == "smallest" else max
     reach = _reach(len(figures))
-    most = max(figures, key=lambda figure: figure.value)
+    found = choose(figures, key=lambda figure: figure.value)
     return replace(
-        most,
-        low=max(_least(figure, reach) for figure in figures),
-        high=max(figure.value + reach * figure.err for figure in figures),
+        found,
+        low=choose(_least(figure, reach) for figure in figures),
+        high=choose(figure.value + reach * figure.err for figure in figures),
     )
 
 

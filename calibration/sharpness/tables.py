@@ -15,7 +15,7 @@ from calibration.sharpness.resolution import (
     picture_height_px,
     reported_mtf50,
 )
-from calibration.sharpness.verdict import LimitVerdict
+from calibration.sharpness.verdict import LimitVerdict, SharpnessVerdict
 
 MODEL_REMARK = "* of the fitted Gaussian, where an edge has no e-SFR with an error"
 _DIGITS = {"cy/px": 4, "LW/PH": 1, "lp/mm": 2, "px": 4, "": 3}
@@ -84,11 +84,23 @@ def with_reach(value: float, reach_95: float | None, digits: int) -> str:
     return f"{value:.{digits}f} ± {reach_95:.{digits}f}"
 
 
-VERDICT_COLUMNS = ("limit", "allowed", "measured", "95 % interval", "verdict", "where")
+VERDICT_COLUMNS = ("limit", "allowed", "measured", "95 % interval", "verdict", "where, or why not")
 
 
-def verdict_cells(one: LimitVerdict) -> Cells:
-    """Return a limit as a row under ``VERDICT_COLUMNS``."""
+def verdict_rows(verdict: SharpnessVerdict) -> tuple[Cells, ...]:
+    """Return the limits as rows under ``VERDICT_COLUMNS``; a reason is written out once."""
+    first_with: dict[str, str] = {}
+    rows = []
+    for one in verdict.limits:
+        row = _limit_cells(one)
+        if one.reason is not None:
+            first = first_with.setdefault(one.reason, one.limit)
+            row = row if first == one.limit else (*row[:-1], f"as for {first}")
+        rows.append(row)
+    return tuple(rows)
+
+
+def _limit_cells(one: LimitVerdict) -> Cells:
     digits = _DIGITS[one.unit]
     allowed = f"{'at least' if one.is_least else 'at most'} {one.bound:g} {one.unit}".rstrip()
     if one.value is None or one.low is None or one.high is None:

@@ -58,6 +58,7 @@ def compare(
         raise typer.BadParameter(f"give two psf.json files, got {len(files)}; or use --history")
     from calibration.files import read_psf
     from calibration.psf import compare_psfs
+    from calibration.sharpness import NORMAL_95, with_reach
 
     first, second = (read_psf(path) for path in files)
     try:
@@ -88,14 +89,14 @@ def compare(
         )
         return
     print_table(
-        "PSF",
+        "PSF, ± at 95 %",
         ["", "first", "second", "difference", "z", "p", "p (Holm)"],
         [
             [
                 one.name,
-                f"{one.first:.4f} ± {one.first_err:.4f}",
-                f"{one.second:.4f} ± {one.second_err:.4f}",
-                f"{one.difference:+.4f}",
+                with_reach(one.first, NORMAL_95 * one.first_err, 4),
+                with_reach(one.second, NORMAL_95 * one.second_err, 4),
+                with_reach(one.difference, NORMAL_95 * one.difference_err, 4),
                 f"{one.z:+.2f}",
                 f"{one.p_value:.2g}",
                 f"{one.p_value_holm:.2g}",
@@ -138,7 +139,9 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
         return
     for section in history_sections(found):
         table = section.tables[0]
-        print_table(section.title, list(table.columns), [list(row) for row in table.rows])
+        print_table(
+            f"{section.title}, ± at 95 %", list(table.columns), [list(row) for row in table.rows]
+        )
     if report is not None:
         say(f"wrote {report}")
 

@@ -112,18 +112,23 @@ def geometry(
 
 
 def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
+    from calibration.sharpness import NORMAL_95
+
+    factor = found.fit_factor
     print_table(
         "Geometry",
-        ["", "value", "standard error"],
+        ["", "value", "± at 95 %"],
         [
             ["entrance pupil above height 0 / mm",
-             *_cells(found.pupil_offset_mm, found.pupil_offset_err_mm, 3)],
-            ["focal length / px", *_cells(found.focal_length_px, found.focal_length_err_px, 2)],
-            ["k1, at the image corner", *_cells(found.k1, found.k1_err, 5)],
-            ["k2, at the image corner", *_cells(found.k2, found.k2_err, 5)],
-            ["tilt of target to sensor / deg", *_cells(found.tilt_deg, found.tilt_err_deg, 4)],
+             *_cells(found.pupil_offset_mm, found.pupil_offset_err_mm, 3, factor)],
+            ["focal length / px",
+             *_cells(found.focal_length_px, found.focal_length_err_px, 2, factor)],
+            ["k1, at the image corner", *_cells(found.k1, found.k1_err, 5, NORMAL_95)],
+            ["k2, at the image corner", *_cells(found.k2, found.k2_err, 5, NORMAL_95)],
+            ["tilt of target to sensor / deg",
+             *_cells(found.tilt_deg, found.tilt_err_deg, 4, NORMAL_95)],
             ["drift of the axis / (px/mm)",
-             *_cells(found.axis_drift_px_per_mm, found.axis_drift_err_px_per_mm, 5)],
+             *_cells(found.axis_drift_px_per_mm, found.axis_drift_err_px_per_mm, 5, NORMAL_95)],
         ],
     )  # fmt: skip
     scales, errs = found.scale_px_per_mm, found.scale_err_px_per_mm
@@ -131,9 +136,9 @@ def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
         lowest = found.heights_mm[0]
         print_table(
             f"Heights (scale by {_SOURCES[found.scale_source].format(board=board)})",
-            ["height / mm", "scale / (px/mm)", "standard error", f"zoom from {lowest:g} mm"],
+            ["height / mm", "scale / (px/mm)", "± at 95 %", f"zoom from {lowest:g} mm"],
             [
-                [f"{height:g}", f"{scale:.5f}", f"{err:.5f}", f"{found.zoom(lowest, height):.5f}"]
+                [f"{height:g}", *_cells(scale, err, 5, factor), f"{found.zoom(lowest, height):.5f}"]
                 for height, scale, err in zip(found.heights_mm, scales, errs, strict=True)
             ],
         )  # fmt: skip
@@ -141,7 +146,8 @@ def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
         say(f"{name} is not determined: {reason}")
 
 
-def _cells(value: float | None, err: float | None, digits: int) -> list[str]:
+def _cells(value: float | None, err: float | None, digits: int, factor: float) -> list[str]:
+    """A value and half its 95 % interval, ``factor`` standard errors."""
     if value is None or err is None:
         return ["not determined", ""]
-    return [f"{value:.{digits}f}", f"{err:.{digits}f}"]
+    return [f"{value:.{digits}f}", f"{factor * err:.{digits}f}"]

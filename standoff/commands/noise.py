@@ -63,16 +63,30 @@ def noise(
 
 
 def _print(found: NoiseMeasurement) -> None:
+    from calibration.sharpness import NORMAL_95
+
     calibration, transfer, pixels = found.calibration, found.transfer, found.nonuniformity
     dark, saturation = transfer.dark, transfer.saturation
     rows = [
-        ["gain / (e/DN)", f"{transfer.gain_e_per_dn:.4f}", f"{transfer.gain_e_per_dn_err:.4f}"],
-        ["read noise / e", f"{transfer.read_noise_e:.3f}", f"{transfer.read_noise_e_err:.3f}"],
-        ["black level / DN", f"{dark.black_level_dn:.3f}", f"{dark.black_level_dn_err:.3f}"],
+        [
+            "gain / (e/DN)",
+            f"{transfer.gain_e_per_dn:.4f}",
+            f"{NORMAL_95 * transfer.gain_e_per_dn_err:.4f}",
+        ],
+        [
+            "read noise / e",
+            f"{transfer.read_noise_e:.3f}",
+            f"{NORMAL_95 * transfer.read_noise_e_err:.3f}",
+        ],
+        [
+            "black level / DN",
+            f"{dark.black_level_dn:.3f}",
+            f"{NORMAL_95 * dark.black_level_dn_err:.3f}",
+        ],
         [
             "saturation / DN",
             f"{saturation.level_dn:.1f}",
-            "not reached" if saturation.err_dn is None else f"{saturation.err_dn:.1f}",
+            "not reached" if saturation.err_dn is None else f"{NORMAL_95 * saturation.err_dn:.1f}",
         ],
         ["saturation / e", f"{transfer.saturation_e:.0f}", ""],
     ]
@@ -81,7 +95,7 @@ def _print(found: NoiseMeasurement) -> None:
             [
                 "dark current / (e/s)",
                 f"{dark.current_e_per_s:.2f}",
-                f"{dark.current_e_per_s_err:.2f}",
+                f"{NORMAL_95 * dark.current_e_per_s_err:.2f}",
             ]
         )
     if transfer.linearity is not None:
@@ -94,7 +108,7 @@ def _print(found: NoiseMeasurement) -> None:
     ]
     print_table(
         f"Noise at {calibration.gain_db:g} dB" if calibration.gain_db is not None else "Noise",
-        ["", "value", "standard error"],
+        ["", "value", "± at 95 %"],
         rows,
     )
     say(

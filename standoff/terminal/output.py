@@ -87,6 +87,11 @@ def note(text: str) -> None:
     ERRORS.print(f"note: {on_one_line(text)}", markup=False)
 
 
+def note_in_passing(text: str) -> None:
+    """Print a remark on stderr about the command, not about its results: no report repeats it."""
+    ERRORS.print(f"note: {on_one_line(text)}", markup=False)
+
+
 def say_error(text: object) -> None:
     """Print why the command ends, in one line on stderr."""
     ERRORS.print(f"standoff: {on_one_line(text)}", markup=False)

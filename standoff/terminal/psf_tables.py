@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.blind import is_clear
 from calibration.psf import Estimate, PsfCalibration, share_of_correlation
+from calibration.sharpness import NORMAL_95, with_reach
 from standoff.terminal.output import note, print_table, say
 
 _USUAL_RHO = 0.1
@@ -56,7 +57,7 @@ def print_psf(calibration: PsfCalibration) -> None:
     if calibration.field is not None and calibration.field.worst_err is not None:
         say(
             "the PSF changes over the frame: psf.json holds its field, with every width known to "
-            f"{100 * calibration.field.worst_err:.1f} % or better"
+            f"± {100 * NORMAL_95 * calibration.field.worst_err:.1f} % (95 %) or better"
         )
     if calibration.softness_px2 is not None:
         softness_px = calibration.softness_px2**0.5
@@ -71,15 +72,15 @@ def _print_source(calibration: PsfCalibration) -> None:
     """Print the pairs, or how many edges counted."""
     if calibration.pairs:
         print_table(
-            "Pairs",
+            "Pairs, ± at 95 %",
             ["near", "far", "zoom", "sigma_x / px", "sigma_y / px"],
             [
                 [
                     Path(pair.near).name,
                     Path(pair.far).name,
                     f"{pair.zoom:.4f}",
-                    f"{pair.sigma_x_px:.4f} ± {pair.sigma_x_err_px:.4f}",
-                    f"{pair.sigma_y_px:.4f} ± {pair.sigma_y_err_px:.4f}",
+                    with_reach(pair.sigma_x_px, NORMAL_95 * pair.sigma_x_err_px, 4),
+                    with_reach(pair.sigma_y_px, NORMAL_95 * pair.sigma_y_err_px, 4),
                 ]
                 for pair in calibration.pairs
             ],

@@ -7,7 +7,7 @@ from calibration.sharpness import (
     SharpnessVerdict,
     edge_cells,
     reported_mtf50,
-    verdict_cells,
+    verdict_rows,
 )
 from standoff.terminal.output import print_table, say
 
@@ -29,12 +29,12 @@ def print_edges(calibration: PsfCalibration) -> None:
         [row] = rows
         print_table(
             f"Edge at {row[0]}",
-            ["", "± 95 %"],
+            ["", "± at 95 %"],
             [[name, cell] for name, cell in zip(columns[1:], row[1:], strict=True)],
         )
     else:
         name = f"The {_AT_EITHER_END} softest and {_AT_EITHER_END} sharpest edges" * is_many
-        print_table(f"{name or 'Edges'}, ± 95 %", list(columns), [list(row) for row in rows])
+        print_table(f"{name or 'Edges'}, ± at 95 %", list(columns), [list(row) for row in rows])
     if is_many:
         middle = reported_mtf50(ranked[len(ranked) // 2]).cy_per_px
         say(
@@ -63,7 +63,7 @@ def print_verdict(verdict: SharpnessVerdict) -> None:
     print_table(
         f"Verdict by {verdict.limits_file}: {verdict.outcome}",
         list(VERDICT_COLUMNS[:-1]),
-        [_with_place_first(*verdict_cells(one)) for one in verdict.limits],
+        [_with_place_first(*row) for row in verdict_rows(verdict)],
     )
 
 

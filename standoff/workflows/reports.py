@@ -49,15 +49,6 @@ def pdf_bytes(page: str) -> bytes:
     return bytes(weasyprint.HTML(string=page).write_pdf())
 
 
-_LABELS = {
-    "focal_length_mm": "focal length / mm",
-    "f_number": "f-number",
-    "exposure_s": "exposure / s",
-    "iso": "ISO",
-    "pixel_pitch_um": "pixel pitch / µm",
-}
-
-
 def write_calibration_report(
     path: Path,
     psf: PsfCalibration,
@@ -116,19 +107,12 @@ def write_calibration_report(
                 *after,
                 edge_table_section(psf),
             ),
-            provenance=(("method", psf.method or ""), *_taken_with(psf), *rows, *versions()),
+            provenance=(("method", psf.method or ""), *rows, *versions()),
             origin=psf.provenance,
             front=calibration_front(psf, warnings),
         )
     )
     write_page(path, page)
-
-
-def _taken_with(psf: PsfCalibration) -> tuple[tuple[str, str], ...]:
-    """What the photographs' files say alike of camera, lens and exposure."""
-    return tuple(
-        (_LABELS.get(name, name), str(value)) for name, value in (psf.photograph or {}).items()
-    )
 
 
 def write_page(path: Path, page: str) -> None:

@@ -9,7 +9,7 @@ from analysis.validation import Validation, registrations_at_most
 from calibration.errors import PsfFileError
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
-from standoff.terminal import note
+from standoff.terminal import note, print_psf_remarks, remarks_so_far
 from standoff.workflows.output_files import RESULTS_FOLDER
 from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import write_page
@@ -32,6 +32,8 @@ def write_session_report(session: Session, path: Path) -> None:
     """
     psf_path = session.path / RESULTS_FOLDER / "psf.json"
     psf = read_psf(psf_path) if psf_path.is_file() else None
+    if psf is not None and psf.edges:
+        print_psf_remarks(psf)
     validation = None
     remarks: tuple[str, ...] = ()
     if psf is not None and registrations_at_most(session, 1):
@@ -41,7 +43,8 @@ def write_session_report(session: Session, path: Path) -> None:
             remarks = (f"No comparison of captured with simulated follow-ups: {error}.",)
             note(f"the report leaves out the comparison of heights: {error}")
     origin = provenance_of(session, psf_path if psf_path.is_file() else None)
-    write_page(path, render_session_report(session, psf, validation, remarks, origin))
+    page = render_session_report(session, psf, validation, remarks, origin, remarks_so_far())
+    write_page(path, page)
 
 
 def _validation(session: Session, psf: PsfCalibration, psf_path: Path) -> Validation:

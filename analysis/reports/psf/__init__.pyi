@@ -1,3 +1,4 @@
+from .edge_table import edge_table_section as edge_table_section
 from .front_page import calibration_front as calibration_front, verdict_section as verdict_section
 from .history import (
     history_document as history_document,
@@ -7,7 +8,6 @@ from .history import (
 from .sections import (
     calibration_sections as calibration_sections,
     calibration_verdicts as calibration_verdicts,
-    edge_table_section as edge_table_section,
 )
 
 __all__ = [

@@ -19,7 +19,10 @@ _INK = "#1b1f24"
 _AXES_IN = 0.75  # of a figure's width: ticks and labels
 _LEGEND_IN = 0.85  # of its height: the legend, too
 _HIGHEST_IN = 5.4  # room for the title and the legend on a page
+_FEW = 12  # edges, told apart on a small picture, which stands below the facts on the first page
+_HIGHEST_OF_FEW_IN = 2.7
 _MANY = 200
+_LEGEND_COLUMNS = 3
 
 _PROFILE_BAND_SIGMAS = 6.0
 _PROFILE_BAND_EXTRA_PX = 3.0
@@ -39,7 +42,8 @@ def plot_edges(
     """
     rows, cols = image_dn.shape
     image_dn = _filled(image_dn)
-    drawn_in = min(width_in - _AXES_IN, _HIGHEST_IN * cols / rows)
+    highest_in = _HIGHEST_OF_FEW_IN if len(edges) <= _FEW else _HIGHEST_IN
+    drawn_in = min(width_in - _AXES_IN, highest_in * cols / rows)
     figure = new_figure(drawn_in + _AXES_IN, drawn_in * rows / cols + _LEGEND_IN)
     axes = figure.subplots()
     low, high = np.percentile(image_dn, [0.5, 99.5])
@@ -127,8 +131,19 @@ def plot_profile(image_dn: FloatImage, edge: EdgeMeasurement) -> Figure:
 def plot_widths_by_angle(psf: PsfCalibration, rejected: frozenset[str]) -> Figure:
     """Plot the width across every edge against its angle, with the fitted covariance."""
     figure = new_figure(6.4, 3.4)
-    draw_widths_by_angle(figure.subplots(), psf, rejected)
-    figure.legend(loc="outside upper center", ncols=3, fontsize=8)
+    axes = figure.subplots()
+    draw_widths_by_angle(axes, psf, rejected)
+    entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    order = [name for name in ORIENTATION_COLOURS if name in entries]
+    order += [name for name in entries if name not in order]
+    rows = [name for column in range(_LEGEND_COLUMNS) for name in order[column::_LEGEND_COLUMNS]]
+    figure.legend(
+        [entries[name] for name in rows],
+        rows,
+        loc="outside upper center",
+        ncols=_LEGEND_COLUMNS,
+        fontsize=8,
+    )
     return figure
 
 

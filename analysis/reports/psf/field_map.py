@@ -205,7 +205,7 @@ def lateral_colour_section(psf: PsfCalibration) -> ReportSection | None:
     return ReportSection(
         title=_COLOUR_TITLE,
         text=text,
-        tables=(_shifts_table(psf, shown, "The largest shifts of red and of blue, ± at 95 %."),),
+        tables=(_shifts_table(psf, shown, "The largest shifts of red and of blue."),),
         figures=(
             ReportFigure.of(
                 plot_lateral_colour(edges, width, height),
@@ -229,7 +229,7 @@ def _shifts_table(
         for edge in edges
     )
     columns = ("edge", "red from green / px", "blue from green / px")
-    return ReportTable(columns=columns, rows=rows, caption=caption or "Shifts, ± at 95 %.")
+    return ReportTable(columns=columns, rows=rows, caption=caption)
 
 
 def _shift(edge: EdgeMeasurement, colour: str) -> str:

@@ -9,7 +9,7 @@ from analysis.reports.page import (
     encodings_text,
 )
 from calibration.psf import PsfCalibration
-from calibration.sharpness import VERDICT_COLUMNS, SharpnessVerdict, verdict_cells
+from calibration.sharpness import VERDICT_COLUMNS, SharpnessVerdict, verdict_rows
 
 _UNSTATED = "not stated"
 _FACTS = (
@@ -51,8 +51,8 @@ def _facts(psf: PsfCalibration) -> Iterable[tuple[str, str]]:
         names = (psf.camera.vendor, psf.camera.model, psf.camera.serial)
         stated["camera"] = " ".join(name for name in names if name)
     taken = psf.captured_utc or stated.get("taken")
-    yield "photographed", _UNSTATED if taken is None else str(taken).partition(".")[0]
-    yield "measured", _UNSTATED if psf.provenance is None else psf.provenance.created
+    yield "photographed", _UNSTATED if taken is None else _moment(str(taken))
+    yield "measured", _UNSTATED if psf.provenance is None else _moment(psf.provenance.created)
     for key, label in _FACTS:
         yield label, _text(key, stated.get(key))
     yield "encoding", encodings_text(psf.provenance) or _UNSTATED
@@ -63,6 +63,13 @@ def _facts(psf: PsfCalibration) -> Iterable[tuple[str, str]]:
         "pixel pitch",
         "unknown" if pitch is None else f"{pitch:g} µm ({psf.pixel_pitch_from})",
     )
+
+
+def _moment(written: str) -> str:
+    """A time as people read it: of Exif in the camera's own time, of ours in UTC."""
+    day, _, time = written.replace(" ", "T").partition("T")
+    zone = " UTC" if time.endswith(("Z", "+00:00")) else ""
+    return f"{day} {time[:5]}{zone}" if time else written
 
 
 def _text(key: str, value: str | float | None) -> str:
@@ -82,14 +89,14 @@ def verdict_section(psf: PsfCalibration) -> ReportSection | None:
     return ReportSection(
         title="Limits",
         text=(
-            "A limit is passed where the whole 95 % interval keeps it, failed where none of it "
-            "does, and unsure where the interval straddles it. Over several edges or corners the "
+            "A limit is passed where the whole interval keeps it, failed where none of it does, "
+            "and unsure where the interval straddles it. Over several edges or corners the "
             "intervals are widened so that they hold all together (Bonferroni).",
         ),
         tables=(
             ReportTable(
                 columns=VERDICT_COLUMNS,
-                rows=tuple(verdict_cells(one) for one in psf.verdict.limits),
+                rows=verdict_rows(psf.verdict),
                 ends_in_words=True,
             ),
         ),

@@ -17,6 +17,7 @@ from analysis.reports.page import (
 )
 from calibration.errors import CalibrationError
 from calibration.psf import PsfCalibration, compare_psfs
+from calibration.sharpness import NORMAL_95, with_reach
 
 _UNKNOWN = "unknown"
 _COLOURS = {"sigma_x_px": "#0072B2", "sigma_y_px": "#D55E00"}
@@ -110,7 +111,7 @@ def plot_history(entries: Sequence[HistoryEntry]) -> Figure | None:
             (
                 datetime.fromisoformat(entry.captured_utc),
                 getattr(entry.psf, key),
-                1.96 * (getattr(entry.psf, key.replace("_px", "_err_px")) or 0.0),
+                NORMAL_95 * (getattr(entry.psf, key.replace("_px", "_err_px")) or 0.0),
             )
             for entry in dated
             if getattr(entry.psf, key) is not None
@@ -147,8 +148,8 @@ def _compared(entries: list[HistoryEntry]) -> list[HistoryEntry]:
 def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
     rows = tuple(
         (
-            entry.captured_utc[:19].replace("T", " "),
             entry.name,
+            entry.captured_utc[:19].replace("T", " "),
             _width(entry.psf.sigma_x_px, entry.psf.sigma_x_err_px),
             _width(entry.psf.sigma_y_px, entry.psf.sigma_y_err_px),
             _width(entry.psf.rho, entry.psf.rho_err),
@@ -162,8 +163,9 @@ def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
         text=("Every calibration is compared with the first one of its camera.",),
         tables=(
             ReportTable(
-                columns=("captured (UTC)", "file", "sigma x / px", "sigma y / px", "rho", "change"),
+                columns=("file", "captured (UTC)", "sigma x / px", "sigma y / px", "rho", "change"),
                 rows=rows,
+                ends_in_words=True,
             ),
         ),
         figures=(
@@ -177,4 +179,4 @@ def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
 def _width(value: float | None, err: float | None) -> str:
     if value is None:
         return ""
-    return f"{value:.4f}" if err is None else f"{value:.4f} ± {err:.4f}"
+    return with_reach(value, None if err is None else NORMAL_95 * err, 4)

@@ -35,6 +35,8 @@ _INK = "#1b1f24"
 _AXES = (("x", "vertical"), ("y", "horizontal"))
 _MAP_POINTS = 61
 _ELLIPSES = 5
+_TRANSFER_ROOM = 0.08
+_LEGEND_DASHES = 4.5  # letters wide: a whole period of the longest dashes
 _ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
 
 
@@ -47,9 +49,16 @@ def plot_mtf(psf: PsfCalibration) -> Figure | None:
 
 @in_report_style
 def plot_transfer_2d(transfer: Transfer2d) -> Figure:
-    """Plot the transfer along x, y and both diagonals, with the 95 % band."""
+    """Plot the transfer along x, y and both diagonals, with the 95 % band.
+
+    The band of a direction that no edge tells leaves the figure: it does not set the scale.
+    """
     figure = new_figure(6.4, 3.4)
-    draw_transfer_2d(figure.subplots(), transfer)
+    axes = figure.subplots()
+    draw_transfer_2d(axes, transfer)
+    lowest = min(float(np.min(line.get_ydata())) for line in axes.lines)
+    axes.set_ylim(lowest - _TRANSFER_ROOM, 1 + _TRANSFER_ROOM)
+    axes.legend(fontsize=8, handlelength=_LEGEND_DASHES)
     return figure
 
 
@@ -178,12 +187,10 @@ def widths_section(psf: PsfCalibration) -> ReportSection | None:
     """
     figures = []
     if len(psf.edges_used) >= FEWEST_DRAWN:
-        figures.append(
-            ReportFigure.of(
-                plot_widths_by_angle(psf, REJECTING_FLAGS),
-                "Width across each edge with its 95 % bar; the curve is the fitted covariance.",
-            )
-        )
+        caption = "Width across each edge with its 95 % bar."
+        if psf.covariance_px2 is not None:
+            caption += " The curves are the fitted covariances."
+        figures.append(ReportFigure.of(plot_widths_by_angle(psf, REJECTING_FLAGS), caption))
     by_height = plot_heights(psf, REJECTING_FLAGS)
     if by_height is not None:
         figures.append(
@@ -196,7 +203,7 @@ def widths_section(psf: PsfCalibration) -> ReportSection | None:
     if not figures:
         return None
     return ReportSection(
-        title="Width by angle and height",
+        title="Width by angle" if by_height is None else "Width by angle and height",
         text=_trend_text(psf),
         tables=_heights_table(psf),
         figures=tuple(figures),
@@ -240,7 +247,7 @@ def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
         "median sigma y / px",
         "deviation from the mean / %",
     )
-    return (ReportTable(columns=columns, rows=rows, caption="Total widths by height, ± at 95 %."),)
+    return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
 
 
 def field_section(psf: PsfCalibration) -> ReportSection | None:
@@ -275,8 +282,9 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
     sure = ""
     if stored is not None and stored.worst_err is not None and stored.p_value is not None:
         sure = (
-            f" An F-test prefers it to one PSF for the frame (p = {stored.p_value:.1g}); no width "
-            f"in the frame has a standard error above {100 * stored.worst_err:.1f} %."
+            f" An F-test prefers it to one PSF for the frame (p = {stored.p_value:.1g}); every "
+            f"width in the frame is known to ± {100 * NORMAL_95 * stored.worst_err:.1f} % or "
+            "better."
         )
     return ReportSection(
         title="From centre to corner",

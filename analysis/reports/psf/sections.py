@@ -17,7 +17,6 @@ from analysis.reports.psf.plots import (
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.psf import PsfCalibration
 from calibration.sharpness import (
-    MODEL_REMARK,
     NORMAL_95,
     edge_cells,
     lp_per_mm,
@@ -34,8 +33,6 @@ _IMAGES_SHOWN = 4
 _EDGES_WITH_CURVES_FIRST = 5  # they fill a page; those of more edges come last
 _WHOLE_WIDTH_IN, _HALF_WIDTH_IN = 7.2, 3.6
 _DIRECTION_STEP_DEG = 15.0
-_EDGES_LISTED = 200
-_EDGES_IN_FULL = 12
 
 
 def calibration_verdicts(psf: PsfCalibration) -> tuple[Verdict, ...]:
@@ -68,16 +65,18 @@ def _mtf50_verdicts(psf: PsfCalibration) -> list[Verdict]:
         return [_mtf50_verdict("MTF50", ranked[0], psf.pixel_pitch_um)]
     middle = median_of_edges(ranked)
     height, pitch_um = psf.picture_height_px, psf.pixel_pitch_um
-    in_units = [f"{with_reach(middle.value, NORMAL_95 * middle.err, 4)} cy/px"]
-    if height is not None:
-        in_units.append(f"{lw_per_ph(middle.value, height):.0f} LW/PH")
-    if pitch_um is not None:
-        in_units.append(f"{lp_per_mm(middle.value, pitch_um):.1f} lp/mm")
+    units = [(1.0, 4, "cy/px")]
+    units += [] if height is None else [(lw_per_ph(1.0, height), 1, "LW/PH")]
+    units += [] if pitch_um is None else [(lp_per_mm(1.0, pitch_um), 2, "lp/mm")]
+    said = "; ".join(
+        f"{with_reach(factor * middle.value, factor * NORMAL_95 * middle.err, digits)} {unit}"
+        for factor, digits, unit in units
+    )
     return [
         Verdict(
             name=f"MTF50, median of {len(ranked)} edges",
             value=f"{middle.value:.3f} cy/px",
-            remark=f"{'; '.join(in_units)} (95 %)",
+            remark=said,
         ),
         _mtf50_verdict("MTF50, softest edge", ranked[0], pitch_um),
         _mtf50_verdict("MTF50, sharpest edge", ranked[-1], pitch_um),
@@ -94,7 +93,7 @@ def _mtf50_verdict(name: str, edge: EdgeMeasurement, pixel_pitch_um: float | Non
         if cell
     )
     model = "" if known.is_model_free else ", of the fitted Gaussian"
-    return Verdict(name=name, value=f"{known.cy_per_px:.3f} cy/px", remark=f"{said} (95 %){model}")
+    return Verdict(name=name, value=f"{known.cy_per_px:.3f} cy/px", remark=f"{said}{model}")
 
 
 def calibration_sections(
@@ -170,7 +169,7 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
                 plot_transfer_2d(psf.transfer_2d),
                 "Transfer function of optics and pixel, fitted to the pixels of all edges at once, "
                 f"with its pointwise 95 % band: {psf.transfer_2d}. Below 0, light and dark are "
-                "exchanged.",
+                "exchanged. Where a band leaves the figure, no edge tells that direction.",
             )
         )
     return ReportSection(
@@ -226,11 +225,7 @@ def _channels_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
         "optical sigma x / px",
         "optical sigma y / px",
     )
-    return (
-        ReportTable(
-            columns=columns, rows=rows, caption="Widths by colour of the mosaic, ± at 95 %."
-        ),
-    )
+    return (ReportTable(columns=columns, rows=rows, caption="Widths by colour of the mosaic."),)
 
 
 def _edges_section(
@@ -251,12 +246,15 @@ def _edges_section(
         edges = by_image[name]
         width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else _HALF_WIDTH_IN
         figure = plot_edges(load_image(edges[0]), edges, REJECTING_FLAGS, width_in)
-        figures.append(ReportFigure.of(figure, name, form="png"))
-    text = [
-        "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are cut "
-        "into pieces. Labels that would overlap are left out, never those of the softest and the "
-        "sharpest edge."
-    ]
+        caption = f"Edges of {name} and their MTF50 in cy/px."
+        figures.append(ReportFigure.of(figure, caption, form="png"))
+    text = ["The edge that was found and fitted, with its MTF50 in cy/px."]
+    if len(found) > 1:
+        text = [
+            "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are "
+            "cut into pieces. Labels that would overlap are left out, never those of the softest "
+            "and the sharpest edge."
+        ]
     if len(by_image) > len(shown):
         text.append(f"{len(shown)} of {len(by_image)} photographs are shown.")
     text += _missing_text(missing)
@@ -295,77 +293,8 @@ def _profiles_section(found: list[EdgeMeasurement], load_image: ImageLoader) -> 
     )
 
 
-def edge_table_section(psf: PsfCalibration) -> ReportSection:
-    """Tabulate the edges: their sharpness, and what there is to say of their quality."""
-    edges = psf.edges[:_EDGES_LISTED]
-    has_image = len({edge.image for edge in psf.edges}) > 1
-    columns, cells = edge_cells(edges, psf.pixel_pitch_um, has_image=has_image)
-    # Lines break between a photograph's name and a position, not within one.
-    sharpness = tuple((name.replace(", ", ",\u00a0"), *others) for name, *others in cells)
-    quality = [
-        (
-            f"{edge.length_px:.0f}",
-            "over 9999" if edge.snr is None or edge.snr > 9999 else f"{edge.snr:.0f}",
-            _optional(edge.contrast, ".2f"),
-            _optional(edge.roughness_px, ".3f"),
-            _percent(edge.clipped_fraction),
-            "" if edge.chi2_reduced is None else f"{edge.chi2_reduced:.2f}",
-            ", ".join(flag.replace("_", " ") for flag in edge.flags),
-        )
-        for edge in edges
-    ]
-    text = ["Every ± is half a 95 % interval. An edge is named by its middle and its direction."]
-    if any(" *" in cell for row in sharpness for cell in row):
-        text.append(MODEL_REMARK)
-    more = len(psf.edges) - len(edges)
-    if more > 0:
-        text.append(f"{more} more edges are in psf.json.")
-    joined = list(zip(sharpness, quality, strict=True))
-    tables: tuple[ReportTable, ...]
-    if len(edges) <= _EDGES_IN_FULL:
-        tables = (
-            ReportTable(columns=columns, rows=sharpness, caption="Sharpness."),
-            ReportTable(
-                columns=("edge", *_QUALITY_COLUMNS),
-                rows=tuple((one[0], *other) for one, other in joined),
-                caption="Quality.",
-                ends_in_words=True,
-            ),
-        )
-    else:  # a row each on one line: five pages at most
-        text.append("psf.json and the table of --csv also have contrast, roughness and clipping.")
-        kept = (0, 1, len(_QUALITY_COLUMNS) - 1)
-        tables = (
-            ReportTable(
-                columns=(*columns[:-1], *(_QUALITY_COLUMNS[k] for k in kept)),
-                rows=tuple((*one[:-1], *(other[k] for k in kept)) for one, other in joined),
-                ends_in_words=True,
-            ),
-        )
-    return ReportSection(title="All edges", text=tuple(text), is_folded=True, tables=tables)
-
-
-_QUALITY_COLUMNS = (
-    "length / px",
-    "SNR",
-    "contrast",
-    "roughness / px",
-    "clipped / %",
-    "reduced chi²",
-    "remarks",
-)
-
-
 def _figure(value: float | None, unit: str) -> str:
     return "not determined" if value is None else f"{value:.4f}{unit}"
-
-
-def _optional(value: float | None, form: str) -> str:
-    return "" if value is None else format(value, form)
-
-
-def _percent(fraction: float | None) -> str:
-    return "" if fraction is None else f"{100 * fraction:.2f}"
 
 
 def _remark(psf: PsfCalibration, key: str, value: float | None) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from acquisition.session import Session, SessionCapture
 from acquisition.untrusted import parse_json
+from calibration.sharpness import NORMAL_95
 from standoff.console.session_library import SessionLibrary
 from standoff.workflows import RESULTS_FOLDER
 
@@ -85,7 +86,7 @@ def _note(facts: Mapping[str, Any]) -> str:
 
 
 def _psf(session: Session) -> list[dict[str, str]]:
-    """Headline figures of the session's psf.json, if it has a readable one."""
+    """Headline figures of the session's psf.json, ± at 95 %, if it has a readable one."""
     path = session.path / RESULTS_FOLDER / "psf.json"
     try:
         if path.is_symlink() or path.stat().st_size > MAX_RESULT_BYTES:
@@ -101,6 +102,6 @@ def _psf(session: Session) -> list[dict[str, str]]:
         err = stored.get("rho_err") if key == "rho" else err
         if isinstance(value, int | float):
             unit = "" if key == "rho" else " px"
-            sure = f" ± {err:.4f}" if isinstance(err, int | float) else ""
+            sure = f" ± {NORMAL_95 * err:.4f}" if isinstance(err, int | float) else ""
             figures.append({"name": symbol, "value": f"{value:.4f}{sure}{unit}"})
     return figures

@@ -68,6 +68,26 @@ def test_the_plotted_scales_are_those_of_the_captures() -> None:
     )
 
 
+def test_what_is_printed_after_a_value_is_half_its_95_percent_interval() -> None:
+    normal = stored(pupil_offset_err_mm=0.01, pupil_offset_interval_95_mm=None, k1_err=0.001)
+    pupil, *_, k1 = geometry_verdicts(normal)
+    # 1.96 times the standard error.
+    assert pupil.remark == f"{normal.pupil_offset_mm:.3f} ± 0.020 mm"
+    assert k1.remark.endswith(" ± 0.196 %")
+    middle = normal.pupil_offset_mm
+    # Student's with one degree of freedom: 12.7 times, for all that the heights give.
+    few = normal.model_copy(
+        update={
+            "pupil_offset_interval_95_mm": (middle - 0.127, middle + 0.127),
+            "scale_err_px_per_mm": (0.001,) * len(HEIGHTS),
+        }
+    )
+    pupil, scale, *_, k1 = geometry_verdicts(few)
+    assert pupil.remark.endswith(" ± 0.127 mm")
+    assert scale.remark.endswith(" ± 0.0127 px/mm")
+    assert k1.remark.endswith(" ± 0.196 %")
+
+
 def test_what_is_not_determined_is_said_and_not_drawn() -> None:
     bare = stored(
         k1=None, k2=None, tilt_deg=None, tilt_x_deg=None, tilt_y_deg=None, focal_length_px=None,

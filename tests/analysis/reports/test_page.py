@@ -5,6 +5,7 @@ import pytest
 from markupsafe import Markup
 
 from analysis.reports.page import (
+    CONVENTION,
     Report,
     ReportFigure,
     ReportFront,
@@ -200,3 +201,43 @@ def test_the_style_ends_with_the_drawing() -> None:
 
     assert drawn_with_grid()
     assert not new_figure().subplots().xaxis.get_gridlines()[0].get_visible()
+
+
+def test_a_report_says_once_at_its_top_how_sure_its_figures_are() -> None:
+    page = Page(report(ReportSection(title="All", text=("Known to 5 %.",))))
+    assert page.texts.count(CONVENTION.replace(" %", "\u00a0%")) == 1
+    assert "Known to 5\u00a0%." in page.texts  # a number stays with its sign
+    bare = render_report(
+        Report(
+            title="S", subtitle="", verdicts=(), sections=(), provenance=(), has_uncertainties=False
+        )
+    )
+    assert "Uncertainties" not in bare
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lines", range(28, 44, 3))
+def test_a_short_table_is_on_the_page_of_its_title(lines: int) -> None:
+    weasyprint = pytest.importorskip("weasyprint")
+    rows = tuple((f"row {k}", "1") for k in range(6))
+    table = ReportTable(columns=("edge", "sigma"), rows=rows)
+    sections = (
+        ReportSection(title="Before", text=("Words.",) * lines),
+        ReportSection(title="Widths", text=("What they are.",), tables=(table,)),
+    )
+    pages = []
+    for number, page in enumerate(weasyprint.HTML(string=report(*sections)).render().pages):
+        boxes = page._page_box.descendants()
+        pages += [
+            number
+            for box in boxes
+            if type(box).__name__ == "TextBox" and (box.text == "Widths" or "row " in box.text)
+        ]
+    assert len(pages) == 7
+    assert len(set(pages)) == 1
+
+
+def test_a_row_of_one_cell_is_the_title_of_those_below() -> None:
+    table = ReportTable(columns=("edge", "sigma"), rows=(("a.tif",), ("(1, 2)", "0.8")))
+    document = report(ReportSection(title="All", tables=(table,)))
+    assert '<th colspan="2">a.tif</th>' in document

@@ -3,9 +3,11 @@ from pathlib import Path
 import pytest
 
 from acquisition.session.reader import Session
-from analysis.reports.session import render_session_report, versions
+from analysis.reports.page import CONVENTION
+from analysis.reports.session import render_session_report, versions, with_curves
 from analysis.validation.document import ExcludedCapture, Validation
 from calibration.psf.document import PsfCalibration
+from calibration.sharpness import SharpnessLimits
 from tests.acquisition.session_fixtures import whole_session
 from tests.analysis.html_page import Page
 
@@ -24,6 +26,7 @@ def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
         "Edge profiles",
         "Width by angle and height",
         "From centre to corner",
+        "Curves of the edges",
         "Simulated against captured follow-ups",
         "Noise",
         "Stage",
@@ -34,9 +37,9 @@ def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
 
 def test_the_report_is_one_file_with_its_figures_in_it(page: Page) -> None:
     assert page.fetched == []
-    # MTF, transfer, three profiles, widths by angle and height, metrics by zoom, noise, stage;
-    # photographs as PNG.
-    assert page.tags.count("svg") == 10
+    # MTF, transfer, three profiles, widths by angle and height, curves of 24 edges, five a figure,
+    # metrics by zoom, noise, stage; photographs as PNG.
+    assert page.tags.count("svg") == 15
     assert page.tags.count("img") == 5
 
 
@@ -78,7 +81,7 @@ def test_edges_of_other_photographs_are_left_out_of_the_drawings(
     mixed = psf.model_copy(update={"edges": [foreign, *psf.edges[:1]]})
     page = Page(render_session_report(session, mixed, None))
     # The list of all edges names it, no figure is drawn of it.
-    assert any(text.startswith("photo.tif (") for text in page.texts)
+    assert "elsewhere/photo.tif" in page.texts
     assert page.tags.count("img") == 1
     assert "1 edges of this psf.json are on photographs that are not available here" in page.text
 
@@ -93,3 +96,39 @@ def test_what_is_left_out_stands_first_with_its_reason(
     assert "The PSF: sigma_y_px is null." in page.texts
     assert f"Left out: {other.text}." in page.texts
     assert "Remark: it is dim." in page.texts
+
+
+def test_a_session_with_a_psf_has_the_front_page_of_a_calibration(
+    session: Session, psf: PsfCalibration
+) -> None:
+    limits = SharpnessLimits.model_validate({"mtf50": {"min_cy_per_px": 0.9}})
+    judged = psf.judged(limits, "l.toml")
+    page = Page(render_session_report(session, judged, None, warnings=("beware",)))
+    for text in ("fail", "1 limit of l.toml: 1 failed.", "photographed", "lens", "beware"):
+        assert text in page.texts
+    assert page.headings[1:3] == ["Limits", "Captures"]
+    assert CONVENTION.replace(" %", "\u00a0%") in page.texts
+
+
+def test_the_curves_of_a_sessions_edges_are_those_that_were_calibrated(
+    session: Session, psf: PsfCalibration
+) -> None:
+    assert all(edge.esfr is None for edge in psf.edges)
+    known = with_curves(psf, session)
+    for edge in known.edges:
+        assert (edge.esfr is None) == (edge.esfr_mtf50_cy_per_px is None)
+        if edge.esfr is not None:
+            assert edge.esfr.mtf50_cy_per_px == pytest.approx(edge.esfr_mtf50_cy_per_px, rel=1e-6)
+    assert any(edge.esfr is not None for edge in known.edges)
+
+
+def test_an_edge_that_does_not_come_back_stays_without_a_curve(
+    session: Session, psf: PsfCalibration
+) -> None:
+    edge = next(edge for edge in psf.edges if edge.esfr_mtf50_cy_per_px is not None)
+    assert edge.esfr_mtf50_cy_per_px is not None
+    other = {"esfr_mtf50_cy_per_px": 1.1 * edge.esfr_mtf50_cy_per_px}
+    changed = psf.model_copy(update={"edges": (edge.model_copy(update=other),)})
+    assert with_curves(changed, session).edges[0].esfr is None
+    mosaic = psf.model_copy(update={"channels": {"green": psf}})
+    assert all(edge.esfr is None for edge in with_curves(mosaic, session).edges)

@@ -5,6 +5,7 @@ from hypothesis import given, strategies as st
 
 from calibration.edges.measurement import EdgeMeasurement
 from calibration.sharpness.limits import SharpnessLimits
+from calibration.sharpness.tables import verdict_rows
 from calibration.sharpness.verdict import (
     LimitVerdict,
     Picture,
@@ -182,3 +183,17 @@ def test_one_failed_limit_fails_all_and_one_unsure_leaves_it_unsure(
     found = judge_sharpness(limits, [sharp(0.3, 0.01)], PICTURE, "l.toml")
     assert found.outcome == outcome
     assert len(found.limits) == 2
+
+
+def test_a_reason_that_several_limits_share_is_written_out_once() -> None:
+    limits = SharpnessLimits.model_validate(
+        {
+            "mtf50": {"min_cy_per_px": 0.1, "corner_min_cy_per_px": 0.1},
+            "uniformity": {"corner_to_centre_min": 0.5, "corner_to_corner_min": 0.5},
+        }
+    )
+    verdict = judge_sharpness(limits, [sharp(0.3, x_px=400.0, y_px=300.0)], PICTURE, "l.toml")
+    every, corner, *uniform = verdict_rows(verdict)
+    assert every[2] == "0.3000"
+    assert "in any corner" in corner[-1]
+    assert [row[-1] for row in uniform] == ["as for mtf50.corner_min_cy_per_px"] * 2

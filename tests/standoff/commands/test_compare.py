@@ -25,7 +25,12 @@ def test_a_lens_that_moved_is_told_in_one_line(command: Command, tmp_path: Path)
     done = command("compare", a, b)
     assert done.status == 0
     assert "the PSF has changed: sigma_x_px by +5.00 %" in done.out
+    # 1.96 times 0.002, and that times sqrt(2).
+    assert "PSF, ± at 95 %" in done.out
+    assert "0.8000 ± 0.0039" in done.out
+    assert "0.0400 ± 0.0055" in done.out
     document = json.loads(command("compare", a, b, "--json").out)
+    assert document["parameters"][0]["first_err"] == 0.002  # a standard error, as in psf.json
     assert document["is_changed"] is True
     x, y = document["parameters"]
     # 0.04 over an error of 0.002 sqrt(2)
@@ -68,7 +73,7 @@ def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> 
     page = tmp_path / "history.html"
     done = command("compare", "--history", tmp_path, "--report", page)
     assert done.status == 0
-    assert "Camera S9" in done.out
+    assert "Camera S9, ± at 95 %" in done.out
     assert "left out:" in done.err
     assert "broken-psf.json" in done.err
     text = page.read_text()

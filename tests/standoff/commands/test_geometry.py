@@ -53,7 +53,10 @@ def test_a_board_session_gives_its_geometry_and_a_report(command: Command, tmp_p
 
     table = command("geometry", "--session", session, "--out", out)
     assert table.status == 0
-    assert "entrance pupil" in table.out
+    low, high = document["pupil_offset_interval_95_mm"]
+    [line] = [line for line in table.out.splitlines() if "entrance pupil" in line]
+    assert line.split("│")[3].strip() == f"{0.5 * (high - low):.3f}"
+    assert "± at 95 %" in table.out
 
     wrong = command("geometry", "--session", session, "--out", out, "--board", "5x5:12:9:5X5_50")
     assert wrong.status == 1

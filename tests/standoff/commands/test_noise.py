@@ -76,6 +76,11 @@ def test_a_session_gives_the_benchs_noise_its_maps_and_a_report(
     assert maps.response[64, 80] > 1.1 * maps.response[0, 0]  # 20 % of vignetting
     assert tifffile.imread(tmp_path / "noise_defects.tif").dtype == np.uint8
 
+    table = command("noise", "--session", session, "--out", out).out
+    assert "± at 95 %" in table
+    half = f"{1.959964 * document['gain_e_per_dn_err']:.4f}"
+    assert re.search(rf"gain / \(e/DN\) +│ +{document['gain_e_per_dn']:.4f} │ +{half} ", table)
+
     psf = tmp_path / "psf.json"
     done = command("calibrate", "--session", session, "--out", psf, "--correct", out, "--json")
     assert done.status == 0, done.err

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 import standoff.terminal.output
-from standoff.terminal.output import print_table
+from standoff.terminal.output import NOTED, note, note_in_passing, print_table
 
 NAME = "/somewhere/" + "deep/" * 40 + "edge[1].tif"
 
@@ -36,3 +36,16 @@ def test_without_a_terminal_a_table_is_as_wide_as_it_needs(
     assert lines[0].strip() == "Files of x[old], [/bold]"
     (row,) = [line for line in lines if NAME in line]
     assert "0.8000" in row
+
+
+def test_a_remark_on_the_command_itself_is_printed_and_kept_from_reports(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    token = NOTED.set([])
+    try:
+        note("the light drifts")
+        note_in_passing("compiling")
+        assert NOTED.get() == ["the light drifts"]
+    finally:
+        NOTED.reset(token)
+    assert capsys.readouterr().err == "note: the light drifts\nnote: compiling\n"

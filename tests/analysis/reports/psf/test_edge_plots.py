@@ -67,6 +67,8 @@ def test_every_width_stands_at_its_angle_with_its_error(psf: PsfCalibration) -> 
     curves = [line for line in figure.axes[0].get_lines() if len(np.asarray(line.get_xdata())) > 9]
     assert len(curves) == 2
     assert {"total covariance", "optical covariance", "open: optical"} <= set(legend_of(figure))
+    # Column by column: the directions stand in the first row.
+    assert legend_of(figure)[::2] == ["vertical", "horizontal", "diagonal"]
     # At 90 degrees the normal is the x axis: the curve is there at sigma_x.
     assert np.asarray(curves[0].get_ydata())[180] == pytest.approx(psf.sigma_x_px)
 

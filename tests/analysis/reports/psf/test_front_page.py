@@ -26,8 +26,8 @@ def test_the_front_states_what_the_photographs_were_taken_with() -> None:
     )
     facts = dict(calibration_front(psf, ()).facts)
     assert facts == {
-        "photographed": "2026-11-22 10:00:00",
-        "measured": "2026-11-22T12:00:00Z",
+        "photographed": "2026-11-22 10:00",
+        "measured": "2026-11-22 12:00 UTC",
         "camera": "Nikon Z 9",
         "lens": "50 mm f/1.8",
         "focal length": "not stated",

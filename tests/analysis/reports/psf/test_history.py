@@ -41,10 +41,11 @@ def test_calibrations_stand_by_camera_and_time_each_against_the_first() -> None:
 def test_a_camera_has_a_table_and_from_two_times_on_a_figure() -> None:
     known, lone, unknown = history_sections(ordered_history(HISTORY))
     assert known.title == "Camera A7"
-    assert known.tables[0].rows[0][:3] == ("2025-03-04 08:00:00", "first.json", "0.8000 ± 0.0020")
+    # 1.96 times the standard error of 0.002.
+    assert known.tables[0].rows[0][:3] == ("first.json", "2025-03-04 08:00:00", "0.8000 ± 0.0039")
     assert len(known.figures) == 1
     assert lone.figures == unknown.figures == ()
-    assert unknown.tables[0].rows[0][0] == "unknown"
+    assert unknown.tables[0].rows[0][1] == "unknown"
 
 
 def test_widths_are_drawn_with_their_intervals() -> None:

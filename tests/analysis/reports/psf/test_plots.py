@@ -66,6 +66,21 @@ def test_the_transfer_is_drawn_along_both_axes_and_diagonals_with_its_band() -> 
     assert len(axes.collections) == 4
 
 
+def test_a_direction_that_no_edge_tells_does_not_set_the_scale_of_the_transfer() -> None:
+    unknown = Transfer2d(
+        form="total-gaussian",
+        reason="",
+        parameters={"gaussian_xx_px2": 0.36, "gaussian_yy_px2": 0.25},
+        covariance=((1e-4,), (0.0, 100.0)),
+        angles_deg=(0.0,),
+        edges=1,
+        chi2_reduced=1.0,
+        scatter=1.0,
+    )
+    axes = plot_transfer_2d(unknown).axes[0]
+    assert axes.get_ylim() == pytest.approx((-0.08, 1.08))
+
+
 def test_the_field_is_mapped_over_its_frame() -> None:
     figure = plot_field(PsfCalibration(edges=(edge_of(),)), FIELD)
     axes = figure.axes[0]

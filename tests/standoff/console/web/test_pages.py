@@ -67,7 +67,7 @@ def test_a_session_has_a_page_with_its_captures_and_its_psf(hub: BenchHub) -> No
     (folder / "results" / "psf.json").write_text('{"sigma_x_px": 0.7, "sigma_x_err_px": 0.001}')
     shown = page(hub, "/sessions/" + quote("Prüfling <7> & 8"))
     assert "excluded: a &lt;b&gt;hair&lt;/b&gt; on it" in shown
-    assert "0.7000 ± 0.0010 px" in shown
+    assert "0.7000 ± 0.0020 px" in shown
     assert 'data-reference="0"' in shown
     assert 'data-reference="1"' not in shown
 

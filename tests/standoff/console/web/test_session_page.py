@@ -59,7 +59,7 @@ def test_a_psf_is_shown_as_far_as_its_file_tells_one(session_dir: Path, tmp_path
         ('{"sigma_x_px": "wide", "rho": null}', []),
         (
             '{"sigma_x_px": 0.7, "sigma_x_err_px": 0.001, "rho": 0.25, "rho_err": 0.01}',
-            ["0.7000 ± 0.0010 px", "0.2500 ± 0.0100"],
+            ["0.7000 ± 0.0020 px", "0.2500 ± 0.0196"],
         ),
         ('{"sigma_y_px": 0.6}', ["0.6000 px"]),
     ):
