@@ -18,11 +18,14 @@ from calibration.edge_fit.least_squares import Minimum, inverse_element, levenbe
 from calibration.edge_fit.level_steps import is_coarse, level_steps
 from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit, no_edge
 from calibration.edge_fit.model import (
+    CURVATURE,
     FLAT_PARAMETERS,
     HIGH,
     LOG_SIGMA,
     LOW,
+    OFFSET,
     SHADED_PARAMETERS,
+    TURN,
     EdgeLevels,
     edge_values,
     slopes_gain,
@@ -113,6 +116,8 @@ def maximise(
     if not window.rough.is_found or window.rough.parameters[HIGH] <= window.rough.parameters[LOW]:
         return no_edge()
     stored = window.pixels.values
+    if not _is_within(window.rough.parameters, window.half_width_px):
+        return no_edge()
     found = edge_values(window.pixels, window.rough.parameters, False)
     is_clipped = clipped_pixels(stored, saturation_dn)
     clipped_fraction = float(np.mean(is_clipped))
@@ -141,7 +146,9 @@ def maximise(
         steps.step_dn,
     )
     flat = _widths(pixels, weighed.weights, parameters)
-    if not flat.total.is_found:
+    if not (flat.total.is_found and _is_within(flat.total.parameters, window.half_width_px)):
+        return no_edge()
+    if _is_square(flat) and not _is_within(flat.optical.parameters, window.half_width_px):
         return no_edge()
     found = _best_levels(pixels, flat)
     widths, has_slopes = _with_slopes_along(pixels, weighed.weights, flat, found)
@@ -193,6 +200,16 @@ def _likely(
         ),
         rounding,
     )
+
+
+@njit(cache=True)
+def _is_within(parameters: FloatArray, half_width_px: float) -> bool:
+    """Whether the edge has stayed in its band: a fit to what is no edge may leave it for good.
+
+    Turn, offset and curvature are what they move the middle or the ends by, in px.
+    """
+    moved_px = max(abs(parameters[TURN]), abs(parameters[OFFSET]), abs(parameters[CURVATURE]))
+    return bool(moved_px <= half_width_px)
 
 
 @njit(cache=True)
