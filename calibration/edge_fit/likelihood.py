@@ -18,11 +18,14 @@ from calibration.edge_fit.least_squares import Minimum, inverse_element, levenbe
 from calibration.edge_fit.level_steps import is_coarse, level_steps
 from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit, no_edge
 from calibration.edge_fit.model import (
+    CURVATURE,
     FLAT_PARAMETERS,
     HIGH,
     LOG_SIGMA,
     LOW,
+    OFFSET,
     SHADED_PARAMETERS,
+    TURN,
     EdgeLevels,
     edge_values,
     slopes_gain,
@@ -110,7 +113,7 @@ def maximise(
         Infinite if not known.
     """
     window = _window(image_dn, line, sigma_px, clearance_px, noise_line)
-    if not window.rough.is_found or window.rough.parameters[HIGH] <= window.rough.parameters[LOW]:
+    if not _is_within(window.rough, window.half_width_px):
         return no_edge()
     stored = window.pixels.values
     found = edge_values(window.pixels, window.rough.parameters, False)
@@ -141,7 +144,7 @@ def maximise(
         steps.step_dn,
     )
     flat = _widths(pixels, weighed.weights, parameters)
-    if not flat.total.is_found:
+    if not _is_within(flat.total, window.half_width_px):
         return no_edge()
     found = _best_levels(pixels, flat)
     widths, has_slopes = _with_slopes_along(pixels, weighed.weights, flat, found)
@@ -149,14 +152,17 @@ def maximise(
         found = _best_levels(pixels, widths)
     fits = _smooth_fits(pixels, weighed.weights, widths, found)
     rounding = Rounding(0.0, 0.0, 0.0, 0.0)
-    if np.any(is_clipped) or is_coarse(scatter, found.edges, steps):
+    is_rounded = is_coarse(scatter, found.edges, steps)
+    if np.any(is_clipped) or is_rounded:
         levels = level_intervals(stored, steps, scatter, is_clipped, contrast)
-        data = pixel_intervals(pixels, stored, levels, weighed.outliers, found)
+        # Of mere noise, biweights take what is large: errors would come out 3 % small.
+        trust = weighed.outliers if is_rounded or weighed.has_outliers else np.ones(len(stored))
+        data = pixel_intervals(pixels, stored, levels, trust, found)
         likely = _interval_fits(data, widths)
         is_clipped &= likely.total.is_found
         if likely.total.is_found:
             fits = likely
-            if is_coarse(scatter, found.edges, steps):
+            if is_rounded:
                 rounding = rounding_of(steps, found.edges, likely.noise_dn)
     clipped = (is_clipped, clipped_fraction)
     return _likely(fits, pixels, weighed, clipped, is_shaded or has_slopes, rounding)
@@ -193,6 +199,17 @@ def _likely(
         ),
         rounding,
     )
+
+
+@njit(cache=True)
+def _is_within(fit: Minimum, half_width_px: float) -> bool:
+    """Whether an edge was found, and in its band: a fit to what is no edge may leave it for good.
+
+    Turn, offset and curvature are what they move the middle or the ends by, in px.
+    """
+    p = fit.parameters
+    moved_px = max(abs(p[TURN]), abs(p[OFFSET]), abs(p[CURVATURE]))
+    return bool(fit.is_found and p[HIGH] > p[LOW] and moved_px <= half_width_px)
 
 
 @njit(cache=True)

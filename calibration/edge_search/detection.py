@@ -6,7 +6,7 @@ gradient; collinear pieces are joined; what is too near is kept out of the fit's
 """
 
 from dataclasses import replace
-from math import ceil, cos, pi, sin, sqrt
+from math import ceil, cos, inf, pi, sin, sqrt
 
 import numpy as np
 
@@ -31,6 +31,7 @@ _JOINED_OFFSET_PX = 1.5
 _JOINED_GAP_PX = 12.0
 _NARROWEST_SIGMAS, _NARROWEST_EXTRA_PX = 2.0, 1.0  # half of a band that has both levels
 _MOST = 0.7  # of a piece's length: a wider band is worth the rest
+_LEAVES_PX = 1.5  # along the edge: where edges leave the frame, their ridges end 1.0 px before it
 _BESIDE_PX = 60.0  # other edges farther away are not looked for
 _CELL_PX = 128.0
 
@@ -170,13 +171,14 @@ def _sized(pixels: RidgePixels, line: EdgeSegment) -> EdgeSegment:
 
 
 def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
-    """Trim ends that are corners; an end at the border of the frame stays."""
+    """Trim ends that are corners; an end at which the edge leaves the frame stays."""
     corner = corner_reach(line.sigma_px)
+    along = np.array([-sin(line.normal_rad), cos(line.normal_rad)])
     first, last = _ends(line)
-    cuts = []
-    for x, y in (first, last):
-        border = min(x, y, cols - 1 - x, rows - 1 - y)
-        cuts.append(0.0 if border < 3.0 else corner)
+    cuts = [
+        0.0 if _to_frame_px(end, outwards, rows, cols) < _LEAVES_PX else corner
+        for end, outwards in ((first, -along), (last, along))
+    ]
     middle = 0.5 * (cuts[0] - cuts[1])
     return replace(
         line,
@@ -184,6 +186,17 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
         y_px=line.y_px + middle * cos(line.normal_rad),
         length_px=max(line.length_px - cuts[0] - cuts[1], 4.0),
     )
+
+
+def _to_frame_px(end: FloatArray, outwards: FloatArray, rows: int, cols: int) -> float:
+    """How far it is from the end of a line, on along it, to the outermost pixels' centres."""
+    ways = []
+    for place, step, last in zip(
+        end.tolist(), outwards.tolist(), (cols - 1, rows - 1), strict=True
+    ):
+        room = last - place if step > 0 else place
+        ways.append(room / abs(step) if step else inf)
+    return min(ways)
 
 
 def _clear_pieces(line: EdgeSegment, ridge_points: FloatArray, cell_px: float) -> list[EdgeSegment]:

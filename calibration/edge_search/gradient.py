@@ -5,7 +5,7 @@ filters do. What is kept are the ridge pixels, each with what a line through it 
 """
 
 from dataclasses import dataclass
-from math import ceil, floor, sqrt
+from math import ceil, floor, log1p, sqrt
 
 import cv2
 import numpy as np
@@ -14,7 +14,11 @@ from numba import njit
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 SMOOTHING_PX = 1.0
-_RAYLEIGH_MEDIAN = 1.1774100225154747  # median of |gradient| over its sigma, in pure noise
+# Where edges fill the picture, as squares of 25 px do, the median gradient is theirs: then it is
+# far above that of the lowest quarter (8 times and more; in textures 4 times at most).
+_MIDDLE, _LOWER, _LOWEST = 0.5, 0.25, 0.1
+_CROWDED = 5.0
+_CROWDED_LEAST = 0.04  # of the strongest gradient: less hides no edge
 _NOISE_HIGH = 5.0
 _NOISE_LOW = 2.5
 _NOISE_RANGES, _NOISE_PIXELS, _NOISE_SPREAD = 4, 100, 5.0
@@ -91,9 +95,10 @@ class Gradient:
         if scale is None:
             return None
         magnitude, levels_dn = _sampled(image_dn, boxes, scale)
-        noise = float(np.median(magnitude)) / _RAYLEIGH_MEDIAN
-        separators, noise_by_level = _noise_by_level(levels_dn, magnitude, noise)
         strongest = float(magnitude.max())
+        share = _LOWEST if _is_crowded(magnitude, strongest) else _MIDDLE
+        noise = _noise(magnitude, share)
+        separators, noise_by_level = _noise_by_level(levels_dn, magnitude, noise, share)
         found: list[RidgePixels] = []
         for top, bottom in _strips(*image_dn.shape):
             first = max(top - _ACROSS_PX, 0)
@@ -268,8 +273,20 @@ def _ridge_pixels(
     return where_r, where_c, x, y, shift, moments
 
 
+def _is_crowded(magnitude: Float32Array, strongest: float) -> bool:
+    """Whether most of the gradient is that of edges, and the rest that of flat areas."""
+    middle = _noise(magnitude, _MIDDLE)
+    is_crowded = middle > _CROWDED * _noise(magnitude, _LOWER)
+    return is_crowded and middle > _CROWDED_LEAST * strongest
+
+
+def _noise(magnitude: Float32Array, share: float) -> float:
+    """Standard deviation of a gradient's part by the quantile of its magnitude: Rayleigh's."""
+    return float(np.quantile(magnitude, share)) / sqrt(-2 * log1p(-share))
+
+
 def _noise_by_level(
-    levels_dn: FloatArray, magnitude: Float32Array, overall: float
+    levels_dn: FloatArray, magnitude: Float32Array, overall: float, share: float
 ) -> tuple[FloatArray, FloatArray]:
     """Noise of the gradient in ranges of equally many levels, and what separates them."""
     separators = np.quantile(levels_dn, np.arange(1, _NOISE_RANGES) / _NOISE_RANGES)
@@ -278,6 +295,6 @@ def _noise_by_level(
     for k in range(_NOISE_RANGES):
         chosen = magnitude[level_range == k]
         if chosen.size >= _NOISE_PIXELS:
-            noise[k] = float(np.median(chosen)) / _RAYLEIGH_MEDIAN
+            noise[k] = _noise(chosen, share)
     # A range that holds edges and little else says nothing about the noise.
     return separators, np.clip(noise, overall, _NOISE_SPREAD * overall)

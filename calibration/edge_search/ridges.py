@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from calibration.edge_search.gradient import Gradient, RidgePixels
-from calibration.edge_search.segments import EdgeLine
+from calibration.edge_search.segments import ROUNDED_PX, EdgeLine
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 SHORTEST_REGION_PX = 8
@@ -243,9 +243,13 @@ def _line(
         return none, False
     low, high = along.min(), along.max()
     length = high - low
-    bend, rough = _parabola(along, across)
-    if rough > _ROUGHEST_PX or abs(bend) * length**2 / 4 > max(_LARGEST_SAGITTA * length, 0.5):
-        return none, False
+    if not _is_straight(along, across, length):
+        # Pixels that turn with a corner within the distance kept above bend a short ridge.
+        is_inner = (along >= low + ROUNDED_PX) & (along <= high - ROUNDED_PX)
+        if np.count_nonzero(is_inner) < SHORTEST_REGION_PX:
+            return none, False
+        if not _is_straight(along[is_inner], across[is_inner], length):
+            return none, False
     middle = 0.5 * (low + high)
     return (cx - middle * sin(normal), cy + middle * cos(normal), normal, length + 1), True
 
@@ -284,6 +288,14 @@ def _weighted_line(
         return np.nan, np.nan
     slope = (w * wta - wt * wa) / spread
     return slope, (wa - slope * wt) / w
+
+
+@njit(cache=True, error_model="numpy")
+def _is_straight(along: FloatArray, across: FloatArray, length: float) -> bool:
+    """Whether points lie along a line so long with a bend that a fit takes up, and no more."""
+    bend, rough = _parabola(along, across)
+    sagitta = abs(bend) * length**2 / 4
+    return bool(rough <= _ROUGHEST_PX and sagitta <= max(_LARGEST_SAGITTA * length, 0.5))
 
 
 @njit(cache=True, error_model="numpy")

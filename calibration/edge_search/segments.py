@@ -14,7 +14,7 @@ SHORTEST_PX = 6.0
 up to an SNR of 1000; below, the corners at both ends add more than that."""
 
 _CORNER_SIGMAS, _CORNER_EXTRA_PX = 2.5, 0.5  # at a corner, contrast is 0.6 % short there
-_ROUNDED_PX = 3.0  # by which a ridge ends before a corner, at most
+ROUNDED_PX = 3.0  # by which a ridge ends before a corner or turns with it, at most
 _SHORTEST_FOUND_PX = 16.0  # a side whose ridge is long enough to have a direction
 _BAND_SIGMAS = 6.0
 _BAND_EXTRA_PX = 3.0
@@ -94,7 +94,7 @@ def corner_reach(sigma_px: float) -> float:
 
 def least_side_px(sigma_px: float) -> float:
     """Shortest edge between two corners that can be measured where the total width is this."""
-    ends_px = 2 * (corner_reach(sigma_px) + _ROUNDED_PX)
+    ends_px = 2 * (corner_reach(sigma_px) + ROUNDED_PX)
     return max(SHORTEST_PX + ends_px, _SHORTEST_FOUND_PX)
 
 

@@ -7,6 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from calibration.edge_fit.fit import EdgeFit, fit_edge
 from calibration.edge_search.detection import find_edges
+from calibration.edge_search.segments import EdgeSegment
 from calibration.noise.noise_by_level import LevelNoise
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
@@ -263,3 +264,20 @@ def test_an_edge_as_sharp_as_the_pixel_alone_has_no_optical_width(normal_deg: fl
     assert fit.optical_sigma_err_px is None
     # The square alone has sqrt(1/12) = 0.29 along an axis; the best Gaussian is some of that.
     assert 0.1 < fit.sigma_px < 0.35
+
+
+def test_a_fit_to_what_is_no_edge_does_not_leave_its_band() -> None:
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        blobs = 100.0 + 300.0 * gaussian_filter(rng.normal(size=(30, 30)), 1.5)
+        segment = EdgeSegment(
+            x_px=15.0,
+            y_px=15.0,
+            normal_rad=rng.uniform(0.0, 2 * np.pi),
+            length_px=10.0,
+            found_length_px=18.0,
+            sigma_px=1.3,
+            clearance_px=5.0,
+        )
+        fit = fit_edge(blobs, segment)
+        assert fit is None or np.hypot(fit.x_px - 15.0, fit.y_px - 15.0) <= 5.0

@@ -5,6 +5,7 @@ from hypothesis import given, settings, strategies as st
 from calibration.edge_search.detection import find_edges
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
+from tests.calibration.squares import square_cover
 
 
 def square_image(
@@ -146,3 +147,53 @@ def test_a_line_too_thin_for_the_fits_band_has_no_edges() -> None:
     x = np.tile(np.arange(110.0), (90, 1))
     line = 200.0 - 150.0 * point_edge(x - 52.0, 1.0) * point_edge(56.0 - x, 1.0)
     assert find_edges(line, cell_px=1000.0) == []
+
+
+@pytest.mark.parametrize("sigma_px", [0.9, 1.6])
+@pytest.mark.parametrize("turn_deg", [0.0, 12.0, 31.0])
+def test_the_sides_of_a_chessboard_that_fills_the_picture_are_found(
+    turn_deg: float, sigma_px: float
+) -> None:
+    side_px, size = 24.0, 160
+    y, x = np.mgrid[:size, :size].astype(np.float64) - (size - 1) / 2
+    t = np.deg2rad(turn_deg)
+    board = np.ones((size, size))
+    for along in (np.cos(t) * x + np.sin(t) * y, np.cos(t) * y - np.sin(t) * x):
+        crossings = [(-1.0) ** k * point_edge(along - k * side_px, sigma_px) for k in range(-6, 7)]
+        board *= 2.0 * np.sum(crossings, axis=0) - 1.0
+    noise = np.random.default_rng(2).normal(0.0, 12.0, board.shape)
+    segments = find_edges(1000.0 + 600.0 * board + noise)
+    # Squares with all their sides in the middle 120 px: at least 4 x 4 of them, 40 sides.
+    middle = [s for s in segments if max(abs(s.x_px - 79.5), abs(s.y_px - 79.5)) < 60.0]
+    assert len(middle) >= 36
+
+
+@pytest.mark.parametrize("sigma_px", [0.7, 1.5])
+def test_a_corner_2_px_from_the_border_is_no_end_at_the_border(sigma_px: float) -> None:
+    y, x = np.mgrid[:90, :140].astype(np.float64)
+    inside = point_edge(x - 25.0, sigma_px) * point_edge(115.0 - x, sigma_px)
+    # Two px of dark ground lie between the lower and upper side and the outer pixels' rims.
+    inside *= point_edge(y - 1.5, sigma_px) * point_edge(87.5 - y, sigma_px)
+    segments = find_edges(200.0 + 600.0 * inside)
+    assert len(segments) == 4
+    for segment in segments:
+        side_px = 90.0 if abs(np.sin(segment.normal_rad)) > 0.7 else 86.0
+        # At 2 sigma from a corner, contrast is 2 % short.
+        assert segment.length_px < side_px - 4.0 * sigma_px
+
+
+def test_an_edge_that_leaves_the_frame_is_used_up_to_the_border() -> None:
+    for normal_deg in (0.0, 10.0, 35.0, 80.0):
+        image = edge_image(1.5, normal_deg, shape=(90, 90))
+        [segment] = find_edges(image, cell_px=1000.0)
+        longest_px = 90.0 / max(abs(np.cos(segment.normal_rad)), abs(np.sin(segment.normal_rad)))
+        assert segment.length_px > longest_px - 3.0  # a pixel and a half at either end
+
+
+def test_a_short_side_whose_ridge_turns_with_its_corners_is_found() -> None:
+    # One of 900 such squares, three of whose sides alone were found.
+    size = 81
+    rng = np.random.default_rng(109)
+    cover = square_cover((39.86, 39.83), 22.0, 60.7, 1.5, (size, size))
+    segments = find_edges(40_000.0 - 32_000.0 * cover + rng.normal(0.0, 320.0, cover.shape))
+    assert len(segments) == 4
