@@ -156,13 +156,13 @@ def _binned(
     number, first = _numbers(distance)
     left = levels - _shape_values(shape, distance)
     sums = _sums(number, distance, along, left)
-    pooled = np.sqrt(np.sum(sums.squares) / max(np.sum(sums.count) - sums.count.size, 1.0))
+    pooled = np.sqrt(np.sum(sums.squares) / max(np.sum(sums.pixels) - sums.pixels.size, 1.0))
     limit = max(_SUSPECT_SIGMAS * pooled, _OUTLIER_LEAST)
     if _farthest(number, left, sums.left) > limit:
         kept = np.flatnonzero(_without_outliers(distance, left))
         sums = _sums(number[kept], distance[kept], along[kept], left[kept])
-    filled = np.flatnonzero(sums.count > 0)
-    count, at = sums.count[filled], sums.distance[filled]
+    filled = np.flatnonzero(sums.pixels > 0)
+    count, at = sums.pixels[filled], sums.distance[filled]
     level = _shape_values(shape, at)
     variance = _variances(count, sums.squares[filled], level, least_noise)
     return _Bins(
@@ -196,7 +196,7 @@ def _numbers(distance: FloatArray) -> tuple[IntArray, int]:
 class _Sums(NamedTuple):
     """Number of the pixels in each bin, their means, and the squares of what differs from one."""
 
-    count: FloatArray
+    pixels: FloatArray
     distance: FloatArray
     along: FloatArray
     left: FloatArray
@@ -204,9 +204,7 @@ class _Sums(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _sums(
-    number: IntArray, distance: FloatArray, along: FloatArray, left: FloatArray
-) -> _Sums:
+def _sums(number: IntArray, distance: FloatArray, along: FloatArray, left: FloatArray) -> _Sums:
     """Sums over the pixels of each bin; ``left`` is what the Gaussian leaves of their levels."""
     bins = number.max() + 1
     table = np.zeros((bins, 5))
