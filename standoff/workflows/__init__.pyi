@@ -36,6 +36,7 @@ from .followup import (
     zoomed_out as zoomed_out,
 )
 from .image_files import (
+    each_image as each_image,
     expanded_images as expanded_images,
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
@@ -120,6 +121,7 @@ __all__ = [
     "camera_frames",
     "curve_figures",
     "default_models",
+    "each_image",
     "edge_image",
     "expanded_images",
     "find_changes_of_files",
