@@ -1,3 +1,4 @@
+from .commits import commit_file as commit_file
 from .engine import (
     SweepOptions as SweepOptions,
     SweepSummary as SweepSummary,
@@ -15,6 +16,7 @@ __all__ = [
     "SweepItem",
     "SweepOptions",
     "SweepSummary",
+    "commit_file",
     "run_sweep",
     "sorted_lines",
 ]

@@ -1,7 +1,9 @@
 """Runs a sweep: finds what is done, has the rest done, lists what was refused."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
@@ -13,6 +15,8 @@ from analysis.sweep.shards import Shard, ShardDone, ShardWork, blocks_of
 from analysis.sweep.sorting import sorted_lines
 
 _LINES_SHOWN = 10
+
+Executor = Callable[[Iterator[Shard], ShardWork], Iterator[tuple[Shard, ShardDone]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,14 +110,36 @@ def run_sweep(
     try:
         with TemporaryFile(dir=work.state) as refused_lines:
             sweep = _Sweep(manifest, work, options, progress, refused_lines)
-            for shard in sweep.missing():
-                sweep.take(shard, work(shard))
+            with _executor(options) as executor:
+                for shard, done in executor(sweep.missing(), work):
+                    sweep.take(shard, done)
             return sweep.summary()
     except OSError as error:
         raise ResultsFileError(
             f"cannot write {error.filename or work.state}: {error.strerror}",
             source=str(work.state),
         ) from error
+
+
+@contextmanager
+def _executor(options: SweepOptions) -> Iterator[Executor]:
+    """Choose who does the shards."""
+    if options.scheduler is None and options.workers == 1:
+        yield _done_here
+        return
+    # Takes a second; one process needs none of it.
+    from analysis.sweep.cluster import done_by_workers, local_workers
+
+    if options.scheduler is not None:
+        yield partial(done_by_workers, scheduler=options.scheduler)
+        return
+    with local_workers(options.workers) as scheduler:
+        yield partial(done_by_workers, scheduler=scheduler)
+
+
+def _done_here(shards: Iterator[Shard], work: ShardWork) -> Iterator[tuple[Shard, ShardDone]]:
+    for shard in shards:
+        yield shard, work(shard)
 
 
 class _Sweep:

@@ -1,65 +1,18 @@
-import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from acquisition.session import atomic_write
 from analysis.errors import SweepError
 from analysis.sweep.engine import SweepOptions, run_sweep
 from analysis.sweep.manifest import Manifest
-from analysis.sweep.shards import GROUPS, Layout, Shard, ShardDone, ShardWork, blocks_of
-
-
-@dataclass(frozen=True)
-class Hashing(ShardWork):
-    """Commits the content of a shard's files; refuses those that begin with an x."""
-
-    folder: Path
-    settings: str = ""
-
-    @property
-    def key(self) -> str:
-        return self.settings
-
-    @property
-    def state(self) -> Path:
-        return self.folder
-
-    def commit(self, shard: Shard) -> Path:
-        return self.folder / f"{shard.number:016x}-{shard.key[:16]}"
-
-    def found(self, shard: Shard) -> ShardDone | None:
-        path = self.commit(shard)
-        return self.done(path.read_bytes()) if path.exists() else None
-
-    def done(self, data: bytes) -> ShardDone:
-        lines = data.decode().splitlines()
-        refused = tuple(line for line in lines if line.endswith("refused"))
-        return ShardDone(images=len(lines) - len(refused), refused=refused, notes={"kind": "seen"})
-
-    def __call__(self, shard: Shard) -> ShardDone:
-        lines = []
-        for item in shard.items:
-            data = item.path.read_bytes() if item.is_there else b"x"
-            digest = hashlib.sha256(data).hexdigest()
-            lines.append(f"{item.path}: {'refused' if data.startswith(b'x') else digest}\n")
-        whole = "".join(lines).encode()
-        atomic_write(self.commit(shard), whole)
-        return self.done(whole)
+from analysis.sweep.shards import GROUPS, Layout, Shard, ShardDone, blocks_of
+from tests.analysis.sweep.hashing import Hashing, photographs
 
 
 class Never(Hashing):
     def __call__(self, shard: Shard) -> ShardDone:
         raise AssertionError(f"{shard} is done again")
-
-
-def photographs(folder: Path, count: int) -> list[Path]:
-    folder.mkdir()
-    paths = [folder / f"{number:04d}.png" for number in range(count)]
-    for number, path in enumerate(paths):
-        path.write_bytes(f"{number}".encode())
-    return paths
 
 
 @pytest.fixture
@@ -72,10 +25,6 @@ def work(tmp_path: Path) -> Hashing:
     state = tmp_path / "state"
     state.mkdir()
     return Hashing(state)
-
-
-def committed(work: Hashing) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in work.folder.iterdir()}
 
 
 def test_each_photograph_is_done_once_and_found_by_the_next_run(
