@@ -86,6 +86,7 @@ from .simulated_photograph import (
     simulate_photograph as simulate_photograph,
 )
 from .sr_dataset import (
+    PairFormat as PairFormat,
     SrDatasetSettings as SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
     write_sr_dataset as write_sr_dataset,
@@ -109,6 +110,7 @@ __all__ = [
     "NamedFrame",
     "OpenBench",
     "OpenCamera",
+    "PairFormat",
     "PracticeCommandError",
     "PracticeConsole",
     "Reading",
