@@ -16,7 +16,7 @@ import numpy as np
 from simulation.arrays import AnyArray, FloatImage
 from simulation.choices import DEFAULT_MODEL, Model
 from simulation.psf import Psf, PsfField
-from simulation.resampling import SamplingGrid, reference_shape
+from simulation.resampling import SamplingGrid, reference_shape, refuse_non_finite
 from simulation.zoom import ZoomOperator, zoom_operator
 
 _WHOLE_PIXEL_SLACK = 1e-9
@@ -113,7 +113,7 @@ def sr_pairs(
     ------
     ValueError
         If the crop does not fit into the image, or leaves no low-resolution pixel; if a field
-        belongs to another frame.
+        belongs to another frame, or the image is not finite.
     """
     rows, cols = image.shape[:2]
     if isinstance(psf, PsfField) and (psf.width_px, psf.height_px) != (cols, rows):
@@ -125,6 +125,7 @@ def sr_pairs(
     small = floor(crop_px / zoom + _WHOLE_PIXEL_SLACK)
     if small < 1:
         raise ValueError(f"a crop of {crop_px} px leaves no pixel at zoom {zoom:g}")
+    refuse_non_finite(image)
     centred = SamplingGrid.centred((crop_px, crop_px), zoom)
     for top in crop_origins(rows, crop_px, stride_px):
         for left in crop_origins(cols, crop_px, stride_px):

@@ -93,16 +93,15 @@ class ZoomOperator:
         return image
 
     def follow_up(self, image: AnyArray, threads: int = 1) -> FloatImage:
-        """Return the follow-up of a reference of any kind, plane by plane.
+        """Return the follow-up of a finite reference of any kind, plane by plane.
 
         Raises
         ------
         ValueError
-            If the image is not finite, or there is no thread.
+            If there is no thread.
         """
         if threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
-        refuse_non_finite(image)
         dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
         if image.ndim == 2:
             return self.apply(image.astype(dtype, copy=False), threads)
@@ -178,6 +177,7 @@ def zoom_out_on_grid(
         As for ``zoom_out``, or if the grid is outside the reference by more than half a pixel.
     """
     operator = zoom_operator(reference_shape(image), grid, psf, model, gaussian=gaussian)
+    refuse_non_finite(image)
     return operator.follow_up(image, threads)
 
 

@@ -1,20 +1,16 @@
-"""The pairs of one photograph as the bytes of image files.
-
-Of a pair's 1 ms (crops of 192 px, zoom 2), compression takes a third; OpenCV's own setting, runs
-alone, is three times as fast as its level 1 and 2 % larger (``benchmarks/bench_sr_pairs.py``).
-"""
+"""The pairs of one photograph as the bytes of image files."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simulation.sr_pairs import SrPair, sr_pairs
 from standoff.photographs import Photograph, marked_png
 from standoff.workflows.image_files import tiff_bytes
+from standoff.workflows.sr_dataset.png_file import png_bytes
 from standoff.workflows.sr_dataset.settings import SrDatasetSettings
 
 _PNG_BYTES_MOST = 2
@@ -66,7 +62,9 @@ def encoded_pairs(photograph: Photograph, settings: SrDatasetSettings) -> Iterat
             files = tuple(tiff_bytes(image.astype(np.float32), "") for image in (high, low))
         else:
             levels = np.clip(np.rint(low), 0, np.iinfo(stored).max).astype(stored)
-            files = tuple(marked_png(_png(image), photograph.encoding) for image in (high, levels))
+            files = tuple(
+                marked_png(png_bytes(image), photograph.encoding) for image in (high, levels)
+            )
         yield EncodedPair(
             key=f"{photograph.path.stem}_{(photograph.sha256 or '')[:8]}_{number:05d}",
             suffix=".tif" if is_float else ".png",
@@ -82,9 +80,3 @@ def _stored_crop(photograph: Photograph, pair: SrPair, crop_px: int) -> NDArray[
     return photograph.stored[
         pair.top_px : pair.top_px + crop_px, pair.left_px : pair.left_px + crop_px
     ]
-
-
-def _png(levels: NDArray[Any]) -> bytes:
-    if levels.ndim == 3:
-        levels = levels[:, :, ::-1]  # OpenCV writes blue first
-    return bytes(cv2.imencode(".png", levels)[1].tobytes())

@@ -83,7 +83,7 @@ class TarFiles(PairFiles):
         if split not in self._open:
             file = self._files.enter_context(whole_file(self._folder / self._names[split]))
             self._open[split] = self._files.enter_context(
-                tarfile.TarFile(fileobj=file, mode="w", format=tarfile.PAX_FORMAT)
+                tarfile.TarFile(fileobj=file, mode="w", format=tarfile.GNU_FORMAT)
             )
         tar = self._open[split]
         for name, data in (
