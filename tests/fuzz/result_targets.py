@@ -29,8 +29,7 @@ from calibration.noise.document import NOISE_SCHEMA
 from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
-from standoff.errors import ApplicationError
-from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
+from standoff.workflows.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file
@@ -150,7 +149,9 @@ SUMS = sums_bytes(
     ArtefactSums(products_dn2=np.ones((1, 2, 1, 2, 3)), pixels=np.ones((1, 2, 1))),
     (),
 )
-PAIR: dict[str, Any] = {"image_sha256": "a", "high": "h.png", "low": "l.png"}
+_PAIR = PairRecord(high="h.png", low="l.png", high_bytes=9, low_bytes=8, top_px=0, left_px=4)
+_IMAGE = ImageRecord(order="a", item="b", name="c.png", sha256="d", pairs=(_PAIR,))
+SHARD = ShardRecord(key="e", settings="f", images=(_IMAGE,)).model_dump()
 KERNEL_OF = np.zeros((4, 4), np.uint8)
 
 
@@ -264,10 +265,10 @@ RESULT_TARGETS = (
         documented=(),
     ),
     FuzzTarget(
-        name="manifest of training pairs",
-        data=damaged_json(PAIR).map(lambda line: line + b"\n"),
-        read=from_file(lambda path: manifest_lines(path.parent), MANIFEST_NAME),
-        documented=(ApplicationError,),
+        name="record of a shard of training pairs",
+        data=damaged_json(SHARD),
+        read=from_file(ShardRecord.read, "0.json"),
+        documented=(),  # one that cannot be read is none: its pairs are made again
     ),
     FuzzTarget(
         name="cached kernel",

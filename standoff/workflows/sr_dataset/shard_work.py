@@ -170,5 +170,5 @@ def record_path(state: Path, number: int) -> Path:
 def _size_of(path: Path) -> int | None:
     try:
         return path.stat().st_size
-    except OSError:
+    except (OSError, ValueError):  # a name with a zero byte
         return None
