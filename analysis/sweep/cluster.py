@@ -32,7 +32,9 @@ _SAME = ("standoff", "numpy", "scipy", "cv2")
 _CONFIG = {
     # What a scheduler or worker remembers of the past stays small.
     "distributed.admin.low-level-log-length": 100,
+    "distributed.admin.log-length": 100,
     "distributed.admin.system-monitor.log-length": 100,
+    "distributed.diagnostics.computations.max-history": 1,
     "distributed.worker.profile.enabled": False,
 }
 

@@ -232,7 +232,7 @@ def test_a_file_gives_back_each_model_as_it_was(tmp_path: Path) -> None:
     atomic_write(path, sums_bytes({7: done}, sums, []))
     file = SumsFile.found(path)
     assert file is not None
-    assert file.shards == {7: done}
+    assert file.shards() == {7: done}
     for model in range(3):
         one = file.sums(model)
         assert one is not None
