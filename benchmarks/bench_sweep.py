@@ -21,7 +21,6 @@ from analysis.detectability import (
     GaussianSignal,
     SweepSums,
     curves_of,
-    scene_sums,
 )
 from analysis.sweep import Manifest, SweepOptions, run_sweep
 from benchmarks.harness import Recorder, bench_parser
@@ -110,14 +109,12 @@ def started(count: int, side_px: int, models: int, workers: int) -> Run:
 
 
 def one_run(folder: Path, count: int, side_px: int, models: int, workers: int) -> Run:
-    """Sweep and compute the curves; what is imported late is imported before it is measured."""
+    """Sweep and compute the curves; Dask is imported before the memory is measured."""
     import analysis.sweep.cluster  # noqa: F401
 
     scene_files(folder / "photographs", count, side_px)
     plan = replace(PLAN, models=MODELS[:models])
     work = ArtefactWork(plan=plan, load=load_scene, folder=folder / "state")
-    warm = scene_sums(load_scene(folder / "photographs" / f"0-{side_px}.png").grey_dn, plan)
-    curves_of(lambda model: [warm.artefact(model, 0)], 1, plan, TASK)
     gc.collect()
     before_bytes = memory_bytes("VmRSS")
     start_s = time.perf_counter()

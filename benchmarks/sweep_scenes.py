@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from analysis.detectability import Scenario, SceneImage, SweepPlan, scene_sums
+from analysis.detectability import Scenario, SceneImage, SweepPlan
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 
@@ -68,8 +68,6 @@ def _note_memory(folder: Path, side_px: int) -> None:
     if _calls == 0:
         for number in range(_TEXTURES):
             _texture(number, side_px)
-        # What is imported late is imported now.
-        scene_sums(_texture(0, side_px), PLAN)
         _first_bytes = memory_bytes("VmRSS")
     if _calls % _NOTED_EVERY == 0:
         folder.mkdir(exist_ok=True)
