@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from math import prod
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -63,10 +63,13 @@ class MeasuredPhotograph:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SumsFile:
-    """The file of a shard, or of a block of shards: where what is in it."""
+    """The file of a shard, or of a block of shards: what is in it and where.
+
+    ``images`` is the number of photographs that the sums are over.
+    """
 
     path: Path
-    shards: Mapping[int, ShardDone]
+    images: int
     shape: tuple[int, ...]
     first_byte: int
 
@@ -85,10 +88,17 @@ class SumsFile:
             return None
         return _checked(path, status.st_size, status.st_mtime_ns)
 
-    @property
-    def images(self) -> int:
-        """Photographs that the sums are over."""
-        return sum(done.images for done in self.shards.values())
+    def shards(self) -> dict[int, ShardDone]:
+        """Read what its shards gave, by their numbers."""
+        with self.path.open("rb") as file:
+            file.readline()
+            header = json.loads(file.readline())
+        return {
+            int(number): ShardDone(
+                images=one["images"], refused=tuple(one["refused"]), notes=one["notes"]
+            )
+            for number, one in header["shards"].items()
+        }
 
     def sums(self, model: int | None = None) -> ArtefactSums | None:
         """Read the sums of one model, or of all; None where every photograph was refused."""
@@ -124,6 +134,7 @@ def sums_bytes(
     body += b"".join(json.dumps(asdict(one)).encode("ascii") + b"\n" for one in photographs)
     header = {
         "schema": _SCHEMA,
+        "images": sum(done.images for done in shards.values()),
         "shape": [0] * 5 if sums is None else sums.products_dn2.shape,
         "shards": {
             str(number): {
@@ -141,7 +152,7 @@ def sums_bytes(
 def joined_files(files: Sequence[SumsFile]) -> bytes:
     """Return the file of several files together, summed in their order."""
     return sums_bytes(
-        {number: done for file in files for number, done in file.shards.items()},
+        {number: done for file in files for number, done in file.shards().items()},
         added(file.sums() for file in files),
         (one for file in files for one in file.photographs()),
     )
@@ -169,15 +180,9 @@ def _checked(path: Path, size_bytes: int, mtime_ns: int) -> SumsFile | None:
         return None
     return SumsFile(
         path=path,
-        shards={int(number): _done(stored) for number, stored in header["shards"].items()},
+        images=header["images"],
         shape=tuple(header["shape"]),
         first_byte=len(digest) + len(line) + 1,
-    )
-
-
-def _done(stored: dict[str, Any]) -> ShardDone:
-    return ShardDone(
-        images=stored["images"], refused=tuple(stored["refused"]), notes=stored["notes"]
     )
 
 

@@ -150,7 +150,7 @@ class ArtefactWork(ShardWork):
     def found(self, shard: Shard) -> ShardDone | None:
         """See `ShardWork.found`."""
         file = SumsFile.found(self._file(shard.block_key)) or SumsFile.found(self._file(shard.key))
-        return None if file is None else file.shards.get(shard.number)
+        return None if file is None else file.shards().get(shard.number)
 
     def __call__(self, shard: Shard) -> ShardDone:
         """See `ShardWork.__call__`."""
