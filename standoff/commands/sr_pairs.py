@@ -116,6 +116,11 @@ def sr_pairs(
         print_json({"out": str(out), **asdict(summary)})
     else:
         _say_summary(out, summary)
+        if sweep.part[1] > 1:
+            say(
+                f"part {shard}; the same command without --shard lists the pairs once all parts "
+                "are done"
+            )
     if summary.refused_images:
         raise ApplicationError(_refusal(summary))
 
