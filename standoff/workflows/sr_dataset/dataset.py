@@ -17,7 +17,7 @@ from standoff.errors import ApplicationError
 from standoff.photographs import Inputs
 from standoff.terminal import command_line, note, progress_bar
 from standoff.workflows.sr_dataset.copies import copies_in
-from standoff.workflows.sr_dataset.listing import Listing, list_pairs
+from standoff.workflows.sr_dataset.listing import COMMITTED_NAMES, Listing, list_pairs
 from standoff.workflows.sr_dataset.settings import SPLITS, SrDatasetSettings
 from standoff.workflows.sr_dataset.shard_work import STATE_NAME, PairShards
 from standoff.workflows.sr_dataset.whole_files import whole_file
@@ -69,7 +69,7 @@ def write_sr_dataset(
     state = out / STATE_NAME
     provenance = inputs.provenance(command_line())
     document = settings.document(inputs.options)
-    committed = state / f"committed-{uuid4().hex}.txt"
+    committed = state / COMMITTED_NAMES.replace("*", uuid4().hex)
     try:
         _prepare(out, document, provenance)
         with Manifest(images, state) as given:

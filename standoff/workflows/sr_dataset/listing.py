@@ -18,6 +18,7 @@ from standoff.workflows.sr_dataset.shard_work import record_path
 from standoff.workflows.sr_dataset.whole_files import PART_SUFFIX, whole_file
 
 MANIFEST_NAME = "manifest.jsonl"
+COMMITTED_NAMES = "committed-*.txt"
 _MOST_INPUTS = 10_000
 
 
@@ -104,8 +105,9 @@ def list_pairs(out: Path, state: Path, committed: Path, *, is_whole: bool) -> Li
         for line in sorted_lines(lines, state):
             file.write(line.split(b"\t", 2)[2])
     _name_tars(out, state, listing.tars)
-    for part in state.glob(f"*{PART_SUFFIX}"):
-        part.unlink(missing_ok=True)  # of a worker that was killed
+    for killed in (*state.glob(f"*{PART_SUFFIX}"), *state.glob(COMMITTED_NAMES)):
+        if killed != committed:
+            killed.unlink(missing_ok=True)
     return listing
 
 

@@ -245,6 +245,15 @@ def test_a_strict_run_stops_at_the_first_that_gives_no_pairs(
         write(tmp_path / "pairs", own, SweepOptions(strict=True))
 
 
+def test_what_a_kill_left_is_cleared_away(photographs: Path, tmp_path: Path) -> None:
+    write(tmp_path, photographs)
+    before = files_of(tmp_path)
+    (tmp_path / "shards" / "0000000000000000-train.tar.0a1b.part").write_bytes(b"half a")
+    (tmp_path / "shards" / "committed-0a1b.txt").write_text("0000000000000000\n")
+    write(tmp_path, photographs)
+    assert files_of(tmp_path) == before
+
+
 def test_other_layouts_in_the_same_folder_are_refused(photographs: Path, tmp_path: Path) -> None:
     write(tmp_path, photographs)
     with pytest.raises(ApplicationError, match="other settings"):
