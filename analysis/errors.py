@@ -43,3 +43,11 @@ class SoftFollowupError(AnalysisError):
 
 class ResultsFileError(AnalysisError, DocumentError):
     """A results file cannot be read or written, or lacks what is needed."""
+
+
+class SweepError(AnalysisError):
+    """A sweep cannot go on: its workers are not fit for it, or a photograph was refused."""
+
+
+class RefusedPhotographError(AnalysisError):
+    """A photograph cannot be read or measured; a sweep lists it and goes on."""

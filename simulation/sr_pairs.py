@@ -7,6 +7,7 @@ square of the scene.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import ceil, floor, sqrt
 from typing import TypedDict, Unpack
 
@@ -15,8 +16,8 @@ import numpy as np
 from simulation.arrays import AnyArray, FloatImage
 from simulation.choices import DEFAULT_MODEL, Model
 from simulation.psf import Psf, PsfField
-from simulation.resampling import SamplingGrid
-from simulation.zoom import zoom_out_on_grid
+from simulation.resampling import SamplingGrid, reference_shape, refuse_non_finite
+from simulation.zoom import ZoomOperator, zoom_operator
 
 _WHOLE_PIXEL_SLACK = 1e-9
 _MARGIN_PX = 24.0  # the spline's own reach at the reference's resolution
@@ -27,6 +28,11 @@ _MARGIN_SIGMAS = 6.0
 _PLACES = 5
 """Positions per axis at which a field's PSF is taken: the kernels of each are solved once, which
 takes 0.1-5 s, where a crop takes milliseconds."""
+
+
+_OPERATORS = 128
+"""Cached: a frame with a field takes some 70, of 25 PSFs; solving those anew for each frame made
+pairs 200 times slower."""
 
 
 class SrComputation(TypedDict, total=False):
@@ -107,7 +113,7 @@ def sr_pairs(
     ------
     ValueError
         If the crop does not fit into the image, or leaves no low-resolution pixel; if a field
-        belongs to another frame.
+        belongs to another frame, or the image is not finite.
     """
     rows, cols = image.shape[:2]
     if isinstance(psf, PsfField) and (psf.width_px, psf.height_px) != (cols, rows):
@@ -119,6 +125,7 @@ def sr_pairs(
     small = floor(crop_px / zoom + _WHOLE_PIXEL_SLACK)
     if small < 1:
         raise ValueError(f"a crop of {crop_px} px leaves no pixel at zoom {zoom:g}")
+    refuse_non_finite(image)
     centred = SamplingGrid.centred((crop_px, crop_px), zoom)
     for top in crop_origins(rows, crop_px, stride_px):
         for left in crop_origins(cols, crop_px, stride_px):
@@ -138,8 +145,17 @@ def sr_pairs(
                 top_px=top,
                 left_px=left,
                 high=image[top : top + crop_px, left : left + crop_px],
-                low=zoom_out_on_grid(window, grid, own, model, threads=threads),
+                low=_crop_operator(reference_shape(window), grid, own, model).follow_up(
+                    window, threads
+                ),
             )
+
+
+@lru_cache(maxsize=_OPERATORS)
+def _crop_operator(
+    shape: tuple[int, int], grid: SamplingGrid, psf: Psf, model: Model
+) -> ZoomOperator:
+    return zoom_operator(shape, grid, psf, model)
 
 
 def _psf_at(psf: Psf | PsfField, y_px: float, x_px: float) -> Psf:

@@ -20,7 +20,7 @@ Four models, all linear and noise-free: sums of separable terms, one for a Gauss
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import floor
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -92,6 +92,25 @@ class ZoomOperator:
             image = stage.apply(image, threads)
         return image
 
+    def follow_up(self, image: AnyArray, threads: int = 1) -> FloatImage:
+        """Return the follow-up of a finite reference of any kind, plane by plane.
+
+        Raises
+        ------
+        ValueError
+            If there is no thread.
+        """
+        if threads < 1:
+            raise ValueError(f"threads must be at least 1, got {threads}")
+        dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
+        if image.ndim == 2:
+            return self.apply(image.astype(dtype, copy=False), threads)
+        planes = [
+            self.apply(image[:, :, channel].astype(dtype), threads)
+            for channel in range(image.shape[2])
+        ]
+        return cast("FloatImage", np.stack(planes, axis=2))
+
 
 def zoom_out(
     image: AnyArray,
@@ -157,18 +176,9 @@ def zoom_out_on_grid(
     ValueError
         As for ``zoom_out``, or if the grid is outside the reference by more than half a pixel.
     """
-    if threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
-    shape = reference_shape(image)
-    operator = zoom_operator(shape, grid, psf, model, gaussian=gaussian)
+    operator = zoom_operator(reference_shape(image), grid, psf, model, gaussian=gaussian)
     refuse_non_finite(image)
-    dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
-    if image.ndim == 2:
-        return operator.apply(image.astype(dtype, copy=False), threads)
-    result = np.empty((grid.rows, grid.cols, image.shape[2]), dtype=dtype)
-    for channel in range(image.shape[2]):
-        result[:, :, channel] = operator.apply(image[:, :, channel].astype(dtype), threads)
-    return result
+    return operator.follow_up(image, threads)
 
 
 @lru_cache(maxsize=32)

@@ -16,15 +16,20 @@ from standoff.terminal import (
     Json,
     Mean,
     Page,
+    PartOfShards,
+    Scheduler,
+    Strict,
     Threads,
     TransferForm,
+    Workers,
     checked_zoom,
     note,
     photograph_inputs,
     print_json,
-    progress_bar,
     say,
+    sweep_options,
 )
+from standoff.workflows import PairFormat
 
 if TYPE_CHECKING:
     from standoff.workflows import SrDatasetSummary
@@ -63,7 +68,17 @@ def sr_pairs(
     is_float: Annotated[
         bool, typer.Option("--float", help="Write float32 TIFFs instead of rounded PNGs.")
     ] = False,
+    layout: Annotated[
+        PairFormat,
+        typer.Option(
+            "--format", help="Image files in folders, or tar files as the library webdataset reads."
+        ),
+    ] = "folder",
     threads: Threads = 1,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
+    shard: PartOfShards = "1/1",
+    strict: Strict = False,
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
@@ -72,11 +87,12 @@ def sr_pairs(
     """Cut photographs into crops, each paired with its image from ZOOM times further away."""
     from standoff.workflows import (
         SrDatasetSettings,
-        expanded_images,
+        each_image,
         psf_and_field,
         write_sr_dataset,
     )
 
+    sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
     inputs = photograph_inputs(encoding, page, mean, files=(psf,))
     one, field = psf_and_field(psf, model, transfer)
     settings = SrDatasetSettings(
@@ -90,28 +106,42 @@ def sr_pairs(
         test_fraction=test_fraction,
         seed=seed,
         is_float=is_float,
+        format=layout,
     )
-    paths = expanded_images(images)
-    with progress_bar("cutting pairs", len(paths)) as bar:
-        summary = write_sr_dataset(out, paths, settings, inputs, bar.advance_to)
-    if len(summary.refused) > 1:
+    summary = write_sr_dataset(out, each_image(images), settings, inputs, sweep)
+    if summary.refused_images > 1:
         for line in summary.refused:
             note(line)
     if json:
         print_json({"out": str(out), **asdict(summary)})
     else:
-        _say_summary(out, summary, len(paths))
-    if summary.refused:
-        count = len(summary.refused)
-        why = f"{summary.refused[0]}; " if count == 1 else ""
-        others = (
-            f"{count} of {len(paths)} images gave no pairs; the pairs of the others are complete"
-        )
-        raise ApplicationError(why + ("no pairs" if len(paths) == 1 else others))
+        _say_summary(out, summary)
+        if sweep.part[1] > 1:
+            say(
+                f"part {shard}; the same command without --shard lists the pairs once all parts "
+                "are done"
+            )
+    if summary.refused_images:
+        raise ApplicationError(_refusal(summary))
 
 
-def _say_summary(out: Path, summary: SrDatasetSummary, images: int) -> None:
+def _refusal(summary: SrDatasetSummary) -> str:
+    count = summary.refused_images
+    if count == 1:
+        if summary.images == 1:
+            return f"{summary.refused[0]}; no pairs"
+        why = f"{summary.refused[0]}; "
+    else:
+        why = ""
+    listed = f" ({summary.refused_list} lists them)" if count > len(summary.refused) else ""
+    return (
+        f"{why}{count} of {summary.images} images gave no pairs{listed}; the pairs of the others "
+        "are complete"
+    )
+
+
+def _say_summary(out: Path, summary: SrDatasetSummary) -> None:
     say(
         f"{out}: {summary.train} pairs for training, {summary.test} for testing, "
-        f"from {images} images ({summary.images_found_done} already done)"
+        f"from {summary.images} images ({summary.images_found_done} already done)"
     )

@@ -11,7 +11,7 @@ from simulation.arrays import FloatArray
 from standoff import __version__
 from standoff.photographs.guard import read_file
 from standoff.photographs.photograph import Photograph, PhotographHead
-from standoff.photographs.reader import ReadOptions, read_head, read_image
+from standoff.photographs.reader import ReadOptions, read_image
 
 
 class Inputs:
@@ -35,7 +35,7 @@ class Inputs:
         self._announce = announce
         self._files: dict[str, str] = {}
         self._encodings: list[str] = []
-        self._announced: set[tuple[str, str]] = set()
+        self._announced: set[str] = set()
 
     def photograph(self, path: Path) -> Photograph:
         """Read a photograph and list it.
@@ -48,16 +48,6 @@ class Inputs:
         photograph = read_image(path, self.options)
         self._add_head(photograph)
         return photograph
-
-    def add_photograph(self, path: Path) -> None:
-        """List a photograph that another process reads in the same way.
-
-        Raises
-        ------
-        ImageFileError
-            If it is no image.
-        """
-        self._add_head(read_head(path, self.options))
 
     def grey(self, path: Path) -> FloatArray:
         """Read the linear grey levels of a photograph, shape ``(rows, cols)``, and list it.
@@ -86,6 +76,14 @@ class Inputs:
         self.add(session.path / JOURNAL_NAME)
         self._list_encoding("linear")
 
+    def announce(self, sentence: str) -> None:
+        """Say what another process found out about photographs."""
+        self._announce(sentence)
+
+    def add_known(self, path: str, sha256: str, encoding: str | None) -> None:
+        """List a file whose hash and encoding another process found out."""
+        self._list(Path(path), sha256, encoding)
+
     def provenance(self, command: str) -> Provenance:
         """Return the provenance of what is made from all that has been read."""
         return Provenance(
@@ -113,14 +111,7 @@ class Inputs:
             self._encodings.append(encoding)
 
     def _say(self, photograph: PhotographHead) -> None:
-        kind = (photograph.encoding.name, photograph.encoding_from)
-        if kind not in self._announced:
-            self._announced.add(kind)
-            self._announce(f"{photograph.name}: {photograph.encoding_sentence}")
-        turn = photograph.facts.turn
-        if turn is not None and ("turn", turn) not in self._announced:
-            self._announced.add(("turn", turn))
-            self._announce(
-                f"{photograph.name}: viewers show it {turn}; rows and columns here are those of "
-                "the sensor"
-            )
+        for kind, sentence in photograph.remarks.items():
+            if kind not in self._announced:
+                self._announced.add(kind)
+                self._announce(sentence)

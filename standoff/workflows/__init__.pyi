@@ -9,6 +9,7 @@ from .change_search import (
 from .demo import DemoResult as DemoResult, run_demo as run_demo
 from .detectability_run import (
     CurvesRequest as CurvesRequest,
+    MeasuredCurves as MeasuredCurves,
     curve_figures as curve_figures,
     measure_curves as measure_curves,
 )
@@ -36,6 +37,7 @@ from .followup import (
     zoomed_out as zoomed_out,
 )
 from .image_files import (
+    each_image as each_image,
     expanded_images as expanded_images,
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
@@ -85,6 +87,7 @@ from .simulated_photograph import (
     simulate_photograph as simulate_photograph,
 )
 from .sr_dataset import (
+    PairFormat as PairFormat,
     SrDatasetSettings as SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
     write_sr_dataset as write_sr_dataset,
@@ -105,9 +108,11 @@ __all__ = [
     "FollowUpRequest",
     "FoundKernel",
     "ImportSettings",
+    "MeasuredCurves",
     "NamedFrame",
     "OpenBench",
     "OpenCamera",
+    "PairFormat",
     "PracticeCommandError",
     "PracticeConsole",
     "Reading",
@@ -120,6 +125,7 @@ __all__ = [
     "camera_frames",
     "curve_figures",
     "default_models",
+    "each_image",
     "edge_image",
     "expanded_images",
     "find_changes_of_files",

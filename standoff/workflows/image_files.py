@@ -1,6 +1,7 @@
 """Finds the images of a folder, and writes simulated images and masks."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -32,6 +33,31 @@ def expanded_images(paths: Sequence[Path]) -> list[Path]:
             raise ApplicationError(f"{path}: the folder holds no image")
         files += inside
     return files
+
+
+def each_image(paths: Iterable[Path]) -> Iterator[Path]:
+    """Yield the images of files and folders, for very many: in any order, one by one.
+
+    Raises
+    ------
+    ApplicationError
+        If a folder holds no image, or cannot be read.
+    """
+    for path in paths:
+        if not path.is_dir():
+            yield path
+            continue
+        is_empty = True
+        try:
+            with os.scandir(path) as entries:
+                for entry in entries:
+                    if Path(entry.name).suffix.lower() in IMAGE_SUFFIXES:
+                        is_empty = False
+                        yield path / entry.name
+        except OSError as error:
+            raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
+        if is_empty:
+            raise ApplicationError(f"{path}: the folder holds no image")
 
 
 def image_files_in(folder: Path) -> list[Path]:

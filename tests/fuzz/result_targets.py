@@ -11,8 +11,9 @@ import tifffile
 
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
-from analysis.detectability.sweep import SweepPlan, sweep_images
+from analysis.detectability.sums import ArtefactSums, SumsFile, sums_bytes
 from analysis.errors import ResultsFileError
+from analysis.sweep import ShardDone
 from analysis.validation.document import read_validation
 from analysis.validation.kernel_cache import KernelCache
 from calibration.documents import json_object
@@ -28,8 +29,7 @@ from calibration.noise.document import NOISE_SCHEMA
 from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
-from standoff.errors import ApplicationError
-from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
+from standoff.workflows.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file
@@ -144,14 +144,14 @@ VALIDATION: dict[str, Any] = {
     "excluded": [{"capture": 2, "target": "leaves", "height_mm": 150.0, "reason": "shaken"}],
     "remarks": ["dim"],
 }
-CELL: dict[str, Any] = {
-    "key": "k",
-    "mean_dn": 1.0,
-    "products_dn2": {"shape": [1], "float64": "AAAAAAAA8D8="},
-    "pixels": {"shape": [1], "float64": "AAAAAAAA8D8="},
-}
-PAIR: dict[str, Any] = {"image_sha256": "a", "high": "h.png", "low": "l.png"}
-SWEEP = SweepPlan(scenario=None, models=(), zooms=(), tiles_per_side=1)  # type: ignore[arg-type]
+SUMS = sums_bytes(
+    {3: ShardDone(images=1, refused=("a: no image",), notes={"kind": "sentence"})},
+    ArtefactSums(products_dn2=np.ones((1, 2, 1, 2, 3)), pixels=np.ones((1, 2, 1))),
+    (),
+)
+_PAIR = PairRecord(high="h.png", low="l.png", high_bytes=9, low_bytes=8, top_px=0, left_px=4)
+_IMAGE = ImageRecord(order="a", item="b", name="c.png", sha256="d", pairs=(_PAIR,))
+SHARD = ShardRecord(key="e", settings="f", images=(_IMAGE,)).model_dump()
 KERNEL_OF = np.zeros((4, 4), np.uint8)
 
 
@@ -179,8 +179,9 @@ def damaged_map(data: bytes) -> object:
     return from_file(read_correction, "noise.json", *beside)(document)
 
 
-def read_cells(path: Path) -> object:
-    return sweep_images([], np.load, SWEEP, results=path)
+def read_sums(path: Path) -> object:
+    file = SumsFile.found(path)
+    return None if file is None else (file.sums(), list(file.photographs()))
 
 
 def read_kernel(data: bytes) -> object:
@@ -258,16 +259,16 @@ RESULT_TARGETS = (
         documented=(ResultsFileError,),
     ),
     FuzzTarget(
-        name="finished cells of a sweep",
-        data=damaged_json(CELL).map(lambda line: line + b"\n"),
-        read=from_file(read_cells, "cells.jsonl"),
-        documented=(ResultsFileError,),
+        name="sums of a sweep",
+        data=damaged_bytes((SUMS,)),
+        read=from_file(read_sums, "one.sums"),
+        documented=(),
     ),
     FuzzTarget(
-        name="manifest of training pairs",
-        data=damaged_json(PAIR).map(lambda line: line + b"\n"),
-        read=from_file(lambda path: manifest_lines(path.parent), MANIFEST_NAME),
-        documented=(ApplicationError,),
+        name="record of a shard of training pairs",
+        data=damaged_json(SHARD),
+        read=from_file(ShardRecord.read, "0.json"),
+        documented=(),  # one that cannot be read is none: its pairs are made again
     ),
     FuzzTarget(
         name="cached kernel",

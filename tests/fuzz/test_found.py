@@ -15,8 +15,7 @@ from acquisition.session.manifest import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
 from calibration.errors import NoiseFileError
 from calibration.files import read_noise
-from standoff.errors import ApplicationError
-from standoff.workflows.sr_dataset import MANIFEST_NAME, manifest_lines
+from standoff.workflows.sr_dataset.record import ShardRecord
 from tests.fuzz.damage import DEEP
 from tests.fuzz.result_targets import MAPS, NOISE, damaged_map, read_kernel
 from tests.fuzz.wire_targets import into_zaber
@@ -87,10 +86,10 @@ def test_a_kernel_with_a_damaged_header_counts_as_none() -> None:
     assert read_kernel(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header) is None
 
 
-def test_a_manifest_that_is_no_text_is_named(tmp_path: Path) -> None:
-    (tmp_path / MANIFEST_NAME).write_bytes(b'{"image_sha256": "\xf5"}\n')
-    with pytest.raises(ApplicationError, match="not a manifest"):
-        manifest_lines(tmp_path)
+@pytest.mark.parametrize("data", [b'{"key": "\xf5"}\n', DEEP.encode(), b"[]", b'{"key": 1e999}'])
+def test_a_record_of_pairs_that_is_none_is_not_there(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "0.json").write_bytes(data)
+    assert ShardRecord.read(tmp_path / "0.json") is None
 
 
 def test_digits_of_other_scripts_are_no_zaber_address() -> None:

@@ -15,6 +15,7 @@ from simulation import (
 )
 from simulation.choices import MODELS, Model
 from simulation.sr_pairs import crop_origins, sr_pairs
+from simulation.zoom import zoom_operator
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.1)
 TURNED_LENS = MeasuredPsf(
@@ -130,3 +131,26 @@ def test_crops_larger_than_the_image_or_smaller_than_a_pixel_are_refused(
 def test_crops_without_size_or_step_are_refused(crop: int, stride: int) -> None:
     with pytest.raises(ValueError):
         crop_origins(100, crop, stride)
+
+
+def test_the_next_frame_with_a_field_solves_no_kernel_anew() -> None:
+    field = PsfField(
+        width_px=330,
+        height_px=260,
+        # Not symmetric: 25 positions have 25 PSFs.
+        coefficients_px2=np.array(
+            [
+                [0.6, 0.05, 0.03, 0.3, 0, 0.3],
+                [0, 0.01, 0, 0, 0.02, 0],
+                [0.6, 0.02, 0.07, 0.3, 0, 0.3],
+            ]
+        ),
+    )
+    frame = np.random.default_rng(5).uniform(0, 255, (260, 330))
+
+    def operators_made() -> int:
+        for _ in sr_pairs(frame, 1.5, field, crop_px=60, stride_px=30, model="matched"):
+            pass
+        return zoom_operator.cache_info().misses
+
+    assert operators_made() == operators_made()

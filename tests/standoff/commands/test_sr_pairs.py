@@ -8,7 +8,7 @@ import tifffile
 
 from simulation import GaussianPsf
 from standoff.photographs import ReadOptions, read_image
-from standoff.workflows.sr_dataset import SrDatasetSettings, split_of
+from standoff.workflows.sr_dataset.settings import SrDatasetSettings, split_of
 from tests.standoff.conftest import Command, Outcome
 
 RNG = np.random.default_rng(12)
@@ -91,13 +91,13 @@ def test_an_interrupted_run_goes_on_and_ends_as_if_it_had_not_been(
         return read_image(path, options)
 
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.photographs.inputs.read_image", read_three)
+        patch.setattr("standoff.workflows.sr_dataset.shard_work.read_image", read_three)
         assert make(command, folder, psf=psf, out=broken, more=()).status == 130
-    # A power cut in the middle of a line besides.
-    manifest = broken / "manifest.jsonl"
-    manifest.write_text(manifest.read_text() + '{"split": "tra')
+    # A power cut besides, which took the end of one commit.
+    commit = sorted((broken / "shards").glob("*.json"))[0]
+    commit.write_bytes(commit.read_bytes()[:100])
     resumed = make(command, folder, psf=psf, out=broken, more=())
-    assert json.loads(resumed.out)["images_found_done"] == 2
+    assert json.loads(resumed.out)["images_found_done"] == 1
     files = sorted(p.relative_to(whole) for p in whole.rglob("*") if p.is_file())
     assert files == sorted(p.relative_to(broken) for p in broken.rglob("*") if p.is_file())
     for file in files:

@@ -1,0 +1,5 @@
+"""Many photographs: shards that are done once, by this process or by others, and committed."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

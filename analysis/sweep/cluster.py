@@ -1,0 +1,249 @@
+"""Has shards done by Dask workers, on this machine or elsewhere; the client does none itself."""
+
+import gc
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import cloudpickle
+import dask
+from distributed import Client, KilledWorker, LocalCluster, as_completed
+from distributed.client import FutureCancelledError
+
+from analysis.errors import SweepError
+from analysis.sweep.shards import Shard, ShardDone, ShardWork
+
+_CONNECT_S = 10
+_THREADS_ASKED_EVERY_S = 2.0
+_SHARDS_A_THREAD = 2
+"""One that is done and one that waits: what the scheduler holds does not grow with the sweep."""
+
+_COLLECTED_EVERY = 50
+"""Shards, 10 kB each, that Dask leaves in circles of references until they are collected."""
+
+_MARKER = "sweep.id"
+
+_SAME = ("standoff", "numpy", "scipy", "cv2")
+"""Packages of which another version may give other bits."""
+
+_CONFIG = {
+    # What a scheduler or worker remembers of the past stays small.
+    "distributed.admin.low-level-log-length": 100,
+    "distributed.admin.log-length": 100,
+    "distributed.admin.system-monitor.log-length": 100,
+    "distributed.diagnostics.computations.max-history": 1,
+    "distributed.worker.profile.enabled": False,
+}
+
+Dask = Any
+"""An object of Dask, which has no types."""
+
+
+@contextmanager
+def local_workers(count: int) -> Iterator[str]:
+    """Start so many single-threaded processes; yields the address of their scheduler."""
+    with (
+        dask.config.set(_CONFIG),
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            worker_dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+            # A shard takes what it takes; Dask would end a worker for it.
+            memory_limit=0,
+        ) as cluster,
+    ):
+        yield cluster.scheduler_address
+
+
+def done_by_workers(
+    shards: Iterator[Shard], work: ShardWork, scheduler: str
+) -> Iterator[tuple[Shard, ShardDone]]:
+    """Yield each shard when a worker has done it, in any order; few are under way at a time.
+
+    Every worker is asked, before every shard, for its versions and whether it sees the folder of
+    the state and the photographs: workers may join at any time.
+
+    Raises
+    ------
+    SweepError
+        If no scheduler answers or it has no workers, a worker is not fit, or several were killed
+        over one shard.
+    """
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client: Dask = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise SweepError(f"no Dask scheduler answers at {scheduler}: {error}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT_S)
+        except TimeoutError as error:
+            raise SweepError(
+                f"the Dask scheduler at {scheduler} has no workers after {_CONNECT_S} s; start "
+                f"some: dask worker {scheduler}"
+            ) from error
+        yield from _Workers(client, scheduler, work).done(shards)
+
+
+class _Workers:
+    """The workers of one scheduler, and the shards that are under way."""
+
+    def __init__(self, client: Dask, scheduler: str, work: ShardWork) -> None:
+        self._client = client
+        self._scheduler = scheduler
+        self._work = work
+        self._run = f"standoff-shard-{uuid4().hex}"
+        self._task = _shard_task()
+        self._asked = {
+            "versions": {name: import_module(name).__version__ for name in _SAME},
+            "marker": os.fspath(work.state / _MARKER),
+            "sweep": _marked(work.state / _MARKER),
+        }
+        self._sent: dict[Any, Shard] = {}
+        self._threads = 0
+        self._threads_asked_s = -_THREADS_ASKED_EVERY_S
+
+    def done(self, shards: Iterator[Shard]) -> Iterator[tuple[Shard, ShardDone]]:
+        """See `done_by_workers`."""
+        under_way: Dask = as_completed(loop=self._client.loop)  # type: ignore[no-untyped-call]
+        suspects = []
+        for shard in islice(shards, self._window()):
+            under_way.add(self._submitted(shard))
+        for number, future in enumerate(under_way):
+            if number % _COLLECTED_EVERY == 0:
+                gc.collect()
+            shard = self._sent.pop(future.key)
+            try:
+                done = self._result(future, shard)
+            except KilledWorker:
+                # Perhaps another shard of the same workers was at fault: done alone, at the end.
+                suspects.append(shard)
+            else:
+                yield shard, done
+            future.release()
+            for following in islice(shards, max(0, self._window() - len(self._sent))):
+                under_way.add(self._submitted(following))
+        for shard in suspects:
+            try:
+                yield shard, self._result(self._submitted(shard), shard)
+            except KilledWorker as error:
+                raise SweepError(
+                    f"{error.allowed_failures + 1} workers died, the last on "
+                    f"{error.last_worker.host}, over the {len(shard.items)} photographs from "
+                    f"{shard.items[0].path} on: too little memory?"
+                ) from error
+
+    def _submitted(self, shard: Shard, *, is_looked_for: bool = True) -> Dask:
+        there = [
+            (os.fspath(item.path), item.size_bytes)
+            for item in shard.items
+            if item.is_there and is_looked_for
+        ]
+        future = self._client.submit(
+            self._task,
+            self._asked | {"files": there},
+            cloudpickle.dumps((self._work, shard)),
+            key=(self._run, shard.number, len(there)),
+            pure=False,
+        )
+        self._sent[future.key] = shard
+        return future
+
+    def _result(self, future: Dask, shard: Shard) -> ShardDone:
+        try:
+            kind, value = future.result()
+        except FutureCancelledError as error:
+            raise SweepError(
+                f"the Dask scheduler at {self._scheduler} ended; run the same command again"
+            ) from error
+        if kind == "unfit":
+            raise SweepError(value)
+        if kind == "unseen":
+            self._require_unseen_here(value)
+            # Gone here as well: the work refuses it.
+            return self._result(self._submitted(shard, is_looked_for=False), shard)
+        done: ShardDone = value
+        return done
+
+    def _require_unseen_here(self, unseen: tuple[str, int, str]) -> None:
+        path, size_bytes, worker = unseen
+        try:
+            is_here = Path(path).stat().st_size == size_bytes
+        except OSError:
+            is_here = False
+        if is_here:
+            raise SweepError(
+                f"the Dask worker {worker} does not see {path} as it is here: all workers need "
+                "the photographs under the same paths"
+            )
+
+    def _window(self) -> int:
+        now_s = time.monotonic()
+        if now_s - self._threads_asked_s >= _THREADS_ASKED_EVERY_S:
+            self._threads = sum(self._client.nthreads().values())
+            self._threads_asked_s = now_s
+        return _SHARDS_A_THREAD * max(self._threads, 1)
+
+
+def _marked(marker: Path) -> str:
+    """Write once what tells this folder from another of the same name on another machine."""
+    try:
+        with marker.open("x", encoding="ascii") as file:
+            file.write(uuid4().hex)
+    except FileExistsError:
+        pass
+    return marker.read_text("ascii")
+
+
+def _shard_task() -> Callable[[dict[str, Any], bytes], tuple[str, Any]]:
+    """Return what a worker runs; being local, it is sent as code, to any version of ours."""
+
+    def do_shard(asked: dict[str, Any], payload: bytes) -> tuple[str, Any]:
+        import os
+        import pickle
+        import socket
+        from importlib import import_module
+
+        from distributed import get_worker
+
+        worker = f"{get_worker().address} on {socket.gethostname()}"
+        for name, version in asked["versions"].items():
+            try:
+                own = import_module(name).__version__
+            except ImportError:
+                return "unfit", f"the Dask worker {worker} has no {name}; it needs {version}"
+            if own != version:
+                return "unfit", f"the Dask worker {worker} has {name} {own}; it is {version} here"
+        try:
+            with open(asked["marker"], encoding="ascii") as file:  # noqa: PTH123  no imports
+                sweep = file.read()
+        except OSError:
+            sweep = ""
+        if sweep != asked["sweep"]:
+            folder = os.path.dirname(asked["marker"])  # noqa: PTH120
+            return "unfit", (
+                f"the Dask worker {worker} does not see the folder {folder}: all workers need it "
+                "under the same path"
+            )
+        for path, size_bytes in asked["files"]:
+            try:
+                seen_bytes = os.stat(path).st_size  # noqa: PTH116
+            except OSError:
+                seen_bytes = -1
+            if seen_bytes != size_bytes:
+                return "unseen", (path, size_bytes, worker)
+        work, shard = pickle.loads(payload)  # noqa: S301  from the client alone
+        return "done", work(shard)
+
+    return do_shard

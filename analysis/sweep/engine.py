@@ -1,0 +1,234 @@
+"""Runs a sweep: finds what is done, has the rest done, lists what was refused."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
+
+from acquisition.printable import on_one_line
+from analysis.errors import ResultsFileError, SweepError
+from analysis.sweep.manifest import Manifest
+from analysis.sweep.shards import Shard, ShardDone, ShardWork, blocks_of
+from analysis.sweep.sorting import sorted_lines
+
+_LINES_SHOWN = 10
+
+Executor = Callable[[Iterator[Shard], ShardWork], Iterator[tuple[Shard, ShardDone]]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepOptions:
+    """Who works, and on what part.
+
+    Parameters
+    ----------
+    workers
+        Processes on this machine; 1 works in this one.
+    scheduler
+        Address of a Dask scheduler, ``tcp://host:port``, in place of ``workers``.
+    part
+        ``(k, n)``: only the k-th of n parts, for queues of jobs that share the state.
+    strict
+        Whether the first refused photograph ends the sweep.
+
+    Raises
+    ------
+    ValueError
+        If there is no such part, or no worker.
+    """
+
+    workers: int = 1
+    scheduler: str | None = None
+    part: tuple[int, int] = (1, 1)
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise ValueError(f"workers must be at least 1, got {self.workers}")
+        if not 1 <= self.part[0] <= self.part[1]:
+            raise ValueError(f"part must be from 1 to {self.part[1]}, got {self.part[0]}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepSummary:
+    """What a sweep gave.
+
+    Parameters
+    ----------
+    images
+        Photographs that gave something, in this run or an earlier one.
+    found_done
+        Photographs that an earlier run had done, refused ones among them.
+    refused
+        Photographs that gave nothing.
+    refused_lines
+        The first ten of them, a line each, in the order of the shards.
+    refused_list
+        File that lists them all; None if there are none.
+    notes
+        What the shards found worth saying, each kind once.
+    """
+
+    images: int
+    found_done: int
+    refused: int
+    refused_lines: tuple[str, ...]
+    refused_list: Path | None
+    notes: tuple[str, ...]
+
+
+def run_sweep(
+    manifest: Manifest,
+    work: ShardWork,
+    options: SweepOptions | None = None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> SweepSummary:
+    """Do every shard that no earlier run committed; the same bits for any number of workers.
+
+    Parameters
+    ----------
+    manifest
+        The photographs.
+    work
+        Does a shard.
+    options
+        Who works; None for this process.
+    progress
+        Called with the number of photographs done.
+
+    Raises
+    ------
+    SweepError
+        If no worker is fit, or, when strict, a photograph is refused.
+    ResultsFileError
+        If the state cannot be written.
+    """
+    options = options or SweepOptions()
+    try:
+        with TemporaryFile(dir=work.state) as refused_lines:
+            sweep = _Sweep(manifest, work, options, progress, refused_lines)
+            missing = sweep.missing()
+            for first in missing:  # no workers are started for none
+                with _executor(options) as executor:
+                    for shard, done in executor(chain([first], missing), work):
+                        sweep.take(shard, done)
+            return sweep.summary()
+    except OSError as error:
+        raise ResultsFileError(
+            f"cannot write {error.filename or work.state}: {error.strerror}",
+            source=str(work.state),
+        ) from error
+
+
+@contextmanager
+def _executor(options: SweepOptions) -> Iterator[Executor]:
+    """Choose who does the shards."""
+    if options.scheduler is None and options.workers == 1:
+        yield _done_here
+        return
+    # Takes a second; one process needs none of it.
+    from analysis.sweep.cluster import done_by_workers, local_workers
+
+    if options.scheduler is not None:
+        yield partial(done_by_workers, scheduler=options.scheduler)
+        return
+    with local_workers(options.workers) as scheduler:
+        yield partial(done_by_workers, scheduler=scheduler)
+
+
+def _done_here(shards: Iterator[Shard], work: ShardWork) -> Iterator[tuple[Shard, ShardDone]]:
+    for shard in shards:
+        yield shard, work(shard)
+
+
+class _Sweep:
+    """What a running sweep remembers: counts, open blocks, and on disk the refused."""
+
+    def __init__(
+        self,
+        manifest: Manifest,
+        work: ShardWork,
+        options: SweepOptions,
+        progress: Callable[[int], None],
+        refused_lines: IO[bytes],
+    ) -> None:
+        self._refused_lines = refused_lines
+        self._manifest = manifest
+        self._work = work
+        self._options = options
+        self._progress = progress
+        self._open_blocks: dict[str, tuple[Sequence[Shard], set[int]]] = {}
+        self._notes: dict[str, tuple[int, str]] = {}
+        self._images = self._found_done = self._refused = 0
+
+    def missing(self) -> Iterator[Shard]:
+        """Yield the shards that are left to do, in the order of their numbers."""
+        for block in blocks_of(self._manifest, self._work.key, self._options.part):
+            left = []
+            for shard in block:
+                done = self._work.found(shard)
+                if done is None:
+                    left.append(shard)
+                else:
+                    self._found_done += len(shard.items)
+                    self._count(shard, done)
+            if left:
+                self._open_blocks[left[0].block_key] = block, {shard.number for shard in left}
+                yield from left
+            else:
+                self._work.commit_block(block)
+
+    def take(self, shard: Shard, done: ShardDone) -> None:
+        """Count a shard that was done."""
+        self._count(shard, done)
+        block, left = self._open_blocks[shard.block_key]
+        left.discard(shard.number)
+        if not left:
+            del self._open_blocks[shard.block_key]
+            self._work.commit_block(block)
+
+    def summary(self) -> SweepSummary:
+        """List the refused in a file, and count."""
+        part, parts = self._options.part
+        path = self._work.state / ("refused.txt" if parts == 1 else f"refused-{part}-{parts}.txt")
+        shown: list[str] = []
+        if self._refused:
+            shown = self._list_refused(path)
+        else:
+            path.unlink(missing_ok=True)
+        return SweepSummary(
+            images=self._images,
+            found_done=self._found_done,
+            refused=self._refused,
+            refused_lines=tuple(shown),
+            refused_list=path if shown else None,
+            notes=tuple(sentence for _, sentence in sorted(self._notes.values())),
+        )
+
+    def _count(self, shard: Shard, done: ShardDone) -> None:
+        if done.refused and self._options.strict:
+            raise SweepError(done.refused[0])
+        for index, line in enumerate(done.refused):
+            text = f"{shard.number:016x}{index:08x}{on_one_line(line)}\n"
+            self._refused_lines.write(text.encode())
+        for kind, sentence in done.notes.items():
+            candidate = shard.number, sentence
+            self._notes[kind] = min(self._notes.get(kind, candidate), candidate)
+        self._images += done.images
+        self._refused += len(done.refused)
+        self._progress(self._images + self._refused)
+
+    def _list_refused(self, path: Path) -> list[str]:
+        self._refused_lines.seek(0)
+        shown: list[str] = []
+        with path.open("wb") as file:
+            for line in sorted_lines(self._refused_lines, self._work.state):
+                text = line[24:]
+                file.write(text)
+                if len(shown) < _LINES_SHOWN:
+                    shown.append(text.decode().rstrip("\n"))
+        return shown

@@ -1,0 +1,161 @@
+import os
+import signal
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from distributed import Client, LocalCluster
+
+import standoff
+from analysis.errors import SweepError
+from analysis.sweep import cluster
+from analysis.sweep.engine import SweepOptions, run_sweep
+from analysis.sweep.manifest import Manifest
+from analysis.sweep.shards import Shard, ShardDone
+from tests.analysis.sweep.hashing import Hashing, photographs
+
+pytestmark = pytest.mark.slow
+
+
+def work_in(folder: Path, delay_s: float = 0.0) -> Hashing:
+    folder.mkdir()
+    return Hashing(folder, delay_s=delay_s)
+
+
+@pytest.fixture(scope="module")
+def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return photographs(tmp_path_factory.mktemp("sweep") / "photographs", 200)
+
+
+@pytest.fixture(scope="module")
+def expected(paths: list[Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    work = work_in(tmp_path_factory.mktemp("sweep") / "expected")
+    with Manifest(paths, work.state) as manifest:
+        run_sweep(manifest, work)
+    return work.committed()
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[Any]:
+    """One single-threaded worker in a process of its own."""
+    with LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+    ) as found:
+        yield found
+
+
+def test_a_single_threaded_worker_does_the_work_and_the_client_none(
+    paths: list[Path], expected: dict[str, bytes], local: Any, tmp_path: Path
+) -> None:
+    work = work_in(tmp_path / "state")
+    with Manifest(paths, work.state) as manifest:
+        found = run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+    assert found.images == 200
+    assert work.committed() == expected
+    assert work.workers() == {worker.pid for worker in local.workers.values()}
+    assert os.getpid() not in work.workers()
+
+
+def test_two_processes_give_the_same_commits(
+    paths: list[Path], expected: dict[str, bytes], tmp_path: Path
+) -> None:
+    work = work_in(tmp_path / "state", delay_s=0.01)
+    with Manifest(paths, work.state) as manifest:
+        assert run_sweep(manifest, work, SweepOptions(workers=2)).images == 200
+    assert work.committed() == expected
+    assert len(work.workers() - {os.getpid()}) == 2
+
+
+@pytest.mark.parametrize("unseen", ["state", "photographs"])
+def test_a_worker_that_does_not_see_what_is_here_is_named(
+    unseen: str, local: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photographs(tmp_path / "photographs", 3)
+    (tmp_path / "state").mkdir()
+    monkeypatch.chdir(tmp_path)
+    # Each process sees its own working folder there.
+    folders = {name: tmp_path / name for name in ("state", "photographs")}
+    folders[unseen] = Path("/proc/self/cwd") / unseen
+    work = Hashing(folders["state"])
+    with (
+        Manifest(folders["photographs"].iterdir(), work.state) as manifest,
+        pytest.raises(SweepError) as unfit,
+    ):
+        run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+    assert f"{local.workers[0].worker_address} on {socket.gethostname()} does not see" in str(
+        unfit.value
+    )
+    assert str(folders[unseen]) in str(unfit.value)
+    assert not work.committed()
+
+
+def test_a_photograph_that_vanishes_meanwhile_is_refused(local: Any, tmp_path: Path) -> None:
+    paths = photographs(tmp_path / "photographs", 3)
+    work = work_in(tmp_path / "state")
+    with Manifest(paths, work.state) as manifest:
+        paths[1].unlink()
+        found = run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+    assert (found.images, found.refused_lines) == (2, (f"{paths[1]}: refused",))
+
+
+def test_a_worker_of_another_version_is_named(
+    paths: list[Path], local: Any, tmp_path: Path
+) -> None:
+    def become(version: str) -> None:
+        import standoff
+
+        standoff.__version__ = version
+
+    work = work_in(tmp_path / "state")
+    with Client(local.scheduler_address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+        client.run(become, "0.0.1")
+        with Manifest(paths, work.state) as manifest, pytest.raises(SweepError) as unfit:
+            run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+        client.run(become, standoff.__version__)
+    assert str(unfit.value) == (
+        f"the Dask worker {local.workers[0].worker_address} on {socket.gethostname()} has standoff "
+        f"0.0.1; it is {standoff.__version__} here"
+    )
+
+
+def test_a_scheduler_without_workers_and_none_at_all_are_one_line(
+    paths: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    work = work_in(tmp_path / "state")
+    with (
+        Manifest(paths, work.state) as manifest,
+        LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as empty,  # type: ignore[no-untyped-call]
+    ):
+        with pytest.raises(SweepError) as no_workers:
+            run_sweep(manifest, work, SweepOptions(scheduler=empty.scheduler_address))
+        with pytest.raises(SweepError) as nobody:
+            run_sweep(manifest, work, SweepOptions(scheduler="tcp://127.0.0.1:1"))
+    assert f"{empty.scheduler_address} has no workers after 0.5 s" in str(no_workers.value)
+    assert "no Dask scheduler answers at tcp://127.0.0.1:1" in str(nobody.value)
+    assert not work.workers()
+
+
+class Deadly(Hashing):
+    """Kills the worker that does the first shard of all, as too large an image would."""
+
+    def __call__(self, shard: Shard) -> ShardDone:
+        if shard.number == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(shard)
+
+
+def test_a_shard_that_kills_every_worker_is_named_when_the_others_are_done(
+    paths: list[Path], expected: dict[str, bytes], local: Any, tmp_path: Path
+) -> None:
+    work = Deadly(tmp_path / "state")
+    work.folder.mkdir()
+    with Manifest(paths, work.state) as manifest:
+        first = next(iter(manifest))
+        with pytest.raises(SweepError) as deadly:
+            run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+    assert "4 workers died" in str(deadly.value)
+    assert f"photographs from {first.path} on" in str(deadly.value)
+    assert len(work.committed()) == len(expected) - 1

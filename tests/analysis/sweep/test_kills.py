@@ -1,0 +1,54 @@
+import os
+import random
+import signal
+import threading
+from pathlib import Path
+
+import pytest
+
+from analysis.sweep.engine import SweepOptions, run_sweep
+from analysis.sweep.manifest import Manifest
+from tests.analysis.sweep.hashing import Hashing, photographs
+
+KILLS = 10
+
+
+@pytest.fixture
+def expected(tmp_path: Path) -> dict[str, bytes]:
+    (tmp_path / "expected").mkdir()
+    work = Hashing(tmp_path / "expected")
+    with Manifest(photographs(tmp_path / "photographs", 300), work.state) as manifest:
+        run_sweep(manifest, work)
+    return work.committed()
+
+
+@pytest.mark.slow
+def test_workers_killed_at_random_moments_change_nothing(
+    expected: dict[str, bytes], tmp_path: Path
+) -> None:
+    work = Hashing(tmp_path / "state", delay_s=0.2)
+    work.folder.mkdir()
+    rng = random.Random(3)
+    killed: set[int] = set()
+    is_over = threading.Event()
+
+    def kill() -> None:
+        while len(killed) < KILLS and not is_over.wait(rng.uniform(0.2, 1.0)):
+            # Workers note their processes, each its own; the client does no shard.
+            alive = sorted(work.workers() - killed - {os.getpid()})
+            if alive:
+                victim = rng.choice(alive)
+                os.kill(victim, signal.SIGKILL)
+                killed.add(victim)
+
+    killer = threading.Thread(target=kill)
+    with Manifest((tmp_path / "photographs").iterdir(), work.state) as manifest:
+        killer.start()
+        try:
+            found = run_sweep(manifest, work, SweepOptions(workers=2))
+        finally:
+            is_over.set()
+            killer.join()
+    assert found.images == 300
+    assert len(killed) == KILLS
+    assert work.committed() == expected
