@@ -35,7 +35,7 @@ class Inputs:
         self._announce = announce
         self._files: dict[str, str] = {}
         self._encodings: list[str] = []
-        self._announced: set[tuple[str, str]] = set()
+        self._announced: set[str] = set()
 
     def photograph(self, path: Path) -> Photograph:
         """Read a photograph and list it.
@@ -86,6 +86,10 @@ class Inputs:
         self.add(session.path / JOURNAL_NAME)
         self._list_encoding("linear")
 
+    def announce(self, sentence: str) -> None:
+        """Say what another process found out about photographs."""
+        self._announce(sentence)
+
     def provenance(self, command: str) -> Provenance:
         """Return the provenance of what is made from all that has been read."""
         return Provenance(
@@ -113,14 +117,7 @@ class Inputs:
             self._encodings.append(encoding)
 
     def _say(self, photograph: PhotographHead) -> None:
-        kind = (photograph.encoding.name, photograph.encoding_from)
-        if kind not in self._announced:
-            self._announced.add(kind)
-            self._announce(f"{photograph.name}: {photograph.encoding_sentence}")
-        turn = photograph.facts.turn
-        if turn is not None and ("turn", turn) not in self._announced:
-            self._announced.add(("turn", turn))
-            self._announce(
-                f"{photograph.name}: viewers show it {turn}; rows and columns here are those of "
-                "the sensor"
-            )
+        for kind, sentence in photograph.remarks.items():
+            if kind not in self._announced:
+                self._announced.add(kind)
+                self._announce(sentence)

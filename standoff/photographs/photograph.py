@@ -66,6 +66,18 @@ class PhotographHead:
             "--encoding overrides this"
         )
 
+    @property
+    def remarks(self) -> dict[str, str]:
+        """What is worth saying once for each kind of file, by kind."""
+        encoding = f"encoding {self.encoding.name} {self.encoding_from}"
+        said = {encoding: f"{self.name}: {self.encoding_sentence}"}
+        if self.facts.turn is not None:
+            said[f"turn {self.facts.turn}"] = (
+                f"{self.name}: viewers show it {self.facts.turn}; rows and columns here are those "
+                "of the sensor"
+            )
+        return said
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Photograph(PhotographHead):

@@ -73,6 +73,13 @@ from .plan_preview import (
 )
 from .psf_tables import print_psf as print_psf, print_psf_remarks as print_psf_remarks
 from .sharpness_tables import print_edges as print_edges, print_verdict as print_verdict
+from .sweep_options import (
+    PartOfShards as PartOfShards,
+    Scheduler as Scheduler,
+    Strict as Strict,
+    Workers as Workers,
+    sweep_options as sweep_options,
+)
 from .validation_tables import print_validation as print_validation
 
 __all__ = [
@@ -94,11 +101,15 @@ __all__ = [
     "Operator",
     "Option",
     "Page",
+    "PartOfShards",
+    "Scheduler",
     "ScriptedOperator",
     "ShortEncoding",
+    "Strict",
     "TerminalOperator",
     "Threads",
     "TransferForm",
+    "Workers",
     "application",
     "check_options",
     "checked_pitch",
@@ -137,6 +148,7 @@ __all__ = [
     "run_application",
     "say",
     "say_error",
+    "sweep_options",
     "time_text",
     "what_to_place",
     "when_compiling",
