@@ -40,8 +40,8 @@ class ComparedFollowup(StoredValues):
 class ChangesSeries(ResultsDocument):
     """Several follow-ups of one reference, in the order of their paths.
 
-    ``compared`` and ``refused`` are numbers of follow-ups. The provenance lists what they share;
-    each follow-up has its own hash.
+    ``compared``, ``changed`` and ``refused`` are numbers of follow-ups; a changed one has at least
+    one changed pixel. The provenance lists what they share; each follow-up has its own hash.
     """
 
     schema_name: Literal["standoff.changes-summary/1"] = Field(
@@ -49,6 +49,7 @@ class ChangesSeries(ResultsDocument):
     )
     reference: str
     compared: int
+    changed: int
     refused: int
     followups: tuple[ComparedFollowup, ...] = ()
 

@@ -11,7 +11,6 @@ from numba import njit
 
 from calibration.edge_fit.model import (
     CURVATURE,
-
     HIGH,
     LOG_SIGMA,
     LOW,

@@ -204,9 +204,7 @@ class _Sums(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _sums(
-    number: IntArray, distance: FloatArray, along: FloatArray, left: FloatArray
-) -> _Sums:
+def _sums(number: IntArray, distance: FloatArray, along: FloatArray, left: FloatArray) -> _Sums:
     """Sums over the pixels of each bin; ``left`` is what the Gaussian leaves of their levels."""
     bins = number.max() + 1
     table = np.zeros((bins, 5))

@@ -236,9 +236,7 @@ def _marked(fit: SplineFit, is_found: bool) -> SplineFit:
 
 
 @njit(cache=True, error_model="numpy")
-def _terms(
-    shape: EdgeShape, tail_px: float, distance: float
-) -> tuple[float, float, float, float]:
+def _terms(shape: EdgeShape, tail_px: float, distance: float) -> tuple[float, float, float, float]:
     """The Gaussian edge, its derivatives by log sigma and by place, and what a tail changes."""
     value, slope, by_log_sigma = shape_slopes(shape, distance)
     return value, by_log_sigma, slope, 0.5 + atan(distance / tail_px) / pi - value
