@@ -13,6 +13,7 @@ import tifffile
 from analysis.detectability.curves import DetectabilityCurves
 from analysis.pose.series import read_pose_series
 from analysis.results_file import write_results
+from standoff.photographs.reader import read_image
 from standoff.workflows.followup_series import pose_work, work
 from tests.analysis.detectability.test_curves import curve
 from tests.calibration.registration.test_tracking import pose, scene, seen_from
@@ -183,13 +184,12 @@ def test_the_reference_is_read_once_by_whoever_works(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     read: list[str] = []
-    read_image = work.read_image
 
     def listing(path: Path, *options: Any) -> Any:
         read.append(path.name)
         return read_image(path, *options)
 
-    monkeypatch.setattr(work, "read_image", listing)
+    monkeypatch.setattr("standoff.workflows.followup_series.work.read_image", listing)
     work._levels.cache_clear()
     assert command(*asked(folder), "--out", tmp_path / "out").status == 0
     assert sorted(read) == ["frame-0.tif", "frame-1.tif", "frame-2.tif", "reference.tif"]
