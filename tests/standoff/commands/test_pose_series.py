@@ -196,11 +196,11 @@ def test_the_reference_is_read_once_by_whoever_works(
 
 
 @pytest.mark.slow
-def test_two_workers_write_the_same_bytes(
-    command: Command, asked: Asked, folder: Path, tmp_path: Path
+def test_any_number_of_workers_writes_the_same_bytes(
+    process: Command, asked: Asked, folder: Path, tmp_path: Path
 ) -> None:
     for out, workers in (("one", 1), ("two", 2)):
-        done = command(*asked(folder), "--out", tmp_path / out, "--workers", workers)
+        done = process(*asked(folder), "--out", tmp_path / out, "--workers", workers)
         assert done.status == 0, done.err
     for name in ("poses.csv", "followups.sweep"):
         one, two = (_content(tmp_path / out / name) for out in ("one", "two"))
