@@ -47,3 +47,7 @@ class ResultsFileError(AnalysisError, DocumentError):
 
 class SweepError(AnalysisError):
     """A sweep cannot go on: its workers are not fit for it, or a photograph was refused."""
+
+
+class RefusedPhotographError(AnalysisError):
+    """A photograph cannot be read or measured; a sweep lists it and goes on."""

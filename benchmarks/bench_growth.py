@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from acquisition.bench import load_bench
-from analysis.detectability import Scenario, SweepPlan, sweep_images
+from analysis.detectability import Scenario, SweepPlan, scene_sums
 from benchmarks.bench_zoom_out import SIGMA_PX, pillow_and_scipy
 from benchmarks.growth_plot import Growth, plot_growths
 from benchmarks.harness import Recorder, bench_parser
@@ -139,7 +139,7 @@ def by_images(record: Recorder) -> Growth:
             "artefacts of a curve of d', 3 zooms",
             "images of 600 x 450",
             counts,
-            lambda count: sweep_images(paths[:count], np.load, plan),
+            lambda count: [scene_sums(np.load(path), plan) for path in paths[:count]],
             record,
         )
 

@@ -23,11 +23,13 @@ from .signal import (
     GaussianSignal as GaussianSignal,
     PatchSignal as PatchSignal,
 )
+from .sums import ArtefactSums as ArtefactSums, MeasuredPhotograph as MeasuredPhotograph
 from .sweep import (
-    SceneStatistics as SceneStatistics,
+    ArtefactWork as ArtefactWork,
+    SceneImage as SceneImage,
     SweepPlan as SweepPlan,
-    SweepWorkers as SweepWorkers,
-    sweep_images as sweep_images,
+    SweepSums as SweepSums,
+    scene_sums as scene_sums,
     tiles_per_side as tiles_per_side,
 )
 from .task import (
@@ -39,7 +41,9 @@ from .task import (
 __all__ = [
     "MODEL_COLOURS",
     "AmbiguousCurveError",
+    "ArtefactSums",
     "ArtefactTiles",
+    "ArtefactWork",
     "ChangeSignal",
     "CurveChoice",
     "DetectabilityCurve",
@@ -47,11 +51,12 @@ __all__ = [
     "DetectionTask",
     "GaussianSignal",
     "LocalChange",
+    "MeasuredPhotograph",
     "PatchSignal",
     "Scenario",
-    "SceneStatistics",
+    "SceneImage",
     "SweepPlan",
-    "SweepWorkers",
+    "SweepSums",
     "WindowCovariance",
     "compared_pair",
     "curves_figure",
@@ -64,6 +69,6 @@ __all__ = [
     "observer_templates",
     "read_curves",
     "scene_artefact",
-    "sweep_images",
+    "scene_sums",
     "tiles_per_side",
 ]

@@ -1,40 +1,52 @@
-"""Artefact statistics of many images: one cell per image, on one machine or a Dask cluster.
+"""Artefact statistics of very many photographs, as sums: one file a block of a thousand.
 
-A cell draws no random number and sums in a fixed order, so that the results are the same bits
-for any number of workers. Finished cells are appended to a file and found again by what went
-into them.
+A photograph draws no random number and sums are made in the order of the shards, so that the
+results are the same bits for any number of workers, and after any interruption.
 """
 
-import hashlib
 import json
-import os
-from base64 import b64decode, b64encode
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import groupby
 from math import ceil, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
 
+from acquisition.printable import on_one_line
 from acquisition.session import atomic_write
-from acquisition.untrusted import parse_json
 from analysis.detectability.artefact import ArtefactTiles
 from analysis.detectability.dprime import scene_artefact
 from analysis.detectability.scenario import Scenario
-from analysis.errors import AnalysisError, ResultsFileError
+from analysis.detectability.sums import (
+    ArtefactSums,
+    MeasuredPhotograph,
+    SumsFile,
+    added,
+    joined_files,
+    sums_bytes,
+)
+from analysis.errors import AnalysisError, RefusedPhotographError
+from analysis.sweep import (
+    Manifest,
+    Shard,
+    ShardDone,
+    ShardWork,
+    blocks_of,
+    commit_file,
+    is_few,
+)
 from simulation import Model
 from simulation.arrays import FloatArray
 
-_VERSION = 3
-"""Version of a cell's contents; older cells are recomputed."""
+_VERSION = 4
+"""Version of the sums; older ones are measured again."""
 
 _TILES_WANTED = 16
-"""Tiles in all that a bootstrap can draw from; sixteen images need no tiles."""
+"""Tiles in all that a bootstrap can draw from; sixteen photographs need no tiles."""
 
-_CONNECT_S = 10
+_SUFFIX = ".sums"
+_KEY_LETTERS = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,25 +66,25 @@ class SweepPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SceneStatistics:
-    """Statistics of one image: its mean level, and the artefact for every model and zoom.
+class SceneImage:
+    """A photograph as it is measured.
 
-    ``products_dn2`` has the shape (models, zooms, tiles, n, 2 n - 1), the rows of lags from
-    -(n - 1) to 0; ``pixels`` the shape (models, zooms, tiles).
+    Parameters
+    ----------
+    grey_dn
+        The image c, shape ``(rows, cols)``, finite.
+    sha256
+        Of its file.
+    encoding
+        How its levels were read.
+    notes
+        What is worth saying of that, by kind.
     """
 
-    mean_dn: float
-    products_dn2: FloatArray
-    pixels: FloatArray
-
-    def artefact(self, model: int, zoom: int) -> ArtefactTiles:
-        """Artefact for the plan's model and zoom with these indices."""
-        half = self.products_dn2[model, zoom]
-        # The other half follows from evenness in the lag.
-        other = half[:, -2::-1, ::-1]
-        return ArtefactTiles(
-            products_dn2=np.concatenate([half, other], axis=1), pixels=self.pixels[model, zoom]
-        )
+    grey_dn: FloatArray
+    sha256: str
+    encoding: str = "linear"
+    notes: Mapping[str, str] = field(default_factory=dict)
 
 
 def tiles_per_side(images: int) -> int:
@@ -80,23 +92,7 @@ def tiles_per_side(images: int) -> int:
     return ceil(sqrt(_TILES_WANTED / images)) if images < _TILES_WANTED else 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepWorkers:
-    """Where images are measured: in processes on this machine, or on a Dask cluster.
-
-    Parameters
-    ----------
-    count
-        Processes on this machine; 1 works in this one.
-    scheduler
-        Address of a Dask scheduler, ``tcp://host:port``, in place of ``count``.
-    """
-
-    count: int = 1
-    scheduler: str | None = None
-
-
-def scene_statistics(scene_dn: FloatArray, plan: SweepPlan) -> SceneStatistics:
+def scene_sums(scene_dn: FloatArray, plan: SweepPlan) -> ArtefactSums:
     """Measure one image: the artefact of every model and zoom of a plan.
 
     Parameters
@@ -120,150 +116,149 @@ def scene_statistics(scene_dn: FloatArray, plan: SweepPlan) -> SceneStatistics:
         ]
         products.append([one.products_dn2[:, :n] for one in tiles])
         pixels.append([one.pixels for one in tiles])
-    return SceneStatistics(
-        mean_dn=float(scene_dn.mean()), products_dn2=np.array(products), pixels=np.array(pixels)
-    )
+    return ArtefactSums(products_dn2=np.array(products), pixels=np.array(pixels))
 
 
-def sweep_images(
-    paths: Sequence[Path],
-    load: Callable[[Path], FloatArray],
-    plan: SweepPlan,
-    *,
-    results: Path | None = None,
-    workers: SweepWorkers | None = None,
-    progress: Callable[[int], None] = lambda _: None,
-) -> list[SceneStatistics]:
-    """Measure every image, in the order of ``paths``; finished cells are not measured again.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArtefactWork(ShardWork):
+    """Measures shards and keeps their sums; those of a finished block become one.
 
     Parameters
     ----------
-    paths
-        Image files; a cluster's workers must find them under the same names.
-    load
-        Grey image of a file; a function that a worker process can import.
     plan
         What is measured.
-    results
-        File that finished cells are appended to.
-    workers
-        Who measures; None for this process.
-    progress
-        Called with the number of finished images.
+    load
+        Photograph of a file, or a RefusedPhotographError; a function that a worker can import.
+    folder
+        Absolute path of the folder of the sums.
+    """
+
+    plan: SweepPlan
+    load: Callable[[Path], SceneImage]
+    folder: Path
+
+    @property
+    def key(self) -> str:
+        """See `ShardWork.key`."""
+        return self.plan.key
+
+    @property
+    def state(self) -> Path:
+        """See `ShardWork.state`."""
+        return self.folder
+
+    def found(self, shard: Shard) -> ShardDone | None:
+        """See `ShardWork.found`."""
+        file = SumsFile.found(self._file(shard.block_key)) or SumsFile.found(self._file(shard.key))
+        return None if file is None else file.shards().get(shard.number)
+
+    def __call__(self, shard: Shard) -> ShardDone:
+        """See `ShardWork.__call__`."""
+        sums: ArtefactSums | None = None
+        photographs: list[MeasuredPhotograph] = []
+        refused: list[str] = []
+        notes: dict[str, str] = {}
+        for item in shard.items:
+            shown = on_one_line(item.path)
+            try:
+                scene = self.load(item.path)
+                own = scene_sums(scene.grey_dn, self.plan)
+            except (RefusedPhotographError, ValueError) as error:
+                refused.append(str(error) if shown in str(error) else f"{shown}: {error}")
+                continue
+            sums = added((sums, own))
+            notes = {**scene.notes, **notes}
+            photographs.append(
+                MeasuredPhotograph(
+                    path=shown,
+                    sha256=scene.sha256,
+                    encoding=scene.encoding,
+                    mean_dn=float(scene.grey_dn.mean()),
+                )
+            )
+        done = ShardDone(images=len(photographs), refused=tuple(refused), notes=notes)
+        commit_file(self._file(shard.key), sums_bytes({shard.number: done}, sums, photographs))
+        return done
+
+    def commit_block(self, shards: Sequence[Shard]) -> None:
+        """See `ShardWork.commit_block`."""
+        if len(shards) == 1:
+            return
+        block = self._file(shards[0].block_key)
+        if SumsFile.found(block) is None:
+            atomic_write(block, joined_files([self._committed(shard.key) for shard in shards]))
+        for shard in shards:
+            self._file(shard.key).unlink(missing_ok=True)
+
+    def file_of(self, block: Sequence[Shard]) -> SumsFile:
+        """Return the sums of a block that is done."""
+        only = len(block) == 1
+        return self._committed(block[0].key if only else block[0].block_key)
+
+    def _committed(self, key: str) -> SumsFile:
+        path = self._file(key)
+        file = SumsFile.found(path)
+        if file is None:
+            raise AnalysisError(f"{path} vanished or was damaged; run the same command again")
+        return file
+
+    def _file(self, key: str) -> Path:
+        return self.folder / (key[:_KEY_LETTERS] + _SUFFIX)
+
+
+class SweepSums:
+    """The sums of a finished sweep: tiles of each of few photographs, 64 groups of many.
+
+    Parameters
+    ----------
+    manifest, work
+        As in the sweep.
 
     Raises
     ------
     AnalysisError
-        If an image is too small, there is no such scheduler or Dask is not installed.
-    ResultsFileError
-        If an image or the results file cannot be read or written.
+        If every photograph was refused.
     """
-    keys = [_cell_key(path, plan) for path in paths]
-    known = _read_cells(results)
-    missing = [(key, path) for key, path in dict(zip(keys, paths, strict=True)).items()]
-    missing = [(key, path) for key, path in missing if key not in known]
-    done = len(set(keys)) - len(missing)
-    progress(done)
-    if missing:
-        with _backend(workers or SweepWorkers()) as jobs:
-            found = Parallel(n_jobs=jobs, return_as="generator")(
-                delayed(_measured)(path, load, plan) for _, path in missing
-            )
-            for (key, path), cell in zip(missing, found, strict=True):
-                known[key] = cell
-                _append(results, {"key": key, "image": path.name, **_stored(cell)})
-                done += 1
-                progress(done)
-    return [known[key] for key in keys]
 
+    def __init__(self, manifest: Manifest, work: ArtefactWork) -> None:
+        self._groups: list[list[SumsFile]] = []
+        blocks = blocks_of(manifest, work.key)
+        if is_few(len(manifest)):
+            # As they are listed in a folder; their shards are in no order that one knows.
+            alone = sorted(blocks, key=lambda block: block[0].items[0].path)
+            self._groups = [[work.file_of(block)] for block in alone]
+        else:
+            for _, group in groupby(blocks, lambda block: block[0].group):
+                self._groups.append([work.file_of(block) for block in group])
+        self.images = sum(file.images for file in self._files())
+        if self.images == 0:
+            raise AnalysisError("no photograph could be measured")
 
-def _measured(path: Path, load: Callable[[Path], FloatArray], plan: SweepPlan) -> SceneStatistics:
-    scene_dn = load(path)
-    try:
-        return scene_statistics(scene_dn, plan)
-    except ValueError as error:
-        raise AnalysisError(f"{path}: {error}") from error
+    def artefacts(self, model: int) -> list[ArtefactTiles]:
+        """Artefact of a model of the plan at each zoom: tiles in a fixed order."""
+        groups = [
+            sums
+            for files in self._groups
+            if (sums := added(file.sums(model) for file in files)) is not None
+        ]
+        zooms = groups[0].pixels.shape[1]
+        return [
+            ArtefactTiles.joined([sums.artefact(0, zoom) for sums in groups])
+            for zoom in range(zooms)
+        ]
 
+    def photographs(self) -> Iterator[MeasuredPhotograph]:
+        """Read what is kept of each photograph, in a fixed order."""
+        for file in self._files():
+            yield from file.photographs()
 
-def _cell_key(path: Path, plan: SweepPlan) -> str:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=str(path)) from error
-    return hashlib.sha256(plan.key.encode() + hashlib.sha256(content).digest()).hexdigest()
+    def drop_others(self, folder: Path) -> None:
+        """Delete sums of photographs or settings that are not in the sweep, and broken writes."""
+        own = {file.path for file in self._files()}
+        for path in folder.iterdir():
+            if path.suffix in {_SUFFIX, ".part"} and path not in own:
+                path.unlink(missing_ok=True)
 
-
-def _stored(cell: SceneStatistics) -> dict[str, Any]:
-    return {
-        "mean_dn": cell.mean_dn,
-        **{
-            name: {"shape": values.shape, "float64": b64encode(values.tobytes()).decode("ascii")}
-            for name, values in (("products_dn2", cell.products_dn2), ("pixels", cell.pixels))
-        },
-    }
-
-
-def _read_cells(path: Path | None) -> dict[str, SceneStatistics]:
-    """Read the finished cells; a line cut short by a kill is taken off."""
-    if path is None or not path.is_file():
-        return {}
-    try:
-        text = path.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]
-        if whole != text:
-            atomic_write(path, whole)
-        lines = [parse_json(line) for line in whole.splitlines()]
-        return {
-            line["key"]: SceneStatistics(
-                mean_dn=line["mean_dn"],
-                products_dn2=_array(line["products_dn2"]),
-                pixels=_array(line["pixels"]),
-            )
-            for line in lines
-        }
-    except OSError as error:
-        raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=str(path)) from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise ResultsFileError(
-            f"{path}: contains no valid cells: {error}; delete it", source=str(path)
-        ) from error
-
-
-def _array(stored: dict[str, Any]) -> FloatArray:
-    return np.frombuffer(b64decode(stored["float64"])).reshape(stored["shape"])
-
-
-def _append(path: Path | None, line: dict[str, Any]) -> None:
-    if path is None:
-        return
-    try:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError as error:
-        raise ResultsFileError(
-            f"cannot write {path}: {error.strerror}", source=str(path)
-        ) from error
-
-
-@contextmanager
-def _backend(workers: SweepWorkers) -> Iterator[int]:
-    """Choose joblib's backend; yields the number of jobs, -1 for all that a cluster has."""
-    scheduler = workers.scheduler
-    if scheduler is None:
-        with parallel_config(backend="loky", inner_max_num_threads=1):
-            yield workers.count
-        return
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise AnalysisError(
-            "a Dask cluster needs the extra cluster: pip install 'standoff[cluster]'"
-        ) from error
-    try:
-        client: Any = Client(scheduler, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError) as error:
-        raise AnalysisError(f"no Dask scheduler answers at {scheduler}: {error}") from error
-    with client, parallel_config(backend="dask", wait_for_workers_timeout=_CONNECT_S):
-        yield -1
+    def _files(self) -> Iterator[SumsFile]:
+        for files in self._groups:
+            yield from files

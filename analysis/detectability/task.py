@@ -13,12 +13,7 @@ from analysis.detectability.local import local_changes
 from analysis.detectability.observers import auc_of
 from analysis.detectability.scenario import Scenario
 from analysis.detectability.signal import ChangeSignal, GaussianSignal
-from analysis.detectability.sweep import (
-    SceneStatistics,
-    SweepPlan,
-    scene_statistics,
-    tiles_per_side,
-)
+from analysis.detectability.sweep import SweepPlan, scene_sums, tiles_per_side
 from simulation import Model, Psf
 from simulation.arrays import FloatArray
 
@@ -111,21 +106,32 @@ def d_prime_curves(
         raise ValueError("no images: a curve needs at least one")
     task = task or DetectionTask()
     plan = task.plan(psf, len(images))
-    return curves_of([scene_statistics(image, plan) for image in images], plan, task)
+    scenes = [scene_sums(image, plan) for image in images]
+
+    def artefacts(model: int) -> list[ArtefactTiles]:
+        return [
+            ArtefactTiles.joined([scene.artefact(model, zoom) for scene in scenes])
+            for zoom in range(len(plan.zooms))
+        ]
+
+    return curves_of(artefacts, len(images), plan, task)
 
 
 def curves_of(
-    cells: Sequence[SceneStatistics],
+    artefacts: Callable[[int], Sequence[ArtefactTiles]],
+    images: int,
     plan: SweepPlan,
     task: DetectionTask,
     progress: Callable[[int], None] = lambda _: None,
 ) -> DetectabilityCurves:
-    """Compute the curves from the statistics of measured images.
+    """Compute the curves from the artefact of measured images.
 
     Parameters
     ----------
-    cells
-        What the images gave, in a fixed order.
+    artefacts
+        Artefact of the plan's model with this index at each of its zooms, in a fixed order.
+    images
+        Number of images that it is of.
     plan
         What was measured on them; its models and zooms count.
     task
@@ -141,14 +147,10 @@ def curves_of(
     curves: list[DetectabilityCurve] = []
     psf = plan.scenario.psf
     for number, model in enumerate(plan.models):
-        artefacts = [
-            ArtefactTiles.joined([cell.artefact(number, index) for cell in cells])
-            for index in range(len(plan.zooms))
-        ]
-        curves += _curves_of_model(model, artefacts, plan, task)
+        curves += _curves_of_model(model, artefacts(number), plan, task)
         progress(number + 1)
     return DetectabilityCurves(
-        images=len(cells),
+        images=images,
         reference_zoom=plan.scenario.reference_zoom,
         window_px=plan.scenario.window_px,
         signal=task.signal.name,

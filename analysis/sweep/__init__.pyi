@@ -5,7 +5,13 @@ from .engine import (
     run_sweep as run_sweep,
 )
 from .manifest import Manifest as Manifest, SweepItem as SweepItem
-from .shards import Shard as Shard, ShardDone as ShardDone, ShardWork as ShardWork
+from .shards import (
+    Shard as Shard,
+    ShardDone as ShardDone,
+    ShardWork as ShardWork,
+    blocks_of as blocks_of,
+    is_few as is_few,
+)
 from .sorting import sorted_lines as sorted_lines
 
 __all__ = [
@@ -16,7 +22,9 @@ __all__ = [
     "SweepItem",
     "SweepOptions",
     "SweepSummary",
+    "blocks_of",
     "commit_file",
+    "is_few",
     "run_sweep",
     "sorted_lines",
 ]

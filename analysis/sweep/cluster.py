@@ -1,5 +1,6 @@
 """Has shards done by Dask workers, on this machine or elsewhere; the client does none itself."""
 
+import gc
 import logging
 import os
 import time
@@ -24,6 +25,9 @@ _THREADS_ASKED_EVERY_S = 2.0
 _SHARDS_A_THREAD = 2
 """One that is done and one that waits: what the scheduler holds does not grow with the sweep."""
 
+_COLLECTED_EVERY = 50
+"""Shards, 10 kB each, that Dask leaves in circles of references until they are collected."""
+
 _MARKER = "sweep.id"
 
 _SAME = ("standoff", "numpy", "scipy", "cv2")
@@ -32,7 +36,9 @@ _SAME = ("standoff", "numpy", "scipy", "cv2")
 _CONFIG = {
     # What a scheduler or worker remembers of the past stays small.
     "distributed.admin.low-level-log-length": 100,
+    "distributed.admin.log-length": 100,
     "distributed.admin.system-monitor.log-length": 100,
+    "distributed.diagnostics.computations.max-history": 1,
     "distributed.worker.profile.enabled": False,
 }
 
@@ -114,7 +120,9 @@ class _Workers:
         suspects = []
         for shard in islice(shards, self._window()):
             under_way.add(self._submitted(shard))
-        for future in under_way:
+        for number, future in enumerate(under_way):
+            if number % _COLLECTED_EVERY == 0:
+                gc.collect()
             shard = self._sent.pop(future.key)
             try:
                 done = self._result(future, shard)

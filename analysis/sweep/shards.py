@@ -110,12 +110,16 @@ class Layout:
     @classmethod
     def of(cls, images: int) -> "Layout":
         """Layout for so many photographs: about 64 shards, more where these were too large."""
-        wanted = images // GROUPS
-        size = 1 if wanted < 1 else min(2 ** round(log2(wanted)), _SHARD_IMAGES_MOST)
-        if size == 1:
+        if is_few(images):
             return cls(HASH_BITS, HASH_BITS)
+        size = min(2 ** round(log2(images // GROUPS)), _SHARD_IMAGES_MOST)
         bits = ceil(log2(images / size))
         return cls(bits, max(bits - _BLOCK_BITS, _GROUP_BITS))
+
+
+def is_few(images: int) -> bool:
+    """Whether each of so many photographs is a shard, and a group, of its own."""
+    return images < 2 * GROUPS
 
 
 def blocks_of(

@@ -16,9 +16,14 @@ from standoff.terminal import (
     ListedNumbers,
     Mean,
     Page,
+    PartOfShards,
+    Scheduler,
+    Strict,
     TransferForm,
+    Workers,
     checked_zoom,
     command_line,
+    note,
     number_list,
     photograph_inputs,
     print_json,
@@ -26,11 +31,13 @@ from standoff.terminal import (
     refuse_overwriting,
     refuse_suffix,
     say,
+    sweep_options,
 )
 
 if TYPE_CHECKING:
-    from analysis.detectability import ChangeSignal, DetectabilityCurve
+    from analysis.detectability import ChangeSignal, DetectabilityCurve, DetectabilityCurves
     from standoff.photographs import Inputs
+    from standoff.workflows import MeasuredCurves
 
 
 _Name = TypeVar("_Name", bound=str)
@@ -84,10 +91,10 @@ def detectability(
         int,
         typer.Option(min=5, help="Side of the observer's window in px; odd.", callback=_odd),
     ] = WINDOW_PX,
-    workers: Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")] = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Dask scheduler, tcp://HOST:PORT, instead of --workers.")
-    ] = None,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
+    shard: PartOfShards = "1/1",
+    strict: Strict = False,
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
@@ -102,6 +109,7 @@ def detectability(
     noises = None if noise.endswith(".json") else number_list(noise, _NOISES)
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
+    sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
     table = Path(noise) if noises is None else None
     inputs = photograph_inputs(encoding, page, mean, files=(psf, table))
     change = _change(signal, signal_sigma, inputs)
@@ -109,21 +117,18 @@ def detectability(
         raise typer.BadParameter(
             f"the change exceeds the window of {window} px; widen it", param_hint="--window"
         )
-    from analysis.detectability import DetectionTask, SweepWorkers
-    from analysis.results_file import write_results
-    from calibration.documents import json_object
+    from analysis.detectability import DetectionTask
     from calibration.files import read_noise
     from standoff.workflows import (
         CurvesRequest,
-        curve_figures,
-        expanded_images,
+        each_image,
         measure_curves,
         require_writable,
     )
 
     require_writable([out])
     request = CurvesRequest(
-        images=tuple(expanded_images(images)),
+        images=each_image(images),
         psf=psf,
         transfer=transfer,
         task=DetectionTask(
@@ -137,23 +142,74 @@ def detectability(
             window_px=window,
         ),
         noise=None if table is None else read_noise(table).capture_noise,
-        workers=SweepWorkers(count=workers, scheduler=scheduler),
+        sweep=sweep,
         inputs=inputs,
     )
-    found = measure_curves(request, out.with_suffix(".cells.jsonl"))
-    made = inputs.provenance(command_line())
-    name = found.signal if signal is None else signal.name
-    found = found.model_copy(update={"signal": name, "provenance": made})
-    write_results(out, found)
-    figures = curve_figures(out, found.curves, contrasts[0])
-    if json:
-        print_json(
-            {"out": str(out), "figures": [str(path) for path in figures], **json_object(found)}
+    measured = measure_curves(request, out.with_suffix(".sweep"))
+    if measured.curves is None:
+        _say_part(shard, measured, is_json=json)
+    else:
+        found = measured.curves.model_copy(
+            update={
+                "signal": measured.curves.signal if signal is None else signal.name,
+                "provenance": inputs.provenance(command_line()),
+            }
         )
+        _note_copies(measured)
+        _write_curves(out, found, is_json=json)
+    _refuse_refused(measured)
+
+
+def _write_curves(out: Path, found: DetectabilityCurves, *, is_json: bool) -> None:
+    """Write the document and its figures, and show the curves of the first contrast."""
+    from analysis.results_file import write_results
+    from calibration.documents import json_object
+    from standoff.workflows import curve_figures
+
+    contrast_dn = found.curves[0].contrast_dn
+    write_results(out, found)
+    figures = curve_figures(out, found.curves, contrast_dn)
+    if is_json:
+        files = [str(path) for path in figures]
+        print_json({"out": str(out), "figures": files, **json_object(found)})
         return
-    _print_curves([curve for curve in found.curves if curve.contrast_dn == contrasts[0]])
-    say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
+    _print_curves([curve for curve in found.curves if curve.contrast_dn == contrast_dn])
     say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
+
+
+def _note_copies(measured: MeasuredCurves) -> None:
+    if measured.copies:
+        have = "photograph has" if measured.copies == 1 else "photographs have"
+        note(
+            f"{measured.copies} {have} the content of another; each counts as often as it comes; "
+            f"see {measured.copies_list}"
+        )
+
+
+def _say_part(shard: str, measured: MeasuredCurves, *, is_json: bool) -> None:
+    done = measured.photographs
+    if is_json:
+        print_json({"out": None, "shard": shard, "images": done.images, "refused": done.refused})
+        return
+    say(
+        f"part {shard}: {done.images} photographs measured ({done.found_done} already done); the "
+        "same command without --shard writes the curves once all parts are done"
+    )
+
+
+def _refuse_refused(measured: MeasuredCurves) -> None:
+    """End with status 1 if photographs could not be measured, having named ten at most."""
+    done = measured.photographs
+    if done.refused == 0:
+        return
+    if done.refused == 1:
+        raise ApplicationError(f"{done.refused_lines[0]}; the curves are of the others")
+    for line in done.refused_lines:
+        note(line)
+    raise ApplicationError(
+        f"{done.refused} photographs could not be measured ({done.refused_list} lists them); the "
+        f"curves are of the {done.images} others"
+    )
 
 
 def _change(patch: Path | None, sigma_px: float, inputs: Inputs) -> ChangeSignal:
@@ -173,6 +229,7 @@ def _print_curves(curves: list[DetectabilityCurve]) -> None:
         ["zoom", *(f"{zoom:g}" for zoom in curves[0].zoom)],
         [[curve.name, *(f"{value:.2f}" for value in curve.dprime)] for curve in curves],
     )
+    say("d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it")
 
 
 def _chosen(text: str, option: str, known: tuple[_Name, ...]) -> list[_Name]:

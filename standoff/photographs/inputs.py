@@ -11,7 +11,7 @@ from simulation.arrays import FloatArray
 from standoff import __version__
 from standoff.photographs.guard import read_file
 from standoff.photographs.photograph import Photograph, PhotographHead
-from standoff.photographs.reader import ReadOptions, read_head, read_image
+from standoff.photographs.reader import ReadOptions, read_image
 
 
 class Inputs:
@@ -49,16 +49,6 @@ class Inputs:
         self._add_head(photograph)
         return photograph
 
-    def add_photograph(self, path: Path) -> None:
-        """List a photograph that another process reads in the same way.
-
-        Raises
-        ------
-        ImageFileError
-            If it is no image.
-        """
-        self._add_head(read_head(path, self.options))
-
     def grey(self, path: Path) -> FloatArray:
         """Read the linear grey levels of a photograph, shape ``(rows, cols)``, and list it.
 
@@ -89,6 +79,10 @@ class Inputs:
     def announce(self, sentence: str) -> None:
         """Say what another process found out about photographs."""
         self._announce(sentence)
+
+    def add_known(self, path: str, sha256: str, encoding: str | None) -> None:
+        """List a file whose hash and encoding another process found out."""
+        self._list(Path(path), sha256, encoding)
 
     def provenance(self, command: str) -> Provenance:
         """Return the provenance of what is made from all that has been read."""

@@ -15,7 +15,6 @@ from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import is_swollen, read_file, refuse_unusable
 from standoff.photographs.photograph import (
     Photograph,
-    PhotographHead,
     as_numbers,
     full_scale_dn,
     saturation_dn,
@@ -111,31 +110,6 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         facts=stored.facts,
         variance_dn2=variance,
         frames=frames,
-        sha256=sha256(data).hexdigest(),
-    )
-
-
-def read_head(path: Path, options: ReadOptions = _AS_STATED) -> PhotographHead:
-    """Read what a photograph's file says of it, without decoding its pixels.
-
-    Raises
-    ------
-    ImageFileError
-        If the file is missing, no image, or too large. Damaged pixels are not found.
-    """
-    data = read_file(path)
-    try:
-        stored = _stored(data, path)
-        _page_number(stored, options)
-        encoding, encoding_from = _encoding(stored, options)
-    except DecodingError as error:
-        raise ImageFileError(f"{on_one_line(path)}: {error}") from error
-    return PhotographHead(
-        path=path,
-        encoding=encoding,
-        encoding_from=encoding_from,
-        facts=stored.facts,
-        pattern=stored.pattern,
         sha256=sha256(data).hexdigest(),
     )
 

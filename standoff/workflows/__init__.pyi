@@ -9,6 +9,7 @@ from .change_search import (
 from .demo import DemoResult as DemoResult, run_demo as run_demo
 from .detectability_run import (
     CurvesRequest as CurvesRequest,
+    MeasuredCurves as MeasuredCurves,
     curve_figures as curve_figures,
     measure_curves as measure_curves,
 )
@@ -117,6 +118,7 @@ __all__ = [
     "FollowUpRequest",
     "FoundKernel",
     "ImportSettings",
+    "MeasuredCurves",
     "NamedFrame",
     "OpenBench",
     "OpenCamera",

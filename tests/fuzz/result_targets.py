@@ -11,8 +11,9 @@ import tifffile
 
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
-from analysis.detectability.sweep import SweepPlan, sweep_images
+from analysis.detectability.sums import ArtefactSums, SumsFile, sums_bytes
 from analysis.errors import ResultsFileError
+from analysis.sweep import ShardDone
 from analysis.validation.document import read_validation
 from analysis.validation.kernel_cache import KernelCache
 from calibration.documents import json_object
@@ -144,14 +145,12 @@ VALIDATION: dict[str, Any] = {
     "excluded": [{"capture": 2, "target": "leaves", "height_mm": 150.0, "reason": "shaken"}],
     "remarks": ["dim"],
 }
-CELL: dict[str, Any] = {
-    "key": "k",
-    "mean_dn": 1.0,
-    "products_dn2": {"shape": [1], "float64": "AAAAAAAA8D8="},
-    "pixels": {"shape": [1], "float64": "AAAAAAAA8D8="},
-}
+SUMS = sums_bytes(
+    {3: ShardDone(images=1, refused=("a: no image",), notes={"kind": "sentence"})},
+    ArtefactSums(products_dn2=np.ones((1, 2, 1, 2, 3)), pixels=np.ones((1, 2, 1))),
+    (),
+)
 PAIR: dict[str, Any] = {"image_sha256": "a", "high": "h.png", "low": "l.png"}
-SWEEP = SweepPlan(scenario=None, models=(), zooms=(), tiles_per_side=1)  # type: ignore[arg-type]
 KERNEL_OF = np.zeros((4, 4), np.uint8)
 
 
@@ -179,8 +178,9 @@ def damaged_map(data: bytes) -> object:
     return from_file(read_correction, "noise.json", *beside)(document)
 
 
-def read_cells(path: Path) -> object:
-    return sweep_images([], np.load, SWEEP, results=path)
+def read_sums(path: Path) -> object:
+    file = SumsFile.found(path)
+    return None if file is None else (file.sums(), list(file.photographs()))
 
 
 def read_kernel(data: bytes) -> object:
@@ -258,10 +258,10 @@ RESULT_TARGETS = (
         documented=(ResultsFileError,),
     ),
     FuzzTarget(
-        name="finished cells of a sweep",
-        data=damaged_json(CELL).map(lambda line: line + b"\n"),
-        read=from_file(read_cells, "cells.jsonl"),
-        documented=(ResultsFileError,),
+        name="sums of a sweep",
+        data=damaged_bytes((SUMS,)),
+        read=from_file(read_sums, "one.sums"),
+        documented=(),
     ),
     FuzzTarget(
         name="manifest of training pairs",

@@ -20,7 +20,7 @@ from analysis.detectability.curves import (
     read_curves,
 )
 from analysis.detectability.scenario import Scenario
-from analysis.detectability.sweep import scene_statistics
+from analysis.detectability.sweep import scene_sums
 from analysis.detectability.task import DetectionTask, curves_of
 from analysis.errors import NotDetectableError, ResultsFileError
 from analysis.reports.page import png_bytes, svg_bytes
@@ -160,7 +160,9 @@ def computed(scene: str, model: Model, noise_dn: float, zooms: list[float]) -> l
     )
     scenario = Scenario(psf=GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.9), window_px=15, positions=1)
     plan = replace(task.plan(scenario.psf, 16), scenario=scenario)
-    curves = curves_of([scene_statistics(scene_dn, plan)], plan, task).curves
+    sums = scene_sums(scene_dn, plan)
+    artefacts = [sums.artefact(0, index) for index in range(len(zooms))]
+    curves = curves_of(lambda _: artefacts, 1, plan, task).curves
     return [np.array(one.dprime) for one in curves]
 
 

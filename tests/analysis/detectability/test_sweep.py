@@ -1,197 +1,258 @@
-import subprocess
-import sys
+import hashlib
+import random
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from acquisition.session import atomic_write
 from analysis.detectability.dprime import scene_artefact
 from analysis.detectability.scenario import Scenario
+from analysis.detectability.sums import ArtefactSums, SumsFile, added, sums_bytes
 from analysis.detectability.sweep import (
-    SceneStatistics,
+    ArtefactWork,
+    SceneImage,
     SweepPlan,
-    SweepWorkers,
-    sweep_images,
+    SweepSums,
+    scene_sums,
     tiles_per_side,
 )
-from analysis.errors import AnalysisError, ResultsFileError
+from analysis.errors import AnalysisError, RefusedPhotographError, ResultsFileError
+from analysis.sweep import Manifest, ShardDone, SweepOptions, SweepSummary, run_sweep
+from analysis.sweep.shards import blocks_of
 from simulation import GaussianPsf
-from simulation.arrays import FloatArray
 
 PLAN = SweepPlan(
-    scenario=Scenario(psf=GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.8), window_px=9),
+    scenario=Scenario(psf=GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.8), window_px=5),
     models=("bicubic", "matched"),
     zooms=(1.0, 1.4),
-    tiles_per_side=2,
+    tiles_per_side=1,
 )
 
 
-NOBODY = SweepWorkers(scheduler="tcp://127.0.0.1:1")
+def load(path: Path) -> SceneImage:
+    try:
+        grey_dn = np.asarray(np.load(path), dtype=np.float64)
+    except (OSError, ValueError) as error:
+        raise RefusedPhotographError(str(error)) from error
+    return SceneImage(grey_dn=grey_dn, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
 
 
-def load(path: Path) -> FloatArray:
-    return np.asarray(np.load(path), dtype=np.float64)
-
-
-def refuse(path: Path) -> FloatArray:
+def never(path: Path) -> SceneImage:
     raise AssertionError(f"{path} is measured again")
 
 
-@pytest.fixture
-def paths(tmp_path: Path) -> list[Path]:
-    found = []
-    for number in range(5):
-        path = tmp_path / f"{number}.npy"
-        np.save(path, np.random.default_rng(number).normal(100, 20, (90, 110)))
-        found.append(path)
-    return found
+def scenes(folder: Path, count: int) -> list[Path]:
+    folder.mkdir()
+    paths = [folder / f"{number:04d}.npy" for number in range(count)]
+    for number, path in enumerate(paths):
+        np.save(path, np.random.default_rng(number).normal(100, 20, (40, 44)))
+    return paths
 
 
-def assert_same_bits(a: list[SceneStatistics], b: list[SceneStatistics]) -> None:
-    for one, other in zip(a, b, strict=True):
-        assert one.mean_dn == other.mean_dn
-        assert one.products_dn2.tobytes() == other.products_dn2.tobytes()
-        assert one.pixels.tobytes() == other.pixels.tobytes()
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return scenes(tmp_path_factory.mktemp("sweep") / "few", 5)
 
 
-def test_a_cell_holds_what_the_image_gives(paths: list[Path]) -> None:
-    [cell] = sweep_images(paths[:1], load, PLAN)
-    expected = scene_artefact(load(paths[0]), PLAN.scenario, "matched", 1.4, 2)
-    np.testing.assert_array_equal(cell.artefact(1, 1).products_dn2, expected.products_dn2)
-    np.testing.assert_array_equal(cell.artefact(1, 1).pixels, expected.pixels)
-    assert cell.mean_dn == load(paths[0]).mean()
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """So many that there are blocks of several shards: 128 of 2.3, in 64 blocks."""
+    return scenes(tmp_path_factory.mktemp("sweep") / "many", 300)
 
 
-def test_finished_cells_are_not_measured_again(paths: list[Path], tmp_path: Path) -> None:
-    results = tmp_path / "cells.jsonl"
-    first = sweep_images(paths, load, PLAN, results=results)
-    seen: list[int] = []
-    again = sweep_images(paths, refuse, PLAN, results=results, progress=seen.append)
-    assert_same_bits(first, again)
-    assert seen == [5]
+def work_in(folder: Path, loads: Callable[[Path], SceneImage] = load) -> ArtefactWork:
+    folder.mkdir(exist_ok=True)
+    return ArtefactWork(plan=PLAN, load=loads, folder=folder)
 
 
-def test_a_killed_sweep_resumes_where_it_was(paths: list[Path], tmp_path: Path) -> None:
-    results = tmp_path / "cells.jsonl"
-    whole = sweep_images(paths, load, PLAN, results=results)
-    lines = results.read_bytes().splitlines(keepends=True)
-    results.write_bytes(b"".join(lines[:2]) + lines[2][:100])  # killed while it wrote
-    seen: list[int] = []
-    assert_same_bits(whole, sweep_images(paths, load, PLAN, results=results, progress=seen.append))
-    assert seen == [2, 3, 4, 5]
-    assert len(results.read_bytes().splitlines()) == 5
+def swept(
+    paths: list[Path], work: ArtefactWork, options: SweepOptions | None = None
+) -> tuple[SweepSummary, SweepSums]:
+    with Manifest(paths, work.folder) as manifest:
+        return run_sweep(manifest, work, options), SweepSums(manifest, work)
 
 
-def test_another_plan_is_measured_anew(paths: list[Path], tmp_path: Path) -> None:
-    results = tmp_path / "cells.jsonl"
-    sweep_images(paths[:1], load, PLAN, results=results)
-    other = SweepPlan(scenario=PLAN.scenario, models=("bicubic",), zooms=(1.4,), tiles_per_side=1)
-    [cell] = sweep_images(paths[:1], load, other, results=results)
-    assert cell.products_dn2.shape == (1, 1, 1, 9, 17)
+def bits(sums: SweepSums) -> list[bytes]:
+    return [
+        values.tobytes()
+        for model in range(len(PLAN.models))
+        for tiles in sums.artefacts(model)
+        for values in (tiles.products_dn2, tiles.pixels)
+    ]
+
+
+@pytest.fixture(scope="module")
+def expected(many: list[Path], tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+    return bits(swept(many, work_in(tmp_path_factory.mktemp("sweep") / "expected"))[1])
+
+
+def test_few_photographs_are_tiles_of_their_own_in_the_order_of_their_names(
+    few: list[Path], tmp_path: Path
+) -> None:
+    plan = replace(PLAN, tiles_per_side=2)
+    work = replace(work_in(tmp_path / "state"), plan=plan)
+    _, sums = swept(few, work)
+    found = sums.artefacts(1)[1]
+    parts = [
+        scene_artefact(load(path).grey_dn, plan.scenario, "matched", 1.4, 2).products_dn2
+        for path in few
+    ]
+    np.testing.assert_array_equal(found.products_dn2, np.concatenate(parts))
+    kept = list(sums.photographs())
+    assert [one.path for one in kept] == [str(path) for path in few]
+    assert [one.mean_dn for one in kept] == [load(path).grey_dn.mean() for path in few]
+
+
+def test_many_photographs_are_64_groups_whose_sum_is_theirs(
+    many: list[Path], tmp_path: Path
+) -> None:
+    summary, sums = swept(many, work_in(tmp_path / "state"))
+    assert summary.images == sums.images == 300
+    whole = added(scene_sums(load(path).grey_dn, PLAN) for path in many)
+    assert whole is not None
+    for model in range(2):
+        for zoom, tiles in enumerate(sums.artefacts(model)):
+            assert 60 <= len(tiles.pixels) <= 64  # of 64, e^-4.7 are empty
+            one = whole.artefact(model, zoom)
+            # 300 additions in another order.
+            np.testing.assert_allclose(
+                tiles.products_dn2.sum(axis=0), one.products_dn2[0], rtol=1e-10, atol=1e-6
+            )
+            assert tiles.pixels.sum() == pytest.approx(one.pixels.sum(), rel=1e-12)
+
+
+def test_what_is_done_is_found_and_takes_one_file_a_block(
+    many: list[Path], expected: list[bytes], tmp_path: Path
+) -> None:
+    swept(many, work_in(tmp_path / "state"))
+    files = list((tmp_path / "state").glob("*.sums"))
+    assert len(files) <= 64
+    summary, sums = swept(many, work_in(tmp_path / "state", never))
+    assert summary.found_done == 300
+    assert bits(sums) == expected
+    sums.drop_others(tmp_path / "state")
+    assert sorted((tmp_path / "state").glob("*.sums")) == sorted(files)
+
+
+def test_shards_in_any_order_and_in_parts_give_the_same_bits(
+    many: list[Path], expected: list[bytes], tmp_path: Path
+) -> None:
+    work = work_in(tmp_path / "state")
+    with Manifest(many, work.folder) as manifest:
+        blocks = list(blocks_of(manifest, work.key))
+        shards = [shard for block in blocks for shard in block]
+        random.Random(1).shuffle(shards)
+        for shard in shards[:100]:
+            work(shard)
+        run_sweep(manifest, work, SweepOptions(part=(2, 2)))
+        summary = run_sweep(manifest, work, SweepOptions(part=(1, 2)))
+        assert 0 < summary.found_done < summary.images
+        assert bits(SweepSums(manifest, work_in(work.folder, never))) == expected
+
+
+def test_a_merge_that_was_killed_before_it_deleted_is_ended_by_the_next_run(
+    many: list[Path], expected: list[bytes], tmp_path: Path
+) -> None:
+    work = work_in(tmp_path / "state")
+    with Manifest(many, work.folder) as manifest:
+        [shards] = [block for block in blocks_of(manifest, work.key) if len(block) > 1][:1]
+        for shard in shards:
+            work(shard)
+        before = {path: path.read_bytes() for path in work.folder.glob("*.sums")}
+        work.commit_block(shards)
+        for path, data in before.items():
+            path.write_bytes(data)
+    summary, sums = swept(many, work)
+    assert summary.found_done == sum(len(shard.items) for shard in shards)
+    assert bits(sums) == expected
+    assert not any(path.exists() for path in before)
+
+
+def test_a_damaged_file_is_measured_anew(
+    many: list[Path], expected: list[bytes], tmp_path: Path
+) -> None:
+    work = work_in(tmp_path / "state")
+    swept(many, work)
+    damaged = sorted(work.folder.glob("*.sums"))[3]
+    data = bytearray(damaged.read_bytes())
+    data[-30] ^= 1
+    damaged.write_bytes(data)
+    summary, sums = swept(many, work)
+    assert 280 < summary.found_done < 300
+    assert bits(sums) == expected
+
+
+def test_corrupt_missing_and_small_photographs_are_refused_and_the_others_measured(
+    tmp_path: Path,
+) -> None:
+    paths = scenes(tmp_path / "photographs", 6)
+    paths[1].write_bytes(b"no array")
+    paths[2].unlink()
+    np.save(paths[3], np.ones((12, 12)))
+    work = work_in(tmp_path / "state")
+    summary, sums = swept(paths, work)
+    assert (summary.images, summary.refused) == (3, 3)
+    assert all(
+        any(line.startswith(f"{path}: ") or str(path) in line for line in summary.refused_lines)
+        for path in paths[1:4]
+    )
+    assert [one.path for one in sums.photographs()] == [str(paths[k]) for k in (0, 4, 5)]
+    assert len(sums.artefacts(0)[0].pixels) == 3
+    with pytest.raises(AnalysisError):
+        swept(paths[1:4], work)
+
+
+def test_another_plan_is_measured_anew_and_what_is_no_longer_used_deleted(
+    few: list[Path], tmp_path: Path
+) -> None:
+    work = work_in(tmp_path / "state")
+    swept(few, work)
+    other = replace(work, plan=replace(PLAN, models=("bicubic",), zooms=(1.4,)))
+    summary, sums = swept(few, other)
+    assert summary.found_done == 0
+    assert len(list(work.folder.glob("*.sums"))) == 10
+    sums.drop_others(work.folder)
+    assert len(list(work.folder.glob("*.sums"))) == 5
 
 
 def test_few_images_are_cut_into_tiles() -> None:
     assert [tiles_per_side(count) for count in (1, 2, 4, 15, 16, 5000)] == [4, 3, 2, 2, 1, 1]
 
 
-def test_a_small_image_and_a_broken_results_file_are_told_by_name(tmp_path: Path) -> None:
-    path = tmp_path / "small.npy"
-    np.save(path, np.ones((12, 12)))
-    with pytest.raises(AnalysisError) as too_small:
-        sweep_images([path], load, PLAN)
-    assert str(path) in str(too_small.value)
-    results = tmp_path / "cells.jsonl"
-    results.write_text("{}\n")
-    with pytest.raises(ResultsFileError) as broken:
-        sweep_images([path], load, PLAN, results=results)
-    assert broken.value.source == str(results)
-    missing = tmp_path / "none.npy"
-    with pytest.raises(ResultsFileError) as unreadable:
-        sweep_images([missing], load, PLAN)
-    assert unreadable.value.source == str(missing)
-
-
-@pytest.mark.slow
-def test_two_processes_give_the_same_bits(paths: list[Path]) -> None:
-    assert_same_bits(
-        sweep_images(paths, load, PLAN),
-        sweep_images(paths, load, PLAN, workers=SweepWorkers(count=2)),
+def test_a_file_gives_back_each_model_as_it_was(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    sums = ArtefactSums(
+        products_dn2=rng.normal(size=(3, 2, 4, 5, 9)), pixels=rng.uniform(size=(3, 2, 4))
     )
+    done = ShardDone(images=1, refused=("a: no image",), notes={"kind": "sentence"})
+    path = tmp_path / "one.sums"
+    atomic_write(path, sums_bytes({7: done}, sums, []))
+    file = SumsFile.found(path)
+    assert file is not None
+    assert file.shards() == {7: done}
+    for model in range(3):
+        one = file.sums(model)
+        assert one is not None
+        np.testing.assert_array_equal(one.products_dn2[0], sums.products_dn2[model])
+        np.testing.assert_array_equal(one.pixels[0], sums.pixels[model])
+    assert SumsFile.found(tmp_path / "none.sums") is None
 
 
-CLUSTER = """
-import os, signal, sys, threading, time
-from pathlib import Path
-from distributed import LocalCluster
-from analysis.detectability.sweep import SweepWorkers, sweep_images
-from tests.analysis.detectability.test_sweep import PLAN, assert_same_bits, load
-
-def slow_load(path):
-    time.sleep(0.1)
-    return load(path)
-
-def main():
-    paths = [Path(name) for name in sys.argv[1:]]
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        killed = []
-        def kill_one(done):
-            if done == 1 and not killed:
-                [worker, _] = cluster.workers.values()
-                killed.append(worker.pid)
-                os.kill(worker.pid, signal.SIGKILL)
-        found = sweep_images(
-            paths, slow_load, PLAN,
-            workers=SweepWorkers(scheduler=cluster.scheduler_address), progress=kill_one,
-        )
-        assert killed
-    assert_same_bits(found, sweep_images(paths, load, PLAN))
-    print("same bits")
-
-if __name__ == "__main__":
-    main()
-"""
+def test_a_state_that_cannot_be_written_is_told_by_name(few: list[Path], tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ResultsFileError) as refused:
+        Manifest(few, tmp_path / "file" / "state")
+    assert str(tmp_path / "file") in str(refused.value)
 
 
 @pytest.mark.slow
-def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bits(
-    paths: list[Path], tmp_path: Path
+@pytest.mark.parametrize("workers", [2, 4])
+def test_worker_processes_give_the_same_bits(
+    workers: int, many: list[Path], expected: list[bytes], tmp_path: Path
 ) -> None:
-    pytest.importorskip("distributed")
-    script = tmp_path / "cluster_run.py"
-    script.write_text(CLUSTER)
-    root = Path(__file__).parents[3]
-    done = subprocess.run(
-        [sys.executable, str(script), *map(str, paths)],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-        env={"PYTHONPATH": str(root), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)},
-        cwd=tmp_path,
-    )
-    assert "same bits" in done.stdout, done.stderr[-3000:]
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
-def test_a_scheduler_that_does_not_answer_is_one_line(
-    paths: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("analysis.detectability.sweep._CONNECT_S", 1)
-    with pytest.raises(AnalysisError) as refused:
-        sweep_images(paths, load, PLAN, workers=NOBODY)
-    assert isinstance(refused.value.__cause__, OSError)
-    assert str(NOBODY.scheduler) in str(refused.value)
-
-
-def test_without_dask_the_extra_is_named(
-    paths: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(AnalysisError) as refused:
-        sweep_images(paths, load, PLAN, workers=NOBODY)
-    assert isinstance(refused.value.__cause__, ImportError)
-    assert "pip install 'standoff[cluster]'" in str(refused.value)
+    summary, sums = swept(many, work_in(tmp_path / "state"), SweepOptions(workers=workers))
+    assert summary.images == 300
+    assert bits(sums) == expected

@@ -59,12 +59,68 @@ def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
     assert curves[0].zoom == [1.0, 1.5]
     for name in ("noise.png", "noise.svg", "contrast.png", "contrast.svg"):
         assert (tmp_path / f"curves-{name}").stat().st_size > 5000
-    cells = (tmp_path / "curves.cells.jsonl").read_bytes()
+    sums = {path: path.stat().st_mtime_ns for path in (tmp_path / "curves.sweep").iterdir()}
+    assert len([path for path in sums if path.suffix == ".sums"]) == 1
     done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out, "--json")
     assert json.loads(done.out)["schema"] == "standoff.detectability/1"
     again = json.loads(out.read_text())
     assert again | {"provenance": None} == first | {"provenance": None}
-    assert (tmp_path / "curves.cells.jsonl").read_bytes() == cells
+    assert {path: path.stat().st_mtime_ns for path in sums} == sums
+
+
+@pytest.mark.slow
+def test_what_cannot_be_measured_is_named_and_the_curves_are_of_the_others(
+    command: Command, scene_file: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    for name in ("a.tif", "b.tif", "copy.tif"):
+        levels = tifffile.imread(scene_file) + (name == "b.tif")
+        tifffile.imwrite(folder / name, levels)
+    (folder / "corrupt.tif").write_bytes((folder / "a.tif").read_bytes()[:300])
+    missing = tmp_path / "missing.tif"
+    out = tmp_path / "curves.json"
+    asked = ("detectability", folder, missing, "--model", "bicubic", *FAST, "--out", out)
+    done = command(*asked)
+    assert done.status == 1
+    assert "standoff: 2 photographs could not be measured" in done.err
+    assert "are of the 3 others" in done.err
+    assert "1 photograph has the content of another" in done.err
+    listed = (tmp_path / "curves.sweep" / "refused.txt").read_text()
+    assert listed.count("\n") == 2
+    for path in (folder / "corrupt.tif", missing):
+        assert str(path) in listed
+        assert str(path) in done.err
+    copies = (tmp_path / "curves.sweep" / "copies.txt").read_text()
+    assert [line[66:] for line in copies.splitlines()] == [
+        str(folder / name) for name in ("a.tif", "copy.tif")
+    ]
+    document = json.loads(out.read_text())
+    assert document["images"] == 3
+    files = [folder / name for name in ("a.tif", "b.tif", "copy.tif")]
+    assert_provenance(document, "detectability", *files)
+    strict = command(*asked, "--strict")
+    assert strict.status == 1
+    assert strict.err.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_parts_of_a_queue_and_a_last_run_give_the_curves_of_one_run(
+    command: Command, scene_file: Path, tmp_path: Path
+) -> None:
+    images = [tmp_path / f"{number}.tif" for number in range(3)]
+    for number, path in enumerate(images):
+        tifffile.imwrite(path, np.roll(tifffile.imread(scene_file), 20 * number))
+    asked = ("detectability", *images, "--model", "bicubic", *FAST)
+    assert command(*asked, "--out", tmp_path / "one.json").status == 0
+    out = tmp_path / "parts.json"
+    for k in (2, 1):
+        done = command(*asked, "--out", out, "--shard", f"{k}/2")
+        assert done.status == 0, done.err
+        assert f"part {k}/2: " in done.out
+        assert not out.exists()
+    assert command(*asked, "--out", out).status == 0
+    assert read_curves(out).curves == read_curves(tmp_path / "one.json").curves
 
 
 @pytest.mark.slow
@@ -100,6 +156,7 @@ def test_noise_of_a_camera_and_a_patch_as_signal(
         (("--model", "best"), "'best' is not one of"),
         (("--window", "16"), "odd"),
         (("--signal-sigma", "9"), "exceeds the window"),
+        (("--shard", "3/2"), "expected K/N with K from 1 to N"),
     ],
 )
 def test_wrong_usage_is_one_line(
