@@ -120,7 +120,7 @@ def _show_series(
 ) -> None:
     document = found.document
     if document is None:
-        say_part(found.sweep, request.sweep, json=json)
+        say_part(request.out, found.sweep, request.sweep, json=json)
     elif json:
         print_json_file(found.summary)
     else:

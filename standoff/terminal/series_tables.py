@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import typer
@@ -50,14 +51,16 @@ def print_few(
         print_table(end, columns, [cells(one) for one in worst])
 
 
-def say_part(sweep: SweepSummary, options: SweepOptions, *, json: bool) -> None:
+def say_part(out: Path, sweep: SweepSummary, options: SweepOptions, *, json: bool) -> None:
     """Tell of one of several parts, while others are not done."""
-    part, parts = options.part
+    shard = f"{options.part[0]}/{options.part[1]}"
     if json:
-        print_json({"part": part, "parts": parts, "done": sweep.images, "refused": sweep.refused})
+        print_json(
+            {"out": str(out), "shard": shard, "images": sweep.images, "refused": sweep.refused}
+        )
         return
     say(
-        f"part {part} of {parts}: {sweep.images} follow-ups done, {sweep.refused} refused "
+        f"part {shard}: {sweep.images} follow-ups done, {sweep.refused} refused "
         f"({sweep.found_done} already done); the part that ends last writes the tables"
     )
 

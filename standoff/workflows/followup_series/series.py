@@ -202,11 +202,13 @@ def _series(
     request: SeriesRequest,
     tables: _Tables[Document, Listed],
 ) -> SeriesResult[Document, Listed]:
+    summary = request.out / SUMMARY_NAME
+    for path in (summary, request.out / tables.table):
+        path.unlink(missing_ok=True)  # of before: there is none until all are done
     with progress_bar("follow-ups", len(manifest)) as bar:
         sweep = run_sweep(manifest, work, request.sweep, bar.advance_to)
     for sentence in sweep.notes:
         request.inputs.announce(sentence)
-    summary = request.out / SUMMARY_NAME
     with CommittedRows(work, manifest) as rows:
         if not rows.is_whole:
             return SeriesResult(sweep=sweep, summary=summary)

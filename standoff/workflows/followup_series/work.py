@@ -183,8 +183,11 @@ class FollowupWork(ShardWork, Generic[Found]):
     def _done_once(self, item: SweepItem) -> FollowupRecord:
         record = self.record(item)
         if record is None or record.is_unread:
+            commit = self._commit(item)
+            # Maps of other settings have the same size: a kill among them must not leave this one.
+            commit.unlink(missing_ok=True)
             record = self._record_of(item)
-            record.write(self._commit(item))
+            record.write(commit)
         return record
 
     def _record_of(self, item: SweepItem) -> FollowupRecord:

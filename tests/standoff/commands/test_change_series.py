@@ -122,6 +122,28 @@ def test_nothing_is_compared_twice_unless_it_is_gone(
     assert pixels(out / "same") == pixels(root / "alone" / "same")
 
 
+def test_maps_of_two_settings_are_never_taken_for_one_comparison(
+    command: Command, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photographs, out = root / "photographs", root / "out"
+    assert command(*asked(root, photographs), "--out", out).status == 0
+
+    def interrupted(folder: Path, *_: Any) -> None:
+        # Of the same size, as maps of one frame are.
+        (folder / "difference.tif").write_bytes((folder / "uncertainty.tif").read_bytes())
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(f"{change_work.__name__}.write_changes", interrupted)
+        others = ("--false-alarms", 5, "--out", out)
+        assert command(*asked(root, photographs), *others).status == 130
+    assert not (out / "summary.json").exists()
+    done = command(*asked(root, photographs), "--out", out)
+    assert "(1 already done)" in done.out
+    for name in ("same", "other"):
+        assert pixels(out / name) == pixels(root / "alone" / name)
+
+
 def test_a_follow_up_that_gives_nothing_is_listed_and_leaves_nothing_of_before(
     command: Command, root: Path
 ) -> None:
@@ -169,7 +191,12 @@ def test_parts_are_put_together_by_the_last_one(command: Command, root: Path) ->
         for part in (1, 2)
     )
     assert (first.status, last.status) == (0, 0), first.err + last.err
-    assert json.loads(first.out) == {"part": 1, "parts": 2, "done": 1, "refused": 0}
+    assert json.loads(first.out) == {
+        "out": str(parts),
+        "shard": "1/2",
+        "images": 1,
+        "refused": 0,
+    }
     assert (parts / "changes.csv").read_bytes() == (whole / "changes.csv").read_bytes()
     assert (
         json.loads(last.out)["followups"]
