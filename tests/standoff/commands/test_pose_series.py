@@ -82,6 +82,8 @@ def test_each_of_a_folder_is_judged_as_it_is_alone(
         followup = folder / f"frame-{number}.tif"
         alone = json.loads(command(*asked(followup), "--json").out)
         assert listed.followup == str(followup)
+        own_files = (tmp_path / "curves.json", folder / "reference.tif", followup)
+        assert_provenance(alone, "pose", *own_files)
         for key, value in listed.model_dump(mode="json", exclude=own).items():
             assert value == alone[key]
         assert series.curve.model_dump() == alone["curve"]
