@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
@@ -110,9 +111,11 @@ def run_sweep(
     try:
         with TemporaryFile(dir=work.state) as refused_lines:
             sweep = _Sweep(manifest, work, options, progress, refused_lines)
-            with _executor(options) as executor:
-                for shard, done in executor(sweep.missing(), work):
-                    sweep.take(shard, done)
+            missing = sweep.missing()
+            for first in missing:  # no workers are started for none
+                with _executor(options) as executor:
+                    for shard, done in executor(chain([first], missing), work):
+                        sweep.take(shard, done)
             return sweep.summary()
     except OSError as error:
         raise ResultsFileError(

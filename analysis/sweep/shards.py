@@ -72,6 +72,11 @@ class ShardWork(Protocol):
 
     A commit is one durable write, which a kill leaves whole or undone. The same shard must give
     the same bits wherever and whenever it is done.
+
+    A folder of pairs is swept by one photograph of each, such as the follow-up: the work finds
+    the other by its name, and takes the size and time of what it finds into its key if it may
+    change. A detector of one's own over thousands of pairs is such a work; its mergeable sums are
+    the histograms of its scores.
     """
 
     @property
