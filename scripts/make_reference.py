@@ -24,8 +24,9 @@ from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from acquisition.written_files import WrittenTable
-from analysis.changes import ChangeSummary
+from analysis.changes import ChangesSeries, ChangeSummary, ComparedFollowup
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
+from analysis.pose import JudgedFollowup, PoseSeries
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
 from calibration.geometry import (
     CaptureGeometry,
@@ -176,6 +177,18 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
         "changes.json",
         "Schema `standoff.changes/1`. Written by `changes`.",
         (ChangeSummary,),
+    ),
+    (
+        "summary.json of changes",
+        "Schema `standoff.changes-summary/1`. Written by `changes` for several follow-ups; "
+        "changes.csv has the same lines.",
+        (ChangesSeries, ComparedFollowup),
+    ),
+    (
+        "summary.json of poses",
+        "Schema `standoff.pose-summary/1`. Written by `pose` for several follow-ups; poses.csv has "
+        "the same lines without the homography.",
+        (PoseSeries, JudgedFollowup),
     ),
     (
         "session.json",

@@ -4,6 +4,7 @@ The application and the libraries of its command are imported when it runs; that
 """
 
 import gc
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -25,6 +26,9 @@ _OBJECTS_A_COLLECTION = 10_000
 def main() -> None:
     """Run the command line and exit."""
     gc.set_threshold(_OBJECTS_A_COLLECTION)
+    # Read when NumPy is imported. Sums of several threads differ in their last bits from those of
+    # one, which workers have: without this, results would depend on the number of cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(_interrupted_by_termination(lambda: _imported_and_run(sys.argv[1:])))
 
 

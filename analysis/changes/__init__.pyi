@@ -6,13 +6,21 @@ from .filter import (
     significance_threshold as significance_threshold,
 )
 from .plot import changes_figure as changes_figure
+from .series import (
+    ChangesSeries as ChangesSeries,
+    ComparedFollowup as ComparedFollowup,
+    read_changes_series as read_changes_series,
+)
 
 __all__ = [
     "ChangeOptions",
     "ChangeResult",
     "ChangeSummary",
+    "ChangesSeries",
+    "ComparedFollowup",
     "changes_figure",
     "find_changes",
     "read_changes",
+    "read_changes_series",
     "significance_threshold",
 ]

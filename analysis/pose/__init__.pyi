@@ -9,13 +9,20 @@ from .quality import (
     PoseSummary as PoseSummary,
     judge_pose as judge_pose,
 )
+from .series import (
+    JudgedFollowup as JudgedFollowup,
+    PoseSeries as PoseSeries,
+    read_pose_series as read_pose_series,
+)
 from .tracker import PoseTracker as PoseTracker, PoseVerdict as PoseVerdict
 from .viewing_camera import FollowupPose as FollowupPose, ViewingCamera as ViewingCamera
 
 __all__ = [
     "FollowupPose",
+    "JudgedFollowup",
     "PoseLimits",
     "PoseQuality",
+    "PoseSeries",
     "PoseSummary",
     "PoseTracker",
     "PoseVerdict",
@@ -25,4 +32,5 @@ __all__ = [
     "limits_figure",
     "pose_figure",
     "pose_limits",
+    "read_pose_series",
 ]

@@ -9,6 +9,7 @@ from analysis.detectability import CurveChoice, DetectabilityCurve
 from analysis.errors import AnalysisError, OverlapError
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
+from calibration.provenance import Provenance
 from simulation.arrays import FloatArray
 
 _Row3 = tuple[float, float, float]
@@ -38,6 +39,8 @@ class PoseSummary(StoredValues):
         The pose, and how well the images agreed on it where they were registered.
     picture
         Name of the map that was drawn.
+    provenance
+        Where a printed verdict comes from.
     """
 
     is_accepted: bool
@@ -56,6 +59,7 @@ class PoseSummary(StoredValues):
     homography: tuple[_Row3, _Row3, _Row3]
     registration_correlation: float | None = None
     picture: str | None = None
+    provenance: Provenance | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

@@ -23,6 +23,10 @@ from standoff.terminal import (
     Mean,
     MinDprime,
     Page,
+    PartOfShards,
+    Scheduler,
+    Strict,
+    Workers,
     check_options,
     chosen_curve,
     command_line,
@@ -31,17 +35,29 @@ from standoff.terminal import (
     note,
     photograph_inputs,
     place_target,
+    print_few,
     print_json,
+    print_json_file,
     read_bench,
     refuse_overwriting,
     refuse_suffix,
+    refuse_sweep_of_one,
+    report_refused,
     say,
+    say_part,
+    sweep_options,
 )
 
 if TYPE_CHECKING:
-    from analysis.pose import PoseQuality, PoseSummary
+    from analysis.pose import JudgedFollowup, PoseQuality, PoseSeries, PoseSummary
     from standoff.photographs import Inputs
-    from standoff.workflows import NamedFrame, StreamSummary
+    from standoff.workflows import (
+        NamedFrame,
+        PoseDemand,
+        SeriesRequest,
+        SeriesResult,
+        StreamSummary,
+    )
 
 
 _RULES = (
@@ -50,8 +66,16 @@ _RULES = (
     needs("settings", "bench"),
     needs("watch", "stream"),
     needs("psf", "followup"),
-    needs("picture", "followup"),
+    *(
+        needs(option, "followup")
+        for option in ("picture", "out", "workers", "scheduler", "shard", "strict")
+    ),
     needs("frames", "stream", "bench"),
+)
+
+
+_UPPER_BOUND = (
+    "d' is an upper bound: registration, light, gloss, parallax and defocus only lower it"
 )
 
 
@@ -59,7 +83,10 @@ def pose(
     context: typer.Context,
     reference: Annotated[Path, typer.Argument(help="The earlier, nearer photograph.")],
     followup: Annotated[
-        Path | None, typer.Argument(help="The photograph whose pose is judged, unless live.")
+        list[Path] | None,
+        typer.Argument(
+            help="The photograph whose pose is judged, several, or a folder of them; unless live."
+        ),
     ] = None,
     *,
     curves: CurvesPath,
@@ -76,6 +103,14 @@ def pose(
     picture: Annotated[
         Path | None, typer.Option(help="Also write a map of d' (PNG or SVG).")
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the results of several follow-ups; it is resumed."),
+    ] = None,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
+    shard: PartOfShards = "1/1",
+    strict: Strict = False,
     stream: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Live: judge the images in a folder.")
     ] = None,
@@ -108,49 +143,46 @@ def pose(
     """
     check_options(context, _RULES)
     refuse_suffix(picture, "--picture", {".png", ".svg"})
-    refuse_overwriting([picture], [reference, followup, curves, psf])
-    from standoff.workflows import require_writable
+    followups = tuple(followup or ())
+    refuse_overwriting([picture], [reference, *followups, curves, psf])
+    sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
+    from standoff.workflows import (
+        PoseDemand,
+        SeriesRequest,
+        is_series,
+        judge_series,
+        read_camera_psf,
+        require_writable,
+    )
 
     inputs = photograph_inputs(encoding, page, mean, files=(curves, psf))
     require_writable([picture])
-    curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
-    near = inputs.grey(reference)
-    about: dict[str, object] = {
-        "criterion": criterion,
-        "min_dprime": min_dprime,
-        "curve": curve.model_dump(include={"model", "observer", "noise_dn", "contrast_dn"}),
-        "is_upper_bound": True,
-    }
-    if followup is not None:
-        from analysis.pose import judge_pose
-        from analysis.reports import plot_pose
-        from calibration.registration import register
-        from standoff.workflows import read_camera_psf, write_figure
-
-        far = inputs.grey(followup)
-        total = None if psf is None else read_camera_psf(psf).gaussian
-        try:
-            found = register(near, far, total)
-        except CalibrationError as error:
-            raise CalibrationError(f"{followup}: {error}") from error
-        sizes = (far.shape[1], far.shape[0]), (near.shape[1], near.shape[0])
-        quality = judge_pose(found.matrix, *sizes, curve, min_dprime, criterion)
-        if picture is not None:
-            write_figure(picture, plot_pose(far, quality))
-        judged = quality.summary.model_copy(
-            update={
-                "registration_correlation": found.correlation,
-                "picture": None if picture is None else str(picture),
-                "provenance": inputs.provenance(command_line()),
-            }
+    demand = PoseDemand(
+        curve=chosen_curve(curves, min_dprime, model, observer, noise, contrast),
+        min_d_prime=min_dprime,
+        criterion=criterion,
+        psf=None if psf is None else read_camera_psf(psf).gaussian,
+    )
+    if is_series(followups):
+        request = SeriesRequest(
+            reference=reference,
+            followups=followups,
+            out=_folder_of_series(out, picture),
+            inputs=inputs,
+            sweep=sweep,
         )
-        _show_one(quality, judged, json=json)
+        _show_series(request, judge_series(request, demand), json=json)
+        return
+    if followups:
+        refuse_sweep_of_one(sweep)
+        _judge_one(reference, followups[0], demand, inputs, picture, json=json)
         return
     from analysis.pose import PoseTracker
     from standoff.workflows import StreamSummary, judge_stream, verdict_display
 
+    near = inputs.grey(reference)
     try:
-        tracker = PoseTracker(near, curve, min_dprime, criterion)
+        tracker = PoseTracker(near, demand.curve, min_dprime, criterion)
     except (CalibrationError, ValueError) as error:
         raise CalibrationError(f"{reference}: {error}") from error
     summary = StreamSummary()
@@ -164,8 +196,41 @@ def pose(
     finally:
         # Ctrl-C is the normal way to end this: the summary is shown then, too.
         if summary.frames:
-            about["provenance"] = inputs.provenance(command_line()).model_dump(mode="json")
-            _show_stream(summary, about, json=json)
+            _show_stream(summary, demand, inputs, json=json)
+
+
+def _folder_of_series(out: Path | None, picture: Path | None) -> Path:
+    if out is None:
+        raise typer.BadParameter("several follow-ups need --out DIR", param_hint="--out")
+    if picture is not None:
+        raise typer.BadParameter("only one follow-up has a picture", param_hint="--picture")
+    return out
+
+
+def _judge_one(
+    reference: Path,
+    followup: Path,
+    demand: PoseDemand,
+    inputs: Inputs,
+    picture: Path | None,
+    *,
+    json: bool,
+) -> None:
+    from analysis.reports import plot_pose
+    from standoff.workflows import judged_pose, write_figure
+
+    near, far = inputs.grey(reference), inputs.grey(followup)
+    found = judged_pose(near, far, demand, followup)
+    if picture is not None:
+        write_figure(picture, plot_pose(far, found.quality))
+    judged = found.quality.summary.model_copy(
+        update={
+            "registration_correlation": found.correlation,
+            "picture": None if picture is None else str(picture),
+            "provenance": inputs.provenance(command_line()),
+        }
+    )
+    _show_one(found.quality, judged, json=json)
 
 
 @contextmanager
@@ -195,12 +260,11 @@ def _frames(
 
 
 def _show_one(quality: PoseQuality, summary: PoseSummary, *, json: bool) -> None:
+    from standoff.workflows import beyond_curve_sentence
+
     curve = quality.curve
     if quality.beyond_curve:
-        note(
-            f"{100 * quality.beyond_curve:.0f} % of the overlap lies beyond the curve's zoom of "
-            f"{curve.zoom[-1]:g}; its d' is taken as 0"
-        )
+        note(beyond_curve_sentence(quality))
     if json:
         print_json(summary.model_dump(mode="json"))
         return
@@ -212,17 +276,59 @@ def _show_one(quality: PoseQuality, summary: PoseSummary, *, json: bool) -> None
         f"local zoom {summary.zoom_min:.3f} to {summary.zoom_max:.3f}, anisotropy up to "
         f"{summary.anisotropy_max:.3f}, overlap {100 * summary.overlap:.0f} % of the follow-up"
     )
-    say("d' is an upper bound: registration, light, gloss, parallax and defocus only lower it")
+    say(_UPPER_BOUND)
 
 
-def _show_stream(summary: StreamSummary, about: dict[str, object], *, json: bool) -> None:
+def _show_series(
+    request: SeriesRequest, found: SeriesResult[PoseSeries, JudgedFollowup], *, json: bool
+) -> None:
+    document = found.document
+    if document is None:
+        say_part(request.out, found.sweep, request.sweep, json=json)
+    elif json:
+        print_json_file(found.summary)
+    else:
+        print_few(
+            ("Follow-ups", "First follow-ups", "Follow-ups with the least d'"),
+            ["follow-up", "verdict", "d'", "zoom", "overlap"],
+            _cells,
+            found.first,
+            found.worst,
+        )
+        say(
+            f"{document.accepted} of {document.accepted + document.rejected} poses accepted: "
+            f"{document.criterion} d' of at least {document.min_dprime:g} "
+            f"({found.sweep.found_done} already done); wrote {request.out}"
+        )
+        say(_UPPER_BOUND)
+    report_refused(found.sweep, "the verdicts on the others are complete")
+
+
+def _cells(one: JudgedFollowup) -> list[str]:
+    name = Path(one.followup).name
+    if one.overlap is None:
+        return [name, "none", "", "", ""]
+    return [
+        name,
+        "accepted" if one.is_accepted else "rejected",
+        f"{one.dprime_decisive:.2f}",
+        f"{one.zoom_min:.3f} to {one.zoom_max:.3f}",
+        f"{100 * one.overlap:.0f} %",
+    ]
+
+
+def _show_stream(summary: StreamSummary, demand: PoseDemand, inputs: Inputs, *, json: bool) -> None:
     from standoff.workflows import verdict_facts
 
     assert summary.last is not None
     if json:
         print_json(
             {
-                **about,
+                "criterion": demand.criterion,
+                "min_dprime": demand.min_d_prime,
+                "curve": demand.curve.choice.model_dump(),
+                "is_upper_bound": True,
+                "provenance": inputs.provenance(command_line()).model_dump(mode="json"),
                 "frames": summary.frames,
                 "accepted": summary.accepted,
                 "lost": summary.unknown,

@@ -60,6 +60,7 @@ from .output import (
     note as note,
     note_in_passing as note_in_passing,
     print_json as print_json,
+    print_json_file as print_json_file,
     print_table as print_table,
     progress_bar as progress_bar,
     say as say,
@@ -72,6 +73,12 @@ from .plan_preview import (
     time_text as time_text,
 )
 from .psf_tables import print_psf as print_psf, print_psf_remarks as print_psf_remarks
+from .series_tables import (
+    print_few as print_few,
+    refuse_sweep_of_one as refuse_sweep_of_one,
+    report_refused as report_refused,
+    say_part as say_part,
+)
 from .sharpness_tables import print_edges as print_edges, print_verdict as print_verdict
 from .sweep_options import (
     PartOfShards as PartOfShards,
@@ -132,7 +139,9 @@ __all__ = [
     "place_target",
     "preview_lines",
     "print_edges",
+    "print_few",
     "print_json",
+    "print_json_file",
     "print_psf",
     "print_psf_remarks",
     "print_table",
@@ -143,11 +152,14 @@ __all__ = [
     "read_bench",
     "refuse_overwriting",
     "refuse_suffix",
+    "refuse_sweep_of_one",
     "region_corner_and_size",
     "remarks_so_far",
+    "report_refused",
     "run_application",
     "say",
     "say_error",
+    "say_part",
     "sweep_options",
     "time_text",
     "what_to_place",

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from pathlib import Path
 
 import typer
 from rich.console import Console
@@ -72,6 +73,13 @@ def progress_bar(description: str, total: int) -> Iterator[Bar]:
 def print_json(document: object) -> None:
     """Print one JSON document on stdout."""
     typer.echo(json.dumps(document, indent=1, allow_nan=False))
+
+
+def print_json_file(path: Path) -> None:
+    """Print the JSON document of a file on stdout; it need not fit into memory."""
+    with path.open(encoding="utf-8") as file:
+        for line in file:
+            typer.echo(line, nl=False)
 
 
 def say(text: str) -> None:

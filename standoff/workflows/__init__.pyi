@@ -4,7 +4,7 @@ from .camera_calibration import (
 )
 from .change_search import (
     find_changes_of_files as find_changes_of_files,
-    write_change_pictures as write_change_pictures,
+    write_changes as write_changes,
 )
 from .demo import DemoResult as DemoResult, run_demo as run_demo
 from .detectability_run import (
@@ -35,6 +35,17 @@ from .followup import (
     CaptureOptions as CaptureOptions,
     FollowUp as FollowUp,
     zoomed_out as zoomed_out,
+)
+from .followup_series import (
+    PoseDemand as PoseDemand,
+    RegisteredPose as RegisteredPose,
+    SeriesRequest as SeriesRequest,
+    SeriesResult as SeriesResult,
+    beyond_curve_sentence as beyond_curve_sentence,
+    find_changes_of_series as find_changes_of_series,
+    is_series as is_series,
+    judge_series as judge_series,
+    judged_pose as judged_pose,
 )
 from .image_files import (
     each_image as each_image,
@@ -113,14 +124,19 @@ __all__ = [
     "OpenBench",
     "OpenCamera",
     "PairFormat",
+    "PoseDemand",
     "PracticeCommandError",
     "PracticeConsole",
     "Reading",
+    "RegisteredPose",
+    "SeriesRequest",
+    "SeriesResult",
     "SimulatedPhotograph",
     "SrDatasetSettings",
     "SrDatasetSummary",
     "StreamSummary",
     "SweepRequest",
+    "beyond_curve_sentence",
     "calibrate_camera",
     "camera_frames",
     "curve_figures",
@@ -129,9 +145,13 @@ __all__ = [
     "edge_image",
     "expanded_images",
     "find_changes_of_files",
+    "find_changes_of_series",
     "folder_frames",
     "import_into_session",
+    "is_series",
+    "judge_series",
     "judge_stream",
+    "judged_pose",
     "make_folder",
     "measure_curves",
     "open_bench",
@@ -155,7 +175,7 @@ __all__ = [
     "verdict_facts",
     "watch_focus",
     "write_calibration_report",
-    "write_change_pictures",
+    "write_changes",
     "write_figure",
     "write_file",
     "write_float_tiff",

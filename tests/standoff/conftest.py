@@ -1,4 +1,7 @@
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +36,26 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
         return Outcome(status=status, out=captured.out, err=captured.err)
 
     return run_command
+
+
+@pytest.fixture
+def process() -> Command:
+    """Runs a command line in a process of its own, as on a machine without settings."""
+
+    def run_process(*arguments: object) -> Outcome:
+        environment = {
+            name: value for name, value in os.environ.items() if not name.endswith("NUM_THREADS")
+        }
+        done = subprocess.run(
+            [sys.executable, "-m", "standoff", *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            env=environment,
+            check=False,
+        )
+        return Outcome(status=done.returncode, out=done.stdout, err=done.stderr)
+
+    return run_process
 
 
 @pytest.fixture

@@ -1,0 +1,66 @@
+"""The document summary.json of several follow-ups that were compared with one reference."""
+
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import Field
+
+from analysis.errors import ResultsFileError
+from analysis.results_file import ResultsDocument, StoredValues
+from calibration.documents import read_document
+
+CHANGES_SERIES_SCHEMA: Final = "standoff.changes-summary/1"
+
+
+class ComparedFollowup(StoredValues):
+    """One follow-up: a line of changes.csv.
+
+    Parameters
+    ----------
+    followup, sha256
+        The file, and the hash of its bytes if it could be read.
+    folder
+        Folder of its results, beside summary.json.
+    changed_px, compared_px, zoom, threshold_sd
+        As in its changes.json; None if it could not be compared.
+    refused
+        Why it could not.
+    """
+
+    followup: str
+    sha256: str | None = None
+    folder: str | None = None
+    changed_px: int | None = None
+    compared_px: int | None = None
+    zoom: float | None = None
+    threshold_sd: float | None = None
+    refused: str | None = None
+
+
+class ChangesSeries(ResultsDocument):
+    """Several follow-ups of one reference, in the order of their paths.
+
+    ``compared``, ``changed`` and ``refused`` are numbers of follow-ups; a changed one has at least
+    one changed pixel. The provenance lists what they share; each follow-up has its own hash.
+    """
+
+    schema_name: Literal["standoff.changes-summary/1"] = Field(
+        default=CHANGES_SERIES_SCHEMA, alias="schema"
+    )
+    reference: str
+    compared: int
+    changed: int
+    refused: int
+    followups: tuple[ComparedFollowup, ...] = ()
+
+
+def read_changes_series(path: Path) -> ChangesSeries:
+    """Read the summary.json of ``standoff changes``.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+    """
+    remedy = "write it with standoff changes and several follow-ups"
+    return read_document(path, ChangesSeries, ResultsFileError, remedy)

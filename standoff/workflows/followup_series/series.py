@@ -1,0 +1,243 @@
+"""Runs a series of follow-ups on the sweep engine, and writes its tables."""
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from heapq import nlargest
+from itertools import islice
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from analysis.changes import ChangeOptions, ChangesSeries, ComparedFollowup
+from analysis.pose import JudgedFollowup, PoseSeries
+from analysis.results_file import ResultsDocument, StoredValues
+from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep
+from simulation.choices import PsfShape
+from standoff.photographs import Inputs
+from standoff.terminal import command_line, progress_bar
+from standoff.workflows.followup_series.change_work import ChangeWork
+from standoff.workflows.followup_series.folder_names import FolderNames
+from standoff.workflows.followup_series.pose_work import PoseDemand, PoseWork
+from standoff.workflows.followup_series.rows import CommittedRows, Row
+from standoff.workflows.followup_series.tables import write_csv, write_summary
+from standoff.workflows.followup_series.work import STATE_NAME, FollowupWork, Reference
+from standoff.workflows.image_files import each_image
+from standoff.workflows.psf_files import psf_and_field
+
+SUMMARY_NAME = "summary.json"
+_CHANGES_TABLE, _POSES_TABLE = "changes.csv", "poses.csv"
+
+_SHOWN_WHOLE, _SHOWN_OF_MANY = 20, 5
+
+Listed = TypeVar("Listed", bound=StoredValues)
+Document = TypeVar("Document", bound=ResultsDocument)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeriesRequest:
+    """What is compared with what, where the results go, and who works.
+
+    Parameters
+    ----------
+    reference
+        The reference.
+    followups
+        Files and folders; of a folder the reference itself is left out.
+    out
+        Folder for the results.
+    inputs
+        Reads the photographs; the PSF, noise or curves are listed already.
+    sweep
+        Who works, and on what part.
+    """
+
+    reference: Path
+    followups: tuple[Path, ...]
+    out: Path
+    inputs: Inputs
+    sweep: SweepOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeriesResult(Generic[Document, Listed]):
+    """What a series gave.
+
+    Parameters
+    ----------
+    sweep
+        Counts of this run and of earlier ones, for its part.
+    summary
+        Where the whole is written.
+    document
+        The summary without its follow-ups; None while other parts are not done.
+    first, worst
+        Every follow-up and none, or, of many, the first and the worst few.
+    """
+
+    sweep: SweepSummary
+    summary: Path
+    document: Document | None = None
+    first: tuple[Listed, ...] = ()
+    worst: tuple[Listed, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Tables(Generic[Document, Listed]):
+    """How a series is told: its table, the order of its worst lines, and its document."""
+
+    table: str
+    columns: tuple[str, ...]
+    listed: Callable[[Row], Listed]
+    badness: Callable[[Row], float]
+    document: Callable[[CommittedRows], Document]
+
+
+def is_series(followups: Iterable[Path]) -> bool:
+    """Whether follow-ups are several, or a folder of them.
+
+    Raises
+    ------
+    ApplicationError
+        If a folder holds no image, or cannot be read.
+    """
+    paths = list(followups)
+    folders = [path for path in paths if path.is_dir()]
+    for folder in folders:
+        next(iter(each_image([folder])))
+    return len(paths) > 1 or bool(folders)
+
+
+def find_changes_of_series(
+    request: SeriesRequest, psf: Path, transfer: PsfShape, options: ChangeOptions
+) -> SeriesResult[ChangesSeries, ComparedFollowup]:
+    """Compare follow-ups with a reference; each gets a folder, all of them a table.
+
+    Raises
+    ------
+    ApplicationError, CalibrationError
+        If reference or PSF cannot be read, or results not be written.
+    SweepError
+        If no worker is fit, or, when strict, a follow-up is refused.
+    """
+    one, field = psf_and_field(psf, "matched", transfer)
+    reference = Reference.of(request.reference, request.inputs)
+    with _manifest(request, reference) as manifest:
+        work = ChangeWork(
+            out=_absolute(request.out),
+            reference=reference,
+            provenance=request.inputs.provenance(command_line()),
+            psf=one,
+            field=field,
+            transfer=transfer,
+            options=options,
+            names=FolderNames.of(manifest, (STATE_NAME, SUMMARY_NAME, _CHANGES_TABLE)),
+        )
+
+        def document(rows: CommittedRows) -> ChangesSeries:
+            refused = rows.count(_is_refused)
+            return ChangesSeries(
+                reference=reference.name,
+                compared=len(manifest) - refused,
+                changed=rows.count(lambda row: bool(row["changed_px"])),
+                refused=refused,
+                provenance=work.provenance,
+            )
+
+        tables = _Tables(
+            table=_CHANGES_TABLE,
+            columns=tuple(ComparedFollowup.model_fields),
+            listed=ComparedFollowup.model_validate,
+            badness=lambda row: row["changed_px"],
+            document=document,
+        )
+        return _series(work, manifest, request, tables)
+
+
+def judge_series(
+    request: SeriesRequest, demand: PoseDemand
+) -> SeriesResult[PoseSeries, JudgedFollowup]:
+    """Judge the poses of follow-ups; all get a table.
+
+    Raises
+    ------
+    ApplicationError
+        If the reference cannot be read, or results not be written.
+    SweepError
+        If no worker is fit, or, when strict, a follow-up is refused.
+    """
+    reference = Reference.of(request.reference, request.inputs)
+    with _manifest(request, reference) as manifest:
+        work = PoseWork(
+            out=_absolute(request.out),
+            reference=reference,
+            provenance=request.inputs.provenance(command_line()),
+            demand=demand,
+        )
+
+        def document(rows: CommittedRows) -> PoseSeries:
+            return PoseSeries(
+                reference=reference.name,
+                criterion=demand.criterion,
+                min_dprime=demand.min_d_prime,
+                curve=demand.curve.choice,
+                accepted=rows.count(lambda row: row["is_accepted"] is True),
+                rejected=rows.count(lambda row: row["is_accepted"] is False),
+                refused=rows.count(_is_refused),
+                provenance=work.provenance,
+            )
+
+        tables = _Tables(
+            table=_POSES_TABLE,
+            columns=tuple(name for name in JudgedFollowup.model_fields if name != "homography"),
+            listed=JudgedFollowup.model_validate,
+            badness=lambda row: -row["dprime_decisive"],
+            document=document,
+        )
+        return _series(work, manifest, request, tables)
+
+
+def _series(
+    work: FollowupWork[Any],
+    manifest: Manifest,
+    request: SeriesRequest,
+    tables: _Tables[Document, Listed],
+) -> SeriesResult[Document, Listed]:
+    summary = request.out / SUMMARY_NAME
+    for path in (summary, request.out / tables.table):
+        path.unlink(missing_ok=True)  # of before: there is none until all are done
+    with progress_bar("follow-ups", len(manifest)) as bar:
+        sweep = run_sweep(manifest, work, request.sweep, bar.advance_to)
+    for sentence in sweep.notes:
+        request.inputs.announce(sentence)
+    with CommittedRows(work, manifest) as rows:
+        if not rows.is_whole:
+            return SeriesResult(sweep=sweep, summary=summary)
+        document = tables.document(rows)
+        write_csv(request.out / tables.table, tables.columns, rows)
+        write_summary(summary, document, rows)
+        first, worst = list(islice(rows, _SHOWN_WHOLE + 1)), []
+        if len(first) > _SHOWN_WHOLE:
+            given = (row for row in rows if not _is_refused(row))
+            first, worst = first[:_SHOWN_OF_MANY], nlargest(_SHOWN_OF_MANY, given, tables.badness)
+    return SeriesResult(
+        sweep=sweep,
+        summary=summary,
+        document=document,
+        first=tuple(map(tables.listed, first)),
+        worst=tuple(map(tables.listed, worst)),
+    )
+
+
+def _manifest(request: SeriesRequest, reference: Reference) -> Manifest:
+    named = [path for path in request.followups if not path.is_dir()]
+    inside = each_image(path for path in request.followups if path.is_dir())
+    others = (path for path in inside if _absolute(path) != reference.item.path)
+    return Manifest((path for paths in (named, others) for path in paths), request.out / STATE_NAME)
+
+
+def _absolute(path: Path) -> Path:
+    return Path(os.path.abspath(path))  # noqa: PTH100  resolve() follows links
+
+
+def _is_refused(row: Row) -> bool:
+    return row["refused"] is not None

@@ -1,0 +1,220 @@
+"""`standoff changes` with a folder of follow-ups."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tifffile
+
+from analysis.changes.document import read_changes
+from analysis.changes.series import read_changes_series
+from standoff.cli import run
+from standoff.workflows.change_search import compared as compare
+from standoff.workflows.followup_series import change_work
+from tests.analysis.changes.test_filter import pair
+from tests.standoff.conftest import Command
+from tests.standoff.provenance import assert_provenance
+
+pytestmark = pytest.mark.slow
+
+FILES = (
+    *("changes-figure.png", "changes.json", "changes.png", "compared.png", "difference.tif"),
+    *("plain-difference.tif", "pose-difference.tif", "significance.tif", "uncertainty.tif"),
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Photographs of a reference and two follow-ups, a PSF, and what each gives alone."""
+    root = tmp_path_factory.mktemp("made")
+    photographs = root / "photographs"
+    photographs.mkdir()
+    tifffile.imwrite(photographs / "near.tif", pair(2, 25.0).reference.astype("float32"))
+    for name, contrast_dn in (("same", 0.0), ("other", 25.0)):
+        image = pair(2, contrast_dn).followup.astype("float32")
+        tifffile.imwrite(photographs / f"{name}.tif", image)
+    (root / "psf.json").write_text(
+        json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.9, "rho": 0.0})
+    )
+    for name in ("same", "other"):
+        far = photographs / f"{name}.tif"
+        words = [*asked(root, far), "--out", root / "alone" / name]
+        assert run([str(word) for word in words]) == 0
+    return root
+
+
+@pytest.fixture
+def root(made: Path, tmp_path: Path) -> Path:
+    """A copy to change; times of files are kept."""
+    return Path(shutil.copytree(made, tmp_path / "root"))
+
+
+@pytest.fixture
+def compared(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the follow-ups that are compared, as they are."""
+    names: list[str] = []
+
+    def listing(*arguments: Any) -> Any:
+        names.append(arguments[-1].name)
+        return compare(*arguments)
+
+    monkeypatch.setattr(f"{change_work.__name__}.compared", listing)
+    return names
+
+
+def asked(root: Path, *followups: Path) -> tuple[object, ...]:
+    near = root / "photographs" / "near.tif"
+    return ("changes", near, *followups, "--psf", root / "psf.json")
+
+
+def pixels(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in FILES if name != "changes.json"}
+
+
+def test_each_of_a_folder_gets_what_it_gets_alone(command: Command, root: Path) -> None:
+    photographs, out = root / "photographs", root / "out"
+    done = command(*asked(root, photographs), "--out", out)
+    assert done.status == 0, done.err
+    assert f"2 follow-ups compared, 1 with changed pixels (0 already done); wrote {out}" in done.out
+    series = read_changes_series(out / "summary.json")
+    assert (series.compared, series.changed, series.refused) == (2, 1, 0)
+    assert [one.folder for one in series.followups] == ["other", "same"]
+    for listed in series.followups:
+        assert listed.folder is not None
+        folder, alone = out / listed.folder, root / "alone" / listed.folder
+        assert sorted(path.name for path in folder.iterdir()) == list(FILES)
+        assert pixels(folder) == pixels(alone)
+        found, expected = read_changes(folder / "changes.json"), read_changes(alone / FILES[1])
+        names = {"reference", "followup", "provenance"}
+        assert found.model_dump(exclude=names) == expected.model_dump(exclude=names)
+        followup = photographs / f"{listed.folder}.tif"
+        assert listed.followup == found.followup == str(followup)
+        assert found.reference == str(photographs / "near.tif")
+        for key in ("changed_px", "compared_px", "zoom", "threshold_sd"):
+            assert getattr(listed, key) == getattr(expected, key)
+        document = json.loads((folder / "changes.json").read_text("utf-8"))
+        own = (root / "psf.json", photographs / "near.tif", followup)
+        assert_provenance(document, "changes", *own)
+    with (out / "changes.csv").open(encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    assert [(line["folder"], line["changed_px"]) for line in lines] == [
+        (one.folder, str(one.changed_px)) for one in series.followups
+    ]
+
+
+def test_nothing_is_compared_twice_unless_it_is_gone(
+    command: Command, root: Path, compared: list[str]
+) -> None:
+    photographs, out = root / "photographs", root / "out"
+    first = command(*asked(root, photographs), "--out", out, "--json")
+    assert sorted(compared) == ["other.tif", "same.tif"]
+    compared.clear()
+    again = command(*asked(root, photographs), "--out", out, "--json")
+    assert compared == []
+    documents = [json.loads(one.out) for one in (first, again)]
+    assert documents[0]["followups"] == documents[1]["followups"]
+    (out / "same" / "difference.tif").unlink()
+    assert command(*asked(root, photographs), "--out", out).status == 0
+    assert compared == ["same.tif"]
+    assert pixels(out / "same") == pixels(root / "alone" / "same")
+
+
+def test_maps_of_two_settings_are_never_taken_for_one_comparison(
+    command: Command, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photographs, out = root / "photographs", root / "out"
+    assert command(*asked(root, photographs), "--out", out).status == 0
+
+    def interrupted(folder: Path, *_: Any) -> None:
+        # Of the same size, as maps of one frame are.
+        (folder / "difference.tif").write_bytes((folder / "uncertainty.tif").read_bytes())
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(f"{change_work.__name__}.write_changes", interrupted)
+        others = ("--false-alarms", 5, "--out", out)
+        assert command(*asked(root, photographs), *others).status == 130
+    assert not (out / "summary.json").exists()
+    done = command(*asked(root, photographs), "--out", out)
+    assert "(1 already done)" in done.out
+    for name in ("same", "other"):
+        assert pixels(out / name) == pixels(root / "alone" / name)
+
+
+def test_a_follow_up_that_gives_nothing_is_listed_and_leaves_nothing_of_before(
+    command: Command, root: Path
+) -> None:
+    photographs, out = root / "photographs", root / "out"
+    assert command(*asked(root, photographs), "--out", out).status == 0
+    (photographs / "same.tif").write_bytes((photographs / "same.tif").read_bytes()[:5000])
+    shutil.copy(root / "psf.json", photographs / "text.png")
+    done = command(*asked(root, photographs), "--out", out)
+    assert done.status == 1
+    assert done.err.splitlines()[-1] == (
+        "standoff: 2 of 3 follow-ups gave nothing; the results of the others are complete"
+    )
+    series = read_changes_series(out / "summary.json")
+    refused = {Path(one.followup).name: one.refused for one in series.followups if one.refused}
+    assert set(refused) == {"same.tif", "text.png"}
+    assert all(str(text) in done.err for text in refused.values())
+    assert not (out / "same").exists()
+    assert pixels(out / "other") == pixels(root / "alone" / "other")
+
+
+def test_follow_ups_of_one_stem_get_two_folders(command: Command, root: Path) -> None:
+    photographs, out, second = root / "photographs", root / "out", root / "second"
+    second.mkdir()
+    shutil.copy(photographs / "same.tif", second / "other.tif")
+    followups = (photographs / "other.tif", second / "other.tif")
+    assert command(*asked(root, *followups), "--out", out).status == 0
+    listed = read_changes_series(out / "summary.json").followups
+    assert [one.followup for one in listed] == [str(followup) for followup in followups]
+    for one, alone in zip(listed, ("other", "same"), strict=True):
+        assert one.folder is not None
+        assert one.folder.startswith("other-")
+        for name in ("changes.png", "changes-figure.png"):
+            found, expected = (out / one.folder / name, root / "alone" / alone / name)
+            assert found.read_bytes() == expected.read_bytes()
+    done = command(*asked(root, *followups[::-1]), "--out", out)
+    assert "(2 already done)" in done.out
+
+
+def test_parts_are_put_together_by_the_last_one(command: Command, root: Path) -> None:
+    photographs = root / "photographs"
+    whole, parts = root / "whole", root / "parts"
+    assert command(*asked(root, photographs), "--out", whole).status == 0
+    first, last = (
+        command(*asked(root, photographs), "--shard", f"{part}/2", "--out", parts, "--json")
+        for part in (1, 2)
+    )
+    assert (first.status, last.status) == (0, 0), first.err + last.err
+    assert json.loads(first.out) == {
+        "out": str(parts),
+        "shard": "1/2",
+        "images": 1,
+        "refused": 0,
+    }
+    assert (parts / "changes.csv").read_bytes() == (whole / "changes.csv").read_bytes()
+    assert (
+        json.loads(last.out)["followups"]
+        == json.loads((whole / "summary.json").read_text("utf-8"))["followups"]
+    )
+
+
+def test_any_number_of_workers_writes_the_same_bytes(process: Command, root: Path) -> None:
+    for workers in (1, 2):
+        done = process(
+            *asked(root, root / "photographs"), "--workers", workers, "--out", root / str(workers)
+        )
+        assert done.status == 0, done.err
+    one, two = root / "1", root / "2"
+    assert (one / "changes.csv").read_bytes() == (two / "changes.csv").read_bytes()
+    for name in ("same", "other"):
+        assert pixels(one / name) == pixels(two / name)
+        found, expected = (read_changes(out / name / "changes.json") for out in (two, one))
+        assert found.model_dump(exclude={"provenance"}) == expected.model_dump(
+            exclude={"provenance"}
+        )
