@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -78,11 +79,13 @@ class Manifest:
         self._length = 0
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._file = TemporaryFile(dir=folder)  # noqa: SIM115  closed by __exit__
-            for line in sorted_lines(map(_line, paths), folder):
-                self._file.write(line)
-                self._length += 1
-            self._file.flush()
+            with ExitStack() as undone:
+                self._file = undone.enter_context(TemporaryFile(dir=folder))
+                for line in sorted_lines(map(_line, paths), folder):
+                    self._file.write(line)
+                    self._length += 1
+                self._file.flush()
+                undone.pop_all()  # __exit__ closes it
         except OSError as error:
             raise ResultsFileError(
                 f"cannot write in {folder}: {error.strerror}", source=str(folder)
