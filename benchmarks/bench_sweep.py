@@ -90,12 +90,14 @@ def by_size(record: Recorder) -> None:
     count = record.pick(1000, 200)
     for side in record.pick((64, 128, 256, 512), (64, 256)):
         run = started(count, side, 1, 1)
-        record.figure(f"an image of {side} x {side} px", 1e3 * run["seconds"] / count, "ms")
+        took_ms = 1e3 * run["seconds"] / count
+        record.say(f"{side} x {side} px, 1 model: {took_ms:.2f} ms/image")
+        record.figure(f"an image of {side} x {side} px", took_ms, "ms")
     for models in (1, 2, 3):
         run = started(count, 256, models, 1)
-        record.figure(
-            f"an image of 256 x 256 px, {models} models", 1e3 * run["seconds"] / count, "ms"
-        )
+        took_ms = 1e3 * run["seconds"] / count
+        record.say(f"256 x 256 px, {models} models: {took_ms:.2f} ms/image")
+        record.figure(f"an image of 256 x 256 px, {models} models", took_ms, "ms")
         record.figure(f"state, {models} models", run["state_bytes"] / MB, "MB")
 
 

@@ -79,13 +79,13 @@ class Manifest:
         self._length = 0
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with ExitStack() as until_complete:
-                self._file = until_complete.enter_context(TemporaryFile(dir=folder))
+            with ExitStack() as undone:
+                self._file = undone.enter_context(TemporaryFile(dir=folder))
                 for line in sorted_lines(map(_line, paths), folder):
                     self._file.write(line)
                     self._length += 1
                 self._file.flush()
-                until_complete.pop_all()  # closed by __exit__
+                undone.pop_all()  # __exit__ closes it
         except OSError as error:
             raise ResultsFileError(
                 f"cannot write in {folder}: {error.strerror}", source=str(folder)
