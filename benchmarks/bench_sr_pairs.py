@@ -1,7 +1,7 @@
 """Training pairs a second: files in folders and tar files, one process and two, and before.
 
 Run with ``python -m benchmarks.bench_sr_pairs [--before CHECKOUT] [--workers N]``. The peer makes
-the same pairs one by one, as version 0.3 did: OpenCV's PNGs, each file and its folder made durable.
+the same pairs one by one, as earlier versions did: OpenCV's PNGs, each file and its folder made durable.
 CHECKOUT is a working tree of the commit a87aaea, which is then run on the same photographs; it knew
 linear levels and the model ``matched`` alone, and so do we in that comparison. The rate with
 workers is that of the second half of a run, without the start.
@@ -108,7 +108,7 @@ def write_pairs(making: Making, out: Path) -> int:
 
 
 def write_pairs_one_by_one(photographs: Path, out: Path) -> int:
-    """Make the same pairs as version 0.3 did."""
+    """Make the same pairs as earlier versions did."""
     out.mkdir()
     count = 0
     for path in sorted(photographs.iterdir()):
