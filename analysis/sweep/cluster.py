@@ -243,9 +243,9 @@ def _shard_task() -> Callable[[dict[str, Any], bytes], tuple[str, Any]]:
                 seen_bytes = -1
             if seen_bytes != size_bytes:
                 return "unseen", (path, size_bytes, worker)
-        import cv2
+        from analysis.sweep.worker_process import prepare_process
 
-        cv2.setNumThreads(1)  # as many shards are done at once as there are cores
+        prepare_process()
         work, shard = pickle.loads(payload)  # noqa: S301  from the client alone
         return "done", work(shard)
 
