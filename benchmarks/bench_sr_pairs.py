@@ -1,10 +1,10 @@
 """Training pairs a second: files in folders and tar files, one process and two, and before.
 
 Run with ``python -m benchmarks.bench_sr_pairs [--before CHECKOUT] [--workers N]``. The peer makes
-the same pairs one by one, as earlier versions did: OpenCV's PNGs, each file and its folder made durable.
-CHECKOUT is a working tree of the commit a87aaea, which is then run on the same photographs; it knew
-linear levels and the model ``matched`` alone, and so do we in that comparison. The rate with
-workers is that of the second half of a run, without the start.
+the same pairs one by one, as earlier versions did: OpenCV's PNGs, each file and its folder made
+durable. CHECKOUT is a working tree of the commit a87aaea, which is then run on the same
+photographs; it knew linear levels and the model ``matched`` alone, and so do we in that comparison.
+The rate with workers is that of the second half of a run, without the start.
 """
 
 import os
