@@ -1,4 +1,8 @@
-from .commits import commit_file as commit_file
+from .commits import (
+    PART_SUFFIX as PART_SUFFIX,
+    commit_file as commit_file,
+    whole_file as whole_file,
+)
 from .engine import (
     SweepOptions as SweepOptions,
     SweepSummary as SweepSummary,
@@ -15,6 +19,7 @@ from .shards import (
 from .sorting import sorted_lines as sorted_lines
 
 __all__ = [
+    "PART_SUFFIX",
     "Manifest",
     "Shard",
     "ShardDone",
@@ -27,4 +32,5 @@ __all__ = [
     "is_few",
     "run_sweep",
     "sorted_lines",
+    "whole_file",
 ]

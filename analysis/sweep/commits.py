@@ -1,11 +1,40 @@
-"""The commit of a shard: one file, whole or not there."""
+"""Files that are there whole or not at all, whoever writes them: the commits of shards, and more."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 from uuid import uuid4
 
 PART_SUFFIX = ".part"
 """Suffix of a file that is being written, or was when its worker was killed."""
+
+
+@contextmanager
+def whole_file(path: Path, *, is_synced: bool = False) -> Iterator[BinaryIO]:
+    """Open a file that gets its name when the block has ended without an error.
+
+    Several processes may write the same file at once: each has its own part, and the last one wins.
+    Unless ``is_synced``, with one fsync, a power cut within the next half minute may leave it
+    empty or short.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; ``path`` is as it was before.
+    """
+    part = path.with_name(f"{path.name}.{uuid4().hex}{PART_SUFFIX}")
+    try:
+        with part.open("xb") as file:
+            yield file
+            if is_synced:
+                file.flush()
+                os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def commit_file(path: Path, data: bytes) -> None:
@@ -19,14 +48,5 @@ def commit_file(path: Path, data: bytes) -> None:
     OSError
         If the disk is full or the folder cannot be written.
     """
-    # Of its own: a scheduler that lost sight of a worker has another one do the same shard.
-    part = path.with_name(f"{path.name}.{uuid4().hex}{PART_SUFFIX}")
-    try:
-        with part.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+    with whole_file(path, is_synced=True) as file:
+        file.write(data)

@@ -1,7 +1,8 @@
 """Least squares of an edge on raw pixels: the normal equations, and the steps to their minimum.
 
-One compiled pass over the pixels evaluates the model, its derivatives and the normal equations
-together. ``benchmarks/bench_edge_fit.py`` shows what that gains.
+The model and its derivatives are evaluated in one compiled pass over the pixels, the products of
+the normal equations in another, whose sums run in parallel lanes. ``benchmarks/bench_edge_fit.py``
+shows what that gains.
 """
 
 from typing import NamedTuple

@@ -2,8 +2,8 @@
 
 The stages: a band of pixels that fits the edge's width, with a rough fit; slopes across the edge
 taken off; weights from the residuals; the total and the optical width; slopes along the edge, where
-the pixels ask for them. Together they take some six passes over the pixels of 50 us each; calls
-from Python in between would double that, as ``benchmarks/bench_edge_fit.py`` says.
+the pixels ask for them. Together they take some six passes over the pixels; calls from Python in
+between would double the time, as ``benchmarks/bench_edge_fit.py`` says.
 ``calibration.edge_fit.fit`` makes the result readable.
 """
 

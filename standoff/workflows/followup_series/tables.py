@@ -2,15 +2,14 @@
 
 import csv
 import json
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 from analysis.results_file import ResultsDocument
+from analysis.sweep import whole_file
 from calibration.documents import json_object
 from standoff.errors import ApplicationError
 
@@ -26,7 +25,7 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[dict[str, Any]]
     ApplicationError
         If the file cannot be written.
     """
-    with _whole_file(path) as file:
+    with _text_file(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows([row[column] for column in columns] for row in rows)
@@ -40,7 +39,7 @@ def write_summary(path: Path, document: ResultsDocument, rows: Iterable[dict[str
     ApplicationError
         If the file cannot be written.
     """
-    with _whole_file(path) as file:
+    with _text_file(path) as file:
         separator = "{"
         for key, value in json_object(document).items():
             file.write(f"{separator}\n {json.dumps(key)}: ")
@@ -61,16 +60,12 @@ def _write_list(file: TextIOWrapper, rows: Iterable[dict[str, Any]]) -> None:
 
 
 @contextmanager
-def _whole_file(path: Path) -> Iterator[TextIOWrapper]:
+def _text_file(path: Path) -> Iterator[TextIOWrapper]:
     """Open a text file that is there whole or not at all; the last of several writers wins."""
-    part = path.with_name(f"{path.name}.{uuid4().hex}.part")
     try:
-        with part.open("x", encoding="utf-8", newline="") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        with whole_file(path, is_synced=True) as file:
+            text = TextIOWrapper(file, encoding="utf-8", newline="")
+            yield text
+            text.detach()  # flushed; whoever opened the file closes it
     except OSError as error:
         raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
-    finally:
-        part.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from uuid import uuid4
 
 from acquisition.printable import on_one_line
 from acquisition.untrusted import parse_json
-from analysis.sweep import Manifest, SweepItem, SweepOptions, SweepSummary, run_sweep
+from analysis.sweep import Manifest, SweepItem, SweepOptions, SweepSummary, run_sweep, whole_file
 from calibration.provenance import Provenance
 from standoff.errors import ApplicationError
 from standoff.photographs import Inputs
@@ -20,7 +20,6 @@ from standoff.workflows.sr_dataset.copies import copies_in
 from standoff.workflows.sr_dataset.listing import COMMITTED_NAMES, Listing, list_pairs
 from standoff.workflows.sr_dataset.settings import SPLITS, SrDatasetSettings
 from standoff.workflows.sr_dataset.shard_work import STATE_NAME, PairShards
-from standoff.workflows.sr_dataset.whole_files import whole_file
 
 DATASET_NAME = "dataset.json"
 _COPIES_NAME = "copies.txt"

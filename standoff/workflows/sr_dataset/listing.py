@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from analysis.sweep import sorted_lines
+from analysis.sweep import PART_SUFFIX, sorted_lines, whole_file
 from calibration.provenance import InputFile, Provenance
 from standoff.errors import ApplicationError
 from standoff.workflows.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from standoff.workflows.sr_dataset.settings import SPLITS, Split
 from standoff.workflows.sr_dataset.shard_work import record_path
-from standoff.workflows.sr_dataset.whole_files import PART_SUFFIX, whole_file
 
 MANIFEST_NAME = "manifest.jsonl"
 COMMITTED_NAMES = "committed-*.txt"

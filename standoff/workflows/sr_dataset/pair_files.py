@@ -8,10 +8,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
 
+from analysis.sweep import whole_file
 from standoff.workflows.sr_dataset.encoded_pairs import EncodedPair
 from standoff.workflows.sr_dataset.record import PairRecord, TarRecord
 from standoff.workflows.sr_dataset.settings import SPLITS, Split
-from standoff.workflows.sr_dataset.whole_files import whole_file
 
 
 class PairFiles(Protocol):
