@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, whoever writes them: the commits of shards, and more."""
+"""Files that are there whole or not at all: commits of shards, and what several may write."""
 
 import os
 from collections.abc import Iterator
