@@ -6,13 +6,47 @@ from typing import Final, Literal
 from pydantic import Field
 
 from analysis.errors import ResultsFileError
-from analysis.results_file import InfiniteAsNull, ResultsDocument
+from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from calibration.documents import read_document
 from simulation.choices import PsfForm
 
 CHANGES_SCHEMA: Final = "standoff.changes/1"
 
+KernelOrigin = Literal["calibrated", "pair", "both"]
+"""Where the blur between two photographs is known from: psf.json, themselves, or both."""
+
 _Row3 = tuple[float, float, float]
+
+
+class Change(StoredValues):
+    """One connected change of one sign, at its strongest place.
+
+    A thing that moved is two changes: what vanished, and what appeared.
+
+    Parameters
+    ----------
+    x_px, y_px, reference_x_px, reference_y_px
+        Its place in the follow-up and in the reference; 0 at the centre of the first pixel.
+    area_px
+        Follow-up pixels beyond the threshold.
+    amplitude_dn, amplitude_err_dn
+        Peak of the change, after minus before, in the follow-up's levels, as the coarser of the two
+        photographs shows it, and its standard error.
+    significance
+        Standard deviations by which its strongest place stands out from chance; positive.
+    q_value
+        Share of false ones expected among the changes that are at least as significant.
+    """
+
+    x_px: float
+    y_px: float
+    reference_x_px: float
+    reference_y_px: float
+    area_px: float
+    amplitude_dn: float
+    amplitude_err_dn: float
+    significance: float
+    q_value: float
 
 
 class ChangeSummary(ResultsDocument):
@@ -43,6 +77,16 @@ class ChangeSummary(ResultsDocument):
         the simulated blur is wrong.
     psf_form
         What the shape of the camera's PSF was known as; None in files of before.
+    changes
+        What changed, the most significant first.
+    false_discovery_rate
+        Share of false ones among the changes that was asked for, if it decided the threshold.
+    saturated_px
+        Follow-up pixels that either photograph shows clipped at white or black.
+    kernel
+        Where the blur between the photographs is known from; None in files of before.
+    warnings
+        Sentences on what makes the changes doubtful.
     """
 
     schema_name: Literal["standoff.changes/1"] = Field(default=CHANGES_SCHEMA, alias="schema")
@@ -64,6 +108,11 @@ class ChangeSummary(ResultsDocument):
     registration_err_px: float
     width_err_px2: float
     psf_form: PsfForm | None = None
+    changes: tuple[Change, ...] = ()
+    false_discovery_rate: float | None = None
+    saturated_px: int = 0
+    kernel: KernelOrigin | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def read_changes(path: Path) -> ChangeSummary:
