@@ -1,0 +1,171 @@
+"""The pictures of a comparison, all on the follow-up's pixels, as a screen shows them."""
+
+from dataclasses import dataclass
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from analysis.changes import ChangeResult
+from calibration.registration import DistortedPose
+from simulation.arrays import BoolArray, FloatArray
+
+Bytes = NDArray[np.uint8]
+
+LONGEST_SIDE_PX = 1600
+"""Of a picture in the page; larger photographs are averaged down. 12 MP would be 9 MB a page."""
+
+DIVERGING = "RdBu_r"
+NOT_COMPARED, CLIPPED, LEFT_OUT = "#6b7280", "#e69f00", "#8e44ad"
+
+_DISPLAY_GAMMA = 2.2
+_ENDS_PERCENT = (0.2, 99.8)
+_REACH_PERCENT = 99.5
+_HATCH_PX = 12
+_JPEG_QUALITY = 92
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ComparedPictures:
+    """Pictures of one size, which may be smaller than the follow-up, as bytes of files.
+
+    Parameters
+    ----------
+    before, after, difference
+        JPEG: the reference brought onto the follow-up's pixels and into its light, the follow-up,
+        and what is left of their difference.
+    masks
+        PNG with opacity: pixels that were not compared, by reason.
+    reach_dn
+        Difference at the ends of the colour scale.
+    """
+
+    before: bytes
+    after: bytes
+    difference: bytes
+    masks: bytes
+    reach_dn: float
+
+
+def compared_pictures(
+    reference_dn: FloatArray, found: ChangeResult, left_out: BoolArray | None
+) -> ComparedPictures:
+    """Draw the pictures of a comparison.
+
+    Parameters
+    ----------
+    reference_dn
+        The reference, shape ``(rows, cols)``.
+    found
+        What the comparison found.
+    left_out
+        Follow-up pixels that the operator left out, if any.
+    """
+    before_dn = _on_followup(reference_dn, found.pose)
+    after_dn = found.followup_dn
+    before_dn = _in_light_of(after_dn, before_dn, found.valid)
+    low, high = _display_ends(after_dn, found.valid)
+    valid = found.valid if found.valid.any() else np.ones_like(found.valid)
+    beyond = float(np.percentile(np.abs(found.difference_dn[valid]), _REACH_PERCENT))
+    reach_dn = max(beyond, _noise_reach_dn(found), 1e-9)
+    shade = 0.5 + np.where(found.valid, found.difference_dn, 0.0) / (2 * reach_dn)
+    return ComparedPictures(
+        before=_jpeg(_displayed(before_dn, low, high)),
+        after=_jpeg(_displayed(after_dn, low, high)),
+        difference=_jpeg(_coloured(_smaller(shade))),
+        masks=_png(_masks(found, left_out)),
+        reach_dn=reach_dn,
+    )
+
+
+def _on_followup(reference_dn: FloatArray, pose: DistortedPose) -> FloatArray:
+    """The reference at every follow-up pixel; NaN beyond its border."""
+    places = np.stack(pose.followup_places_px())
+    seen = map_coordinates(reference_dn, places, order=1, mode="nearest")
+    limits = np.array(reference_dn.shape)[:, None, None] - 0.5
+    return np.asarray(np.where(np.all((places >= -0.5) & (places <= limits), axis=0), seen, np.nan))
+
+
+def _in_light_of(after_dn: FloatArray, before_dn: FloatArray, valid: BoolArray) -> FloatArray:
+    """The earlier photograph with the mean and contrast of the later one, so that none flickers."""
+    used = valid & np.isfinite(before_dn)
+    if np.count_nonzero(used) < 2:
+        return before_dn
+    before, after = before_dn[used], after_dn[used]
+    spread = float(before.std())
+    if not spread > 0:
+        return before_dn
+    gain = float(np.mean((before - before.mean()) * (after - after.mean()))) / spread**2
+    if not gain > 0:
+        return before_dn
+    return after.mean() + gain * (before_dn - before.mean())
+
+
+def _display_ends(image_dn: FloatArray, valid: BoolArray) -> tuple[float, float]:
+    low, high = np.percentile(image_dn[valid] if valid.any() else image_dn, _ENDS_PERCENT)
+    return float(low), float(max(high, low + 1e-9))
+
+
+def _noise_reach_dn(found: ChangeResult) -> float:
+    """Four standard deviations of a typical pixel: noise alone must look faint."""
+    if not found.valid.any():
+        return 0.0
+    return 4.0 * float(np.sqrt(np.median(found.variance_dn2[found.valid])))
+
+
+def _displayed(image_dn: FloatArray, low: float, high: float) -> Bytes:
+    share = np.clip((_smaller(image_dn) - low) / (high - low), 0.0, 1.0)
+    share = np.nan_to_num(share ** (1 / _DISPLAY_GAMMA), nan=0.5)
+    return np.asarray(np.rint(255 * share), dtype=np.uint8)
+
+
+def _coloured(shade: FloatArray) -> Bytes:
+    rgb = np.asarray(mpl.colormaps[DIVERGING](np.clip(shade, 0.0, 1.0), bytes=True))[..., :3]
+    return np.ascontiguousarray(rgb[..., ::-1], dtype=np.uint8)  # OpenCV's order
+
+
+def _masks(found: ChangeResult, left_out: BoolArray | None) -> Bytes:
+    """Colours with opacity: hatched where nothing was compared, full where the reason is known."""
+    rows, cols = found.valid.shape
+    across = np.add.outer(np.arange(rows), np.arange(cols)) % _HATCH_PX < _HATCH_PX / 3
+    picture = np.zeros((rows, cols, 4), dtype=np.uint8)
+    picture[~found.valid] = _rgba(NOT_COMPARED, 50)
+    picture[~found.valid & across] = _rgba(NOT_COMPARED, 150)
+    if found.masks is not None:
+        picture[found.masks.clipped | found.masks.reference_clipped] = _rgba(CLIPPED, 190)
+    if left_out is not None:
+        picture[left_out] = _rgba(LEFT_OUT, 120)
+        picture[left_out & across] = _rgba(LEFT_OUT, 200)
+    step = _step(picture.shape)
+    return np.ascontiguousarray(picture[::step, ::step][..., [2, 1, 0, 3]])
+
+
+def _rgba(colour: str, opacity: int) -> tuple[int, int, int, int]:
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return red, green, blue, opacity
+
+
+def _smaller(image: FloatArray) -> FloatArray:
+    step = _step(image.shape)
+    if step == 1:
+        return image
+    rows, cols = image.shape
+    size = (-(-cols // step), -(-rows // step))
+    return np.asarray(
+        cv2.resize(np.asarray(image, dtype=np.float32), size, interpolation=cv2.INTER_AREA),
+        dtype=np.float64,
+    )
+
+
+def _step(shape: tuple[int, ...]) -> int:
+    return -(-max(shape[:2]) // LONGEST_SIDE_PX)
+
+
+def _jpeg(picture: Bytes) -> bytes:
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+
+
+def _png(picture: Bytes) -> bytes:
+    return cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()

@@ -1,0 +1,95 @@
+"""The views of a comparison as SVG: pictures, masks and numbered changes in one frame."""
+
+from base64 import b64encode
+from collections.abc import Sequence
+from math import pi, sqrt
+
+from markupsafe import Markup
+
+from analysis.changes import Change
+from analysis.reports.changes.pictures import ComparedPictures
+from analysis.reports.page import ReportFigure
+
+BRIGHTER, DARKER = "#d55e00", "#0072b2"
+
+_PRINTED_WIDTH_IN = 2.38  # three side by side on A4
+_RING_SHARE = 1 / 70  # of the frame's width: the least radius of a ring that is seen
+_TEXT_SHARE = 1 / 32
+_MOST_MARKED = 200
+
+
+def view_figures(
+    pictures: ComparedPictures, changes: Sequence[Change], size: tuple[int, int]
+) -> tuple[ReportFigure, ...]:
+    """Return the views before, after and difference; the page's script links and blinks them.
+
+    Parameters
+    ----------
+    pictures
+        Of the frame.
+    changes
+        Numbered from 1 in this order.
+    size
+        ``(width, height)`` of the follow-up, in whose pixels changes are placed.
+    """
+    marks = "".join(
+        _mark(number, change, size[0]) for number, change in enumerate(changes[:_MOST_MARKED], 1)
+    )
+    captions = {
+        "before": "Before: the reference on the follow-up's pixels, in the follow-up's light.",
+        "after": "After: the follow-up. Rings and numbers are the changes of the list: "
+        "orange brighter, blue darker than before.",
+        "difference": "After minus before, less what pose, light and blur explain: red is "
+        f"brighter, blue darker, full colour at {pictures.reach_dn:.3g} DN.",
+    }
+    shown = {
+        "before": pictures.before,
+        "after": pictures.after,
+        "difference": pictures.difference,
+    }
+    return tuple(
+        ReportFigure(
+            markup=_view(name, picture, pictures.masks, marks, size),
+            caption=captions[name],
+            width_in=_PRINTED_WIDTH_IN,
+        )
+        for name, picture in shown.items()
+    )
+
+
+def _view(
+    name: str, picture: bytes, masks: bytes, marks: str, size: tuple[int, int]
+) -> Markup:
+    width, height = size
+    frame = f'x="-0.5" y="-0.5" width="{width}" height="{height}" preserveAspectRatio="none"'
+    return Markup(  # noqa: S704 - numbers and base64 of our own
+        f'<svg data-view="{name}" viewBox="-0.5 -0.5 {width} {height}" role="img" '
+        f'aria-label="{name}" xmlns="http://www.w3.org/2000/svg">'
+        f'<image class="picture" {frame} href="{_url(picture, "jpeg")}"/>'
+        f'<image class="masks" {frame} href="{_url(masks, "png")}"/>'
+        f'<g class="marks">{marks}</g></svg>'
+    )
+
+
+def _mark(number: int, change: Change, width: int) -> str:
+    radius = max(1.7 * sqrt(change.area_px / pi), width * _RING_SHARE)
+    text_px = width * _TEXT_SHARE
+    colour = BRIGHTER if change.amplitude_dn > 0 else DARKER
+    # Outside the ring, towards the middle of the frame: never cut off by its border.
+    is_right = change.x_px > width / 2
+    text_x = change.x_px + (-1 if is_right else 1) * (radius + 0.2 * text_px)
+    anchor = "end" if is_right else "start"
+    ring = f'cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius:.2f}" fill="none"'
+    return (
+        f'<g data-change="{number}" data-x="{change.x_px:.3f}" data-y="{change.y_px:.3f}" '
+        f'data-radius="{radius:.2f}">'
+        f'<circle {ring} stroke="#fff" stroke-width="{width / 200:.2f}" stroke-opacity="0.7"/>'
+        f'<circle {ring} stroke="{colour}" stroke-width="{width / 350:.2f}"/>'
+        f'<text x="{text_x:.2f}" y="{change.y_px + 0.35 * text_px:.2f}" text-anchor="{anchor}" '
+        f'font-size="{text_px:.2f}" font-family="sans-serif" font-weight="bold" fill="{colour}" '
+        f'stroke="#fff" stroke-width="{text_px / 8:.2f}" paint-order="stroke">{number}</text></g>'
+    )
+
+
+def _url(picture: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{b64encode(picture).decode('ascii')}"
