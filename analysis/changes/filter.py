@@ -18,7 +18,7 @@ from analysis.changes.uncertainty import extra_blur, fit_variance
 from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
-from calibration.registration import DistortedPose, register_distorted
+from calibration.registration import DistortedPose, register
 from calibration.robust import robust_sigma
 from simulation import PoseOptions, Psf, PsfField, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
@@ -160,7 +160,7 @@ def find_changes(
     near, far = (np.asarray(image, dtype=np.float64) for image in (reference, followup))
     pose, k1_err = options.pose, None
     if pose is None:
-        aligned = register_distorted(near, far, psf.gaussian)
+        aligned = register(near, far, psf.gaussian)
         pose, k1_err = aligned.pose, aligned.k1_err
     seen, valid = _simulated(near, far, psf, pose)
     gain, offset = _light(seen, far, valid)
