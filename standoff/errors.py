@@ -13,5 +13,9 @@ class ImageFileError(ApplicationError):
     """An image file cannot be read or written."""
 
 
+class HintError(ApplicationError):
+    """What an operator says of a pair of photographs does not belong to it."""
+
+
 REPORTED_ERRORS = (AnalysisError, ApplicationError, CalibrationError, DeviceError, SessionError)
 """Errors that a command reports in one line with exit status 1."""

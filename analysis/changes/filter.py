@@ -16,6 +16,7 @@ from scipy.special import ndtr
 from analysis.changes.document import ChangeSummary
 from analysis.changes.options import ChangeOptions
 from analysis.changes.uncertainty import extra_blur, fit_variance
+from analysis.changes.warning_sentences import ChangeMasks
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register
@@ -78,6 +79,10 @@ class ChangeResult:
         Where the significance exceeds the threshold in absolute value.
     valid
         Pixels that both images show and that the reference resolves.
+    pose
+        Position of every follow-up pixel in the reference.
+    masks
+        Changed, compared and clipped pixels.
     """
 
     summary: ChangeSummary
@@ -89,6 +94,8 @@ class ChangeResult:
     significance: FloatArray
     is_change: BoolArray
     valid: BoolArray
+    pose: DistortedPose
+    masks: ChangeMasks | None = None
 
     def __repr__(self) -> str:
         found = self.summary
@@ -190,6 +197,7 @@ def find_changes(
         significance=significance,
         is_change=is_change,
         valid=valid,
+        pose=pose,
     )
 
 

@@ -25,6 +25,14 @@ class ComparedFollowup(StoredValues):
         As in its changes.json; None if it could not be compared.
     refused
         Why it could not.
+    changes
+        How many changes its list has.
+    taken
+        When it was taken, as its file says.
+    warnings
+        Those of its changes.json, one after the other.
+    reference
+        Of a folder of pairs, the photograph that it was compared with.
     """
 
     followup: str
@@ -35,13 +43,19 @@ class ComparedFollowup(StoredValues):
     zoom: float | None = None
     threshold_sd: float | None = None
     refused: str | None = None
+    changes: int | None = None
+    taken: str | None = None
+    warnings: str | None = None
+    reference: str | None = None
 
 
 class ChangesSeries(ResultsDocument):
-    """Several follow-ups of one reference, in the order of their paths.
+    """Several follow-ups of one reference, or a folder of pairs, in the order of their paths.
 
-    ``compared``, ``changed`` and ``refused`` are numbers of follow-ups; a changed one has at least
-    one changed pixel. The provenance lists what they share; each follow-up has its own hash.
+    Of pairs, ``reference`` is the folder of the references. ``compared``, ``changed`` and
+    ``refused`` are numbers of follow-ups; a changed one has at least one changed pixel.
+    ``unpaired`` are photographs of either folder without a partner, or with several. The
+    provenance lists what they share; each follow-up has its own hash.
     """
 
     schema_name: Literal["standoff.changes-summary/1"] = Field(
@@ -51,6 +65,7 @@ class ChangesSeries(ResultsDocument):
     compared: int
     changed: int
     refused: int
+    unpaired: tuple[str, ...] = ()
     followups: tuple[ComparedFollowup, ...] = ()
 
 

@@ -37,6 +37,8 @@ class PoseSummary(StoredValues):
         Share of the overlap whose local zoom the curve does not reach.
     homography, registration_correlation
         The pose, and how well the images agreed on it where they were registered.
+    warnings
+        Sentences on what to check of the alignment.
     picture
         Name of the map that was drawn.
     provenance
@@ -58,6 +60,7 @@ class PoseSummary(StoredValues):
     beyond_curve: float
     homography: tuple[_Row3, _Row3, _Row3]
     registration_correlation: float | None = None
+    warnings: tuple[str, ...] = ()
     picture: str | None = None
     provenance: Provenance | None = None
 

@@ -4,6 +4,14 @@ from .bench import (
     noise_section as noise_section,
     stage_section as stage_section,
 )
+from .changes import (
+    changes_section as changes_section,
+    compared_pictures as compared_pictures,
+    count_text as count_text,
+    render_changes_report as render_changes_report,
+    render_series_report as render_series_report,
+    view_figures as view_figures,
+)
 from .focus import plot_focus_sweep as plot_focus_sweep
 from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
 from .noise import render_noise_report as render_noise_report
@@ -47,6 +55,9 @@ __all__ = [
     "calibration_sections",
     "calibration_verdicts",
     "captures_section",
+    "changes_section",
+    "compared_pictures",
+    "count_text",
     "device_rows",
     "edge_table_section",
     "geometry_sections",
@@ -66,12 +77,15 @@ __all__ = [
     "plot_limits",
     "plot_pose",
     "png_bytes",
+    "render_changes_report",
     "render_noise_report",
     "render_report",
+    "render_series_report",
     "render_session_report",
     "render_validation",
     "stage_section",
     "svg_bytes",
     "verdict_section",
     "versions",
+    "view_figures",
 ]

@@ -54,13 +54,17 @@ class Verdict:
 class ReportTable:
     """A table; the first column is text, the others are figures, but for a last one of words.
 
-    A row of a single cell is the title of those below it.
+    A row of a single cell is the title of those below it. ``links`` are addresses for the first
+    cells of the rows, empty where there is none; ``is_of_changes`` says that the rows are the
+    numbered changes of the section's views, which the page's script shows when a row is clicked.
     """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     ends_in_words: bool = False
+    links: tuple[str, ...] = ()
+    is_of_changes: bool = False
 
     @property
     def is_short(self) -> bool:
@@ -100,10 +104,13 @@ class ReportSection:
     """A section of the report: text, tables and figures.
 
     A reader may fold a foldable section away on the screen; it begins open, and paper shows it.
+    The figures of a section that ``has_views`` are views of one frame, which the page's script
+    links and blinks.
     """
 
     title: str
     is_folded: bool = False
+    has_views: bool = False
     text: tuple[str, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
@@ -129,13 +136,15 @@ class ReportSection:
 class ReportFront:
     """What a reader needs first: the verdict, what was measured with what, and what to beware of.
 
-    ``outcome`` is pass, fail, unsure, or none without limits; ``verdict`` says it in a sentence.
+    ``outcome`` is pass, fail, unsure, or none without limits; ``verdict`` says it in a sentence
+    after ``label``, by default the outcome itself.
     """
 
     outcome: Literal["pass", "fail", "unsure", "none"]
     verdict: str
     facts: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...] = ()
+    label: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,6 +164,11 @@ class Report:
     origin: Provenance | None = None
     front: ReportFront | None = None
     has_uncertainties: bool = True
+
+    @property
+    def has_views(self) -> bool:
+        """Whether a section shows linked views, which the page then has a script for."""
+        return any(section.has_views for section in self.sections)
 
 
 def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:

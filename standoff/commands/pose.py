@@ -12,6 +12,7 @@ import typer
 from analysis.choices import Criterion
 from calibration.errors import CalibrationError
 from standoff.terminal import (
+    HINT_RULES,
     BenchKeys,
     CurveContrast,
     CurveModel,
@@ -19,11 +20,15 @@ from standoff.terminal import (
     CurveObserver,
     CurvesPath,
     EncodingName,
+    ExpectZoom,
     Json,
+    Mask,
     Mean,
     MinDprime,
     Page,
     PartOfShards,
+    Points,
+    PoseHint,
     Scheduler,
     Strict,
     Workers,
@@ -33,6 +38,7 @@ from standoff.terminal import (
     exactly_one,
     needs,
     note,
+    note_at_end,
     photograph_inputs,
     place_target,
     print_few,
@@ -60,7 +66,9 @@ if TYPE_CHECKING:
     )
 
 
+_HINTS = ("expect_zoom", "homography", "points", "mask")
 _RULES = (
+    *HINT_RULES,
     exactly_one("followup", "stream", "bench"),
     needs("target", "bench"),
     needs("settings", "bench"),
@@ -68,7 +76,7 @@ _RULES = (
     needs("psf", "followup"),
     *(
         needs(option, "followup")
-        for option in ("picture", "out", "workers", "scheduler", "shard", "strict")
+        for option in (*_HINTS, "picture", "out", "workers", "scheduler", "shard", "strict")
     ),
     needs("frames", "stream", "bench"),
 )
@@ -100,6 +108,10 @@ def pose(
     psf: Annotated[
         Path | None, typer.Option(help="psf.json of the camera, for a finer registration.")
     ] = None,
+    expect_zoom: ExpectZoom = None,
+    homography: PoseHint = None,
+    points: Points = None,
+    mask: Mask = None,
     picture: Annotated[
         Path | None, typer.Option(help="Also write a map of d' (PNG or SVG).")
     ] = None,
@@ -144,24 +156,28 @@ def pose(
     check_options(context, _RULES)
     refuse_suffix(picture, "--picture", {".png", ".svg"})
     followups = tuple(followup or ())
-    refuse_overwriting([picture], [reference, *followups, curves, psf])
+    refuse_overwriting([picture], [reference, *followups, curves, psf, homography, points, mask])
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
     from standoff.workflows import (
+        HintFiles,
         PoseDemand,
         SeriesRequest,
         is_series,
         judge_series,
         read_camera_psf,
+        read_hints,
         require_writable,
     )
 
-    inputs = photograph_inputs(encoding, page, mean, files=(curves, psf))
+    hints = HintFiles(zoom=expect_zoom, homography=homography, points=points, mask=mask)
+    inputs = photograph_inputs(encoding, page, mean, files=(curves, psf, *hints.paths))
     require_writable([picture])
     demand = PoseDemand(
         curve=chosen_curve(curves, min_dprime, model, observer, noise, contrast),
         min_d_prime=min_dprime,
         criterion=criterion,
         psf=None if psf is None else read_camera_psf(psf).gaussian,
+        hints=read_hints(hints),
     )
     if is_series(followups):
         request = SeriesRequest(
@@ -219,13 +235,14 @@ def _judge_one(
     from analysis.reports import plot_pose
     from standoff.workflows import judged_pose, write_figure
 
-    near, far = inputs.grey(reference), inputs.grey(followup)
-    found = judged_pose(near, far, demand, followup)
+    near, far = inputs.photograph(reference), inputs.photograph(followup)
+    found = judged_pose(near, far, demand)
     if picture is not None:
-        write_figure(picture, plot_pose(far, found.quality))
-    judged = found.quality.summary.model_copy(
+        write_figure(picture, plot_pose(far.grey_dn, found.quality))
+    for warning in found.warnings:
+        note_at_end(warning)
+    judged = found.summary.model_copy(
         update={
-            "registration_correlation": found.correlation,
             "picture": None if picture is None else str(picture),
             "provenance": inputs.provenance(command_line()),
         }

@@ -11,6 +11,13 @@ from .curve_options import (
     chosen_curve as chosen_curve,
 )
 from .edge_table import edge_csv as edge_csv
+from .hint_options import (
+    HINT_RULES as HINT_RULES,
+    ExpectZoom as ExpectZoom,
+    Mask as Mask,
+    Points as Points,
+    PoseHint as PoseHint,
+)
 from .image_options import (
     EncodingName as EncodingName,
     Mean as Mean,
@@ -91,6 +98,7 @@ from .validation_tables import print_validation as print_validation
 
 __all__ = [
     "ERRORS",
+    "HINT_RULES",
     "Bar",
     "BenchFile",
     "BenchKeys",
@@ -100,15 +108,19 @@ __all__ = [
     "CurveObserver",
     "CurvesPath",
     "EncodingName",
+    "ExpectZoom",
     "Json",
     "ListedNumbers",
     "LiveLine",
+    "Mask",
     "Mean",
     "MinDprime",
     "Operator",
     "Option",
     "Page",
     "PartOfShards",
+    "Points",
+    "PoseHint",
     "Scheduler",
     "ScriptedOperator",
     "ShortEncoding",

@@ -2,8 +2,13 @@ from .camera_calibration import (
     CalibrationRequest as CalibrationRequest,
     calibrate_camera as calibrate_camera,
 )
-from .change_search import (
+from .comparison import (
+    AlignmentHints as AlignmentHints,
+    ComparedPair as ComparedPair,
+    ComparisonRequest as ComparisonRequest,
+    HintFiles as HintFiles,
     find_changes_of_files as find_changes_of_files,
+    read_hints as read_hints,
     write_changes as write_changes,
 )
 from .demo import DemoResult as DemoResult, run_demo as run_demo
@@ -110,14 +115,18 @@ from .validation_run import (
 
 __all__ = [
     "RESULTS_FOLDER",
+    "AlignmentHints",
     "CalibrationRequest",
     "CaptureOptions",
+    "ComparedPair",
+    "ComparisonRequest",
     "CurvesRequest",
     "DemoResult",
     "FocusSweep",
     "FollowUp",
     "FollowUpRequest",
     "FoundKernel",
+    "HintFiles",
     "ImportSettings",
     "MeasuredCurves",
     "NamedFrame",
@@ -163,6 +172,7 @@ __all__ = [
     "provenance_of",
     "psf_and_field",
     "read_camera_psf",
+    "read_hints",
     "refuse_half_simulated",
     "require_writable",
     "run_demo",

@@ -100,7 +100,7 @@ def _in_light_of(after_dn: FloatArray, before_dn: FloatArray, valid: BoolArray) 
     gain = float(np.mean((before - before.mean()) * (after - after.mean()))) / spread**2
     if not gain > 0:
         return before_dn
-    return after.mean() + gain * (before_dn - before.mean())
+    return np.asarray(after.mean() + gain * (before_dn - before.mean()))
 
 
 def _display_ends(image_dn: FloatArray, valid: BoolArray) -> tuple[float, float]:

@@ -57,9 +57,7 @@ def view_figures(
     )
 
 
-def _view(
-    name: str, picture: bytes, masks: bytes, marks: str, size: tuple[int, int]
-) -> Markup:
+def _view(name: str, picture: bytes, masks: bytes, marks: str, size: tuple[int, int]) -> Markup:
     width, height = size
     frame = f'x="-0.5" y="-0.5" width="{width}" height="{height}" preserveAspectRatio="none"'
     return Markup(  # noqa: S704 - numbers and base64 of our own
@@ -80,14 +78,17 @@ def _mark(number: int, change: Change, width: int) -> str:
     text_x = change.x_px + (-1 if is_right else 1) * (radius + 0.2 * text_px)
     anchor = "end" if is_right else "start"
     ring = f'cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius:.2f}" fill="none"'
+    letters = (
+        f'x="{text_x:.2f}" y="{change.y_px + 0.35 * text_px:.2f}" text-anchor="{anchor}" '
+        f'font-size="{text_px:.2f}" font-family="sans-serif" font-weight="bold"'
+    )
     return (
         f'<g data-change="{number}" data-x="{change.x_px:.3f}" data-y="{change.y_px:.3f}" '
         f'data-radius="{radius:.2f}">'
         f'<circle {ring} stroke="#fff" stroke-width="{width / 200:.2f}" stroke-opacity="0.7"/>'
         f'<circle {ring} stroke="{colour}" stroke-width="{width / 350:.2f}"/>'
-        f'<text x="{text_x:.2f}" y="{change.y_px + 0.35 * text_px:.2f}" text-anchor="{anchor}" '
-        f'font-size="{text_px:.2f}" font-family="sans-serif" font-weight="bold" fill="{colour}" '
-        f'stroke="#fff" stroke-width="{text_px / 8:.2f}" paint-order="stroke">{number}</text></g>'
+        f'<text {letters} fill="#fff" stroke="#fff" stroke-width="{text_px / 6:.2f}">{number}'
+        f'</text><text {letters} fill="{colour}">{number}</text></g>'
     )
 
 

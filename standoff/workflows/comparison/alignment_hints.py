@@ -9,7 +9,7 @@ from acquisition.printable import on_one_line
 from calibration.files import read_homography
 from calibration.registration import FeatureMatches, Homography, RegistrationHints
 from simulation.arrays import BoolArray
-from standoff.errors import ApplicationError
+from standoff.errors import HintError
 from standoff.photographs import LINEAR, Photograph, ReadOptions, read_image
 from standoff.workflows.comparison.point_table import read_points, refuse_points_outside
 
@@ -48,6 +48,16 @@ class AlignmentHints:
     points: FeatureMatches | None = None
     left_out: BoolArray | None = None
 
+    @property
+    def settings(self) -> dict[str, float | bool | None]:
+        """Which hints there are; the contents of the files are known by their hashes."""
+        return {
+            "zoom": self.files.zoom,
+            "homography": self.homography is not None,
+            "points": self.points is not None,
+            "mask": self.left_out is not None,
+        }
+
     def of_pair(
         self, reference: tuple[int, int], followup: tuple[int, int], name: str
     ) -> RegistrationHints | None:
@@ -68,13 +78,13 @@ class AlignmentHints:
         rows, cols = followup
         if self.left_out is not None and self.left_out.shape != followup:
             high, wide = self.left_out.shape
-            raise ApplicationError(
+            raise HintError(
                 f"{_shown(self.files.mask)}: {wide} x {high} px, but {name} has {cols} x {rows}; "
                 "a mask has the follow-up's size"
             )
         if self.homography is not None and self.homography.size != (cols, rows):
             wide, high = self.homography.size
-            raise ApplicationError(
+            raise HintError(
                 f"{_shown(self.files.homography)}: for follow-ups of {wide} x {high} px, but "
                 f"{name} has {cols} x {rows}"
             )
@@ -82,7 +92,8 @@ class AlignmentHints:
             table = _shown(self.files.points)
             refuse_points_outside(self.points.followup_px, followup, table, name)
             refuse_points_outside(self.points.reference_px, reference, table, "the reference")
-        zoom, matrix = self.files.zoom, self.homography and self.homography.matrix
+        zoom = self.files.zoom
+        matrix = None if self.homography is None else self.homography.matrix
         if zoom is None and matrix is None and self.points is None and self.left_out is None:
             return None
         return RegistrationHints(
@@ -95,7 +106,7 @@ def read_hints(files: HintFiles) -> AlignmentHints:
 
     Raises
     ------
-    ApplicationError, CalibrationError
+    HintError, CalibrationError
         If one cannot be read, or does not say what it should.
     """
     return AlignmentHints(
@@ -111,13 +122,13 @@ def read_mask(path: Path) -> BoolArray:
 
     Raises
     ------
-    ImageFileError, ApplicationError
+    ImageFileError, HintError
         If it cannot be read, or leaves out everything.
     """
     stored = np.asarray(read_image(path, _AS_NUMBERS).stored)
     left_out = np.asarray(stored != 0 if stored.ndim == 2 else np.any(stored != 0, axis=2))
     if left_out.all():
-        raise ApplicationError(
+        raise HintError(
             f"{on_one_line(path)}: leaves out every pixel; a mask is 0 where pixels count"
         )
     return left_out
@@ -135,16 +146,14 @@ def white_level_dn(photograph: Photograph, stated: float | None) -> float | None
 
     Raises
     ------
-    ApplicationError
+    HintError
         If the file has no such level.
     """
     if stated is None:
         return photograph.saturation_dn
     full_scale = photograph.full_scale_dn
     if full_scale is not None and stated > full_scale:
-        raise ApplicationError(
-            f"{photograph.name}: no level {stated:g}; its levels end at {full_scale:g}"
-        )
+        raise HintError(f"{photograph.name}: no level {stated:g}; its levels end at {full_scale:g}")
     encoding = photograph.encoding
     level = np.full((1, 1, max(len(encoding.curves), 1)), float(stated))
     return float(encoding.decode(level, photograph.white_dn).max())

@@ -9,15 +9,14 @@ from threading import Lock
 
 import numpy as np
 
-from acquisition.printable import on_one_line
 from analysis.changes import Change, ChangeOptions, ChangeResult, ChangeSummary, find_changes
 from analysis.errors import AnalysisError
 from analysis.reports import plot_changes
 from analysis.results_file import write_results
 from calibration.errors import CalibrationError
 from simulation import Psf, PsfField
+from simulation.arrays import BoolArray
 from simulation.choices import PsfShape
-from standoff.errors import ApplicationError
 from standoff.photographs import Inputs, Photograph
 from standoff.workflows.comparison.alignment_hints import AlignmentHints, white_level_dn
 from standoff.workflows.comparison.change_page import page_of_changes
@@ -46,7 +45,7 @@ _DRAWING = Lock()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Comparison:
+class ComparisonRequest:
     """How two photographs are compared.
 
     Parameters
@@ -70,10 +69,24 @@ class Comparison:
     white_level: float | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ComparedPair:
+    """Two photographs and what changed between them; ``left_out`` is the operator's mask."""
+
+    reference: Photograph
+    followup: Photograph
+    found: ChangeResult
+    left_out: BoolArray | None
+
+    def page(self, summary: ChangeSummary) -> str:
+        """Return the report as one HTML document; the summary has names and provenance."""
+        return page_of_changes(self.reference, self.followup, self.found, summary, self.left_out)
+
+
 def find_changes_of_files(
-    reference: Path, followup: Path, comparison: Comparison, inputs: Inputs
-) -> tuple[Photograph, Photograph, ChangeResult]:
-    """Align two photographs and compare them; the photographs come with what was found.
+    reference: Path, followup: Path, request: ComparisonRequest, inputs: Inputs
+) -> ComparedPair:
+    """Align two photographs and compare them.
 
     Raises
     ------
@@ -84,16 +97,16 @@ def find_changes_of_files(
     """
     near, far = inputs.photograph(reference), inputs.photograph(followup)
     psf = None
-    if comparison.psf is not None:
-        shape = far.stored.shape[:2]
-        frame = (shape[1], shape[0]) if near.stored.shape[:2] == shape else None
-        psf = frame_psf(comparison.psf, frame, "matched", comparison.transfer)
-    return near, far, compared(near, far, psf, comparison)
+    if request.psf is not None:
+        rows, cols = far.stored.shape[:2]
+        frame = (cols, rows) if near.stored.shape[:2] == (rows, cols) else None
+        psf = frame_psf(request.psf, frame, "matched", request.transfer)
+    return compared(near, far, psf, request)
 
 
 def compared(
-    near: Photograph, far: Photograph, psf: Psf | PsfField | None, comparison: Comparison
-) -> ChangeResult:
+    near: Photograph, far: Photograph, psf: Psf | PsfField | None, request: ComparisonRequest
+) -> ComparedPair:
     """Align and compare two photographs; errors name the follow-up.
 
     Raises
@@ -103,25 +116,23 @@ def compared(
     ApplicationError
         If a hint does not belong to them.
     """
-    stated = comparison.white_level
-    hints = comparison.hints
+    stated, hints = request.white_level, request.hints
     options = replace(
-        comparison.options,
+        request.options,
         hints=hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name),
         left_out=hints.left_out,
         white_level_dn=(white_level_dn(near, stated), white_level_dn(far, stated)),
     )
     try:
-        return find_changes(near.grey_dn, far.grey_dn, psf, options)
+        found = find_changes(near.grey_dn, far.grey_dn, psf, options)
     except CalibrationError as error:
         raise CalibrationError(f"{far.path}: {error}") from error
     except AnalysisError as error:
         raise AnalysisError(f"{far.path}: {error}") from error
+    return ComparedPair(reference=near, followup=far, found=found, left_out=hints.left_out)
 
 
-def write_changes(
-    out: Path, near: Photograph, far: Photograph, found: ChangeResult, summary: ChangeSummary
-) -> None:
+def write_changes(out: Path, pair: ComparedPair, summary: ChangeSummary) -> None:
     """Write maps, figure, list, report page and changes.json into the folder ``out``.
 
     Raises
@@ -129,6 +140,7 @@ def write_changes(
     ApplicationError, ResultsFileError
         If a file cannot be written.
     """
+    found = pair.found
     error_dn = np.where(found.valid, np.sqrt(found.variance_dn2), 0.0)
     for kind, image in (
         ("difference", found.difference_dn),
@@ -137,15 +149,14 @@ def write_changes(
         ("uncertainty", error_dn),
         ("significance", found.significance),
     ):
-        description = f"standoff changes: {kind} of {far.path.name}"
+        description = f"standoff changes: {kind} of {pair.followup.path.name}"
         write_float_tiff(out / f"{kind}.tif", image.astype(np.float32), description)
     write_mask(out / "changes.png", found.is_change)
     write_mask(out / "compared.png", found.valid)
     with _DRAWING:
         write_figure(out / "changes-figure.png", plot_changes(found))
     write_file(out / "changes.csv", change_table(summary.changes))
-    page = page_of_changes(near, far, found, summary)
-    write_file(out / "report.html", page.encode("utf-8"))
+    write_file(out / "report.html", pair.page(summary).encode("utf-8"))
     write_results(out / "changes.json", summary)
 
 

@@ -5,13 +5,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from acquisition.printable import on_one_line
-from analysis.changes import ChangeOptions, ChangeResult, ComparedFollowup
+from analysis.changes import ComparedFollowup
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
-from simulation.arrays import FloatArray
-from simulation.choices import PsfShape
 from standoff.photographs import Photograph
-from standoff.workflows.change_search import CHANGE_FILES, compared, write_changes
+from standoff.workflows.comparison import (
+    CHANGE_FILES,
+    ComparedPair,
+    ComparisonRequest,
+    compared,
+    write_changes,
+)
 from standoff.workflows.followup_series.folder_names import FolderNames
 from standoff.workflows.followup_series.record import FollowupRecord
 from standoff.workflows.followup_series.work import FollowupWork, Written
@@ -19,16 +23,14 @@ from standoff.workflows.output_files import make_folder
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeWork(FollowupWork[ChangeResult]):
+class ChangeWork(FollowupWork[ComparedPair]):
     """Finds the changes of follow-ups.
 
     Parameters
     ----------
     psf, field
-        Of the camera; the field is for whole frames of its size.
-    transfer
-        Which PSF of the file they are.
-    options
+        Of the camera, if they are known; the field is for whole frames of its size.
+    request
         How two photographs are compared.
     names
         Names of the folders.
@@ -36,39 +38,45 @@ class ChangeWork(FollowupWork[ChangeResult]):
 
     listed = ComparedFollowup
 
-    psf: Psf
+    psf: Psf | None
     field: PsfField | None
-    transfer: PsfShape
-    options: ChangeOptions
+    request: ComparisonRequest
     names: FolderNames
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What is done, apart from the contents of psf.json and noise.json."""
+        """What is done, apart from the contents of psf.json, noise.json and the hints' files."""
+        request = self.request
         return {
             "command": "changes",
-            "transfer": self.transfer,
-            "false_alarms": self.options.false_alarms,
+            "psf": request.psf is not None,
+            "noise": request.options.noise is not None,
+            "transfer": request.transfer,
+            "false_alarms": request.options.false_alarms,
+            "false_discovery_rate": request.options.false_discovery_rate,
+            "hints": request.hints.settings,
+            "white_level": request.white_level,
         }
 
-    def find(self, near: FloatArray, photograph: Photograph) -> ChangeResult:
+    def find(self, near: Photograph, photograph: Photograph) -> ComparedPair:
         """Find the changes of one follow-up."""
-        far = photograph.grey_dn
-        psf = self._field_for(far) or self.psf
-        return compared(near, far, psf, self.options, photograph.path)
+        psf = self._field_for(near, photograph) or self.psf
+        return compared(near, photograph, psf, self.request)
 
-    def write(self, photograph: Photograph, found: ChangeResult) -> Written:
+    def write(self, photograph: Photograph, found: ComparedPair) -> Written:
         """Write the folder of one follow-up."""
         name = self.names.name_of(photograph.path)
+        own_reference = self.references.name_for(photograph.path)
         folder = make_folder(self.out / name)
-        summary = found.summary.model_copy(
+        both = (found.reference, photograph)
+        summary = found.found.summary.model_copy(
             update={
-                "reference": self.reference.name,
+                "reference": own_reference or self.references.name,
                 "followup": on_one_line(photograph.path),
-                "provenance": self.provenance_with(photograph),
+                "provenance": self.provenance_with(*both[own_reference is None :]),
             }
         )
-        write_changes(folder, photograph.path.name, found, summary)
+        write_changes(folder, found, summary)
         row = ComparedFollowup(
             followup=on_one_line(photograph.path),
             sha256=photograph.sha256,
@@ -77,11 +85,15 @@ class ChangeWork(FollowupWork[ChangeResult]):
             compared_px=summary.compared_px,
             zoom=summary.zoom,
             threshold_sd=summary.threshold_sd,
+            changes=len(summary.changes),
+            taken=photograph.facts.taken,
+            warnings="; ".join(summary.warnings) or None,
+            reference=own_reference,
         )
         return Written(
             row=row.model_dump(),
             files=tuple(folder / file for file in CHANGE_FILES),
-            notes=self._note_on_field(photograph, found),
+            notes=self._note_on_field(found),
         )
 
     def is_current(self, item: SweepItem, record: FollowupRecord) -> bool:
@@ -96,18 +108,18 @@ class ChangeWork(FollowupWork[ChangeResult]):
         with suppress(OSError):
             folder.rmdir()
 
-    def _field_for(self, far: FloatArray) -> PsfField | None:
+    def _field_for(self, near: Photograph, far: Photograph) -> PsfField | None:
         """The field, if reference and follow-up are whole frames of its size."""
         field = self.field
-        if field is None or not self.reference.shape == far.shape == _shape(field):
+        if field is None or not near.stored.shape[:2] == far.stored.shape[:2] == _shape(field):
             return None
         return field
 
-    def _note_on_field(self, photograph: Photograph, found: ChangeResult) -> dict[str, str]:
-        if self.field is None or self._field_for(found.followup_dn):
+    def _note_on_field(self, pair: ComparedPair) -> dict[str, str]:
+        if self.field is None or self._field_for(pair.reference, pair.followup):
             return {}
         sentence = (
-            f"{on_one_line(photograph.path)}: the PSF's field belongs to frames of "
+            f"{on_one_line(pair.followup.path)}: the PSF's field belongs to frames of "
             f"{self.field.width_px} x {self.field.height_px} px; one PSF is used"
         )
         return {"field": sentence}

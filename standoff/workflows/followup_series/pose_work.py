@@ -1,19 +1,18 @@
 """Poses of follow-ups: each is registered to the reference and judged."""
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 from acquisition.printable import on_one_line
 from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
-from analysis.pose import JudgedFollowup, PoseQuality, judge_pose
+from analysis.pose import JudgedFollowup, PoseQuality, PoseSummary, judge_pose
 from calibration.errors import CalibrationError
 from calibration.registration import register
 from simulation import GaussianPsf
-from simulation.arrays import FloatArray
 from standoff.photographs import Photograph
+from standoff.workflows.comparison import AlignmentHints
 from standoff.workflows.followup_series.work import FollowupWork, Written
 
 
@@ -29,43 +28,64 @@ class PoseDemand:
         Threshold, and where d' must reach it.
     psf
         Of the camera, for a finer registration.
+    hints
+        What the operator knows of the pose.
     """
 
     curve: DetectabilityCurve
     min_d_prime: float
     criterion: Criterion
     psf: GaussianPsf | None
+    hints: AlignmentHints = field(default_factory=AlignmentHints)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegisteredPose:
-    """A verdict on a pose, and how well the photographs agreed on it."""
+    """A verdict on a pose, how well the photographs agreed on it, and what to check."""
 
     quality: PoseQuality
     correlation: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def summary(self) -> PoseSummary:
+        """The verdict in figures."""
+        return self.quality.summary.model_copy(
+            update={
+                "registration_correlation": self.correlation,
+                "warnings": self.warnings,
+            }
+        )
 
 
-def judged_pose(
-    near: FloatArray, far: FloatArray, demand: PoseDemand, followup: Path
-) -> RegisteredPose:
-    """Register the grey levels of two photographs and judge the pose; errors name the follow-up.
+def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> RegisteredPose:
+    """Register two photographs and judge the pose; errors name the follow-up.
 
     Raises
     ------
     AnalysisError, CalibrationError
         If they cannot be registered, or the pose not be judged.
+    HintError
+        If a hint does not belong to them.
     """
-    sizes = (far.shape[1], far.shape[0]), (near.shape[1], near.shape[0])
+    shapes = near.stored.shape[:2], far.stored.shape[:2]
+    (near_rows, near_cols), (rows, cols) = shapes
+    hints = demand.hints.of_pair(*shapes, far.name)
     try:
-        found = register(near, far, demand.psf)
+        found = register(near.grey_dn, far.grey_dn, demand.psf, hints)
         quality = judge_pose(
-            found.matrix, *sizes, demand.curve, demand.min_d_prime, demand.criterion
+            found.matrix,
+            (cols, rows),
+            (near_cols, near_rows),
+            demand.curve,
+            demand.min_d_prime,
+            demand.criterion,
         )
     except CalibrationError as error:
-        raise CalibrationError(f"{followup}: {error}") from error
+        raise CalibrationError(f"{far.path}: {error}") from error
     except AnalysisError as error:
-        raise AnalysisError(f"{followup}: {error}") from error
-    return RegisteredPose(quality=quality, correlation=found.correlation)
+        raise AnalysisError(f"{far.path}: {error}") from error
+    return RegisteredPose(quality=quality, correlation=found.correlation, warnings=found.warnings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,20 +104,20 @@ class PoseWork(FollowupWork[RegisteredPose]):
             "min_dprime": self.demand.min_d_prime,
             "criterion": self.demand.criterion,
             "curve": self.demand.curve.choice.model_dump(),
+            "hints": self.demand.hints.settings,
         }
 
-    def find(self, near: FloatArray, photograph: Photograph) -> RegisteredPose:
+    def find(self, near: Photograph, photograph: Photograph) -> RegisteredPose:
         """Judge one follow-up."""
-        return judged_pose(near, photograph.grey_dn, self.demand, photograph.path)
+        return judged_pose(near, photograph, self.demand)
 
     def write(self, photograph: Photograph, found: RegisteredPose) -> Written:
         """Return the verdict; there is nothing but the commit to write."""
         name, quality = on_one_line(photograph.path), found.quality
-        judged = quality.summary.model_copy(update={"registration_correlation": found.correlation})
-        notes = {}
+        notes = {f"warning {k}": f"{name}: {text}" for k, text in enumerate(found.warnings)}
         if quality.beyond_curve:
             notes["beyond"] = f"{name}: {beyond_curve_sentence(quality)}"
-        row = JudgedFollowup.of(name, photograph.sha256, judged)
+        row = JudgedFollowup.of(name, photograph.sha256, found.summary)
         return Written(row=row.model_dump(mode="json"), notes=notes)
 
 

@@ -1,31 +1,44 @@
 """Runs a series of follow-ups on the sweep engine, and writes its tables."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from heapq import nlargest
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from analysis.changes import ChangeOptions, ChangesSeries, ComparedFollowup
+from analysis.changes import ChangesSeries, ComparedFollowup
 from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.results_file import ResultsDocument, StoredValues
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep
-from simulation.choices import PsfShape
 from standoff.photographs import Inputs
 from standoff.terminal import command_line, progress_bar
+from standoff.workflows.comparison import ComparisonRequest
 from standoff.workflows.followup_series.change_work import ChangeWork
 from standoff.workflows.followup_series.folder_names import FolderNames
 from standoff.workflows.followup_series.pose_work import PoseDemand, PoseWork
+from standoff.workflows.followup_series.references import (
+    OneReference,
+    ReferenceFolder,
+    References,
+    pair_by_stem,
+)
 from standoff.workflows.followup_series.rows import CommittedRows, Row
 from standoff.workflows.followup_series.tables import write_csv, write_summary
-from standoff.workflows.followup_series.work import STATE_NAME, FollowupWork, Reference
+from standoff.workflows.followup_series.time_line import (
+    PAGE_NAME,
+    TIME_LINE_NAME,
+    write_series_page,
+)
+from standoff.workflows.followup_series.work import STATE_NAME, FollowupWork
 from standoff.workflows.image_files import each_image
 from standoff.workflows.psf_files import psf_and_field
 
 SUMMARY_NAME = "summary.json"
 _CHANGES_TABLE, _POSES_TABLE = "changes.csv", "poses.csv"
+FILES_OF_SERIES = (SUMMARY_NAME, _CHANGES_TABLE, TIME_LINE_NAME, PAGE_NAME)
+"""Written at the end, in the folder that holds those of the follow-ups."""
 
 _SHOWN_WHOLE, _SHOWN_OF_MANY = 20, 5
 
@@ -40,15 +53,17 @@ class SeriesRequest:
     Parameters
     ----------
     reference
-        The reference.
+        The reference, or a folder of references, one for each follow-up of its stem.
     followups
-        Files and folders; of a folder the reference itself is left out.
+        Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
     inputs
         Reads the photographs; the PSF, noise or curves are listed already.
     sweep
         Who works, and on what part.
+    report
+        Where the report goes, besides the folder.
     """
 
     reference: Path
@@ -56,6 +71,7 @@ class SeriesRequest:
     out: Path
     inputs: Inputs
     sweep: SweepOptions
+    report: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,13 +99,15 @@ class SeriesResult(Generic[Document, Listed]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Tables(Generic[Document, Listed]):
-    """How a series is told: its table, the order of its worst lines, and its document."""
+    """How a series is told: table, order of the worst lines, document, other files and writer."""
 
     table: str
     columns: tuple[str, ...]
     listed: Callable[[Row], Listed]
     badness: Callable[[Row], float]
     document: Callable[[CommittedRows], Document]
+    others: tuple[str, ...] = ()
+    finish: Callable[[CommittedRows, Document], None] = lambda rows, document: None
 
 
 def is_series(followups: Iterable[Path]) -> bool:
@@ -108,9 +126,11 @@ def is_series(followups: Iterable[Path]) -> bool:
 
 
 def find_changes_of_series(
-    request: SeriesRequest, psf: Path, transfer: PsfShape, options: ChangeOptions
+    request: SeriesRequest, comparison: ComparisonRequest
 ) -> SeriesResult[ChangesSeries, ComparedFollowup]:
-    """Compare follow-ups with a reference; each gets a folder, all of them a table.
+    """Compare follow-ups with their references; each gets a folder, all of them a table.
+
+    Follow-ups of one reference get a time line, ``series.json``, and a page on all of them.
 
     Raises
     ------
@@ -119,27 +139,37 @@ def find_changes_of_series(
     SweepError
         If no worker is fit, or, when strict, a follow-up is refused.
     """
-    one, field = psf_and_field(psf, "matched", transfer)
-    reference = Reference.of(request.reference, request.inputs)
-    with _manifest(request, reference) as manifest:
+    psf, field = None, None
+    if comparison.psf is not None:
+        psf, field = psf_and_field(comparison.psf, "matched", comparison.transfer)
+    references: References
+    unpaired: tuple[str, ...] = ()
+    if request.reference.is_dir():
+        paired = pair_by_stem(request.reference, request.followups[0])
+        unpaired, followups = paired.unpaired, iter(paired.followups)
+        references = ReferenceFolder.at(request.reference, request.inputs.options)
+    else:
+        references = OneReference.read(request.reference, request.inputs)
+        followups = _followups(request, references)
+    with Manifest(followups, request.out / STATE_NAME) as manifest:
         work = ChangeWork(
             out=_absolute(request.out),
-            reference=reference,
+            references=references,
             provenance=request.inputs.provenance(command_line()),
-            psf=one,
+            psf=psf,
             field=field,
-            transfer=transfer,
-            options=options,
-            names=FolderNames.of(manifest, (STATE_NAME, SUMMARY_NAME, _CHANGES_TABLE)),
+            request=comparison,
+            names=FolderNames.of(manifest, (STATE_NAME, *FILES_OF_SERIES)),
         )
 
         def document(rows: CommittedRows) -> ChangesSeries:
             refused = rows.count(_is_refused)
             return ChangesSeries(
-                reference=reference.name,
+                reference=references.name,
                 compared=len(manifest) - refused,
                 changed=rows.count(lambda row: bool(row["changed_px"])),
                 refused=refused,
+                unpaired=unpaired,
                 provenance=work.provenance,
             )
 
@@ -149,6 +179,10 @@ def find_changes_of_series(
             listed=ComparedFollowup.model_validate,
             badness=lambda row: row["changed_px"],
             document=document,
+            others=(TIME_LINE_NAME, PAGE_NAME),
+            finish=lambda rows, series: write_series_page(
+                request.out, request.report, series, rows, references.shared_dn
+            ),
         )
         return _series(work, manifest, request, tables)
 
@@ -165,11 +199,11 @@ def judge_series(
     SweepError
         If no worker is fit, or, when strict, a follow-up is refused.
     """
-    reference = Reference.of(request.reference, request.inputs)
-    with _manifest(request, reference) as manifest:
+    reference = OneReference.read(request.reference, request.inputs)
+    with Manifest(_followups(request, reference), request.out / STATE_NAME) as manifest:
         work = PoseWork(
             out=_absolute(request.out),
-            reference=reference,
+            references=reference,
             provenance=request.inputs.provenance(command_line()),
             demand=demand,
         )
@@ -203,7 +237,7 @@ def _series(
     tables: _Tables[Document, Listed],
 ) -> SeriesResult[Document, Listed]:
     summary = request.out / SUMMARY_NAME
-    for path in (summary, request.out / tables.table):
+    for path in (summary, request.out / tables.table, *map(request.out.joinpath, tables.others)):
         path.unlink(missing_ok=True)  # of before: there is none until all are done
     with progress_bar("follow-ups", len(manifest)) as bar:
         sweep = run_sweep(manifest, work, request.sweep, bar.advance_to)
@@ -213,6 +247,7 @@ def _series(
         if not rows.is_whole:
             return SeriesResult(sweep=sweep, summary=summary)
         document = tables.document(rows)
+        tables.finish(rows, document)
         write_csv(request.out / tables.table, tables.columns, rows)
         write_summary(summary, document, rows)
         first, worst = list(islice(rows, _SHOWN_WHOLE + 1)), []
@@ -228,11 +263,11 @@ def _series(
     )
 
 
-def _manifest(request: SeriesRequest, reference: Reference) -> Manifest:
-    named = [path for path in request.followups if not path.is_dir()]
+def _followups(request: SeriesRequest, reference: OneReference) -> Iterator[Path]:
+    named = (path for path in request.followups if not path.is_dir())
     inside = each_image(path for path in request.followups if path.is_dir())
-    others = (path for path in inside if _absolute(path) != reference.item.path)
-    return Manifest((path for paths in (named, others) for path in paths), request.out / STATE_NAME)
+    others = (path for path in inside if _absolute(path) != reference.path)
+    return chain(named, others)
 
 
 def _absolute(path: Path) -> Path:

@@ -9,7 +9,6 @@ import json
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -19,62 +18,15 @@ from analysis.results_file import StoredValues
 from analysis.sweep import Shard, ShardDone, ShardWork, SweepItem
 from calibration.errors import CalibrationError
 from calibration.provenance import InputFile, Provenance, utc_now
-from simulation.arrays import FloatArray
-from standoff.errors import ApplicationError, ImageFileError
-from standoff.photographs import Inputs, Photograph, ReadOptions, read_image
+from standoff.errors import HintError, ImageFileError
+from standoff.photographs import Photograph, read_image
 from standoff.workflows.followup_series.record import FollowupRecord
+from standoff.workflows.followup_series.references import References
 
 STATE_NAME = "followups.sweep"
 """Folder of the commits, in the folder of the results."""
 
 Found = TypeVar("Found")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reference:
-    """The photograph that all follow-ups are compared with; every process reads it once.
-
-    Parameters
-    ----------
-    item
-        The file.
-    name
-        The file as it was named by the user, for people.
-    shape
-        ``(rows, cols)``.
-    sha256
-        Hash of its bytes, which must be the same for every process.
-    reading
-        How it is read, and the follow-ups too.
-    kinds
-        Kinds of remarks that it gave rise to already.
-    """
-
-    item: SweepItem
-    name: str
-    shape: tuple[int, ...]
-    sha256: str
-    reading: ReadOptions
-    kinds: frozenset[str]
-
-    @classmethod
-    def of(cls, path: Path, inputs: Inputs) -> "Reference":
-        """Read and list a reference.
-
-        Raises
-        ------
-        ImageFileError
-            If it cannot be read.
-        """
-        photograph = inputs.photograph(path)
-        return cls(
-            item=SweepItem.on_disk(path),
-            name=on_one_line(path),
-            shape=photograph.grey_dn.shape,
-            sha256=photograph.sha256 or "",
-            reading=inputs.options,
-            kinds=frozenset(photograph.remarks),
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,14 +40,14 @@ class Written:
 
 @dataclass(frozen=True, kw_only=True)
 class FollowupWork(ShardWork, Generic[Found]):
-    """Compares follow-ups with one reference, in any process.
+    """Compares follow-ups with their references, in any process.
 
     Parameters
     ----------
     out
         Folder of the results, absolute.
-    reference
-        The reference.
+    references
+        What they are compared with.
     provenance
         Of what all follow-ups share.
     """
@@ -104,7 +56,7 @@ class FollowupWork(ShardWork, Generic[Found]):
     """A line of the summary; it has at least ``followup``, ``sha256`` and ``refused``."""
 
     out: Path
-    reference: Reference
+    references: References
     provenance: Provenance
 
     @property
@@ -113,8 +65,8 @@ class FollowupWork(ShardWork, Generic[Found]):
         """What is done, apart from the contents of the files that all follow-ups share."""
 
     @abstractmethod
-    def find(self, near: FloatArray, photograph: Photograph) -> Found:
-        """Compare; an `ImageFileError`, `AnalysisError` or `CalibrationError` refuses it."""
+    def find(self, near: Photograph, photograph: Photograph) -> Found:
+        """Compare; an `AnalysisError`, `CalibrationError` or `HintError` refuses it."""
 
     @abstractmethod
     def write(self, photograph: Photograph, found: Found) -> Written:
@@ -132,7 +84,7 @@ class FollowupWork(ShardWork, Generic[Found]):
     def key(self) -> str:
         """What is done, and with which reference, PSF and so on, as text."""
         shared = [file.sha256 for file in self.provenance.inputs]
-        settings = {"reading": str(self.reference.reading), **self.settings}
+        settings = {"reading": str(self.references.reading), **self.settings}
         return json.dumps([shared, settings], sort_keys=True)
 
     @property
@@ -155,23 +107,33 @@ class FollowupWork(ShardWork, Generic[Found]):
     def record(self, item: SweepItem) -> FollowupRecord | None:
         """Return the commit of a follow-up, if it is of these very files and settings."""
         record = FollowupRecord.read(self._commit(item))
-        if record is None or (record.settings, record.item) != (self._settings_hash, item.state):
+        if record is None or record.settings != self._settings_hash:
+            return None
+        if record.item != self._state(item):
             return None
         is_whole = all(_size_of(self.out / name) == size for name, size in record.files.items())
         return record if is_whole and self.is_current(item, record) else None
 
-    def provenance_with(self, photograph: Photograph) -> Provenance:
-        """Return the provenance of what one follow-up gave."""
-        shared, own = self.provenance.encoding, photograph.encoding.name
-        encodings = tuple(dict.fromkeys([*([shared] if isinstance(shared, str) else shared), own]))
-        listed = InputFile(path=on_one_line(photograph.path), sha256=photograph.sha256 or "")
+    def provenance_with(self, *photographs: Photograph) -> Provenance:
+        """Return the provenance of what one follow-up gave, and its reference if it is its own."""
+        shared = self.provenance.encoding
+        encodings = dict.fromkeys([shared] if isinstance(shared, str) else shared)
+        inputs = {file.path: file for file in self.provenance.inputs}
+        for each in photographs:
+            path = on_one_line(each.path)
+            inputs[path] = InputFile(path=path, sha256=each.sha256 or "")
+            encodings[each.encoding.name] = None
         return self.provenance.model_copy(
             update={
                 "created": utc_now(),
-                "inputs": (*self.provenance.inputs, listed),
-                "encoding": encodings[0] if len(encodings) == 1 else encodings,
+                "inputs": tuple(inputs.values()),
+                "encoding": next(iter(encodings)) if len(encodings) == 1 else tuple(encodings),
             }
         )
+
+    def _state(self, item: SweepItem) -> str:
+        """The files as one line, the same only for the same paths, sizes and times."""
+        return item.state + self.references.state_for(item.path)
 
     @property
     def _settings_hash(self) -> str:
@@ -191,21 +153,21 @@ class FollowupWork(ShardWork, Generic[Found]):
         return record
 
     def _record_of(self, item: SweepItem) -> FollowupRecord:
-        near = _levels(self.reference)
         digest = None
         try:
-            photograph = read_image(item.path, self.reference.reading)
+            near = self.references.of(item.path)
+            photograph = read_image(item.path, self.references.reading)
             digest = photograph.sha256
             found = self.find(near, photograph)
-        except (AnalysisError, CalibrationError, ImageFileError) as error:
+        except (AnalysisError, CalibrationError, HintError, ImageFileError) as error:
             self.discard(item)
             return self._refusal(item, digest, error)
         written = self.write(photograph, found)
-        known = self.reference.kinds
-        remarks = photograph.remarks | dict(written.notes)
+        known = self.references.kinds
+        remarks = near.remarks | photograph.remarks | dict(written.notes)
         return FollowupRecord(
             settings=self._settings_hash,
-            item=item.state,
+            item=self._state(item),
             row=written.row,
             notes={kind: text for kind, text in remarks.items() if kind not in known},
             files={str(path.relative_to(self.out)): path.stat().st_size for path in written.files},
@@ -222,7 +184,7 @@ class FollowupWork(ShardWork, Generic[Found]):
         )
         return FollowupRecord(
             settings=self._settings_hash,
-            item=item.state,
+            item=self._state(item),
             row=row.model_dump(mode="json"),
             is_refused=True,
             is_unread=isinstance(error.__cause__, OSError) and item.is_there,
@@ -235,14 +197,6 @@ def _done(records: list[FollowupRecord]) -> ShardDone:
     for record in records:
         notes = record.notes | notes
     return ShardDone(images=len(records) - len(refused), refused=refused, notes=notes)
-
-
-@lru_cache(maxsize=1)
-def _levels(reference: Reference) -> FloatArray:
-    photograph = read_image(reference.item.path, reference.reading)
-    if photograph.sha256 != reference.sha256:
-        raise ApplicationError(f"{reference.name} is not the file that it was at the start")
-    return photograph.grey_dn
 
 
 def _size_of(path: Path) -> int | None:

@@ -1,0 +1,18 @@
+from .pictures import ComparedPictures as ComparedPictures, compared_pictures as compared_pictures
+from .sections import (
+    changes_section as changes_section,
+    count_text as count_text,
+    render_changes_report as render_changes_report,
+)
+from .time_line import render_series_report as render_series_report
+from .views import view_figures as view_figures
+
+__all__ = [
+    "ComparedPictures",
+    "changes_section",
+    "compared_pictures",
+    "count_text",
+    "render_changes_report",
+    "render_series_report",
+    "view_figures",
+]

@@ -1,0 +1,211 @@
+"""The sections of a comparison: verdict, views with the list of changes, and how it was made."""
+
+from collections.abc import Sequence
+
+from analysis.changes import Change, ChangeSummary, describe_focus
+from analysis.reports.page import (
+    Report,
+    ReportFigure,
+    ReportFront,
+    ReportSection,
+    ReportTable,
+    Verdict,
+    encodings_text,
+    render_report,
+)
+from analysis.reports.session import versions
+
+_LISTED = 200
+"""Rows of the list in a page; changes.csv has all."""
+
+_KERNELS = {
+    "calibrated": "from psf.json and the pose",
+    "pair": "fitted to the two photographs",
+    "both": "fitted to the two photographs, held to psf.json as far as that is sure",
+}
+_NORMAL_95 = 1.96
+
+
+def render_changes_report(
+    summary: ChangeSummary,
+    views: Sequence[ReportFigure],
+    facts: Sequence[tuple[str, str]] = (),
+) -> str:
+    """Return the report of a comparison as one HTML document.
+
+    Parameters
+    ----------
+    summary
+        What the comparison found.
+    views
+        Both photographs and their difference.
+    facts
+        Names and values to add to the front page, such as when the photographs were taken.
+    """
+    return render_report(
+        Report(
+            title="Changes",
+            subtitle=f"{summary.followup} against {summary.reference}",
+            verdicts=_verdicts(summary),
+            sections=(changes_section(summary, views), _comparison_section(summary)),
+            provenance=versions(),
+            origin=summary.provenance,
+            front=_front(summary, facts),
+        )
+    )
+
+
+def count_text(count: int) -> str:
+    """Return how many changes there are, as people say it."""
+    return {0: "no change", 1: "1 change"}.get(count, f"{count} changes")
+
+
+def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFront:
+    return ReportFront(
+        outcome="unsure" if summary.changes else "none",
+        label=count_text(len(summary.changes)),
+        verdict=f"{_rate_text(summary)}.",
+        facts=(
+            *facts,
+            ("encoding", encodings_text(summary.provenance) or "not stated"),
+            ("zoom, follow-up over reference", f"{summary.zoom:.3f}"),
+            ("clipped", f"{summary.saturated_px} px"),
+        ),
+        warnings=summary.warnings,
+    )
+
+
+def _rate_text(summary: ChangeSummary) -> str:
+    if summary.false_discovery_rate is not None:
+        return (
+            f"about {100 * summary.false_discovery_rate:g} % of the listed changes are expected to "
+            "be false"
+        )
+    return (
+        f"{summary.changed_px} of {summary.compared_px} pixels differ by more than "
+        f"{summary.threshold_sd:.2f} standard deviations; chance alone makes "
+        f"{summary.false_alarms_px:g} a frame"
+    )
+
+
+def _verdicts(summary: ChangeSummary) -> tuple[Verdict, ...]:
+    strongest = summary.changes[0] if summary.changes else None
+    return (
+        Verdict(name="changes", value=str(len(summary.changes)), remark=_strongest(strongest)),
+        Verdict(
+            name="changed pixels",
+            value=str(summary.changed_px),
+            remark=f"of {summary.compared_px} that were compared",
+        ),
+        Verdict(
+            name="blur", value=_blur_value(summary), remark=_KERNELS.get(summary.kernel or "", "")
+        ),
+        Verdict(
+            name="light",
+            value=f"x {summary.gain:.3f}",
+            remark="follow-up over reference",
+        ),
+    )
+
+
+def _strongest(change: Change | None) -> str:
+    if change is None:
+        return ""
+    return f"the strongest {_amplitude(change)} DN, {change.significance:.1f} standard deviations"
+
+
+def _blur_value(summary: ChangeSummary) -> str:
+    return f"{summary.extra_blur_px2:+.2f} px²"
+
+
+def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> ReportSection:
+    """Show the views, and under them the list of changes that they number."""
+    text = [
+        "Grey hatching: not compared, since one of the photographs does not show it. Orange: "
+        "clipped at white or black. Violet: left out by the mask."
+    ]
+    if len(summary.changes) > _LISTED:
+        text.append(
+            f"The {_LISTED} most significant of {len(summary.changes)} changes are listed; "
+            "changes.csv has all."
+        )
+    tables = (_list_table(summary.changes),) if summary.changes else ()
+    return ReportSection(
+        title="Before and after", text=tuple(text), figures=tuple(views), tables=tables,
+        has_views=True,
+    )  # fmt: skip
+
+
+def _list_table(changes: Sequence[Change]) -> ReportTable:
+    return ReportTable(
+        columns=(
+            "change",
+            "x / px",
+            "y / px",
+            "reference x / px",
+            "reference y / px",
+            "area / px",
+            "amplitude / DN",
+            "significance",
+            "q value",
+        ),
+        rows=tuple(
+            (
+                str(number),
+                f"{change.x_px:.1f}",
+                f"{change.y_px:.1f}",
+                f"{change.reference_x_px:.1f}",
+                f"{change.reference_y_px:.1f}",
+                f"{change.area_px:.0f}",
+                _amplitude(change),
+                f"{change.significance:.1f}",
+                f"{change.q_value:.2g}",
+            )
+            for number, change in enumerate(changes[:_LISTED], 1)
+        ),
+        caption="Changes, the most significant first; amplitudes are after minus before in the "
+        "follow-up's levels. Click a row to see the change.",
+        is_of_changes=True,
+    )
+
+
+def _amplitude(change: Change) -> str:
+    return f"{change.amplitude_dn:+.3g} ± {_NORMAL_95 * change.amplitude_err_dn:.2g}"
+
+
+def _comparison_section(summary: ChangeSummary) -> ReportSection:
+    focus = describe_focus(summary)
+    text = [f"{focus[0].upper()}{focus[1:]}."] if focus else []
+    if summary.kernel is not None:
+        text.append(f"The blur between the photographs was {_KERNELS[summary.kernel]}.")
+    rows = [
+        ("distortion of the lens, k1", _with_err(summary.distortion_k1, summary.distortion_k1_err)),
+        ("noise variance", _noise_text(summary)),
+        ("registration along the gradient", f"{summary.registration_err_px:.3f} px"),
+        ("error of the blur", f"{summary.width_err_px2:.3f} px²"),
+    ]
+    matrix = tuple(
+        (f"homography, row {number}", "  ".join(f"{value:.8g}" for value in row))
+        for number, row in enumerate(summary.homography, 1)
+    )
+    return ReportSection(
+        title="How the photographs were compared",
+        text=tuple(text),
+        tables=(
+            ReportTable(
+                columns=("", "value"),
+                rows=(*rows, *matrix),
+                caption="The homography takes follow-up pixels (x, y, 1) to reference pixels.",
+            ),
+        ),
+    )
+
+
+def _with_err(value: float, err: float | None) -> str:
+    return f"{value:.5f}" if err is None else f"{value:.5f} ± {_NORMAL_95 * err:.2g}"
+
+
+def _noise_text(summary: ChangeSummary) -> str:
+    if summary.is_noise_known:
+        return f"{summary.noise_factor:.2f} of noise.json's"
+    return f"{summary.noise_factor:.3g} DN², fitted"
