@@ -1,10 +1,10 @@
 from .document import ChangeSummary as ChangeSummary, read_changes as read_changes
 from .filter import (
-    ChangeOptions as ChangeOptions,
     ChangeResult as ChangeResult,
     find_changes as find_changes,
     significance_threshold as significance_threshold,
 )
+from .options import ChangeOptions as ChangeOptions
 from .plot import changes_figure as changes_figure
 from .series import (
     ChangesSeries as ChangesSeries,

@@ -14,15 +14,14 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from analysis.changes.document import ChangeSummary
+from analysis.changes.options import ChangeOptions
 from analysis.changes.uncertainty import extra_blur, fit_variance
-from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, register_distorted
 from calibration.robust import robust_sigma
 from simulation import PoseOptions, Psf, PsfField, simulate_pose
 from simulation.arrays import AnyArray, BoolArray, FloatArray
-from simulation.capture_noise import CaptureNoise
 from simulation.choices import PoseModel
 from simulation.pose import pose_noise_gain
 
@@ -53,25 +52,6 @@ _BORDER_PX = 4
 _LIGHT_ROUNDS = 5
 _SPREAD_ROUNDS = 5
 _LEAST_PIXELS = 1000
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ChangeOptions:
-    """Options for comparing two photographs.
-
-    Parameters
-    ----------
-    pose
-        Pose of the follow-up in the reference; None registers them, with the lens's distortion.
-    noise
-        Noise of both captures; None fits it.
-    false_alarms
-        Pixels flagged by chance, expected in a frame.
-    """
-
-    pose: DistortedPose | None = None
-    noise: CaptureNoise | None = None
-    false_alarms: float = FALSE_ALARMS
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)

@@ -12,11 +12,11 @@ from scipy.ndimage import gaussian_filter
 from acquisition.bench import load_bench
 from analysis.changes.document import read_changes
 from analysis.changes.filter import (
-    ChangeOptions,
     ChangeResult,
     find_changes,
     significance_threshold,
 )
+from analysis.changes.options import ChangeOptions
 from analysis.changes.uncertainty import fit_variance
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
 from analysis.reports.results import plot_changes

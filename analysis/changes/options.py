@@ -1,0 +1,38 @@
+"""How two photographs are compared."""
+
+from dataclasses import dataclass
+
+from analysis.choices import FALSE_ALARMS
+from calibration.registration import DistortedPose
+from simulation.arrays import BoolArray
+from simulation.capture_noise import CaptureNoise
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChangeOptions:
+    """Options for comparing two photographs.
+
+    Parameters
+    ----------
+    pose
+        Pose of the follow-up in the reference; None registers them, with the lens's distortion.
+    noise
+        Noise of both captures; None fits it.
+    false_alarms
+        Follow-up pixels flagged by chance, expected in a frame.
+    false_discovery_rate
+        Share of false ones among the changes listed, which then decides instead; None for the
+        rate of false alarms.
+    left_out
+        Follow-up pixels that do not count, shape of the follow-up.
+    white_level_dn
+        Levels at which the reference and the follow-up are clipped, where they are known; a
+        plateau at the top counts anyway.
+    """
+
+    pose: DistortedPose | None = None
+    noise: CaptureNoise | None = None
+    false_alarms: float = FALSE_ALARMS
+    false_discovery_rate: float | None = None
+    left_out: BoolArray | None = None
+    white_level_dn: tuple[float | None, float | None] = (None, None)
