@@ -13,10 +13,14 @@ from typing import Final, Self
 
 import numpy as np
 
-from simulation.arrays import BoolArray, FloatArray
+from analysis.changes.comparison import Comparison
+from simulation.arrays import FloatArray, IntArray
 
 _REACH = 7.0
 """Radius of the fitted disc over the smoothing: holds all but 1 % of a spot three times as wide."""
+
+NEIGHBOUR_REACH = 10.0
+"""Distance over the smoothing within which another change may have light in the disc."""
 
 _CORE = 2.5
 """The same for what is no spot: its level around the strongest place."""
@@ -58,28 +62,8 @@ class FittedSpot:
     sigma_px: float
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SmoothedDifference:
-    """A difference, what is known of its noise, and how it was smoothed.
-
-    Parameters
-    ----------
-    difference_dn, sd_dn
-        Shape ``(rows, cols)``: smoothed, and its standard deviation.
-    valid
-        Pixels that count, same shape.
-    smoothing_px
-        Width of the Gaussian.
-    """
-
-    difference_dn: FloatArray
-    sd_dn: FloatArray
-    valid: BoolArray
-    smoothing_px: float
-
-
 def fit_spot(
-    seen: SmoothedDifference, peak: tuple[int, int], others: Sequence[tuple[int, int]]
+    seen: Comparison, peak: tuple[int, int], others: IntArray
 ) -> FittedSpot:
     """Fit the change whose strongest pixel is ``peak``.
 
@@ -93,18 +77,34 @@ def fit_spot(
         Strongest pixels of the changes near it, nearest first.
     """
     disc = _Disc.around(peak, seen, _REACH)
-    starts = [disc.start(at) for at in (peak, *others[: _MOST_SPOTS - 1]) if seen.valid[at]]
+    starts = [disc.start(at) for at in (peak, *others[: _MOST_SPOTS - 1])]
     while True:
         fit = _fitted(disc, np.array(starts))
+        if not fit.is_near(peak, _WANDERED * seen.smoothing_px):
+            break
         left = np.abs(disc.data - _model(fit.parameters, disc)[0])
         worst = int(np.argmax(left))
-        if left[worst] < _UNEXPLAINED_SD and fit.is_at(peak, _WANDERED * seen.smoothing_px):
-            return fit.first(disc)
-        if len(starts) == _MOST_SPOTS or not fit.is_at(peak, _WANDERED * seen.smoothing_px):
+        if left[worst] < _UNEXPLAINED_SD:
+            return fit.first_spot()
+        if len(starts) == _MOST_SPOTS:
             break
         starts = [*fit.parameters.reshape(-1, _PER_SPOT), disc.start(disc.pixel(worst))]
     core = _Disc.around(peak, seen, _CORE)
-    return _fitted(core, np.array([core.start(peak)])).first(core)
+    fit = _fitted(core, core.start(peak)[None])
+    if fit.is_near(peak, _CORE * seen.smoothing_px):
+        return fit.first_spot()
+    return _level(seen, peak)
+
+
+def _level(seen: Comparison, peak: tuple[int, int]) -> FittedSpot:
+    """A change of no shape: what the smoothed difference shows at its strongest place."""
+    return FittedSpot(
+        y_px=float(peak[0]),
+        x_px=float(peak[1]),
+        amplitude_dn=float(seen.difference_dn[peak]),
+        amplitude_err_dn=float(seen.sd_dn[peak]),
+        sigma_px=_WIDEST * seen.smoothing_px,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +119,7 @@ class _Disc:
     smoothing_px2: float
 
     @classmethod
-    def around(cls, peak: tuple[int, int], seen: SmoothedDifference, reach: float) -> Self:
+    def around(cls, peak: tuple[int, int], seen: Comparison, reach: float) -> Self:
         y, x, weights = _lattice(seen.smoothing_px, reach)
         rows, cols = peak[0] + y, peak[1] + x
         inside = (rows >= 0) & (rows < seen.valid.shape[0])
@@ -128,7 +128,7 @@ class _Disc:
         if not inside.all():
             rows, cols = rows[inside], cols[inside]
             weights = _inverse_correlation(rows, cols, seen.smoothing_px)
-        sd = seen.sd_dn[rows, cols]
+        sd = np.asarray(seen.sd_dn[rows, cols], dtype=np.float64)
         return cls(
             y=rows.astype(np.float64),
             x=cols.astype(np.float64),
@@ -141,7 +141,7 @@ class _Disc:
     def pixel(self, index: int) -> tuple[int, int]:
         return int(self.y[index]), int(self.x[index])
 
-    def start(self, at: tuple[int, int]) -> FloatArray:
+    def start(self, at: Sequence[int] | IntArray) -> FloatArray:
         """Parameters of the width that alone fits best there."""
         found, best = np.zeros(_PER_SPOT), -np.inf
         for width in _START_WIDTHS:
@@ -160,11 +160,13 @@ class _Fit:
     parameters: FloatArray
     variance: FloatArray
 
-    def is_at(self, peak: tuple[int, int], most_px: float) -> bool:
+    def is_near(self, peak: tuple[int, int], most_px: float) -> bool:
+        """Whether the first spot is a change at the peak."""
         amplitude, y, x = self.parameters[:3]
-        return amplitude != 0 and float(np.hypot(y - peak[0], x - peak[1])) < most_px
+        is_sure = amplitude**2 > self.variance[0]
+        return bool(is_sure and np.hypot(y - peak[0], x - peak[1]) < most_px)
 
-    def first(self, disc: _Disc) -> FittedSpot:
+    def first_spot(self) -> FittedSpot:
         amplitude, y, x, log_variance = self.parameters[:_PER_SPOT].tolist()
         return FittedSpot(
             y_px=y,
@@ -177,11 +179,9 @@ class _Fit:
 
 def _fitted(disc: _Disc, starts: FloatArray) -> _Fit:
     """Levenberg and Marquardt's steps; widths stay between those of a pixel and of the disc."""
-    low = np.full(starts.shape, -np.inf)
-    high = np.full(starts.shape, np.inf)
-    low[:, 3] = np.log(_NARROWEST_PX2)
-    high[:, 3] = np.log(_WIDEST**2 * disc.smoothing_px2)
-    low, high = low.ravel(), high.ravel()
+    low, high = np.full(starts.size, -np.inf), np.full(starts.size, np.inf)
+    low[3::_PER_SPOT] = np.log(_NARROWEST_PX2)
+    high[3::_PER_SPOT] = np.log(_WIDEST**2 * disc.smoothing_px2)
     parameters = np.clip(starts.ravel(), low, high)
     model, slopes = _model(parameters, disc)
     cost = _cost(disc, model)
@@ -239,7 +239,7 @@ def _model(parameters: FloatArray, disc: _Disc) -> tuple[FloatArray, FloatArray]
 
 
 @lru_cache(maxsize=8)
-def _lattice(smoothing_px: float, reach: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _lattice(smoothing_px: float, reach: float) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows and columns of a whole disc around 0, and its weights."""
     most = int(np.ceil(reach * smoothing_px))
     y, x = np.mgrid[-most : most + 1, -most : most + 1]
@@ -248,7 +248,7 @@ def _lattice(smoothing_px: float, reach: float) -> tuple[FloatArray, FloatArray,
     return y, x, _inverse_correlation(y, x, smoothing_px)
 
 
-def _inverse_correlation(y: FloatArray, x: FloatArray, smoothing_px: float) -> FloatArray:
+def _inverse_correlation(y: IntArray, x: IntArray, smoothing_px: float) -> FloatArray:
     square = np.subtract.outer(y, y) ** 2.0 + np.subtract.outer(x, x) ** 2.0
     correlation = np.exp(-square / (4 * smoothing_px**2))
     correlation[np.diag_indices_from(correlation)] += _NUGGET
