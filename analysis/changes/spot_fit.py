@@ -62,9 +62,7 @@ class FittedSpot:
     sigma_px: float
 
 
-def fit_spot(
-    seen: Comparison, peak: tuple[int, int], others: IntArray
-) -> FittedSpot:
+def fit_spot(seen: Comparison, peak: tuple[int, int], others: IntArray) -> FittedSpot:
     """Fit the change whose strongest pixel is ``peak``.
 
     Parameters
