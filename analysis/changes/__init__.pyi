@@ -1,8 +1,8 @@
-from .document import ChangeSummary as ChangeSummary, read_changes as read_changes
+from .chance import significance_threshold as significance_threshold
+from .document import Change as Change, ChangeSummary as ChangeSummary, read_changes as read_changes
 from .filter import (
     ChangeResult as ChangeResult,
     find_changes as find_changes,
-    significance_threshold as significance_threshold,
 )
 from .options import ChangeOptions as ChangeOptions
 from .plot import changes_figure as changes_figure
@@ -13,6 +13,7 @@ from .series import (
 )
 
 __all__ = [
+    "Change",
     "ChangeOptions",
     "ChangeResult",
     "ChangeSummary",

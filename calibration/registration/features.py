@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from calibration.registration.feature_matches import FeatureMatches
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
 
@@ -23,23 +24,6 @@ _LONELY_DISTANCE_MAX = 200.0
 """Distance of descriptors (of length 512) up to which a match without a rival is accepted."""
 
 _ROLES = {"reference": "the reference", "followup": "the follow-up", None: "it"}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FeatureMatches:
-    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference."""
-
-    followup_px: FloatArray
-    reference_px: FloatArray
-
-    def distances_px(self, matrix: FloatArray) -> FloatArray:
-        """Distance in the reference between each match and its position by ``matrix``."""
-        x, y = project(matrix, *self.followup_px.T)
-        return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
-
-    def rms_px(self, matrix: FloatArray, inlier: BoolArray) -> float:
-        """Rms of ``distances_px`` over the chosen matches."""
-        return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
