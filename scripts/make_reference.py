@@ -24,7 +24,8 @@ from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from acquisition.written_files import WrittenTable
-from analysis.changes import ChangesSeries, ChangeSummary, ComparedFollowup
+from analysis.change_series import ChangesSeries, ComparedFollowup
+from analysis.changes import ChangeSummary
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from analysis.pose import JudgedFollowup, PoseSeries
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer

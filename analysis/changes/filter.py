@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from analysis.changes.chance import significance_threshold
 from analysis.changes.document import ChangeSummary
 from analysis.changes.options import ChangeOptions
 from analysis.changes.uncertainty import extra_blur, fit_variance
@@ -41,11 +41,6 @@ _MODEL: PoseModel = "matched"
 
 _SMOOTHING_PX = 1.0
 """Width of the Gaussian that gathers a change's pixels before the decision."""
-
-_SPREAD_ERR = 0.06
-"""Relative standard deviation, over the frame, of the true spread about the one worked out: what
-the fitted sizes and the neighbours' correlation leave open. Without it a third more pixels than
-stated are flagged at a rate of 1 a frame (``benchmarks/bench_changes.py``, where it was chosen)."""
 
 _SHOWN = ("changed_px", "compared_px", "threshold_sd", "zoom", "gain", "extra_blur_px2")
 _CLIP = 2.5
@@ -280,19 +275,6 @@ def _spread(values: FloatArray) -> float:
             break
         spread = sqrt(float(np.mean(inner**2)) / kept)
     return spread
-
-
-def significance_threshold(rate: float) -> float:
-    """Standard deviations that a pixel without change exceeds, either way, at this rate."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(15)
-    spreads, weights = 1 + _SPREAD_ERR * nodes, weights / weights.sum()
-
-    def excess(threshold: float) -> float:
-        return float(np.log(np.sum(weights * 2 * ndtr(-threshold / spreads)) / rate))
-
-    if rate >= 1:
-        return 0.0
-    return float(brentq(excess, 0.0, 30.0))
 
 
 def _resampled(reference: FloatArray, pose: DistortedPose) -> FloatArray:

@@ -1,12 +1,31 @@
 """Pixels whose level says little of the light: clipped at white, or at black."""
 
-from simulation.arrays import BoolArray, FloatArray
+from typing import Final
+
+import cv2
+import numpy as np
+
+from simulation.arrays import BoolArray, FloatImage
+
+_LEAST_SHARE: Final = 1e-4
+"""Share of the frame at one end of the levels; fewer are noise, or a defect of a pixel or two."""
+
+_WHITE_DN: Final = 0.5
+_WHITE_RATIO: Final = 0.002
+"""Clipped levels may be this far below white; less where white is 1."""
+
+_LEVELS_BELOW: Final = 4
+_ABOVE_CHANCE: Final = 3.0
+"""A plateau holds more pixels than any of the four next levels, by this factor: levels thin out
+towards their end unless they are cut off there. Noise of 1.2 levels on a ramp into white piles up
+5 times as many."""
 
 
-def unusable(image_dn: FloatArray, white_level_dn: float | None) -> BoolArray:
-    """Mark pixels that are clipped: at the white level, or on a plateau at either end.
+def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
+    """Mark pixels that are clipped: at white, or on a plateau at black.
 
-    They are to be dilated by the reach of whatever is computed from them.
+    Of those at black, whose light is missing no more than noise where they are single, only the
+    ones amid others. The mask is to be dilated by the reach of what is computed from it.
 
     Parameters
     ----------
@@ -15,4 +34,38 @@ def unusable(image_dn: FloatArray, white_level_dn: float | None) -> BoolArray:
     white_level_dn
         Level at which the photograph is clipped, if it is known; a plateau counts anyway.
     """
-    raise NotImplementedError
+    lost = clipped_at_white(image_dn, white_level_dn)
+    black = _plateau(-image_dn)
+    if black.any():
+        around = cv2.blur(black.astype(np.float32), (3, 3), borderType=cv2.BORDER_REFLECT_101)
+        lost |= black & (around > 0.5)
+    return lost
+
+
+def clipped_at_white(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
+    """Mark pixels at the white level, or on a plateau at the highest."""
+    lost = _plateau(image_dn)
+    if white_level_dn is not None:
+        below = min(_WHITE_DN, _WHITE_RATIO * abs(white_level_dn))
+        at_white = image_dn >= white_level_dn - below
+        if np.count_nonzero(at_white) > _LEAST_SHARE * image_dn.size:
+            lost |= at_white
+    return lost
+
+
+def _plateau(image_dn: FloatImage) -> BoolArray:
+    """Pixels at exactly the highest level, if they are far too many for the end of a tail."""
+    highest = image_dn.max()
+    at_top: BoolArray = np.asarray(image_dn == highest)
+    count = np.count_nonzero(at_top)
+    if not _LEAST_SHARE * image_dn.size < count < image_dn.size:
+        return np.zeros_like(at_top)
+    below = image_dn[~at_top]
+    for _ in range(_LEVELS_BELOW):
+        is_next = below == below.max()
+        if count < _ABOVE_CHANCE * np.count_nonzero(is_next):
+            return np.zeros_like(at_top)
+        below = below[~is_next]
+        if not below.size:
+            break
+    return at_top

@@ -9,17 +9,19 @@ _MOTIONS = ((0, 2), (1, 2), (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1))
 in [-1, 1] about the follow-up's centre; shifts along x and y come first."""
 
 
-def unit_coordinates(shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Coordinates u (along x) and v (along y) of every follow-up pixel, each of shape ``shape``."""
+def flows_at(
+    y_px: FloatArray, x_px: FloatArray, shape: tuple[int, int]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Displacement of follow-up pixels by one pixel of each motion, along x and y.
+
+    Parameters
+    ----------
+    y_px, x_px
+        Positions in a follow-up of ``shape``, shape (n,).
+    """
     half_px = _half_size_px(shape)
-    v, u = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    return (u - (shape[1] - 1) / 2) / half_px, (v - (shape[0] - 1) / 2) / half_px
-
-
-def flows_px(shape: tuple[int, int]) -> list[tuple[FloatArray, FloatArray]]:
-    """Displacement of every follow-up pixel by one pixel of each motion, along x and y."""
-    u, v = unit_coordinates(shape)
-    unit, nothing = (u, v, np.ones(shape)), np.zeros(shape)
+    u, v = (x_px - (shape[1] - 1) / 2) / half_px, (y_px - (shape[0] - 1) / 2) / half_px
+    unit, nothing = (u, v, np.ones_like(u)), np.zeros_like(u)
     flows = []
     for row, col in _MOTIONS:
         along_x = unit[col] if row == 0 else -unit[col] * u if row == 2 else nothing

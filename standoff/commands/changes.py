@@ -44,7 +44,8 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from analysis.changes import Change, ChangesSeries, ChangeSummary, ComparedFollowup
+    from analysis.change_series import ChangesSeries, ComparedFollowup
+    from analysis.changes import Change, ChangeSummary
     from standoff.workflows import ComparisonRequest, SeriesRequest, SeriesResult
 
 _RULES = (

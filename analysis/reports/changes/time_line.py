@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.changes import (
+from analysis.change_series import (
     ChangesSeries,
     ChangeTimeLine,
     ChangeTrack,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from acquisition.printable import on_one_line
-from analysis.changes import ComparedFollowup
+from analysis.change_series import ComparedFollowup
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
 from standoff.photographs import Photograph

@@ -8,7 +8,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from analysis.changes import ChangesSeries, ComparedFollowup
+from analysis.change_series import ChangesSeries, ComparedFollowup
 from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.results_file import ResultsDocument, StoredValues
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep

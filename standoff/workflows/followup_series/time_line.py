@@ -11,17 +11,15 @@ import numpy as np
 import tifffile
 
 from acquisition.untrusted import TIFF_DAMAGE
-from analysis.changes import (
-    Change,
+from analysis.change_series import (
     ChangesSeries,
-    ChangeSummary,
     ChangeTimeLine,
     ComparedFollowup,
     PlaceReading,
     TimeLineFollowup,
-    read_changes,
     track_changes,
 )
+from analysis.changes import Change, ChangeSummary, read_changes
 from analysis.errors import ResultsFileError
 from analysis.reports import render_series_report
 from analysis.results_file import write_results

@@ -10,12 +10,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
+from analysis.changes.chance import significance_threshold
 from analysis.changes.document import read_changes
-from analysis.changes.filter import (
-    ChangeResult,
-    find_changes,
-    significance_threshold,
-)
+from analysis.changes.filter import ChangeResult, find_changes
 from analysis.changes.options import ChangeOptions
 from analysis.changes.uncertainty import fit_variance
 from analysis.errors import AnalysisError, OverlapError, SoftFollowupError

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import tifffile
 
+from analysis.change_series.summary import read_changes_series
 from analysis.changes.document import read_changes
-from analysis.changes.series import read_changes_series
 from standoff.cli import run
 from standoff.workflows.change_search import compared as compare
 from standoff.workflows.followup_series import change_work

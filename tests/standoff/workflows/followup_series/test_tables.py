@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.changes.series import ChangesSeries, ComparedFollowup, read_changes_series
+from analysis.change_series.summary import ChangesSeries, ComparedFollowup, read_changes_series
 from calibration.documents import json_object
 from standoff.errors import ApplicationError
 from standoff.workflows.followup_series.tables import write_csv, write_summary

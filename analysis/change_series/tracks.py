@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from analysis.changes.document import Change
-from analysis.changes.time_line import ChangeTrack, TrackPoint
+from analysis.change_series.time_line import ChangeTrack, TrackPoint
+from analysis.changes import Change
 from simulation.arrays import FloatArray
 
 _PLACE_ERR_PX = 0.5

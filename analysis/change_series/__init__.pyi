@@ -1,0 +1,31 @@
+from .summary import (
+    ChangesSeries as ChangesSeries,
+    ComparedFollowup as ComparedFollowup,
+    read_changes_series as read_changes_series,
+)
+from .time_line import (
+    ChangeTimeLine as ChangeTimeLine,
+    ChangeTrack as ChangeTrack,
+    TimeLineFollowup as TimeLineFollowup,
+    TrackPoint as TrackPoint,
+    read_time_line as read_time_line,
+)
+from .tracks import (
+    PlaceReading as PlaceReading,
+    TrackedFollowup as TrackedFollowup,
+    track_changes as track_changes,
+)
+
+__all__ = [
+    "ChangeTimeLine",
+    "ChangeTrack",
+    "ChangesSeries",
+    "ComparedFollowup",
+    "PlaceReading",
+    "TimeLineFollowup",
+    "TrackPoint",
+    "TrackedFollowup",
+    "read_changes_series",
+    "read_time_line",
+    "track_changes",
+]

@@ -1,0 +1,132 @@
+"""What the difference of two matched photographs scatters by, as a sum of terms.
+
+Each term is an image: the level between the darkest and the brightest, either way, for noise that
+may depend on it, half the squared gradient of
+the source for an alignment that is wrong by so much (a shift by ``e`` px makes ``e |gradient|``), a
+quarter of its squared Laplacian for a wrong blur, and the power of the finest detail of either
+photograph for aliasing, compression and sharpening. Their sizes are fitted to the squares of the
+difference, most of which holds no change.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import nnls
+
+from analysis.changes.smoothed_warp import smoothed
+from simulation.arrays import Float32Array, FloatArray, IntArray
+
+_ROUNDS = 6
+_CLIP = 3.5
+"""Standard deviations beyond which a pixel does not count; 0.05 % of normal ones."""
+
+_MEDIAN_CHI2 = 0.4549
+"""Median of chi-squared with one degree of freedom."""
+
+_DETAIL_PX = 1.5
+_BACKGROUND = 5.0
+"""Percentile of the finest detail's power that is noise, which the constant has already."""
+
+_LEAST_DN2 = 1e-12
+
+GRADIENT, LAPLACIAN = 2, 3
+"""Places of these terms among the sizes."""
+
+_DARKEST, _BRIGHTEST = 0.1, 99.9
+"""Percentiles."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class VarianceTerms:
+    """Images of the terms, shape ``(rows, cols)`` each.
+
+    Parameters
+    ----------
+    level
+        From 0 at the darkest to 1 at the brightest. The first size is the variance at 0, the
+        second that at 1.
+    others
+        Squared gradient, squared Laplacian, and the finest detail of target and source.
+    """
+
+    level: Float32Array
+    others: tuple[Float32Array, ...]
+
+    def at(self, rows: IntArray, cols: IntArray) -> FloatArray:
+        """Terms at pixels, shape ``(terms, pixels)``."""
+        level = self.level[rows, cols].astype(np.float64)
+        return np.stack([1 - level, level, *(image[rows, cols] for image in self.others)])
+
+    def variance(self, sizes: FloatArray) -> Float32Array:
+        """Sum of the terms with their sizes."""
+        dark, bright = sizes[:2].astype(np.float32)
+        total = self.level * (bright - dark)
+        total += dark + np.float32(_LEAST_DN2)
+        for size, image in zip(sizes[2:].astype(np.float32), self.others, strict=True):
+            if size > 0:
+                total += size * image
+        return total
+
+
+def level_term(image: Float32Array) -> Float32Array:
+    """Level from 0 at the darkest to 1 at the brightest, clipped there."""
+    low, high = np.nanpercentile(image[::3, ::3], [_DARKEST, _BRIGHTEST])
+    return np.clip((image - np.float32(low)) / np.float32(max(high - low, 1e-6)), 0, 1)
+
+
+def gradient_term(image: Float32Array) -> Float32Array:
+    """Half the squared gradient."""
+    slope = np.array([-0.5, 0.0, 0.5], dtype=np.float32)
+    one = np.ones(1, dtype=np.float32)
+    along_x, along_y = (
+        cv2.sepFilter2D(image, -1, slope, one),
+        cv2.sepFilter2D(image, -1, one, slope),
+    )
+    return np.asarray((along_x * along_x + along_y * along_y) / 2)
+
+
+def laplacian_term(image: Float32Array) -> Float32Array:
+    """A quarter of the squared Laplacian."""
+    curved = np.asarray(cv2.Laplacian(image, cv2.CV_32F, ksize=1))
+    return np.asarray(curved * curved / 4)
+
+
+def finest_detail(image: Float32Array, width_px: float) -> Float32Array:
+    """Power of what a Gaussian of ``width_px`` takes from an image, gathered over 1.5 times that."""
+    detail = image - smoothed(image, width_px)
+    return smoothed(detail * detail, _DETAIL_PX * width_px)
+
+
+def without_background(power: Float32Array) -> Float32Array:
+    """Subtract what the noise alone shows everywhere."""
+    return np.asarray(np.maximum(power - np.float32(np.nanpercentile(power, _BACKGROUND)), 0))
+
+
+def fit_sizes(
+    difference_dn: FloatArray, terms: FloatArray, floor_dn2: FloatArray | None
+) -> FloatArray:
+    """Sizes of the terms, none negative, shape ``(terms,)``.
+
+    Parameters
+    ----------
+    difference_dn
+        At a sample of pixels, shape ``(n,)``.
+    terms
+        Shape ``(terms, n)``.
+    floor_dn2
+        Variance that a noise model gives the pixels, which the sum does not go below.
+    """
+    squares = difference_dn**2
+    scale = np.maximum(np.mean(terms, axis=1), 1e-30)
+    expected = np.full(len(squares), max(float(np.median(squares)) / _MEDIAN_CHI2, _LEAST_DN2))
+    least = np.zeros(1) if floor_dn2 is None else floor_dn2
+    sizes = np.zeros(len(terms))
+    for _ in range(_ROUNDS):
+        counts = squares < _CLIP**2 * expected
+        # A square has the variance 2 expected^2.
+        weight = 1.0 / expected[counts]
+        design = (terms[:, counts] / scale[:, None] * weight).T
+        sizes = nnls(design, squares[counts] * weight)[0] / scale
+        expected = np.maximum(np.maximum(sizes @ terms, least), _LEAST_DN2)
+    return sizes

@@ -1,0 +1,79 @@
+"""What a predicted variance has to be multiplied by, from the differences themselves.
+
+Pixels are sorted into bins by their predicted variance. Where its terms do not hold, such as on the
+sharpest edges or with heavy tails, the differences in the bin tell.
+"""
+
+from dataclasses import dataclass
+from math import log, pi, sqrt
+
+import numpy as np
+
+from calibration.robust import robust_sigma
+from simulation.arrays import Float32Array, FloatArray
+
+_EDGES = np.concatenate([np.linspace(0, 0.9, 13), [0.95, 0.98, 0.99, 1.0]])
+"""Quantiles of the predicted variance between which the bins lie."""
+
+_TAIL, _TAIL_SD = 0.99, 2.5758293035489004
+"""Share of normal values within so many standard deviations."""
+
+_TAIL_SCATTER = 1.33
+"""Standard deviation of the tail's quantile over the spread, over the root of 1 / n; a tail must
+exceed it to count."""
+
+_LEAST_PX = 30
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class VarianceCalibration:
+    """Factors of the standard deviation by the logarithm of the predicted variance.
+
+    Parameters
+    ----------
+    log_variance, log_factor
+        Shape ``(bins,)``, the first rising.
+    """
+
+    log_variance: FloatArray
+    log_factor: FloatArray
+
+    def factor(self, variance_dn2: Float32Array) -> Float32Array:
+        """Factor of the standard deviation at each pixel."""
+        log_factor = np.interp(np.log(variance_dn2), self.log_variance, self.log_factor)
+        return np.exp(log_factor, dtype=np.float32, casting="same_kind")
+
+
+def calibrate_variance(
+    difference_dn: FloatArray, variance_dn2: FloatArray, pixels: int, smoothing_px: float
+) -> VarianceCalibration:
+    """Compare differences with their predicted variance.
+
+    Parameters
+    ----------
+    difference_dn, variance_dn2
+        Of a sample of pixels without a change, shape ``(n,)``.
+    pixels
+        Pixels from which the sample was taken.
+    smoothing_px
+        Width of the Gaussian that makes neighbours alike.
+    """
+    ratio = np.abs(difference_dn) / np.sqrt(variance_dn2)
+    log_variance = np.log(variance_dn2)
+    edges = np.quantile(log_variance, _EDGES)
+    edges[-1] = np.inf
+    middles, factors = [], []
+    alike = 4 * pi * smoothing_px**2 / pixels * len(ratio) + 1
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        inside = (log_variance >= low) & (log_variance < high)
+        count = int(inside.sum())
+        if count < _LEAST_PX:
+            continue
+        spread = robust_sigma(ratio[inside]) + 1e-6
+        tail = float(np.quantile(ratio[inside], _TAIL)) / _TAIL_SD / spread
+        scatter = _TAIL_SCATTER * sqrt(alike / count)
+        middles.append(float(np.median(log_variance[inside])))
+        factors.append(log(spread * max(1.0, tail - scatter)))
+    if not middles:
+        return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
+    return VarianceCalibration(log_variance=np.array(middles), log_factor=np.array(factors))
