@@ -15,7 +15,7 @@ from analysis.changes import matching_kernel, residual_variance
 from analysis.changes.document import KernelOrigin
 from analysis.changes.matching_kernel import MatchingKernel
 from analysis.changes.options import ChangeOptions
-from analysis.changes.relative_blur import Smoothing, relative_blur, smoothing_for
+from analysis.changes.relative_blur import RelativeBlur, Smoothing, relative_blur, smoothing_for
 from analysis.changes.residual_variance import VarianceTerms
 from analysis.changes.smoothed_warp import PixelPositions, smoothed, spline_coefficients
 from analysis.changes.threshold import significance_threshold

@@ -49,9 +49,7 @@ class AlignedPhotograph:
             unusable |= left_out
         usable = ~unusable if unusable.any() else None
         counted = values if usable is None else values[usable]
-        middle = (
-            float(np.median(counted[:: max(counted.size // 100_000, 1)])) if len(counted) else 0.0
-        )
+        middle = float(np.median(counted[:: max(counted.size // 100_000, 1)])) if len(counted) else 0.0
         scale = float(counted.std(dtype=np.float64)) if counted.size else 0.0
         levels = (values - np.float32(middle)) / np.float32(scale or 1.0)
         if usable is not None:

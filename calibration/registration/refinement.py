@@ -186,14 +186,9 @@ def _missing_blur_px(
     far = np.diag([blur_variance_px2(one, factor) + _SMOOTHING_PX**2 for one in sigmas])
     own = np.array([blur_variance_px2(one, source_factor) for one in sigmas])
     rows, cols = pose.followup_shape
-    y, x = (
-        np.array([rows - 1.0, rows, rows - 1.0]) / 2,
-        np.array([cols - 1.0, cols - 1.0, cols]) / 2,
-    )
+    y, x = np.array([rows - 1.0, rows, rows - 1.0]) / 2, np.array([cols - 1.0, cols - 1.0, cols]) / 2
     to_y, to_x = pose.to_reference_px(y, x)
-    slopes = 2 * np.array(
-        [[to_x[2] - to_x[0], to_x[1] - to_x[0]], [to_y[2] - to_y[0], to_y[1] - to_y[0]]]
-    )
+    slopes = 2 * np.array([[to_x[2] - to_x[0], to_x[1] - to_x[0]], [to_y[2] - to_y[0], to_y[1] - to_y[0]]])
     slopes *= factor / source_factor
     missing = np.diag(slopes @ far @ slopes.T) - own
     sigma_x, sigma_y = np.sqrt(np.maximum(missing, 0.0)).tolist()
@@ -426,9 +421,7 @@ class PoseDescent:
         if self._fits_distortion:
             flows.append(self._k1_flow(state.pose))
         chosen = np.flatnonzero(state.inside)[:: max(np.count_nonzero(state.inside) // 5000, 1)]
-        along_x, along_y = (
-            np.stack([flow[axis][chosen] for flow in flows], axis=1) for axis in (0, 1)
-        )
+        along_x, along_y = (np.stack([flow[axis][chosen] for flow in flows], axis=1) for axis in (0, 1))
         variance = sum(
             float(np.mean(np.einsum("ni,ij,nj->n", along, covariance, along)))
             for along in (along_x, along_y)
