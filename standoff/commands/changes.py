@@ -242,6 +242,8 @@ def _title(count: int, shown: int) -> str:
 
 
 def _change_cells(number: int, change: Change) -> list[str]:
+    from analysis.reports import q_text
+
     reach_dn = _NORMAL_95 * change.amplitude_err_dn
     return [
         str(number),
@@ -250,7 +252,7 @@ def _change_cells(number: int, change: Change) -> list[str]:
         f"{change.area_px:.0f}",
         f"{change.amplitude_dn:+.3g} ± {reach_dn:.2g}",
         f"{change.significance:.1f}",
-        f"{change.q_value:.2g}",
+        q_text(change.q_value),
     ]
 
 

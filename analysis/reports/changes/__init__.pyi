@@ -2,6 +2,7 @@ from .pictures import ComparedPictures as ComparedPictures, compared_pictures as
 from .sections import (
     changes_section as changes_section,
     count_text as count_text,
+    q_text as q_text,
     render_changes_report as render_changes_report,
 )
 from .time_line import render_series_report as render_series_report
@@ -12,6 +13,7 @@ __all__ = [
     "changes_section",
     "compared_pictures",
     "count_text",
+    "q_text",
     "render_changes_report",
     "render_series_report",
     "view_figures",

@@ -1,6 +1,7 @@
 """The sections of a comparison: verdict, views with the list of changes, and how it was made."""
 
 from collections.abc import Sequence
+from math import isfinite
 
 from analysis.changes import Change, ChangeSummary, describe_focus
 from analysis.reports.page import (
@@ -24,6 +25,7 @@ _KERNELS = {
     "both": "fitted to the two photographs, held to psf.json as far as that is sure",
 }
 _NORMAL_95 = 1.96
+_LEAST_Q = 1e-6
 
 
 def render_changes_report(
@@ -115,7 +117,9 @@ def _strongest(change: Change | None) -> str:
 
 
 def _blur_value(summary: ChangeSummary) -> str:
-    return f"{summary.extra_blur_px2:+.2f} px²"
+    err = summary.extra_blur_err_px2
+    reach = f" ± {_NORMAL_95 * err:.2f}" if isfinite(err) else ""
+    return f"{summary.extra_blur_px2:z.2f}{reach} px²"
 
 
 def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> ReportSection:
@@ -159,7 +163,7 @@ def _list_table(changes: Sequence[Change]) -> ReportTable:
                 f"{change.area_px:.0f}",
                 _amplitude(change),
                 f"{change.significance:.1f}",
-                f"{change.q_value:.2g}",
+                q_text(change.q_value),
             )
             for number, change in enumerate(changes[:_LISTED], 1)
         ),
@@ -167,6 +171,11 @@ def _list_table(changes: Sequence[Change]) -> ReportTable:
         "follow-up's levels. Click a row to see the change.",
         is_of_changes=True,
     )
+
+
+def q_text(q_value: float) -> str:
+    """Return a q value as people read it: far below one false change in a million says enough."""
+    return f"{q_value:.2g}" if q_value >= _LEAST_Q else f"< {_LEAST_Q:g}"
 
 
 def _amplitude(change: Change) -> str:

@@ -14,7 +14,7 @@ BRIGHTER, DARKER = "#d55e00", "#0072b2"
 
 _PRINTED_WIDTH_IN = 2.38  # three side by side on A4
 _RING_SHARE = 1 / 70  # of the frame's width: the least radius of a ring that is seen
-_TEXT_SHARE = 1 / 32
+_TEXT_SHARE = 1 / 36
 _MOST_MARKED = 200
 
 
@@ -73,13 +73,12 @@ def _mark(number: int, change: Change, width: int) -> str:
     radius = max(1.7 * sqrt(change.area_px / pi), width * _RING_SHARE)
     text_px = width * _TEXT_SHARE
     colour = BRIGHTER if change.amplitude_dn > 0 else DARKER
-    # Outside the ring, towards the middle of the frame: never cut off by its border.
-    is_right = change.x_px > width / 2
-    text_x = change.x_px + (-1 if is_right else 1) * (radius + 0.2 * text_px)
-    anchor = "end" if is_right else "start"
+    # Above the ring, or below it where the frame ends.
+    rise = radius + 0.25 * text_px
+    text_y = change.y_px + (-rise if change.y_px > 2 * rise else rise + 0.7 * text_px)
     ring = f'cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius:.2f}" fill="none"'
     letters = (
-        f'x="{text_x:.2f}" y="{change.y_px + 0.35 * text_px:.2f}" text-anchor="{anchor}" '
+        f'x="{change.x_px:.2f}" y="{text_y:.2f}" text-anchor="middle" '
         f'font-size="{text_px:.2f}" font-family="sans-serif" font-weight="bold"'
     )
     return (

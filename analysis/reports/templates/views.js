@@ -96,19 +96,19 @@ for (const section of document.querySelectorAll("section.views")) {
       view.setAttribute("viewBox", box);
       view.classList.toggle("near", place.w * 2 < view.clientWidth);
       for (const mark of view.querySelectorAll("[data-change]")) {
-        const { x, y, radius } = mark.dataset;
+        const { y, radius } = mark.dataset;
         if (mark.dataset.size === undefined) {
           const text = mark.querySelector("text");
           mark.dataset.size = text.getAttribute("font-size");
-          mark.dataset.side = text.getAttribute("text-anchor") === "end" ? -1 : 1;
+          mark.dataset.rise = text.getAttribute("y") - y;
           for (const one of mark.querySelectorAll("[stroke-width]"))
             one.dataset.stroke = one.getAttribute("stroke-width");
         }
         const size = mark.dataset.size * scale;
         for (const text of mark.querySelectorAll("text")) {
           text.setAttribute("font-size", size);
-          text.setAttribute("x", Number(x) + mark.dataset.side * (Number(radius) + 0.2 * size));
-          text.setAttribute("y", Number(y) + 0.35 * size);
+          const rise = Number(radius) + 0.25 * size;
+          text.setAttribute("y", Number(y) + (mark.dataset.rise < 0 ? -rise : rise + 0.7 * size));
         }
         for (const one of mark.querySelectorAll("[data-stroke]"))
           one.setAttribute("stroke-width", one.dataset.stroke * scale);
