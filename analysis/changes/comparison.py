@@ -8,31 +8,35 @@ the pair takes it to the target. What remains is compared with its own scatter.
 from dataclasses import dataclass, field
 from math import sqrt
 
-import cv2
 import numpy as np
 
-from analysis.changes import matching_kernel, residual_variance
+from analysis.changes.chance import significance_threshold
 from analysis.changes.document import KernelOrigin
-from analysis.changes.matching_kernel import MatchingKernel
+from analysis.changes.matching import (
+    GRADIENT,
+    KERNEL_RADIUS_PX,
+    LAPLACIAN,
+    PixelPositions,
+    RelativeBlur,
+    Smoothing,
+    VarianceTerms,
+    away_from,
+    calibrated_factor,
+    fit_pair,
+    relative_blur,
+    smoothed,
+    smoothing_for,
+    spline_coefficients,
+    white_noise_gain,
+)
 from analysis.changes.options import ChangeOptions
-from analysis.changes.relative_blur import RelativeBlur, Smoothing, relative_blur, smoothing_for
-from analysis.changes.residual_variance import VarianceTerms
-from analysis.changes.smoothed_warp import PixelPositions, smoothed, spline_coefficients
-from analysis.changes.threshold import significance_threshold
-from analysis.changes.variance_calibration import calibrate_variance
+from analysis.changes.unusable import unusable
 from analysis.errors import OverlapError
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField
-from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray, FloatImage, IntArray
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
 
 _LEAST_PIXELS = 1000
-_SAMPLE = 25_000
-_CALIBRATION_SAMPLE = 500_000
-_SEED = 20
-_ROUNDS = 3
-_OUTLIER_SD, _OUTLIER_REACH_PX = 4.5, 2
-_CHANGE_REACH_PX = 5
-_CALIBRATION_ROUNDS = 3
 _CALIBRATION_RATE = 0.05
 """Pixels a frame flagged by chance where changes are kept out of the calibration."""
 
@@ -41,10 +45,10 @@ _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
 
 _COMMON_PSF_PX2 = 0.64
-"""Variance of a common camera's PSF, for a first guess."""
+"""Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
 
 _BLUR_ERR_PX2 = 1.0
-"""How far the relative blur of two photographs may be from that guess."""
+"""How far the relative blur may be from that guess."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,8 +79,8 @@ class Comparison:
         where there is none, in follow-up pixels; and its standard error, infinite without detail.
     gain
         Mean gain of light, follow-up over reference.
-    noise_dn2
-        Variance of the noise in a follow-up pixel if both photographs had the same.
+    noise_factor
+        Fitted noise variance over that of the noise model; over 1 DN^2 where none was given.
     registration_err_px, width_err_px2
         Standard deviations of the registration along the gradient, and of the variance by which
         the fitted blur is wrong.
@@ -94,7 +98,7 @@ class Comparison:
     extra_blur_px2: float
     extra_blur_err_px2: float
     gain: float
-    noise_dn2: float
+    noise_factor: float
     registration_err_px: float
     width_err_px2: float
     warnings: tuple[str, ...] = ()
@@ -108,48 +112,6 @@ class Comparison:
     def extra_blur_significance(self) -> float:
         """Extra blur over its standard error."""
         return self.extra_blur_px2 / self.extra_blur_err_px2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Pair:
-    """The two photographs in the roles that the comparison gives them.
-
-    ``source`` is the nearer one, ``target`` the other; ``usable`` marks pixels that count.
-    """
-
-    source: Float32Array = field(repr=False)
-    target: Float32Array = field(repr=False)
-    positions: PixelPositions = field(repr=False)
-    source_usable: BoolArray = field(repr=False)
-    target_usable: BoolArray = field(repr=False)
-
-    def valid(self, smoothing: Smoothing) -> BoolArray:
-        """Pixels of the target that nothing unusable reaches."""
-        zoom = self.positions.zoom
-        border = matching_kernel.RADIUS_PX + _BORDER_SD * max(
-            smoothing.source_px, smoothing.target_px
-        )
-        far = [
-            _CLIPPED_PX + _CLIPPED_SD * width
-            for width in (smoothing.source_px * zoom, smoothing.target_px)
-        ]
-        seen = self.positions.inside(_away(~self.source_usable, far[0]), border * zoom)
-        return seen & _away(~self.target_usable, far[1]) & _inner(seen.shape, border)
-
-
-def _away(mask: BoolArray, distance_px: float) -> BoolArray:
-    """Pixels further than this from all of a mask."""
-    if not mask.any():
-        return np.ones(mask.shape, dtype=np.bool_)
-    apart = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    return np.asarray(apart > distance_px)
-
-
-def _inner(shape: tuple[int, int], border_px: float) -> BoolArray:
-    inner = np.zeros(shape, dtype=np.bool_)
-    border = int(np.ceil(border_px))
-    inner[border:-border, border:-border] = True
-    return inner
 
 
 def compare(
@@ -177,171 +139,136 @@ def compare(
     OverlapError
         If the photographs share too little.
     """
-    is_on_followup = pose.zoom >= 1
-    pair = _pair(reference, followup, pose, options)
+    pair = _Pair.of(reference, followup, pose, options)
     zoom = pair.positions.zoom
     guess = _COMMON_PSF_PX2 * (1 - 1 / zoom**2)
     rough = pair.valid(smoothing_for(guess))
-    if int(rough.sum()) < _LEAST_PIXELS:
+    shared = int(np.count_nonzero(rough))
+    if shared < _LEAST_PIXELS:
         raise OverlapError(
             "the photographs overlap too little; retake the follow-up with more overlap",
-            shared_px=int(rough.sum()),
+            shared_px=shared,
         )
     blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)
-    smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
+    return _compared(pair, blur, smoothing_for(blur.towards(guess, _BLUR_ERR_PX2)), options)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Pair:
+    """The two photographs in the roles that the comparison gives them.
+
+    Parameters
+    ----------
+    is_on_followup
+        Whether the target is the follow-up.
+    source, target
+        The nearer photograph and the other one.
+    positions
+        Where the target's pixels lie in the source.
+    source_usable, target_usable
+        Pixels that count.
+    """
+
+    is_on_followup: bool
+    source: Float32Array = field(repr=False)
+    target: Float32Array = field(repr=False)
+    positions: PixelPositions = field(repr=False)
+    source_usable: BoolArray = field(repr=False)
+    target_usable: BoolArray = field(repr=False)
+
+    @classmethod
+    def of(
+        cls, reference: AnyArray, followup: AnyArray, pose: DistortedPose, options: ChangeOptions
+    ) -> "_Pair":
+        """Give the photographs their roles: the coarser one is the target."""
+        is_on_followup = pose.zoom >= 1
+        images, usable = [], []
+        for image, white in zip((reference, followup), options.white_level_dn, strict=True):
+            levels = np.asarray(image, dtype=np.float32)
+            finite = np.isfinite(levels)
+            levels = np.where(finite, levels, np.float32(0))
+            images.append(levels)
+            usable.append(finite & ~unusable(levels, white))
+        if options.left_out is not None:
+            usable[1] &= ~options.left_out
+        towards = pose.to_reference_px
+        if not is_on_followup:
+            images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
+        shapes = [(image.shape[0], image.shape[1]) for image in images]
+        return cls(
+            is_on_followup=is_on_followup,
+            source=images[0],
+            target=images[1],
+            positions=PixelPositions.of(towards, shapes[1], shapes[0]),
+            source_usable=usable[0],
+            target_usable=usable[1],
+        )
+
+    def valid(self, smoothing: Smoothing) -> BoolArray:
+        """Pixels of the target that neither a border nor anything unusable reaches."""
+        zoom = self.positions.zoom
+        source_px, target_px = smoothing.source_px, smoothing.target_px
+        border_px = KERNEL_RADIUS_PX + _BORDER_SD * max(source_px, target_px)
+        sound = away_from(~self.source_usable, _CLIPPED_PX + _CLIPPED_SD * source_px * zoom)
+        inside = self.positions.inside(sound, border_px * zoom)
+        inside &= away_from(~self.target_usable, _CLIPPED_PX + _CLIPPED_SD * target_px)
+        width = int(np.ceil(border_px))
+        inside[:width] = inside[-width:] = False
+        inside[:, :width] = inside[:, -width:] = False
+        return inside
+
+    def seen(self, smoothing_px: float) -> Float32Array:
+        """The source on the target's pixels, smoothed; its mean where it shows nothing."""
+        width_px = smoothing_px * self.positions.zoom
+        seen = self.positions.seen(spline_coefficients(self.source, width_px))
+        return np.where(np.isfinite(seen), seen, np.float32(np.mean(self.source)))
+
+
+def _compared(
+    pair: _Pair, blur: RelativeBlur, smoothing: Smoothing, options: ChangeOptions
+) -> Comparison:
     valid = pair.valid(smoothing)
-    seen = pair.positions.seen(spline_coefficients(pair.source, smoothing.source_px * zoom))
-    target = smoothed(pair.target, smoothing.target_px)
-    valid &= np.isfinite(seen)
-    seen = np.nan_to_num(seen, nan=float(seen[valid].mean()))
-    fit = _Fit.of(pair, seen, target, valid)
+    seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
+    terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions)
+    fit = fit_pair(seen, target, terms, valid, None)
+    noise = options.noise
+    gains = white_noise_gain(fit.kernel.taps, smoothing, pair.positions.zoom)
+    floor = None
+    if noise is not None:
+        # What noise.json says, the photographs' own scatter does not go below.
+        own, other = (noise.variance_dn2(image).astype(np.float32) for image in (target, seen))
+        floor = np.float32(gains.target) * own + np.float32(gains.source) * other
+        fit = fit_pair(seen, target, terms, valid, floor)
     difference = target - fit.kernel.of(seen)
-    variance = fit.terms.variance(fit.sizes)
-    scale = _calibrated(difference, variance, valid, smoothing.target_px)
-    sd = np.sqrt(variance) * scale
-    gain = fit.kernel.gain(seen.shape)
-    plain = pair.positions.seen(spline_coefficients(pair.source, 0.0))
-    plain = smoothed(np.nan_to_num(plain, nan=fit.kernel.level_dn), smoothing.target_px)
-    plain = (
-        target - gain * (plain - np.float32(fit.kernel.level_dn)) - fit.kernel.offset(seen.shape)
-    )
-    smoothing_px = smoothing.target_px
+    variance = terms.variance(fit.sizes, floor)
+    threshold = significance_threshold(_CALIBRATION_RATE / int(np.count_nonzero(valid)))
+    sd = calibrated_factor(difference, variance, valid, smoothing.target_px, threshold)
+    sd *= np.sqrt(variance)
+    gain, offset = fit.kernel.light(seen.shape)
+    plain = gain * (smoothed(pair.seen(0.0), smoothing.target_px) - np.float32(fit.kernel.level_dn))
+    plain = target - plain - offset
+    images = difference, plain, sd
+    if not pair.is_on_followup:
+        # So far it was before minus after, in the reference's levels.
+        images = -difference / gain, -plain / gain, sd / gain
+    difference, plain, sd = images
     mean_gain = float(gain[valid].mean())
-    own, other = matching_kernel.white_noise_gain(
-        fit.kernel.taps, smoothing.source_px, smoothing.target_px, zoom
-    )
-    noise = float(
-        np.median(fit.terms.variance(np.concatenate([fit.sizes[:2], np.zeros(4)]))[valid])
-    )
-    if not is_on_followup:
-        # The difference is before minus after in the reference's levels.
-        difference, plain, sd = (np.asarray(image / gain) for image in (-difference, -plain, sd))
-        smoothing_px = smoothing.source_px
+    noise_dn2 = terms.noise_dn2(fit.sizes, valid)
+    expected_dn2 = gains.target + gains.source if floor is None else float(floor[valid].mean())
+    # Of the follow-up over the reference, in the follow-up's pixels.
+    sense = 1.0 if pair.is_on_followup else -(pair.positions.zoom**2)
     return Comparison(
-        is_on_followup=is_on_followup,
+        is_on_followup=pair.is_on_followup,
         difference_dn=np.where(valid, difference, np.float32(0)),
         plain_difference_dn=np.where(valid, plain, np.float32(0)),
         sd_dn=sd,
         valid=valid,
-        smoothing_px=smoothing_px,
+        smoothing_px=smoothing.target_px if pair.is_on_followup else smoothing.source_px,
         kernel="pair",
-        extra_blur_px2=blur.value_px2 if is_on_followup else -blur.value_px2 * zoom**2,
-        extra_blur_err_px2=blur.err_px2,
-        gain=mean_gain if is_on_followup else 1 / mean_gain,
-        noise_dn2=noise / (own + other),
-        registration_err_px=sqrt(fit.sizes[residual_variance.GRADIENT]) / abs(mean_gain),
-        width_err_px2=sqrt(fit.sizes[residual_variance.LAPLACIAN]) / abs(mean_gain),
+        extra_blur_px2=sense * blur.value_px2,
+        extra_blur_err_px2=abs(sense) * blur.err_px2,
+        gain=mean_gain if pair.is_on_followup else 1 / mean_gain,
+        noise_factor=noise_dn2 / expected_dn2,
+        registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
+        width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
     )
-
-
-def _pair(
-    reference: AnyArray, followup: AnyArray, pose: DistortedPose, options: ChangeOptions
-) -> _Pair:
-    images = [np.asarray(image, dtype=np.float32) for image in (reference, followup)]
-    usable = [
-        _usable(image, white) for image, white in zip(images, options.white_level_dn, strict=True)
-    ]
-    images = [np.nan_to_num(image) for image in images]
-    if options.left_out is not None:
-        usable[1] &= ~options.left_out
-    towards = pose.to_reference_px
-    if pose.zoom < 1:
-        images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
-    return _Pair(
-        source=images[0],
-        target=images[1],
-        positions=PixelPositions.of(towards, images[1].shape, images[0].shape),
-        source_usable=usable[0],
-        target_usable=usable[1],
-    )
-
-
-def _usable(image: Float32Array, white_level_dn: float | None) -> BoolArray:
-    white = float(np.nanmax(image)) if white_level_dn is None else white_level_dn
-    clipped = image >= white - 0.5
-    if clipped.mean() < 1e-4:
-        clipped[:] = False
-    return np.asarray(np.isfinite(image) & ~clipped)
-
-
-def _sample(valid: BoolArray, count: int) -> tuple[IntArray, IntArray]:
-    """Rows and columns of valid pixels: all of them, or about so many at random."""
-    total = int(valid.sum())
-    if total <= count:
-        rows, cols = np.nonzero(valid)
-        return rows, cols
-    rng = np.random.default_rng(_SEED)
-    drawn = rng.integers(0, valid.size, round(count * valid.size / total))
-    drawn = drawn[valid.ravel()[drawn]]
-    rows, cols = np.unravel_index(drawn, valid.shape)
-    return rows, cols
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Fit:
-    """Kernel and variance of a pair."""
-
-    kernel: MatchingKernel
-    terms: VarianceTerms
-    sizes: FloatArray
-
-    @classmethod
-    def of(cls, pair: _Pair, seen: Float32Array, target: Float32Array, valid: BoolArray) -> "_Fit":
-        """Fit both in turns, changes left out."""
-        rows, cols = _sample(valid, _SAMPLE)
-        level = float(seen[valid].mean())
-        design = matching_kernel.design_matrix(seen, level, rows, cols)
-        measured = target[rows, cols].astype(np.float64)
-        terms = _terms(pair, seen)
-        at = terms.at(rows, cols)
-        weight, kept = np.ones(len(rows)), np.ones(len(rows), dtype=np.bool_)
-        for number in range(_ROUNDS):
-            coefficients = matching_kernel.solve(design, measured, weight * kept)
-            residual = measured - design @ coefficients
-            sizes = residual_variance.fit_sizes(residual[kept], at[:, kept], None)
-            variance = sizes @ at + 1e-12
-            weight = matching_kernel.biweight(residual / np.sqrt(variance)) / variance
-            kernel = MatchingKernel(coefficients=coefficients, level_dn=level)
-            if number == _ROUNDS - 2:
-                difference = target - kernel.of(seen)
-                outlier = np.abs(difference) > _OUTLIER_SD * np.sqrt(terms.variance(sizes))
-                kept = _away(outlier & valid, _OUTLIER_REACH_PX)[rows, cols]
-        return cls(kernel=kernel, terms=terms, sizes=sizes)
-
-
-def _terms(pair: _Pair, seen: Float32Array) -> VarianceTerms:
-    detail = residual_variance.finest_detail(pair.source, 1.0)
-    source_detail = np.nan_to_num(pair.positions.seen(detail))
-    return VarianceTerms(
-        level=residual_variance.level_term(seen),
-        others=(
-            residual_variance.gradient_term(seen),
-            residual_variance.laplacian_term(seen),
-            residual_variance.without_background(residual_variance.finest_detail(pair.target, 1.0)),
-            residual_variance.without_background(source_detail),
-        ),
-    )
-
-
-def _calibrated(
-    difference: Float32Array, variance: Float32Array, valid: BoolArray, smoothing_px: float
-) -> Float32Array:
-    """Factor of the standard deviation, from pixels without a change."""
-    pixels = int(valid.sum())
-    threshold = significance_threshold(_CALIBRATION_RATE / pixels)
-    kept = valid
-    for _ in range(_CALIBRATION_ROUNDS):
-        rows, cols = _sample(kept, _CALIBRATION_SAMPLE)
-        calibration = calibrate_variance(
-            difference[rows, cols].astype(np.float64),
-            variance[rows, cols].astype(np.float64),
-            pixels,
-            smoothing_px,
-        )
-        factor = calibration.factor(variance)
-        changed = valid & (np.abs(difference) > threshold * factor * np.sqrt(variance))
-        now = valid & _away(changed, _CHANGE_REACH_PX)
-        if np.array_equal(now, kept):
-            break
-        kept = now
-    return factor

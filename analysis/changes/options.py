@@ -17,7 +17,7 @@ class ChangeOptions:
     pose
         Pose of the follow-up in the reference; None registers them, with the lens's distortion.
     hints
-        What is known of the pose beforehand, where it is not given.
+        What is known of the pose where none is given.
     noise
         Noise of both captures; None fits it.
     false_alarms

@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 
 from analysis.changes import ChangeResult
 from calibration.registration import DistortedPose
-from simulation.arrays import BoolArray, FloatArray
+from simulation.arrays import BoolArray, FloatArray, FloatImage
 
 Bytes = NDArray[np.uint8]
 
@@ -88,7 +88,7 @@ def _on_followup(reference_dn: FloatArray, pose: DistortedPose) -> FloatArray:
     return np.asarray(np.where(np.all((places >= -0.5) & (places <= limits), axis=0), seen, np.nan))
 
 
-def _in_light_of(after_dn: FloatArray, before_dn: FloatArray, valid: BoolArray) -> FloatArray:
+def _in_light_of(after_dn: FloatImage, before_dn: FloatArray, valid: BoolArray) -> FloatArray:
     """The earlier photograph with the mean and contrast of the later one, so that none flickers."""
     used = valid & np.isfinite(before_dn)
     if np.count_nonzero(used) < 2:
@@ -103,7 +103,7 @@ def _in_light_of(after_dn: FloatArray, before_dn: FloatArray, valid: BoolArray) 
     return np.asarray(after.mean() + gain * (before_dn - before.mean()))
 
 
-def _display_ends(image_dn: FloatArray, valid: BoolArray) -> tuple[float, float]:
+def _display_ends(image_dn: FloatImage, valid: BoolArray) -> tuple[float, float]:
     low, high = np.percentile(image_dn[valid] if valid.any() else image_dn, _ENDS_PERCENT)
     return float(low), float(max(high, low + 1e-9))
 
@@ -115,7 +115,7 @@ def _noise_reach_dn(found: ChangeResult) -> float:
     return 4.0 * float(np.sqrt(np.median(found.variance_dn2[found.valid])))
 
 
-def _displayed(image_dn: FloatArray, low: float, high: float) -> Bytes:
+def _displayed(image_dn: FloatImage, low: float, high: float) -> Bytes:
     share = np.clip((_smaller(image_dn) - low) / (high - low), 0.0, 1.0)
     share = np.nan_to_num(share ** (1 / _DISPLAY_GAMMA), nan=0.5)
     return np.asarray(np.rint(255 * share), dtype=np.uint8)
@@ -133,8 +133,7 @@ def _masks(found: ChangeResult, left_out: BoolArray | None) -> Bytes:
     picture = np.zeros((rows, cols, 4), dtype=np.uint8)
     picture[~found.valid] = _rgba(NOT_COMPARED, 50)
     picture[~found.valid & across] = _rgba(NOT_COMPARED, 150)
-    if found.masks is not None:
-        picture[found.masks.clipped | found.masks.reference_clipped] = _rgba(CLIPPED, 190)
+    picture[found.masks.clipped | found.masks.reference_clipped] = _rgba(CLIPPED, 190)
     if left_out is not None:
         picture[left_out] = _rgba(LEFT_OUT, 120)
         picture[left_out & across] = _rgba(LEFT_OUT, 200)
@@ -147,7 +146,7 @@ def _rgba(colour: str, opacity: int) -> tuple[int, int, int, int]:
     return red, green, blue, opacity
 
 
-def _smaller(image: FloatArray) -> FloatArray:
+def _smaller(image: FloatImage) -> FloatArray:
     step = _step(image.shape)
     if step == 1:
         return image

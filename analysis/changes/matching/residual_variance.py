@@ -9,13 +9,14 @@ difference, most of which holds no change.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numpy as np
 from scipy.optimize import nnls
 
-from analysis.changes.smoothed_warp import smoothed
-from simulation.arrays import Float32Array, FloatArray, IntArray
+from analysis.changes.matching.smoothed_warp import PixelPositions, smoothed
+from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 _ROUNDS = 6
 _CLIP = 3.5
@@ -53,29 +54,65 @@ class VarianceTerms:
     level: Float32Array
     others: tuple[Float32Array, ...]
 
+    @classmethod
+    def of(
+        cls,
+        seen: Float32Array,
+        source: Float32Array,
+        target: Float32Array,
+        positions: PixelPositions,
+    ) -> Self:
+        """Compute the terms.
+
+        Parameters
+        ----------
+        seen
+            The source, smoothed, on the target's pixels.
+        source, target
+            The photographs as they are.
+        positions
+            Where the target's pixels lie in the source.
+        """
+        source_detail = positions.seen(_finest_detail(source))
+        source_detail[np.isnan(source_detail)] = 0
+        return cls(
+            level=_level(seen),
+            others=(
+                _gradient(seen),
+                _laplacian(seen),
+                _without_background(_finest_detail(target)),
+                _without_background(source_detail),
+            ),
+        )
+
     def at(self, rows: IntArray, cols: IntArray) -> FloatArray:
         """Terms at pixels, shape ``(terms, pixels)``."""
         level = self.level[rows, cols].astype(np.float64)
         return np.stack([1 - level, level, *(image[rows, cols] for image in self.others)])
 
-    def variance(self, sizes: FloatArray) -> Float32Array:
-        """Sum of the terms with their sizes."""
+    def variance(self, sizes: FloatArray, floor_dn2: Float32Array | None = None) -> Float32Array:
+        """Sum of the terms with their sizes, and no less than a floor."""
         dark, bright = sizes[:2].astype(np.float32)
         total = self.level * (bright - dark)
         total += dark + np.float32(_LEAST_DN2)
         for size, image in zip(sizes[2:].astype(np.float32), self.others, strict=True):
             if size > 0:
                 total += size * image
-        return total
+        return np.asarray(total if floor_dn2 is None else np.maximum(total, floor_dn2))
+
+    def noise_dn2(self, sizes: FloatArray, valid: BoolArray) -> float:
+        """Mean variance by the level alone, which is noise."""
+        level = float(self.level[valid].mean())
+        return float((1 - level) * sizes[0] + level * sizes[1])
 
 
-def level_term(image: Float32Array) -> Float32Array:
+def _level(image: Float32Array) -> Float32Array:
     """Level from 0 at the darkest to 1 at the brightest, clipped there."""
     low, high = np.nanpercentile(image[::3, ::3], [_DARKEST, _BRIGHTEST])
-    return np.clip((image - np.float32(low)) / np.float32(max(high - low, 1e-6)), 0, 1)
+    return np.asarray(np.clip((image - np.float32(low)) / np.float32(max(high - low, 1e-6)), 0, 1))
 
 
-def gradient_term(image: Float32Array) -> Float32Array:
+def _gradient(image: Float32Array) -> Float32Array:
     """Half the squared gradient."""
     slope = np.array([-0.5, 0.0, 0.5], dtype=np.float32)
     one = np.ones(1, dtype=np.float32)
@@ -86,19 +123,19 @@ def gradient_term(image: Float32Array) -> Float32Array:
     return np.asarray((along_x * along_x + along_y * along_y) / 2)
 
 
-def laplacian_term(image: Float32Array) -> Float32Array:
+def _laplacian(image: Float32Array) -> Float32Array:
     """A quarter of the squared Laplacian."""
     curved = np.asarray(cv2.Laplacian(image, cv2.CV_32F, ksize=1))
     return np.asarray(curved * curved / 4)
 
 
-def finest_detail(image: Float32Array, width_px: float) -> Float32Array:
-    """Power of what a Gaussian of ``width_px`` takes from an image, gathered over 1.5 times that."""
-    detail = image - smoothed(image, width_px)
-    return smoothed(detail * detail, _DETAIL_PX * width_px)
+def _finest_detail(image: Float32Array) -> Float32Array:
+    """Power of what a Gaussian of 1 px takes from an image, gathered over 1.5 px."""
+    detail = image - smoothed(image, 1.0)
+    return smoothed(detail * detail, _DETAIL_PX)
 
 
-def without_background(power: Float32Array) -> Float32Array:
+def _without_background(power: Float32Array) -> Float32Array:
     """Subtract what the noise alone shows everywhere."""
     return np.asarray(np.maximum(power - np.float32(np.nanpercentile(power, _BACKGROUND)), 0))
 

@@ -148,8 +148,11 @@ def _between(nodes: FloatArray, col: int, table: FloatArray) -> float:
 @njit(cache=True, nogil=True)
 def _quintic(t: float, weight: Float32Array) -> None:
     """Quintic B-spline around a position ``t`` after the third of six samples."""
+    near_one = np.float32(t)
     for side in range(2):
-        u = t if side == 0 else np.float32(1.0) - t  # distance to the nearest on this side
+        u = (
+            near_one if side == 0 else np.float32(1.0) - near_one
+        )  # distance to the nearest on this side
         near, outer, last = (2, 1, 0) if side == 0 else (3, 4, 5)
         square, w, rest = u * u, np.float32(1.0) + u, np.float32(1.0) - u
         fourth = rest * rest * rest * rest
@@ -182,8 +185,8 @@ def _seen(
             if not (y >= 2 and y < rows - 3 and x >= 2 and x < cols - 3):
                 continue
             j, i = int(y), int(x)
-            _quintic(np.float32(y - j), down)
-            _quintic(np.float32(x - i), across)
+            _quintic(y - j, down)
+            _quintic(x - i, across)
             level = np.float32(0.0)
             for k in range(6):
                 line = coefficients[j + k - 2]

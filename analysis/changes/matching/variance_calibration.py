@@ -5,12 +5,14 @@ sharpest edges or with heavy tails, the differences in the bin tell.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import log, pi, sqrt
 
 import numpy as np
 
+from analysis.changes.matching.pixels import away_from, sampled
 from calibration.robust import robust_sigma
-from simulation.arrays import Float32Array, FloatArray
+from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 _EDGES = np.concatenate([np.linspace(0, 0.9, 13), [0.95, 0.98, 0.99, 1.0]])
 """Quantiles of the predicted variance between which the bins lie."""
@@ -23,6 +25,10 @@ _TAIL_SCATTER = 1.33
 exceed it to count."""
 
 _LEAST_PX = 30
+_SAMPLE_PX = 500_000
+_CHANGE_REACH_PX = 5.0
+_ROUNDS = 3
+"""A change that is found is left out, with what is around it, and those beside it come out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -64,7 +70,7 @@ def calibrate_variance(
     edges[-1] = np.inf
     middles, factors = [], []
     alike = 4 * pi * smoothing_px**2 / pixels * len(ratio) + 1
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges.tolist()):
         inside = (log_variance >= low) & (log_variance < high)
         count = int(inside.sum())
         if count < _LEAST_PX:
@@ -77,3 +83,41 @@ def calibrate_variance(
     if not middles:
         return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
     return VarianceCalibration(log_variance=np.array(middles), log_factor=np.array(factors))
+
+
+def calibrated_factor(
+    difference_dn: Float32Array,
+    variance_dn2: Float32Array,
+    valid: BoolArray,
+    smoothing_px: float,
+    threshold_sd: float,
+) -> Float32Array:
+    """Factor of the predicted standard deviation at every pixel, changes left out.
+
+    Parameters
+    ----------
+    difference_dn, variance_dn2
+        Difference and its predicted variance, shape ``(rows, cols)``.
+    valid
+        Pixels that count.
+    smoothing_px
+        Width of the Gaussian that makes neighbours alike.
+    threshold_sd
+        Standard deviations beyond which a pixel is taken as changed.
+    """
+    pixels = int(np.count_nonzero(valid))
+    kept = valid
+    for _ in range(_ROUNDS):
+        rows, cols = sampled(kept, _SAMPLE_PX)
+        factor = calibrate_variance(
+            difference_dn[rows, cols].astype(np.float64),
+            variance_dn2[rows, cols].astype(np.float64),
+            pixels,
+            smoothing_px,
+        ).factor(variance_dn2)
+        reach = threshold_sd * factor * np.sqrt(variance_dn2)
+        remaining = valid & away_from(valid & (np.abs(difference_dn) > reach), _CHANGE_REACH_PX)
+        if np.array_equal(remaining, kept):
+            break
+        kept = remaining
+    return factor

@@ -1,6 +1,8 @@
 """The kernel that turns one smoothed photograph into the other, fitted to the pair.
 
-``Y(p) = sum over q of (a_q + b_q x + c_q y) T(p + q) + T {x^2, x y, y^2} + {1, x, y, x^2, x y, y^2}``
+``Y(p) = sum over q of (a_q + b_q x + c_q y) T(p + q)
+        + T {x^2, x y, y^2} + {1, x, y, x^2, x y, y^2}``
+
 with x and y from -1 to 1 over the grid: a kernel that changes over the frame with the blur and
 the light, and an offset. The weights are robust: changes are outliers.
 
@@ -16,12 +18,13 @@ import cv2
 import numpy as np
 from numba import njit
 
+from analysis.changes.matching.relative_blur import Smoothing
 from simulation.arrays import Float32Array, FloatArray, IntArray
 
-RADIUS_PX = 3
+KERNEL_RADIUS_PX = 3
 """Kernels of 5 x 5 to 9 x 9 do as well: the photographs are of one sharpness before."""
 
-_SIDE = 2 * RADIUS_PX + 1
+_SIDE = 2 * KERNEL_RADIUS_PX + 1
 _TAPS = _SIDE * _SIDE
 _LINEAR = 3 * _TAPS
 _COLUMNS = _LINEAR + 9
@@ -54,34 +57,26 @@ class MatchingKernel:
         """Kernel at the middle of the frame, shape ``(side, side)``, order (y, x)."""
         return self.coefficients[:_TAPS].reshape(_SIDE, _SIDE)
 
-    def gain(self, shape: tuple[int, int]) -> Float32Array:
-        """Sum of the kernel at every pixel."""
+    def light(self, shape: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
+        """Gain, which is the sum of the kernel, and offset at every pixel."""
         sums = self.coefficients[:_LINEAR].reshape(3, _TAPS).sum(axis=1)
-        quadratic = np.concatenate([sums, self.coefficients[_LINEAR : _LINEAR + 3]])
-        return _polynomial(quadratic, shape)
-
-    def offset(self, shape: tuple[int, int]) -> Float32Array:
-        """Level that is added at every pixel, that of the source's mean included."""
-        return _polynomial(self.coefficients[_LINEAR + 3 :], shape)
+        gain = np.concatenate([sums, self.coefficients[_LINEAR : _LINEAR + 3]])
+        return _polynomial(gain, shape), _polynomial(self.coefficients[_LINEAR + 3 :], shape)
 
     def of(self, source: Float32Array) -> Float32Array:
         """Apply the kernel and the light."""
         rows, cols = source.shape
         y, x = (np.linspace(-1, 1, n, dtype=np.float32) for n in (rows, cols))
-        level = np.where(np.isfinite(source), source - np.float32(self.level_dn), np.float32(0))
-        made = self.offset(source.shape)
+        level = source - np.float32(self.level_dn)
+        _, made = self.light((rows, cols))
         for order, weight in enumerate((None, x[None, :], y[:, None])):
             taps = self.coefficients[order * _TAPS : (order + 1) * _TAPS].reshape(_SIDE, _SIDE)
             part = cv2.filter2D(
                 level, -1, taps.astype(np.float32), borderType=cv2.BORDER_REFLECT_101
             )
-            if weight is not None:
-                part *= weight
-            made += part
+            made += part if weight is None else weight * part
         quadratic = np.concatenate([np.zeros(3), self.coefficients[_LINEAR : _LINEAR + 3]])
-        level *= _polynomial(quadratic, source.shape)
-        made += level
-        return made
+        return made + level * _polynomial(quadratic, (rows, cols))
 
 
 def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Array:
@@ -104,8 +99,8 @@ def design_matrix(
         row, col = rows[i], cols[i]
         y, x = 2.0 * row / (height - 1) - 1.0, 2.0 * col / (width - 1) - 1.0
         place = 0
-        for dy in range(-RADIUS_PX, RADIUS_PX + 1):
-            for dx in range(-RADIUS_PX, RADIUS_PX + 1):
+        for dy in range(-KERNEL_RADIUS_PX, KERNEL_RADIUS_PX + 1):
+            for dx in range(-KERNEL_RADIUS_PX, KERNEL_RADIUS_PX + 1):
                 level = source[row + dy, col + dx] - level_dn
                 design[i, place] = level
                 design[i, place + _TAPS] = x * level
@@ -144,26 +139,33 @@ def biweight(deviations: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(1 - (deviations / _REACH) ** 2, 0.0) ** 2)
 
 
-def white_noise_gain(
-    taps: FloatArray, source_smoothing_px: float, target_smoothing_px: float, zoom: float
-) -> tuple[float, float]:
-    """Variances of the difference for a noise of variance 1 in the target and in the source.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WhiteNoiseGain:
+    """Variance of the difference for a white noise of variance 1 in either photograph."""
 
-    Closed form: Gaussian smoothing leaves ``1 / (4 pi s^2)`` of white noise, correlated as
-    ``exp(-d^2 / (4 s^2))``.
+    source: float
+    target: float
+
+
+def white_noise_gain(taps: FloatArray, smoothing: Smoothing, zoom: float) -> WhiteNoiseGain:
+    """What smoothing and kernel leave of white noise, in closed form.
+
+    A Gaussian of width s leaves ``1 / (4 pi s^2)``, correlated as ``exp(-d^2 / (4 s^2))``.
 
     Parameters
     ----------
     taps
-        Shape ``(side, side)``.
-    source_smoothing_px, target_smoothing_px
-        Widths of the Gaussians in pixels of the grid.
+        The kernel, shape ``(side, side)``.
+    smoothing
+        Of the two photographs.
     zoom
         Source pixels per pixel of the grid, along a line.
     """
     y, x = np.indices(taps.shape).reshape(2, -1)
-    apart = (y[:, None] - y) ** 2 + (x[:, None] - x) ** 2
-    correlation = np.exp(-apart / (4 * source_smoothing_px**2))
-    kernel = taps.ravel()
-    source = float(kernel @ correlation @ kernel) / (4 * np.pi * (source_smoothing_px * zoom) ** 2)
-    return 1 / (4 * np.pi * target_smoothing_px**2), source
+    square = (y[:, None] - y) ** 2 + (x[:, None] - x) ** 2
+    correlation = np.exp(-square / (4 * smoothing.source_px**2))
+    passed = float(taps.ravel() @ correlation @ taps.ravel())
+    return WhiteNoiseGain(
+        source=passed / (4 * np.pi * (smoothing.source_px * zoom) ** 2),
+        target=1 / (4 * np.pi * smoothing.target_px**2),
+    )

@@ -13,7 +13,7 @@ from math import inf, sqrt
 import cv2
 import numpy as np
 
-from analysis.changes.smoothed_warp import (
+from analysis.changes.matching.smoothed_warp import (
     PixelPositions,
     Window,
     smoothed,
@@ -151,11 +151,10 @@ def _step(
 
 def _halves(image: Float32Array, smoothing_px: float) -> tuple[Float32Array, Float32Array]:
     """The image as either half of its pixels shows it, smoothed."""
-    rows, cols = np.indices(image.shape, sparse=True)
-    white = ((rows + cols) % 2).astype(np.float32)
-    return smoothed(2 * white * image, smoothing_px), smoothed(
-        2 * (1 - white) * image, smoothing_px
-    )
+    white = np.add.outer(*(np.arange(n) % 2 for n in image.shape)) % 2 == 1
+    halves = (np.where(half, 2 * image, np.float32(0)) for half in (white, ~white))
+    one, other = (smoothed(half, smoothing_px) for half in halves)
+    return one, other
 
 
 def _laplacian(image: Float32Array) -> Float32Array:
