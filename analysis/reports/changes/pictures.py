@@ -121,7 +121,7 @@ def _displayed(image_dn: FloatImage, low: float, high: float) -> Bytes:
     return np.asarray(np.rint(255 * share), dtype=np.uint8)
 
 
-def _coloured(shade: FloatArray) -> Bytes:
+def _coloured(shade: FloatImage) -> Bytes:
     rgb = np.asarray(mpl.colormaps[DIVERGING](np.clip(shade, 0.0, 1.0), bytes=True))[..., :3]
     return np.ascontiguousarray(rgb[..., ::-1], dtype=np.uint8)  # OpenCV's order
 
@@ -146,7 +146,7 @@ def _rgba(colour: str, opacity: int) -> tuple[int, int, int, int]:
     return red, green, blue, opacity
 
 
-def _smaller(image: FloatImage) -> FloatArray:
+def _smaller(image: FloatImage) -> FloatImage:
     step = _step(image.shape)
     if step == 1:
         return image

@@ -6,24 +6,29 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from analysis.change_series.summary import read_changes_series
+from analysis.change_series.time_line import read_time_line
 from analysis.changes.document import read_changes
 from standoff.cli import run
-from standoff.workflows.change_search import compared as compare
+from standoff.workflows.comparison.change_search import compared as compare
 from standoff.workflows.followup_series import change_work
-from tests.analysis.changes.test_filter import pair
+from tests.standoff.changed_photographs import changed_pair, write_levels, write_psf
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
 
 pytestmark = pytest.mark.slow
 
 FILES = (
-    *("changes-figure.png", "changes.json", "changes.png", "compared.png", "difference.tif"),
-    *("plain-difference.tif", "pose-difference.tif", "significance.tif", "uncertainty.tif"),
+    *("changes-figure.png", "changes.csv", "changes.json", "changes.png", "compared.png"),
+    *("difference.tif", "plain-difference.tif", "pose-difference.tif", "report.html"),
+    *("significance.tif", "uncertainty.tif"),
 )
+WITH_PROVENANCE = ("changes.json", "report.html")
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +37,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("made")
     photographs = root / "photographs"
     photographs.mkdir()
-    tifffile.imwrite(photographs / "near.tif", pair(2, 25.0).reference.astype("float32"))
+    write_levels(photographs / "near.tif", changed_pair(2, 25.0).reference)
     for name, contrast_dn in (("same", 0.0), ("other", 25.0)):
-        image = pair(2, contrast_dn).followup.astype("float32")
-        tifffile.imwrite(photographs / f"{name}.tif", image)
-    (root / "psf.json").write_text(
-        json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.9, "rho": 0.0})
-    )
+        write_levels(photographs / f"{name}.tif", changed_pair(2, contrast_dn).followup)
+    write_psf(root / "psf.json")
     for name in ("same", "other"):
         far = photographs / f"{name}.tif"
         words = [*asked(root, far), "--out", root / "alone" / name]
@@ -58,7 +60,7 @@ def compared(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     names: list[str] = []
 
     def listing(*arguments: Any) -> Any:
-        names.append(arguments[-1].name)
+        names.append(arguments[1].path.name)
         return compare(*arguments)
 
     monkeypatch.setattr(f"{change_work.__name__}.compared", listing)
@@ -71,7 +73,8 @@ def asked(root: Path, *followups: Path) -> tuple[object, ...]:
 
 
 def pixels(folder: Path) -> dict[str, bytes]:
-    return {name: (folder / name).read_bytes() for name in FILES if name != "changes.json"}
+    named = (name for name in FILES if name not in WITH_PROVENANCE)
+    return {name: (folder / name).read_bytes() for name in named}
 
 
 def test_each_of_a_folder_gets_what_it_gets_alone(command: Command, root: Path) -> None:
@@ -87,7 +90,7 @@ def test_each_of_a_folder_gets_what_it_gets_alone(command: Command, root: Path) 
         folder, alone = out / listed.folder, root / "alone" / listed.folder
         assert sorted(path.name for path in folder.iterdir()) == list(FILES)
         assert pixels(folder) == pixels(alone)
-        found, expected = read_changes(folder / "changes.json"), read_changes(alone / FILES[1])
+        found, expected = read_changes(folder / "changes.json"), read_changes(alone / "changes.json")
         names = {"reference", "followup", "provenance"}
         assert found.model_dump(exclude=names) == expected.model_dump(exclude=names)
         followup = photographs / f"{listed.folder}.tif"
@@ -204,6 +207,134 @@ def test_parts_are_put_together_by_the_last_one(command: Command, root: Path) ->
     )
 
 
+def test_the_time_line_follows_each_change_over_the_photographs(
+    command: Command, root: Path
+) -> None:
+    photographs, out = root / "photographs", root / "out"
+    # The changes stay: two photographs show them, the one between them does not.
+    shutil.copy(photographs / "other.tif", photographs / "zlast.tif")
+    done = command(*asked(root, photographs), "--out", out)
+    assert done.status == 0, done.err
+    line = read_time_line(out / "series.json")
+    assert line.order == "path"  # a TIFF of levels alone says no time
+    assert [one.folder for one in line.followups] == ["other", "same", "zlast"]
+    listed = read_changes(out / "other" / "changes.json").changes
+    assert len(listed) == 16
+    # Chance adds a track to 5 % of frames; the sixteen come first.
+    assert len(line.tracks) <= 17
+    for track in line.tracks[:16]:
+        first, between, last = track.points
+        assert (track.first_seen, track.last_seen, track.seen) == (0, 2, 2)
+        assert (first.sighting, between.sighting, last.sighting) == ("seen", "not seen", "seen")
+        assert first == last
+        assert between.upper_limit_dn is not None
+        assert first.amplitude_dn is not None
+        assert between.amplitude_err_dn is not None
+        assert between.upper_limit_dn < first.amplitude_dn / 2
+        # What stands there is noise: 4.5 deviations are exceeded once in 10,000 such series.
+        assert abs(between.amplitude_dn or 0.0) < 4.5 * between.amplitude_err_dn
+        near = [
+            change
+            for change in listed
+            if abs(change.reference_x_px - track.reference_x_px) < 1e-9
+            and abs(change.reference_y_px - track.reference_y_px) < 1e-9
+        ]
+        assert [change.amplitude_dn for change in near] == [first.amplitude_dn]
+    page = (out / "report.html").read_text("utf-8")
+    assert 'href="other/report.html"' in page
+    assert "Time line" in page
+
+
+def test_follow_ups_that_state_their_time_are_in_its_order(command: Command, root: Path) -> None:
+    taken = root / "taken"
+    taken.mkdir()
+    for name, year in (("b", 2021), ("a", 2022)):
+        image = tifffile.imread(root / "photographs" / "same.tif")
+        date = f"{year}:05:06 07:08:09"
+        tifffile.imwrite(taken / f"{name}.tif", image, datetime=date, metadata=None)
+    done = command(*asked(root, taken), "--out", root / "out")
+    assert done.status == 0, done.err
+    line = read_time_line(root / "out" / "series.json")
+    assert line.order == "time"
+    assert [one.folder for one in line.followups] == ["b", "a"]
+    assert line.followups[0].taken == "2021:05:06 07:08:09"
+
+
+def test_photographs_of_two_folders_are_paired_by_their_names(
+    command: Command, root: Path, compared: list[str]
+) -> None:
+    photographs, before, after = root / "photographs", root / "before", root / "after"
+    for folder in (before, after):
+        folder.mkdir()
+    for name in ("same", "other"):
+        shutil.copy(photographs / "near.tif", before / f"{name}.tif")
+        shutil.copy(photographs / f"{name}.tif", after / f"{name}.tif")
+    shutil.copy(photographs / "near.tif", before / "alone.tif")
+    shutil.copy(photographs / "same.tif", after / "late.tif")
+    out = root / "out"
+    words = ("changes", before, after, "--psf", root / "psf.json", "--out", out)
+    done = command(*words)
+    assert done.status == 0, done.err
+    assert "2 follow-ups compared, 1 with changed pixels (0 already done)" in done.out
+    assert "2 photographs without a partner of their name" in done.err
+    series = read_changes_series(out / "summary.json")
+    assert series.reference == str(before)
+    assert series.unpaired == (str(after / "late.tif"), str(before / "alone.tif"))
+    assert [one.reference for one in series.followups] == [
+        str(before / "other.tif"),
+        str(before / "same.tif"),
+    ]
+    assert not (out / "series.json").exists()
+    for name in ("same", "other"):
+        assert pixels(out / name) == pixels(root / "alone" / name)
+        document = json.loads((out / name / "changes.json").read_text("utf-8"))
+        own = (root / "psf.json", before / f"{name}.tif", after / f"{name}.tif")
+        assert_provenance(document, "changes", *own)
+    # Another reference of one of them is another comparison, and the other one is kept.
+    compared.clear()
+    shutil.copy(photographs / "same.tif", before / "same.tif")
+    assert command(*words).status == 0
+    assert compared == ["same.tif"]
+
+
+@pytest.mark.parametrize(
+    ("followups", "said"),
+    [
+        (("photographs/same.tif",), "is a folder of references"),
+        (("photographs",), "both folders are the same"),
+        (("empty",), "the folder holds no image"),
+        (("others",), "no photograph in"),
+    ],
+)
+def test_folders_that_make_no_pairs_are_one_line(
+    command: Command, root: Path, followups: tuple[str, ...], said: str
+) -> None:
+    (root / "empty").mkdir()
+    (root / "others").mkdir()
+    shutil.copy(root / "photographs" / "same.tif", root / "others" / "unlike.tif")
+    paths = [root / name for name in followups]
+    done = command("changes", root / "photographs", *paths, "--out", root / "out")
+    assert done.status in (1, 2)
+    assert said in " ".join(done.err.split())
+
+
+def test_a_mask_of_another_size_refuses_the_photographs_of_that_size_alone(
+    command: Command, root: Path
+) -> None:
+    photographs = root / "photographs"
+    image = tifffile.imread(photographs / "same.tif")
+    tifffile.imwrite(photographs / "cropped.tif", image[:-20])
+    Image.fromarray(np.zeros(image.shape, np.uint8)).save(root / "mask.png")
+    out = root / "out"
+    done = command(*asked(root, photographs), "--mask", root / "mask.png", "--out", out)
+    assert done.status == 1
+    refused = [one for one in read_changes_series(out / "summary.json").followups if one.refused]
+    assert [Path(one.followup).name for one in refused] == ["cropped.tif"]
+    assert "a mask has the follow-up's size" in (refused[0].refused or "")
+    # An empty mask leaves nothing out.
+    assert pixels(out / "same") == pixels(root / "alone" / "same")
+
+
 def test_any_number_of_workers_writes_the_same_bytes(process: Command, root: Path) -> None:
     for workers in (1, 2):
         done = process(
@@ -212,6 +343,8 @@ def test_any_number_of_workers_writes_the_same_bytes(process: Command, root: Pat
         assert done.status == 0, done.err
     one, two = root / "1", root / "2"
     assert (one / "changes.csv").read_bytes() == (two / "changes.csv").read_bytes()
+    first, second = (read_time_line(out / "series.json") for out in (one, two))
+    assert first.tracks == second.tracks
     for name in ("same", "other"):
         assert pixels(one / name) == pixels(two / name)
         found, expected = (read_changes(out / name / "changes.json") for out in (two, one))

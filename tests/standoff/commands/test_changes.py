@@ -6,7 +6,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from tests.analysis.changes.test_filter import pair
+from tests.standoff.changed_photographs import changed_pair, write_levels, write_psf
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
 
@@ -15,11 +15,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def psf_file(tmp_path: Path) -> Path:
-    path = tmp_path / "psf.json"
-    path.write_text(
-        json.dumps({"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.9, "rho": 0.0})
-    )
-    return path
+    return write_psf(tmp_path / "psf.json")
 
 
 def test_changes_are_registered_found_and_written(

@@ -14,7 +14,7 @@ from analysis.detectability.curves import DetectabilityCurves
 from analysis.pose.series import read_pose_series
 from analysis.results_file import write_results
 from standoff.photographs.reader import read_image
-from standoff.workflows.followup_series import pose_work, work
+from standoff.workflows.followup_series import pose_work, references, work
 from tests.analysis.detectability.test_curves import curve
 from tests.calibration.registration.test_tracking import pose, scene, seen_from
 from tests.standoff.conftest import Command
@@ -60,9 +60,9 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     names: list[str] = []
     judge = pose_work.judged_pose
 
-    def listing(near: Any, far: Any, demand: Any, followup: Path) -> Any:
-        names.append(followup.name)
-        return judge(near, far, demand, followup)
+    def listing(near: Any, far: Any, demand: Any) -> Any:
+        names.append(far.path.name)
+        return judge(near, far, demand)
 
     monkeypatch.setattr(pose_work, "judged_pose", listing)
     return names
@@ -128,10 +128,10 @@ def test_an_interrupted_run_goes_on_where_it_was(
 ) -> None:
     judge = pose_work.judged_pose
 
-    def interrupted(near: Any, far: Any, demand: Any, followup: Path) -> Any:
+    def interrupted(near: Any, far: Any, demand: Any) -> Any:
         if len(judged) == 2:
             raise KeyboardInterrupt
-        return judge(near, far, demand, followup)
+        return judge(near, far, demand)
 
     with monkeypatch.context() as patched:
         patched.setattr(pose_work, "judged_pose", interrupted)
@@ -191,8 +191,9 @@ def test_the_reference_is_read_once_by_whoever_works(
         read.append(path.name)
         return read_image(path, *options)
 
-    monkeypatch.setattr("standoff.workflows.followup_series.work.read_image", listing)
-    work._levels.cache_clear()
+    for module in (work, references):
+        monkeypatch.setattr(f"{module.__name__}.read_image", listing)
+    references._same_photograph.cache_clear()
     assert command(*asked(folder), "--out", tmp_path / "out").status == 0
     assert sorted(read) == ["frame-0.tif", "frame-1.tif", "frame-2.tif", "reference.tif"]
 
