@@ -1,3 +1,4 @@
+import csv
 import json
 from pathlib import Path
 
@@ -6,11 +7,25 @@ import pytest
 import tifffile
 from PIL import Image
 
-from tests.standoff.changed_photographs import changed_pair, write_levels, write_psf
+from analysis.changes.document import Change
+from tests.standoff.changed_photographs import (
+    FAR,
+    NEAR,
+    ZOOM,
+    changed_pair,
+    write_levels,
+    write_psf,
+)
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
 
 pytestmark = pytest.mark.slow
+
+FILES = [
+    *("changes-figure.png", "changes.csv", "changes.json", "changes.png", "compared.png"),
+    *("difference.tif", "plain-difference.tif", "pose-difference.tif", "report.html"),
+    *("significance.tif", "uncertainty.tif"),
+]
 
 
 @pytest.fixture
@@ -18,42 +33,208 @@ def psf_file(tmp_path: Path) -> Path:
     return write_psf(tmp_path / "psf.json")
 
 
+@pytest.fixture
+def photographs(tmp_path: Path) -> tuple[Path, Path]:
+    """A reference, and a follow-up with sixteen changes of 25 DN in the scene."""
+    one = changed_pair(2, 25.0)
+    return (
+        write_levels(tmp_path / "near.tif", one.reference),
+        write_levels(tmp_path / "far.tif", one.followup),
+    )
+
+
 def test_changes_are_registered_found_and_written(
-    command: Command, psf_file: Path, tmp_path: Path
+    command: Command, psf_file: Path, photographs: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    one = pair(2, 25.0)
-    for name, image in (("near", one.reference), ("far", one.followup)):
-        tifffile.imwrite(tmp_path / f"{name}.tif", image.astype(np.float32))
+    one = changed_pair(2, 25.0)
     noise = tmp_path / "noise.json"
     noise.write_text(
         '{"schema": "standoff.noise/1", "gain_e_per_dn": 60.0, "read_noise_e": 10.0,'
         ' "black_level_dn": 0.0, "frames_averaged": 1}'
     )
     out = tmp_path / "out"
-    asked = ("changes", tmp_path / "near.tif", tmp_path / "far.tif", "--psf", psf_file)
+    asked = ("changes", *photographs, "--psf", psf_file)
     done = command(*asked, "--noise", noise, "--out", out, "--json")
     assert done.status == 0, done.err
     document = json.loads(done.out)
-    assert document["zoom"] == pytest.approx(1.5, abs=0.005)
+    assert document["zoom"] == pytest.approx(ZOOM, abs=0.005)
     # The scene was photographed through no lens at all.
     assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
-    images = (tmp_path / "near.tif", tmp_path / "far.tif")
-    assert_provenance(document, "changes", *images, psf_file, noise)
+    assert document["kernel"] in ("calibrated", "both")
+    assert_provenance(document, "changes", *photographs, psf_file, noise)
     told = command(*asked, "--noise", noise, "--out", tmp_path / "again")
-    assert told.out.startswith(
+    assert told.out.splitlines()[0] == "16 changes"
+    assert (
         f"{document['changed_px']} of {document['compared_px']} pixels changed by more than "
+        in told.out
     )
-    assert told.out.endswith(f"wrote {tmp_path / 'again'}\n")
+    assert f"wrote {tmp_path / 'again'}\n" in told.out
     mask = np.asarray(Image.open(out / "changes.png")) > 0
     assert mask.sum() == document["changed_px"]
     core = one.truth > 0.5 * one.truth.max()
     assert mask[core].mean() > 0.95
     assert not mask[one.truth < 1e-3 * one.truth.max()].any()
-    assert sorted(path.name for path in out.iterdir()) == [
-        *("changes-figure.png", "changes.json", "changes.png", "compared.png"),
-        *("difference.tif", "plain-difference.tif", "pose-difference.tif"),
-        *("significance.tif", "uncertainty.tif"),
-    ]
+    assert sorted(path.name for path in out.iterdir()) == FILES
+
+
+def test_two_photographs_and_nothing_else_give_the_list_of_what_changed(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = command("changes", *photographs, "--out", out, "--json")
+    assert done.status == 0, done.err
+    document = json.loads(done.out)
+    assert document["kernel"] == "pair"
+    assert document["saturated_px"] == 0
+    assert document["warnings"] == []
+    assert np.shape(document["homography"]) == (3, 3)
+    changes = document["changes"]
+    assert len(changes) == 16
+    assert all(set(change) == set(Change.model_fields) for change in changes)
+    truth = changed_pair(2, 25.0).truth
+    for change in changes:
+        # Each stands on a change: one pixel beside its centre it still has 95 % of its peak.
+        assert truth[round(change["y_px"]), round(change["x_px"])] > 0.8 * truth.max()
+        assert change["reference_x_px"] == pytest.approx(
+            ZOOM * (change["x_px"] - (FAR[1] - 1) / 2) + (NEAR[1] - 1) / 2 - 2.3, abs=0.3
+        )
+    with (out / "changes.csv").open(encoding="utf-8") as file:
+        lines = [{name: float(cell) for name, cell in row.items()} for row in csv.DictReader(file)]
+    assert lines == changes
+    page = (out / "report.html").read_text("utf-8")
+    assert page.count('<g data-change="') == 3 * 16
+    assert "src=" not in page.replace('src="data:', "")
+    assert "http://" not in page.replace('xmlns="http://www.w3.org', "").replace(
+        '"http://www.w3.org/2000/svg"', ""
+    )
+
+
+def test_the_report_goes_where_it_is_asked_for(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    report = tmp_path / "page.html"
+    done = command("changes", *photographs, "--out", tmp_path / "out", "--report", report)
+    assert done.status == 0, done.err
+    own, other = ((path).read_text("utf-8") for path in (tmp_path / "out/report.html", report))
+    assert own.split("<footer")[0][:5000] == other[:5000]
+    assert "16 changes" in other
+    refused = command("changes", *photographs, "--out", tmp_path / "o", "--report", tmp_path / "r")
+    assert refused.status == 2
+
+
+def test_a_mask_leaves_its_pixels_out(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    left_out = np.zeros(FAR, np.uint8)
+    left_out[:, : FAR[1] // 2] = 1
+    Image.fromarray(left_out).save(tmp_path / "mask.png")
+    out = tmp_path / "out"
+    done = command(
+        "changes", *photographs, "--mask", tmp_path / "mask.png", "--out", out, "--json"
+    )
+    assert done.status == 0, done.err
+    document = json.loads(done.out)
+    assert len(document["changes"]) == 8
+    assert min(change["x_px"] for change in document["changes"]) > FAR[1] / 2
+    compared = np.asarray(Image.open(out / "compared.png")) > 0
+    assert not compared[left_out > 0].any()
+    assert_provenance(document, "changes", *photographs, tmp_path / "mask.png")
+
+
+def test_a_pose_that_is_known_roughly_is_a_way_on(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Each of the three, off by what an operator may be off by."""
+    middle = [(n - 1) / 2 for n in (NEAR[1], NEAR[0], FAR[1], FAR[0])]
+    rough = np.array(
+        [
+            [1.52, 0.01, middle[0] - 1.52 * middle[2]],
+            [0.0, 1.49, middle[1] - 1.49 * middle[3]],
+            [0, 0, 1],
+        ]
+    )
+    document = {
+        "schema": "standoff.homography/1",
+        "matrix": rough.tolist(),
+        "size": [FAR[1], FAR[0]],
+    }
+    (tmp_path / "H.json").write_text(json.dumps(document))
+    corners = np.array([[20, 20], [180, 25], [25, 150], [185, 140], [100, 80]], dtype=float)
+    there = ZOOM * (corners - middle[2:]) + middle[:2] - [2.3, 0]
+    rows = [",".join(map(str, [*a, *np.round(b)])) for a, b in zip(corners, there, strict=True)]
+    header = "followup_x_px,followup_y_px,reference_x_px,reference_y_px"
+    (tmp_path / "p.csv").write_text("\n".join([header, *rows]))
+    for name, hint in (
+        ("zoom", ("--expect-zoom", 1.4)),
+        ("homography", ("--homography", tmp_path / "H.json")),
+        ("points", ("--points", tmp_path / "p.csv")),
+    ):
+        done = command("changes", *photographs, *hint, "--out", tmp_path / name, "--json")
+        assert done.status == 0, done.err
+        found = json.loads(done.out)
+        assert found["zoom"] == pytest.approx(ZOOM, abs=0.005)
+        assert len(found["changes"]) == 16
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--expect-zoom", 2, "--points", "p.csv"), "--expect-zoom cannot be used with --points"),
+        (("--homography", "h", "--points", "p"), "--homography cannot be used with --points"),
+        (("--expect-zoom", 0), "--expect-zoom"),
+        (("--transfer", "measured"), "--transfer needs --psf"),
+        (("--false-discovery-rate", 0.1, "--false-alarms", 1), "cannot be used with"),
+        (("--false-discovery-rate", 0.9), "--false-discovery-rate"),
+        (("--white-level", 0), "--white-level"),
+    ],
+)
+def test_options_that_contradict_each_other_are_wrong_usage(
+    command: Command, tmp_path: Path, words: tuple[object, ...], said: str
+) -> None:
+    done = command("changes", "near.tif", "far.tif", *words, "--out", tmp_path / "out")
+    assert done.status == 2
+    assert said in " ".join(done.err.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(
+    ("option", "content", "said"),
+    [
+        ("--points", "1,2\n3,4\n", "no column followup_x_px"),
+        ("--homography", '{"schema": "standoff.psf/1"}', "H.json"),
+        ("--mask", "text", "cannot"),
+        ("--points", None, "p"),
+    ],
+)
+def test_a_hint_that_cannot_be_read_is_one_line(
+    command: Command,
+    photographs: tuple[Path, Path],
+    tmp_path: Path,
+    option: str,
+    content: str | None,
+    said: str,
+) -> None:
+    path = tmp_path / ("H.json" if option == "--homography" else "p")
+    if content is not None:
+        path.write_text(content)
+    done = command("changes", *photographs, option, path, "--out", tmp_path / "out")
+    assert done.status == 1
+    assert path.name in done.err
+    assert said in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_points_of_one_photograph_are_refused_for_several(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    (tmp_path / "p.csv").write_text(
+        "followup_x_px,followup_y_px,reference_x_px,reference_y_px\n"
+        "1,1,2,2\n9,1,18,2\n1,9,2,18\n9,9,18,18\n"
+    )
+    words = (*photographs, photographs[1], "--points", tmp_path / "p.csv")
+    done = command("changes", *words, "--out", tmp_path / "out")
+    assert done.status == 2
+    assert "points are of one follow-up" in done.err
 
 
 def test_a_follow_up_of_something_else_is_one_line(
