@@ -5,7 +5,7 @@ bring them to one sharpness; the source is resampled on the target's pixels and 
 the pair takes it to the target. What remains is compared with its own scatter.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
@@ -16,13 +16,17 @@ from analysis.changes.matching import (
     GRADIENT,
     KERNEL_RADIUS_PX,
     LAPLACIAN,
+    PairFit,
     PixelPositions,
     RelativeBlur,
     Smoothing,
+    ToneCurve,
     VarianceTerms,
     away_from,
     calibrated_factor,
     fit_pair,
+    fit_tone_curve,
+    is_curved,
     relative_blur,
     smoothed,
     smoothing_for,
@@ -35,6 +39,7 @@ from analysis.errors import OverlapError
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
+from simulation.capture_noise import CaptureNoise
 
 _LEAST_PIXELS = 1000
 _CALIBRATION_RATE = 0.05
@@ -114,6 +119,11 @@ class Comparison:
         return self.extra_blur_px2 / self.extra_blur_err_px2
 
 
+def _guessed_blur_px2(zoom: float) -> float:
+    """How much blurrier the target is if one camera took both."""
+    return _COMMON_PSF_PX2 * (1 - 1 / zoom**2)
+
+
 def compare(
     reference: AnyArray,
     followup: AnyArray,
@@ -140,17 +150,27 @@ def compare(
         If the photographs share too little.
     """
     pair = _Pair.of(reference, followup, pose, options)
-    zoom = pair.positions.zoom
-    guess = _COMMON_PSF_PX2 * (1 - 1 / zoom**2)
-    rough = pair.valid(smoothing_for(guess))
+    rough = pair.valid(smoothing_for(_guessed_blur_px2(pair.positions.zoom)))
     shared = int(np.count_nonzero(rough))
     if shared < _LEAST_PIXELS:
         raise OverlapError(
             "the photographs overlap too little; retake the follow-up with more overlap",
             shared_px=shared,
         )
-    blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)
-    return _compared(pair, blur, smoothing_for(blur.towards(guess, _BLUR_ERR_PX2)), options)
+    matched = _Matched.of(pair, rough, options.noise)
+    if is_curved(
+        matched.seen,
+        matched.target,
+        matched.variance_dn2,
+        matched.valid,
+        matched.smoothing.target_px,
+    ):
+        curve = fit_tone_curve(
+            matched.seen, pair.target, matched.valid, matched.smoothing.target_px
+        )
+        if curve is not None:
+            matched = _Matched.of(pair.with_tone(curve), rough, None)
+    return _compared(matched)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -167,6 +187,11 @@ class _Pair:
         Where the target's pixels lie in the source.
     source_usable, target_usable
         Pixels that count.
+    tone_slope
+        Slope of the tone curve that took the target to the source's levels, at its pixels; None
+        if it is as it was.
+    tone_variance_dn2
+        Variance of that curve at the pixels.
     """
 
     is_on_followup: bool
@@ -175,6 +200,8 @@ class _Pair:
     positions: PixelPositions = field(repr=False)
     source_usable: BoolArray = field(repr=False)
     target_usable: BoolArray = field(repr=False)
+    tone_slope: Float32Array | None = None
+    tone_variance_dn2: Float32Array | None = None
 
     @classmethod
     def of(
@@ -204,6 +231,15 @@ class _Pair:
             target_usable=usable[1],
         )
 
+    def with_tone(self, curve: ToneCurve) -> "_Pair":
+        """Return the pair with the target in the source's levels."""
+        return replace(
+            self,
+            target=curve.of(self.target),
+            tone_slope=smoothed(curve.slope(self.target), 1.0),
+            tone_variance_dn2=smoothed(curve.variance(self.target), 1.0),
+        )
+
     def valid(self, smoothing: Smoothing) -> BoolArray:
         """Pixels of the target that neither a border nor anything unusable reaches."""
         zoom = self.positions.zoom
@@ -224,51 +260,115 @@ class _Pair:
         return np.where(np.isfinite(seen), seen, np.float32(np.mean(self.source)))
 
 
-def _compared(
-    pair: _Pair, blur: RelativeBlur, smoothing: Smoothing, options: ChangeOptions
-) -> Comparison:
-    valid = pair.valid(smoothing)
-    seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
-    terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions)
-    fit = fit_pair(seen, target, terms, valid, None)
-    noise = options.noise
-    gains = white_noise_gain(fit.kernel.taps, smoothing, pair.positions.zoom)
-    floor = None
-    if noise is not None:
-        # What noise.json says, the photographs' own scatter does not go below.
-        own, other = (noise.variance_dn2(image).astype(np.float32) for image in (target, seen))
-        floor = np.float32(gains.target) * own + np.float32(gains.source) * other
-        fit = fit_pair(seen, target, terms, valid, floor)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Matched:
+    """A pair at one sharpness, with the kernel that was fitted to it.
+
+    Parameters
+    ----------
+    pair
+        The photographs.
+    blur, smoothing
+        How much blurrier the target is, and the Gaussians that make up for it.
+    valid
+        Pixels of the target that count.
+    seen, target
+        Source and target, smoothed, on the target's pixels.
+    terms, floor_dn2
+        Of the variance.
+    fit
+        Kernel and variance.
+    """
+
+    pair: _Pair
+    blur: RelativeBlur
+    smoothing: Smoothing
+    valid: BoolArray = field(repr=False)
+    seen: Float32Array = field(repr=False)
+    target: Float32Array = field(repr=False)
+    terms: VarianceTerms = field(repr=False)
+    floor_dn2: Float32Array | None = field(repr=False)
+    fit: PairFit
+
+    @classmethod
+    def of(cls, pair: _Pair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
+        """Measure the blur on the pixels ``rough``, smooth, and fit."""
+        guess = _guessed_blur_px2(pair.positions.zoom)
+        blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)
+        smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
+        valid = pair.valid(smoothing)
+        seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
+        terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)
+        fit, floor = fit_pair(seen, target, terms, valid, None), None
+        if noise is not None:
+            # The photographs' own scatter is not less than what noise.json says.
+            gains = white_noise_gain(fit.kernel.taps, smoothing, pair.positions.zoom)
+            own, other = (noise.variance_dn2(image).astype(np.float32) for image in (target, seen))
+            floor = np.float32(gains.target) * own + np.float32(gains.source) * other
+            fit = fit_pair(seen, target, terms, valid, floor)
+        return cls(
+            pair=pair,
+            blur=blur,
+            smoothing=smoothing,
+            valid=valid,
+            seen=seen,
+            target=target,
+            terms=terms,
+            floor_dn2=floor,
+            fit=fit,
+        )
+
+    @property
+    def variance_dn2(self) -> Float32Array:
+        """Predicted variance of the difference."""
+        variance = self.terms.variance(self.fit.sizes, self.floor_dn2)
+        if self.pair.tone_variance_dn2 is not None:
+            variance += self.pair.tone_variance_dn2
+        return variance
+
+    @property
+    def noise_factor(self) -> float:
+        """Noise that was fitted over that of the noise model, or over 1 DN^2."""
+        if self.floor_dn2 is None:
+            gains = white_noise_gain(self.fit.kernel.taps, self.smoothing, self.pair.positions.zoom)
+            expected = gains.target + gains.source
+        else:
+            expected = float(self.floor_dn2[self.valid].mean())
+        return self.terms.noise_dn2(self.fit.sizes, self.valid) / expected
+
+
+def _compared(matched: _Matched) -> Comparison:
+    pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
+    seen, target = matched.seen, matched.target
     difference = target - fit.kernel.of(seen)
-    variance = terms.variance(fit.sizes, floor)
+    variance = matched.variance_dn2
     threshold = significance_threshold(_CALIBRATION_RATE / int(np.count_nonzero(valid)))
     sd = calibrated_factor(difference, variance, valid, smoothing.target_px, threshold)
     sd *= np.sqrt(variance)
-    gain, offset = fit.kernel.light(seen.shape)
+    gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
     plain = gain * (smoothed(pair.seen(0.0), smoothing.target_px) - np.float32(fit.kernel.level_dn))
     plain = target - plain - offset
-    images = difference, plain, sd
-    if not pair.is_on_followup:
-        # So far it was before minus after, in the reference's levels.
-        images = -difference / gain, -plain / gain, sd / gain
-    difference, plain, sd = images
+    if pair.is_on_followup:
+        # So far in the levels that the tone curve made.
+        scale = np.float32(1) if pair.tone_slope is None else 1 / pair.tone_slope
+    else:
+        # So far before minus after, in the reference's levels.
+        scale = -1 / gain
     mean_gain = float(gain[valid].mean())
-    noise_dn2 = terms.noise_dn2(fit.sizes, valid)
-    expected_dn2 = gains.target + gains.source if floor is None else float(floor[valid].mean())
     # Of the follow-up over the reference, in the follow-up's pixels.
     sense = 1.0 if pair.is_on_followup else -(pair.positions.zoom**2)
     return Comparison(
         is_on_followup=pair.is_on_followup,
-        difference_dn=np.where(valid, difference, np.float32(0)),
-        plain_difference_dn=np.where(valid, plain, np.float32(0)),
-        sd_dn=sd,
+        difference_dn=np.where(valid, scale * difference, np.float32(0)),
+        plain_difference_dn=np.where(valid, scale * plain, np.float32(0)),
+        sd_dn=np.abs(scale) * sd,
         valid=valid,
         smoothing_px=smoothing.target_px if pair.is_on_followup else smoothing.source_px,
         kernel="pair",
-        extra_blur_px2=sense * blur.value_px2,
-        extra_blur_err_px2=abs(sense) * blur.err_px2,
+        extra_blur_px2=sense * matched.blur.value_px2,
+        extra_blur_err_px2=abs(sense) * matched.blur.err_px2,
         gain=mean_gain if pair.is_on_followup else 1 / mean_gain,
-        noise_factor=noise_dn2 / expected_dn2,
+        noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
     )

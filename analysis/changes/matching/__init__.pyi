@@ -22,6 +22,11 @@ from .smoothed_warp import (
     smoothed as smoothed,
     spline_coefficients as spline_coefficients,
 )
+from .tone_curve import (
+    ToneCurve as ToneCurve,
+    fit_tone_curve as fit_tone_curve,
+    is_curved as is_curved,
+)
 from .variance_calibration import calibrated_factor as calibrated_factor
 
 __all__ = [
@@ -33,11 +38,14 @@ __all__ = [
     "PixelPositions",
     "RelativeBlur",
     "Smoothing",
+    "ToneCurve",
     "VarianceTerms",
     "WhiteNoiseGain",
     "away_from",
     "calibrated_factor",
     "fit_pair",
+    "fit_tone_curve",
+    "is_curved",
     "relative_blur",
     "smoothed",
     "smoothing_for",

@@ -115,9 +115,12 @@ def design_matrix(
 
 
 def solve(
-    design: FloatArray, target_dn: FloatArray, weight: FloatArray, gain: float = 1.0
+    design: FloatArray, target_dn: FloatArray, weight: FloatArray, prior: FloatArray | None = None
 ) -> FloatArray:
-    """Coefficients by weighted least squares with a ridge towards ``gain`` at the centre tap."""
+    """Coefficients by weighted least squares with a ridge towards a single tap.
+
+    ``prior`` is a matrix to add to the normal equations, for columns beyond the kernel's.
+    """
     root = np.sqrt(weight)[:, None]
     rooted = design * root
     normal = rooted.T @ rooted
@@ -127,10 +130,12 @@ def solve(
     ridge[:_TAPS], ridge[_TAPS:_LINEAR] = 1.0, _SLOPES
     ridge[[centre, centre + _TAPS, centre + 2 * _TAPS]] *= _CENTRE
     ridge *= _RIDGE * normal[centre, centre]
-    right[centre] += ridge[centre] * gain
+    right[centre] += ridge[centre]
     # The ridge leaves the gain's squares and the offset alone; a flat frame does not tell them.
     ridge += 1e-9 * np.diag(normal) + 1e-300
     normal[np.diag_indices_from(normal)] += ridge
+    if prior is not None:
+        normal += prior
     return np.asarray(np.linalg.solve(normal, right))
 
 

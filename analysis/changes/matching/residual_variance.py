@@ -48,7 +48,8 @@ class VarianceTerms:
         From 0 at the darkest to 1 at the brightest. The first size is the variance at 0, the
         second that at 1.
     others
-        Squared gradient, squared Laplacian, and the finest detail of target and source.
+        Squared gradient, squared Laplacian, the finest detail of target and source, and, if the
+        target was given another tone curve, its squared slope.
     """
 
     level: Float32Array
@@ -61,6 +62,7 @@ class VarianceTerms:
         source: Float32Array,
         target: Float32Array,
         positions: PixelPositions,
+        tone_slope: Float32Array | None = None,
     ) -> Self:
         """Compute the terms.
 
@@ -72,18 +74,21 @@ class VarianceTerms:
             The photographs as they are.
         positions
             Where the target's pixels lie in the source.
+        tone_slope
+            Slope of the tone curve that was applied to the target, if one was: its noise is that
+            many times as large.
         """
         source_detail = positions.seen(_finest_detail(source))
         source_detail[np.isnan(source_detail)] = 0
-        return cls(
-            level=_level(seen),
-            others=(
-                _gradient(seen),
-                _laplacian(seen),
-                _without_background(_finest_detail(target)),
-                _without_background(source_detail),
-            ),
-        )
+        others = [
+            _gradient(seen),
+            _laplacian(seen),
+            _without_background(_finest_detail(target)),
+            _without_background(source_detail),
+        ]
+        if tone_slope is not None:
+            others.append(smoothed(tone_slope * tone_slope, 1.0))
+        return cls(level=_level(seen), others=tuple(others))
 
     def at(self, rows: IntArray, cols: IntArray) -> FloatArray:
         """Terms at pixels, shape ``(terms, pixels)``."""
