@@ -1,13 +1,14 @@
 import csv
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
 
-from analysis.changes.document import Change
+from analysis.changes.document import Change, KernelOrigin
 from tests.standoff.changed_photographs import (
     FAR,
     NEAR,
@@ -60,7 +61,7 @@ def test_changes_are_registered_found_and_written(
     assert document["zoom"] == pytest.approx(ZOOM, abs=0.005)
     # The scene was photographed through no lens at all.
     assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
-    assert document["kernel"] in ("calibrated", "both")
+    assert document["kernel"] in get_args(KernelOrigin)
     assert_provenance(document, "changes", *photographs, psf_file, noise)
     told = command(*asked, "--noise", noise, "--out", tmp_path / "again")
     assert told.out.splitlines()[0] == "16 changes"
