@@ -119,6 +119,11 @@ class PlanTarget(WrittenTable):
     orientations_deg: Orientations = (0.0,)
     heights_mm: Heights | None = None
     exposure_us: Exposures | None = Field(None, description="one or a list; default: the bench's")
+    reference: Text | None = Field(
+        None,
+        description="earlier photograph of the target, named from the plan file; each capture is "
+        "compared with it",
+    )
 
 
 class CapturePlan(WrittenTable):

@@ -8,6 +8,7 @@ from .quality import (
     PoseQuality as PoseQuality,
     PoseSummary as PoseSummary,
     judge_pose as judge_pose,
+    read_pose as read_pose,
 )
 from .series import (
     JudgedFollowup as JudgedFollowup,
@@ -32,5 +33,6 @@ __all__ = [
     "limits_figure",
     "pose_figure",
     "pose_limits",
+    "read_pose",
     "read_pose_series",
 ]

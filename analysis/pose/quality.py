@@ -1,12 +1,14 @@
 """Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from acquisition.untrusted import parse_json
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice, DetectabilityCurve
-from analysis.errors import AnalysisError, OverlapError
+from analysis.errors import AnalysisError, OverlapError, ResultsFileError
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
 from calibration.provenance import Provenance
@@ -181,3 +183,22 @@ def judge_pose(
         criterion=criterion,
         beyond_curve=float(is_beyond[sampling.inside].mean()),
     )
+
+
+def read_pose(path: Path) -> PoseSummary:
+    """Read what ``standoff pose --json`` printed.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, or a value is missing or wrong.
+    """
+    source = str(path)
+    try:
+        return PoseSummary.model_validate(parse_json(path.read_bytes()))
+    except OSError as error:
+        raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=source) from error
+    except ValueError as error:
+        raise ResultsFileError(
+            f"{path}: not what standoff pose --json prints for one follow-up", source=source
+        ) from error

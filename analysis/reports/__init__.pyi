@@ -11,6 +11,8 @@ from .changes import (
     q_text as q_text,
     render_changes_report as render_changes_report,
     render_series_report as render_series_report,
+    stored_changes_section as stored_changes_section,
+    stored_pose_section as stored_pose_section,
     view_figures as view_figures,
 )
 from .focus import plot_focus_sweep as plot_focus_sweep
@@ -41,7 +43,11 @@ from .results import (
     plot_limits as plot_limits,
     plot_pose as plot_pose,
 )
-from .session import render_session_report as render_session_report, versions as versions
+from .session import (
+    SessionNotes as SessionNotes,
+    render_session_report as render_session_report,
+    versions as versions,
+)
 from .validation import render_validation as render_validation
 from .validation_plots import (
     plot_curves as plot_curves,
@@ -52,6 +58,7 @@ from .validation_plots import (
 __all__ = [
     "Report",
     "ReportSection",
+    "SessionNotes",
     "calibration_front",
     "calibration_sections",
     "calibration_verdicts",
@@ -86,6 +93,8 @@ __all__ = [
     "render_session_report",
     "render_validation",
     "stage_section",
+    "stored_changes_section",
+    "stored_pose_section",
     "svg_bytes",
     "verdict_section",
     "versions",

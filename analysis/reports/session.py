@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
@@ -37,13 +38,33 @@ from calibration.psf import PsfCalibration, capture_images
 _SAME_MTF50 = 1e-3  # relative; the digits of a report
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionNotes:
+    """What a session's report says beside the session, its PSF and its validation.
+
+    Parameters
+    ----------
+    remarks
+        What the report leaves out, and why.
+    warnings
+        What the command noted; on the front page of a session with a PSF.
+    comparisons
+        Sections on changes and poses that are among the results.
+    origin
+        Provenance of the report.
+    """
+
+    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    comparisons: tuple[ReportSection, ...] = ()
+    origin: Provenance | None = None
+
+
 def render_session_report(
     session: Session,
     psf: PsfCalibration | None,
     validation: Validation | None,
-    remarks: tuple[str, ...] = (),
-    origin: Provenance | None = None,
-    warnings: tuple[str, ...] = (),
+    notes: SessionNotes = SessionNotes(),
 ) -> str:
     """Return the report of a session as one HTML document.
 
@@ -54,12 +75,8 @@ def render_session_report(
     psf, validation
         What has been worked out from it so far; the furthest pair is simulated again for its
         figure.
-    remarks
-        What the report leaves out, and why.
-    origin
-        Provenance of the report.
-    warnings
-        What the command noted; on the front page of a session with a PSF.
+    notes
+        What else it says.
 
     Raises
     ------
@@ -76,7 +93,7 @@ def render_session_report(
             return session.load(records[edge.image]).mean_dn
 
         verdicts = calibration_verdicts(psf)
-        front = calibration_front(psf, warnings)
+        front = calibration_front(psf, notes.warnings)
         limits = verdict_section(psf)
         sections = [*([] if limits is None else [limits]), *sections]
         sections += calibration_sections(with_curves(psf, session), load, frozenset(records))
@@ -86,11 +103,12 @@ def render_session_report(
             shown = furthest_pair(session, validation, psf.best_psf(validation.psf))
         sections.append(agreement_section(validation, shown))
         verdicts += _agreement_verdicts(validation)
+    sections += notes.comparisons
     sections += [s for s in (noise_section(session, psf), stage_section(session)) if s]
     if psf is not None:
         sections.append(edge_table_section(psf))
-    if remarks:
-        sections.insert(0, ReportSection(title="Left out", text=remarks))
+    if notes.remarks:
+        sections.insert(0, ReportSection(title="Left out", text=notes.remarks))
     return render_report(
         Report(
             title=f"Session {session.plan.name}",
@@ -98,7 +116,7 @@ def render_session_report(
             verdicts=verdicts,
             sections=tuple(sections),
             provenance=(*device_rows(session), *versions()),
-            origin=origin,
+            origin=notes.origin,
             front=front,
             has_uncertainties=psf is not None,
         )

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from acquisition.plan import PlanEntry, PlanEstimate
     from hil_mocks import SimulatedBench
     from standoff.terminal import Operator
+    from standoff.workflows import PlannedComparisons
 
 
 def capture(
@@ -73,7 +74,7 @@ def capture(
     from acquisition.plan import estimate_plan, load_plan, plan_entries
     from acquisition.session import MANIFEST_NAME
     from standoff.terminal import flicker_warnings, frame_shape_of, preview_lines
-    from standoff.workflows import open_bench
+    from standoff.workflows import PlannedComparisons, open_bench
 
     config = read_bench(bench, settings)
     planned = load_plan(plan)
@@ -89,6 +90,7 @@ def capture(
                 "stopped; with others it is refused"
             )
         return
+    comparisons = PlannedComparisons.of(planned, plan.parent, out)
     is_simulated = "simulated" in (config.camera.driver, config.stage.driver)
     _refuse_placed(placed, is_simulated, estimate.placements)
     needs_nobody = (is_simulated and yes) or (placed and config.stage.driver != "manual")
@@ -118,12 +120,14 @@ def capture(
                 place=_placement(
                     devices.simulated, person, is_asked=not (placed or (yes and is_simulated))
                 ),
-                progress=_shown_on(bar),
+                progress=_shown_on(bar, comparisons),
                 review=person.review,
                 before_capture=person.wait_if_asked,
             ),
             retake=retake or (),
         )
+    for sentence in comparisons.write():
+        note(sentence)
     _print_summary(out, summary, json=json)
 
 
@@ -185,7 +189,7 @@ def _placement(
     return ask_then_place
 
 
-def _shown_on(bar: Bar) -> Callable[[CaptureProgress], None]:
+def _shown_on(bar: Bar, comparisons: PlannedComparisons) -> Callable[[CaptureProgress], None]:
     from standoff.terminal import time_text
 
     def show(done: CaptureProgress) -> None:
@@ -200,6 +204,9 @@ def _shown_on(bar: Bar) -> Callable[[CaptureProgress], None]:
             note(f"capture {entry.index}: {finding.problem}: {finding.text}")
         for remark in done.remarks:
             note(f"capture {entry.index}: {remark}")
+        compared = comparisons.pose_sentence(record)
+        if compared is not None:
+            note(f"capture {entry.index}: {compared}")
 
     return show
 

@@ -34,7 +34,7 @@ def report(
     require_writable([page])
     if not (results / "psf.json").is_file():
         note(
-            f"{results / 'psf.json'} is missing: the report shows only the captures; "
+            f"{results / 'psf.json'} is missing: the report shows no PSF; "
             f"standoff calibrate --session {directory} --out {results / 'psf.json'} writes it"
         )
     spoilt = [

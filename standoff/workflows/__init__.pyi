@@ -73,6 +73,7 @@ from .photograph_import import (
     ImportSettings as ImportSettings,
     import_into_session as import_into_session,
 )
+from .planned_comparison import PlannedComparisons as PlannedComparisons
 from .pose_stream import (
     NamedFrame as NamedFrame,
     StreamSummary as StreamSummary,
@@ -133,6 +134,7 @@ __all__ = [
     "OpenBench",
     "OpenCamera",
     "PairFormat",
+    "PlannedComparisons",
     "PoseDemand",
     "PracticeCommandError",
     "PracticeConsole",

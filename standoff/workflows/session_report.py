@@ -3,8 +3,16 @@
 from pathlib import Path
 
 from acquisition.session import Session
+from analysis.changes import read_changes
 from analysis.errors import AnalysisError
-from analysis.reports import render_session_report
+from analysis.pose import read_pose
+from analysis.reports import (
+    ReportSection,
+    SessionNotes,
+    render_session_report,
+    stored_changes_section,
+    stored_pose_section,
+)
 from analysis.validation import Validation, registrations_at_most
 from calibration.errors import PsfFileError
 from calibration.files import read_psf
@@ -14,6 +22,11 @@ from standoff.workflows.output_files import RESULTS_FOLDER
 from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import write_page
 from standoff.workflows.validation_run import session_validation
+
+_DEPTHS = ("", "*/", "*/*/", "*/*/*/")
+"""Folders below the results in which comparisons are looked for: changes, target, capture."""
+
+_SHOWN = 12
 
 
 def write_session_report(session: Session, path: Path) -> None:
@@ -43,10 +56,41 @@ def write_session_report(session: Session, path: Path) -> None:
             remarks = (f"No comparison of captured with simulated follow-ups: {error}.",)
             note(f"the report leaves out the comparison of heights: {error}")
     origin = provenance_of(session, psf_path if psf_path.is_file() else None)
-    page = render_session_report(session, psf, validation, remarks, origin, remarks_so_far())
+    notes = SessionNotes(
+        remarks=remarks,
+        warnings=remarks_so_far(),
+        comparisons=_comparisons(session.path / RESULTS_FOLDER),
+        origin=origin,
+    )
+    page = render_session_report(session, psf, validation, notes)
     write_page(path, page)
 
 
 def _validation(session: Session, psf: PsfCalibration, psf_path: Path) -> Validation:
     name = str(psf_path)
     return session_validation(session, psf.best_psf(name), name)
+
+
+def _comparisons(results: Path) -> tuple[ReportSection, ...]:
+    """A section for each changes.json and pose.json of the results; of very many, the first."""
+    poses, changes = (_found(results, name) for name in ("pose.json", "changes.json"))
+    sections = [
+        stored_pose_section(_name(path, results), read_pose(path)) for path in poses[:_SHOWN]
+    ]
+    for path in changes[:_SHOWN]:
+        figure = path.with_name("changes-figure.png")
+        picture = figure.read_bytes() if figure.is_file() else None
+        sections.append(stored_changes_section(_name(path, results), read_changes(path), picture))
+    left_out = max(len(poses) - _SHOWN, 0) + max(len(changes) - _SHOWN, 0)
+    if left_out:
+        note(f"the report shows {len(sections)} comparisons, {left_out} more are in {results}")
+    return tuple(sections)
+
+
+def _found(results: Path, name: str) -> list[Path]:
+    return sorted(path for depth in _DEPTHS for path in results.glob(f"{depth}{name}"))
+
+
+def _name(path: Path, results: Path) -> str:
+    folder = path.parent.relative_to(results)
+    return str(folder) if folder.parts else path.name

@@ -5,6 +5,10 @@ from .sections import (
     q_text as q_text,
     render_changes_report as render_changes_report,
 )
+from .stored import (
+    stored_changes_section as stored_changes_section,
+    stored_pose_section as stored_pose_section,
+)
 from .time_line import render_series_report as render_series_report
 from .views import view_figures as view_figures
 
@@ -16,5 +20,7 @@ __all__ = [
     "q_text",
     "render_changes_report",
     "render_series_report",
+    "stored_changes_section",
+    "stored_pose_section",
     "view_figures",
 ]

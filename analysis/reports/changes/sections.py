@@ -66,7 +66,7 @@ def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFr
     return ReportFront(
         outcome="unsure" if summary.changes else "none",
         label=count_text(len(summary.changes)),
-        verdict=f"{_rate_text(summary)}.",
+        verdict=f"{comparison_sentence(summary)}.",
         facts=(
             *facts,
             ("encoding", encodings_text(summary.provenance) or "not stated"),
@@ -77,7 +77,8 @@ def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFr
     )
 
 
-def _rate_text(summary: ChangeSummary) -> str:
+def comparison_sentence(summary: ChangeSummary) -> str:
+    """Say how many pixels differ, and how many or which share chance alone makes."""
     if summary.false_discovery_rate is not None:
         return (
             f"about {100 * summary.false_discovery_rate:g} % of the listed changes are expected to "
@@ -126,21 +127,22 @@ def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> Re
     """Show the views, and under them the list of changes that they number."""
     text = [
         "Grey hatching: not compared, since one of the photographs does not show it. Orange: "
-        "clipped at white or black. Violet: left out by the mask."
+        "clipped. Violet: left out by the mask. Click a row of the list to see its change."
     ]
     if len(summary.changes) > _LISTED:
         text.append(
             f"The {_LISTED} most significant of {len(summary.changes)} changes are listed; "
             "changes.csv has all."
         )
-    tables = (_list_table(summary.changes),) if summary.changes else ()
+    tables = (list_table(summary.changes),) if summary.changes else ()
     return ReportSection(
         title="Before and after", text=tuple(text), figures=tuple(views), tables=tables,
         has_views=True,
     )  # fmt: skip
 
 
-def _list_table(changes: Sequence[Change]) -> ReportTable:
+def list_table(changes: Sequence[Change]) -> ReportTable:
+    """Tabulate changes, numbered from 1."""
     return ReportTable(
         columns=(
             "change",
@@ -168,7 +170,7 @@ def _list_table(changes: Sequence[Change]) -> ReportTable:
             for number, change in enumerate(changes[:_LISTED], 1)
         ),
         caption="Changes, the most significant first; amplitudes are after minus before in the "
-        "follow-up's levels. Click a row to see the change.",
+        "follow-up's levels.",
         is_of_changes=True,
     )
 

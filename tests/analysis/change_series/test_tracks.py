@@ -116,9 +116,7 @@ def test_no_follow_up_and_no_change_make_no_track() -> None:
 @given(
     st.lists(
         st.lists(
-            st.tuples(
-                st.integers(0, 4), st.integers(0, 4), st.sampled_from([-9.0, 9.0])
-            ),
+            st.tuples(st.integers(0, 4), st.integers(0, 4), st.sampled_from([-9.0, 9.0])),
             max_size=6,
             unique=True,
         ),

@@ -4,7 +4,7 @@ import pytest
 
 from acquisition.session.reader import Session
 from analysis.reports.page import CONVENTION
-from analysis.reports.session import render_session_report, versions, with_curves
+from analysis.reports.session import SessionNotes, render_session_report, versions, with_curves
 from analysis.validation.document import ExcludedCapture, Validation
 from calibration.psf.document import PsfCalibration
 from calibration.sharpness import SharpnessLimits
@@ -91,7 +91,11 @@ def test_what_is_left_out_stands_first_with_its_reason(
 ) -> None:
     other = ExcludedCapture(capture=7, target="moss", height_mm=120.0, reason="no common detail")
     lame = validation.model_copy(update={"excluded": (other,), "remarks": ("it is dim",)})
-    page = Page(render_session_report(session, None, lame, ("The PSF: sigma_y_px is null.",)))
+    page = Page(
+        render_session_report(
+            session, None, lame, SessionNotes(remarks=("The PSF: sigma_y_px is null.",))
+        )
+    )
     assert page.headings[:3] == ["Session small", "Left out", "Captures"]
     assert "The PSF: sigma_y_px is null." in page.texts
     assert f"Left out: {other.text}." in page.texts
@@ -103,7 +107,7 @@ def test_a_session_with_a_psf_has_the_front_page_of_a_calibration(
 ) -> None:
     limits = SharpnessLimits.model_validate({"mtf50": {"min_cy_per_px": 0.9}})
     judged = psf.judged(limits, "l.toml")
-    page = Page(render_session_report(session, judged, None, warnings=("beware",)))
+    page = Page(render_session_report(session, judged, None, SessionNotes(warnings=("beware",))))
     for text in ("fail", "1 limit of l.toml: 1 failed.", "photographed", "lens", "beware"):
         assert text in page.texts
     assert page.headings[1:3] == ["Limits", "Captures"]

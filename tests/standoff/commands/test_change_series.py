@@ -90,7 +90,10 @@ def test_each_of_a_folder_gets_what_it_gets_alone(command: Command, root: Path) 
         folder, alone = out / listed.folder, root / "alone" / listed.folder
         assert sorted(path.name for path in folder.iterdir()) == list(FILES)
         assert pixels(folder) == pixels(alone)
-        found, expected = read_changes(folder / "changes.json"), read_changes(alone / "changes.json")
+        found, expected = (
+            read_changes(folder / "changes.json"),
+            read_changes(alone / "changes.json"),
+        )
         names = {"reference", "followup", "provenance"}
         assert found.model_dump(exclude=names) == expected.model_dump(exclude=names)
         followup = photographs / f"{listed.folder}.tif"

@@ -130,9 +130,7 @@ def test_a_mask_leaves_its_pixels_out(
     left_out[:, : FAR[1] // 2] = 1
     Image.fromarray(left_out).save(tmp_path / "mask.png")
     out = tmp_path / "out"
-    done = command(
-        "changes", *photographs, "--mask", tmp_path / "mask.png", "--out", out, "--json"
-    )
+    done = command("changes", *photographs, "--mask", tmp_path / "mask.png", "--out", out, "--json")
     assert done.status == 0, done.err
     document = json.loads(done.out)
     assert len(document["changes"]) == 8

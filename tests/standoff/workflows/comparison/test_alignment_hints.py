@@ -53,9 +53,15 @@ def test_points_are_read_by_the_names_of_their_columns(tmp_path: Path) -> None:
         ("", "no column followup_x_px; the first line must be followup_x_px,followup_y_px,"),
         ("a_x_px,a_y_px,b_x_px,b_y_px\n1,2,3,4\n", "no column followup_x_px"),
         ("10,20,110,120\n" * 5, "no column followup_x_px"),
-        (f"{','.join(POINT_COLUMNS)}\n1,2,3,4\n" * 1, "1 distinct pairs of points; mark at least 4"),
+        (
+            f"{','.join(POINT_COLUMNS)}\n1,2,3,4\n" * 1,
+            "1 distinct pairs of points; mark at least 4",
+        ),
         (f"{','.join(POINT_COLUMNS)}\n" + "1,2,3,4\n" * 9, "1 distinct pairs of points"),
-        (f"{','.join(POINT_COLUMNS)}\n1,2,3,4\n5,x,7,8\n", "line 3: followup_y_px 'x' is no number"),
+        (
+            f"{','.join(POINT_COLUMNS)}\n1,2,3,4\n5,x,7,8\n",
+            "line 3: followup_y_px 'x' is no number",
+        ),
         (f"{','.join(POINT_COLUMNS)}\n1,2,3\n", "line 2: reference_y_px is missing"),
         (f"{','.join(POINT_COLUMNS)}\n1,2,nan,4\n", "reference_x_px 'nan' is no number"),
         (f"{','.join(POINT_COLUMNS)}\n1,2,1e999,4\n", "'1e999' is no number"),
