@@ -216,7 +216,7 @@ def _short(one: TimeLineFollowup) -> str:
 @in_report_style
 def plot_time_line(line: ChangeTimeLine) -> Figure:
     """Draw the amplitudes of the first tracks over the follow-ups."""
-    figure = new_figure(7.2, 3.4)
+    figure = new_figure(7.2, 4.0)
     axes = figure.subplots()
     drawn = line.tracks[:_TRACKS_DRAWN]
     for number, (track, colour) in enumerate(zip(drawn, _COLOURS, strict=False), 1):
@@ -261,7 +261,7 @@ def plot_sightings(line: ChangeTimeLine) -> Figure:
     colours = np.array(
         [[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in (_SEEN, _NOT_SEEN, _NOT_COMPARED)]
     )
-    figure = new_figure(7.2, 0.9 + 0.16 * len(drawn))
+    figure = new_figure(7.2, 2.1 + 0.16 * len(drawn))
     axes = figure.subplots()
     axes.imshow(colours[cells], aspect="auto", interpolation="nearest")
     step = max(1, len(drawn) // 20)
