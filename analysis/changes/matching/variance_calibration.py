@@ -6,7 +6,7 @@ sharpest edges or with heavy tails, the differences in the bin tell.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import log, pi, sqrt
+from math import inf, log, pi, sqrt
 
 import numpy as np
 
@@ -23,6 +23,10 @@ _TAIL, _TAIL_SD = 0.99, 2.5758293035489004
 _TAIL_SCATTER = 1.33
 """Standard deviation of the tail's quantile over the spread, over the root of 1 / n; a tail must
 exceed it to count."""
+
+_LEAST_STEP = 0.1
+"""Pixels whose predicted variances agree to 10 % are of one kind; a bin of them alone could be
+filled by one change."""
 
 _LEAST_PX = 30
 _SAMPLE_PX = 500_000
@@ -66,11 +70,10 @@ def calibrate_variance(
     """
     ratio = np.abs(difference_dn) / np.sqrt(variance_dn2)
     log_variance = np.log(variance_dn2)
-    edges = np.quantile(log_variance, _EDGES)
-    edges[-1] = np.inf
+    edges = _apart(np.quantile(log_variance, _EDGES).tolist())
     middles, factors = [], []
     alike = 4 * pi * smoothing_px**2 / pixels * len(ratio) + 1
-    for low, high in pairwise(edges.tolist()):
+    for low, high in pairwise(edges):
         inside = (log_variance >= low) & (log_variance < high)
         count = int(inside.sum())
         if count < _LEAST_PX:
@@ -83,6 +86,15 @@ def calibrate_variance(
     if not middles:
         return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
     return VarianceCalibration(log_variance=np.array(middles), log_factor=np.array(factors))
+
+
+def _apart(edges: list[float]) -> list[float]:
+    """Leave out edges that hardly differ from the one before; the last bin is open."""
+    kept = edges[:1]
+    for edge in edges[1:-1]:
+        if edge - kept[-1] > _LEAST_STEP:
+            kept.append(edge)
+    return [*kept, inf]
 
 
 def calibrated_factor(
