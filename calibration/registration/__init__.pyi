@@ -11,7 +11,7 @@ from .features import (
 )
 from .hints import RegistrationHints as RegistrationHints
 from .pair import Registration as Registration, register as register
-from .refinement import zoom_at_centre as zoom_at_centre
+from .motions import zoom_at_centre as zoom_at_centre
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
 
 __all__ = [

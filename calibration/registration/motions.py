@@ -1,8 +1,11 @@
 """Small motions of a follow-up's pixels: the degrees of freedom of a pose in the descent."""
 
+from math import sqrt
+
 import numpy as np
 
 from simulation.arrays import FloatArray
+from simulation.pose import projection_slopes
 
 _MOTIONS = ((0, 2), (1, 2), (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1))
 """Elements of each motion in the 3 x 3 matrix that is added to the identity, in coordinates (u, v)
@@ -60,3 +63,9 @@ def moved_matrix(matrix: FloatArray, step_px: FloatArray, shape: tuple[int, int]
 def _half_size_px(shape: tuple[int, int]) -> float:
     """Unit of the motions' coordinates: half the longer side of the follow-up."""
     return max(shape) / 2
+
+
+def zoom_at_centre(matrix: FloatArray, shape: tuple[int, int]) -> float:
+    """Square root of the homography's area ratio at the image centre."""
+    a, b, c, d = projection_slopes(matrix, (shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    return sqrt(abs(a * d - b * c))
