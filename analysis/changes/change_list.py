@@ -7,9 +7,12 @@ from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change
 from analysis.changes.false_discovery import q_values
 from analysis.changes.peaks import ConnectedPeaks, connected_peaks
-from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, fit_spot
+from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, fit_spot, level_at
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
+
+_MOST_FITTED = 300
+"""Changes whose shape is fitted; a frame with more is another scene, and the rest get levels."""
 
 
 def list_changes(
@@ -65,6 +68,9 @@ def _fitted(compared: Comparison, peaks: ConnectedPeaks) -> list[FittedSpot]:
     near = tree.query_ball_tree(tree, reach)
     spots = []
     for index, peak in enumerate(at):
+        if index >= _MOST_FITTED:
+            spots.append(level_at(compared, (int(peak[0]), int(peak[1]))))
+            continue
         others = np.array([other for other in near[index] if other != index], dtype=np.int64)
         distance = np.linalg.norm(at[others] - peak, axis=1)
         nearest = at[others[np.argsort(distance, kind="stable")]]

@@ -1,0 +1,65 @@
+"""Smoothed differences whose truth is known in closed form."""
+
+import numpy as np
+
+from analysis.changes.comparison import Comparison
+from simulation.arrays import BoolArray, FloatArray
+
+
+def spot(
+    shape: tuple[int, int], place_px: tuple[float, float], amplitude: float, variance_px2: float
+) -> FloatArray:
+    """A Gaussian with this peak and variance at ``(y, x)``."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+    square = (y - place_px[0]) ** 2 + (x - place_px[1]) ** 2
+    return np.asarray(amplitude * np.exp(-square / (2 * variance_px2)))
+
+
+def smoothed_spot(
+    shape: tuple[int, int],
+    place_px: tuple[float, float],
+    amplitude: float,
+    sigma_px: float,
+    smoothing_px: float,
+) -> FloatArray:
+    """The same behind a Gaussian smoothing: wider, and lower by the ratio of the areas."""
+    wide = sigma_px**2 + smoothing_px**2
+    return spot(shape, place_px, amplitude * sigma_px**2 / wide, wide)
+
+
+def smoothed_noise(
+    rng: np.random.Generator, shape: tuple[int, int], smoothing_px: float
+) -> FloatArray:
+    """White noise behind a Gaussian, of unit variance."""
+    freq_y, freq_x = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None]
+    transfer = np.exp(-2 * (np.pi * smoothing_px) ** 2 * (freq_y**2 + freq_x**2))
+    field = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * transfer, s=shape)
+    return np.asarray(field * 2 * np.sqrt(np.pi) * smoothing_px)
+
+
+def comparison(
+    difference_dn: FloatArray,
+    sd_dn: float | FloatArray = 1.0,
+    *,
+    valid: BoolArray | None = None,
+    smoothing_px: float = 1.0,
+    is_on_followup: bool = True,
+) -> Comparison:
+    """A comparison with this difference."""
+    if valid is None:
+        valid = np.ones(difference_dn.shape, dtype=np.bool_)
+    return Comparison(
+        is_on_followup=is_on_followup,
+        difference_dn=np.where(valid, difference_dn, 0.0),
+        plain_difference_dn=difference_dn,
+        sd_dn=np.broadcast_to(sd_dn, difference_dn.shape),
+        valid=valid,
+        smoothing_px=smoothing_px,
+        kernel="pair",
+        extra_blur_px2=0.0,
+        extra_blur_err_px2=1.0,
+        gain=1.0,
+        noise_dn2=1.0,
+        registration_err_px=0.0,
+        width_err_px2=0.0,
+    )

@@ -1,0 +1,218 @@
+"""The list of changes on fields whose spots and noise are known in closed form."""
+
+from math import log, pi, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.special import ndtr
+
+from analysis.changes.change_list import list_changes
+from calibration.registration import DistortedPose
+from simulation.arrays import FloatArray
+from tests.analysis.changes.compared_fields import (
+    comparison,
+    smoothed_noise,
+    smoothed_spot,
+    spot,
+)
+
+SHAPE = (61, 83)
+SAME = DistortedPose(matrix=np.eye(3), k1=0.0, reference_shape=SHAPE, followup_shape=SHAPE)
+HALF = DistortedPose(  # the follow-up twice as far, its first pixel on the reference's (20, 10)
+    matrix=np.array([[2.0, 0.0, 20.0], [0.0, 2.0, 10.0], [0.0, 0.0, 1.0]]),
+    k1=0.0,
+    reference_shape=SHAPE,
+    followup_shape=SHAPE,
+)
+
+
+@pytest.mark.parametrize("smoothing", [1.0, 1.5])
+@pytest.mark.parametrize(("sigma", "amplitude"), [(0.8, 60.0), (1.5, -40.0), (4.0, 25.0)])
+def test_a_spot_without_noise_has_its_own_place_and_peak(
+    sigma: float, amplitude: float, smoothing: float
+) -> None:
+    field = smoothed_spot(SHAPE, (30.3, 41.8), amplitude, sigma, smoothing)
+    (found,) = list_changes(comparison(field, smoothing_px=smoothing), SAME, 5.0)
+    assert (found.y_px, found.x_px) == pytest.approx((30.3, 41.8), abs=1e-3)
+    # What the correction for the bias of a noisy peak makes of it is all that is different.
+    corrected = amplitude / (1 + 1.5 * (found.amplitude_err_dn / amplitude) ** 2)
+    assert found.amplitude_dn == pytest.approx(corrected, rel=5e-3)  # itself from the fitted peak
+
+
+def test_the_area_is_that_of_the_circle_at_the_threshold() -> None:
+    field = smoothed_spot((101, 101), (50.2, 49.7), 80.0, 6.0, 1.0)
+    (found,) = list_changes(comparison(field), SAME, 5.0)
+    wide = 6.0**2 + 1
+    circle = 2 * pi * wide * log(80.0 * 36 / wide / 5.0)
+    assert found.area_px == pytest.approx(circle, rel=0.02)  # its rim passes through pixels
+
+
+def test_the_stated_error_is_that_of_a_peak_of_free_place_and_width() -> None:
+    # In white noise of sigma a pixel, var(A) = 2 sigma^2 / (pi w^2): twice that of a known width.
+    sigma_noise, width, smoothing = 3.0, 2.0, 1.0
+    field = smoothed_spot(SHAPE, (30.0, 40.0), 9.0, width, smoothing)
+    sd = sigma_noise / (2 * sqrt(pi) * smoothing)
+    (found,) = list_changes(comparison(field, sd), SAME, 5.0)
+    assert found.amplitude_err_dn == pytest.approx(sqrt(2 / pi) * sigma_noise / width, rel=0.03)
+
+
+def test_what_vanished_beside_what_appeared_is_a_change_of_its_own() -> None:
+    field = smoothed_spot(SHAPE, (30.0, 36.0), 90.0, 1.2, 1.0)
+    field += smoothed_spot(SHAPE, (30.0, 41.0), -70.0, 1.2, 1.0)
+    found = list_changes(comparison(field), SAME, 5.0)
+    assert [round(change.x_px, 2) for change in found] == [36.0, 41.0]
+    amplitudes = [change.amplitude_dn for change in found]
+    assert amplitudes == pytest.approx([90.0, -70.0], rel=5e-3)  # the correction for noise
+
+
+def test_a_neighbour_takes_nothing_of_a_peak() -> None:
+    field = smoothed_spot(SHAPE, (30.0, 36.0), 60.0, 1.5, 1.0)
+    beside = smoothed_spot(SHAPE, (31.0, 43.0), -90.0, 1.5, 1.0)
+    _, found = list_changes(comparison(field + beside), SAME, 5.0)
+    (alone,) = list_changes(comparison(field), SAME, 5.0)
+    assert found.amplitude_dn == pytest.approx(alone.amplitude_dn, rel=5e-3)
+
+
+def test_two_spots_that_touch_are_one_change_with_the_peak_of_the_stronger() -> None:
+    field = smoothed_spot(SHAPE, (30.0, 36.0), 120.0, 1.5, 1.0)
+    field += smoothed_spot(SHAPE, (30.0, 41.5), 80.0, 1.5, 1.0)
+    (found,) = list_changes(comparison(field), SAME, 5.0)
+    assert found.x_px == pytest.approx(36.0, abs=0.05)
+    assert found.amplitude_dn == pytest.approx(120.0, rel=0.02)
+
+
+def test_an_extended_change_has_the_level_of_its_strongest_place() -> None:
+    y, x = (np.arange(float(n)) for n in SHAPE)
+    sides = [(ndtr(y - 14.5) - ndtr(y - 44.5)), (ndtr(x - 19.5) - ndtr(x - 59.5))]
+    field = 12.0 * np.multiply.outer(*sides)  # 30 x 40 px, smoothed by 1 px
+    (found,) = list_changes(comparison(field), SAME, 6.0)
+    assert found.area_px == pytest.approx(30 * 40, abs=4)  # half the level, but at the corners
+    assert found.amplitude_dn == pytest.approx(12.0, abs=0.2)
+    assert 15 <= found.y_px <= 44
+    assert 20 <= found.x_px <= 59
+
+
+def test_a_line_is_one_change_with_the_level_along_it() -> None:
+    x = np.arange(float(SHAPE[1]))
+    across = 30.0 * 1.2 / sqrt(1.2**2 + 1) * np.exp(-((x - 40.3) ** 2) / (2 * (1.2**2 + 1)))
+    field = np.multiply.outer(np.exp(-((np.arange(SHAPE[0]) - 30) ** 2) / 800), across)
+    (found,) = list_changes(comparison(field), SAME, 5.0)
+    assert found.amplitude_dn == pytest.approx(30.0, rel=0.05)  # not 23, as smoothed
+    assert found.x_px == pytest.approx(40.3, abs=0.3)
+
+
+def test_on_either_grid_places_areas_and_signs_are_those_of_the_follow_up() -> None:
+    field = smoothed_spot(SHAPE, (30.0, 40.0), 50.0, 2.0, 1.0)
+    (far,) = list_changes(comparison(field), HALF, 5.0)
+    assert (far.x_px, far.y_px) == pytest.approx((40.0, 30.0), abs=1e-3)
+    assert (far.reference_x_px, far.reference_y_px) == pytest.approx((100.0, 70.0), abs=2e-3)
+    (near,) = list_changes(comparison(field, is_on_followup=False), HALF, 5.0)
+    assert (near.reference_x_px, near.reference_y_px) == pytest.approx((40.0, 30.0), abs=1e-3)
+    assert (near.x_px, near.y_px) == pytest.approx((10.0, 10.0), abs=1e-3)
+    # A reference pixel is a quarter of a follow-up pixel.
+    assert near.area_px == pytest.approx(far.area_px / 4)
+    assert near.amplitude_dn == pytest.approx(far.amplitude_dn)
+
+
+def test_the_most_significant_comes_first_and_an_empty_frame_has_none() -> None:
+    field = sum(
+        (
+            smoothed_spot(SHAPE, (30.0, x), a, 1.5, 1.0)
+            for x, a in ((15, 20.0), (40, -80), (65, 50))
+        ),
+        start=np.zeros(SHAPE),
+    )
+    found = list_changes(comparison(field), SAME, 5.0)
+    assert [round(change.x_px) for change in found] == [40, 65, 15]
+    assert [change.q_value for change in found] == sorted(change.q_value for change in found)
+    assert list_changes(comparison(np.zeros(SHAPE)), SAME, 5.0) == ()
+
+
+def test_errors_cover_the_truth_as_often_as_stated() -> None:
+    # 10 standard deviations of the matched filter: A w sqrt(pi) = 10 sigma in white noise.
+    rng = np.random.default_rng(5)
+    inside, shape, sd = 0, (45, 45), 1 / (2 * sqrt(pi))
+    for width in np.repeat([1.0, 1.5, 2.0, 3.0], 30):
+        amplitude = 10 / (sqrt(pi) * width)
+        place = tuple((22 + rng.uniform(-0.5, 0.5, 2)).tolist())
+        field = smoothed_spot(shape, (place[0], place[1]), amplitude, width, 1.0)
+        field += sd * smoothed_noise(rng, shape, 1.0)
+        found = list_changes(comparison(field, sd), SAME, 4.0)[0]
+        inside += abs(found.amplitude_dn - amplitude) < 1.96 * found.amplitude_err_dn
+        assert np.hypot(found.y_px - place[0], found.x_px - place[1]) < 2.5
+    # 114 are expected of 120; a right one has fewer than 105 once in 1,000 times.
+    assert inside >= 105
+
+
+def noisy_spots(seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    field = smoothed_noise(rng, (64, 64), 1.0)
+    for y, x in ((20, 20), (22, 44), (43, 30)):
+        place = (y + rng.uniform(-2, 2), x + rng.uniform(-2, 2))
+        amplitude = rng.choice([-1, 1]) * rng.uniform(10, 40)
+        field += smoothed_spot((64, 64), place, amplitude, rng.uniform(1, 3), 1.0)
+    return np.asarray(field)
+
+
+@given(seed=st.integers(0, 2**32 - 1), down=st.integers(-6, 6), right=st.integers(-6, 6))
+@settings(max_examples=15, deadline=None)
+def test_the_list_moves_with_the_grid(seed: int, down: int, right: int) -> None:
+    field = np.zeros((90, 90))
+    field[13:77, 13:77] = noisy_spots(seed)
+    here = list_changes(comparison(field), SAME, 5.0)
+    there = list_changes(comparison(np.roll(field, (down, right), (0, 1))), SAME, 5.0)
+    assert [change.area_px for change in here] == [change.area_px for change in there]
+    for one, other in zip(here, there, strict=True):
+        moved = (other.y_px - down, other.x_px - right, other.amplitude_dn)
+        assert moved == pytest.approx((one.y_px, one.x_px, one.amplitude_dn), abs=1e-2)
+
+
+@given(seed=st.integers(0, 2**32 - 1), light=st.floats(1e-3, 1e3))
+@settings(max_examples=15, deadline=None)
+def test_amplitudes_scale_with_the_light_and_change_sign_with_the_change(
+    seed: int, light: float
+) -> None:
+    field = noisy_spots(seed)
+    plain = list_changes(comparison(field), SAME, 5.0)
+    scaled = list_changes(comparison(-light * field, light), SAME, 5.0)
+    for one, other in zip(plain, scaled, strict=True):
+        assert other.amplitude_dn == pytest.approx(-light * one.amplitude_dn, rel=1e-3)
+        assert other.amplitude_err_dn == pytest.approx(light * one.amplitude_err_dn, rel=1e-3)
+        assert other.significance == pytest.approx(one.significance)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.tuples(st.integers(1, 12), st.integers(1, 12)),
+    share=st.floats(0, 1),
+    scale=st.floats(0.1, 1e3),
+)
+@settings(max_examples=20, deadline=None)
+def test_any_mask_and_any_field_have_a_list(
+    seed: int, shape: tuple[int, int], share: float, scale: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    valid = rng.uniform(size=shape) < share
+    field = comparison(scale * rng.standard_normal(shape), valid=valid)
+    for change in list_changes(field, SAME, 3.0):
+        assert change.amplitude_err_dn > 0
+        assert 0 <= change.q_value <= 1
+        assert change.significance > 3
+
+
+def test_half_hidden_by_a_mask_a_spot_keeps_its_peak() -> None:
+    field = smoothed_spot(SHAPE, (30.0, 40.0), 80.0, 1.5, 1.0)
+    valid = np.ones(SHAPE, dtype=np.bool_)
+    valid[:, 41:] = False
+    (found,) = list_changes(comparison(field, valid=valid), SAME, 5.0)
+    assert found.amplitude_dn == pytest.approx(80.0, rel=0.01)
+
+
+def test_the_smoothed_spot_of_these_tests_is_one() -> None:
+    # Against a sum over pixels, fine enough to be an integral.
+    plain = spot((41, 41), (20.0, 20.0), 7.0, 4.0)
+    kernel = spot((41, 41), (20.0, 20.0), 1.0, 2.25)
+    summed = float((plain * kernel).sum() / kernel.sum())
+    smoothed = smoothed_spot((41, 41), (20.0, 20.0), 7.0, 2.0, 1.5)
+    assert smoothed[20, 20] == pytest.approx(summed, rel=1e-6)
