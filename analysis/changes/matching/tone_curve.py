@@ -184,7 +184,7 @@ def _by_medians(
 ) -> ToneCurve | None:
     """Cubic through the medians of the source at levels of the target, over all its levels."""
     slope_y, slope_x = np.gradient(smooth_target)
-    steep = slope_y * slope_y + slope_x * slope_x
+    steep: Float32Array = np.asarray(slope_y * slope_y + slope_x * slope_x)
     smooth = valid & (steep <= float(np.quantile(steep[valid], _SMOOTH_SHARE)))
     level, value = smooth_target[smooth], source[smooth]
     edges = np.linspace(float(level.min()), float(level.max()) + 1e-6, _BINS + 1)
