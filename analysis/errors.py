@@ -33,14 +33,6 @@ class OverlapError(AnalysisError):
         self.shared_px = shared_px
 
 
-class SoftFollowupError(AnalysisError):
-    """A follow-up is softer than simulated, by a blur of width ``blur_px``."""
-
-    def __init__(self, message: str, *, blur_px: float) -> None:
-        super().__init__(message)
-        self.blur_px = blur_px
-
-
 class ResultsFileError(AnalysisError, DocumentError):
     """A results file cannot be read or written, or lacks what is needed."""
 

@@ -24,16 +24,14 @@ from .psf import (
     compare_psfs as compare_psfs,
 )
 from .registration import (
-    DistortedRegistration as DistortedRegistration,
     Registration as Registration,
+    RegistrationHints as RegistrationHints,
     register as register,
-    register_distorted as register_distorted,
 )
 
 __all__ = [
     "CalibrationError",
     "CharucoBoard",
-    "DistortedRegistration",
     "EdgeImage",
     "EdgeMeasurement",
     "Estimate",
@@ -43,6 +41,7 @@ __all__ = [
     "PsfCalibration",
     "Region",
     "Registration",
+    "RegistrationHints",
     "calibrate_from_distances",
     "calibrate_from_scene",
     "calibrate_geometry",
@@ -52,6 +51,5 @@ __all__ = [
     "measure_noise",
     "read_psf",
     "register",
-    "register_distorted",
     "write_psf",
 ]

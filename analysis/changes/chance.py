@@ -8,10 +8,9 @@ from scipy.special import ndtr
 
 from simulation.arrays import FloatArray
 
-_SPREAD_ERR = 0.06
+_SPREAD_ERR = 0.03
 """Relative standard deviation, over the frame, of the true spread about the one worked out: what
-the fitted sizes and the neighbours' correlation leave open. Without it a third more pixels than
-stated are flagged at a rate of 1 a frame (``benchmarks/bench_changes.py``, where it was chosen)."""
+the calibration of the variance and the neighbours' correlation leave open."""
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _SPREADS, _SHARES = 1 + _SPREAD_ERR * _NODES, _WEIGHTS / _WEIGHTS.sum()

@@ -1,11 +1,64 @@
-"""Two photographs compared on the pixels of the coarser one."""
+"""Two photographs compared on the pixels of the coarser one.
 
-from dataclasses import dataclass
+The nearer photograph is the source, the other the target. Both are smoothed, by Gaussians that
+bring them to one sharpness; the source is resampled on the target's pixels and a kernel fitted to
+the pair takes it to the target. What remains is compared with its own scatter.
+"""
+
+from dataclasses import dataclass, field, replace
+from math import inf, sqrt
 
 import numpy as np
 
+from analysis.changes.chance import significance_threshold
 from analysis.changes.document import KernelOrigin
-from simulation.arrays import BoolArray, FloatImage
+from analysis.changes.matching import (
+    GRADIENT,
+    KERNEL_RADIUS_PX,
+    LAPLACIAN,
+    PairFit,
+    PixelPositions,
+    RelativeBlur,
+    Smoothing,
+    ToneCurve,
+    VarianceTerms,
+    away_from,
+    calibrated_blur_px2,
+    calibrated_factor,
+    fit_pair,
+    fit_tone_curve,
+    is_curved,
+    relative_blur,
+    smoothed,
+    smoothing_for,
+    spline_coefficients,
+    white_noise_gain,
+)
+from analysis.changes.options import ChangeOptions
+from analysis.changes.unusable import unusable
+from analysis.errors import OverlapError
+from calibration.registration import DistortedPose
+from simulation import Psf, PsfField
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
+from simulation.capture_noise import CaptureNoise
+
+_LEAST_PIXELS = 1000
+_CALIBRATION_RATE = 0.05
+"""Pixels a frame flagged by chance where changes are kept out of the calibration."""
+
+_BORDER_SD = 3.0
+_CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
+"""Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
+
+_FOCUS_PX2, _SURE = 0.15, 3.0
+"""Extra blur that is said, and the standard errors by which it must differ from none: a width of
+0.39 px on top of the other. Correlated noise, as of strong compression, may pass for less."""
+
+_COMMON_PSF_PX2 = 0.64
+"""Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
+
+_BLUR_ERR_PX2 = 1.0
+"""How far the relative blur may be from that guess."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,8 +89,8 @@ class Comparison:
         where there is none, in follow-up pixels; and its standard error, infinite without detail.
     gain
         Mean gain of light, follow-up over reference.
-    noise_dn2
-        Variance of the noise in a follow-up pixel if both photographs had the same.
+    noise_factor
+        Fitted noise variance over that of the noise model; over 1 DN^2 where none was given.
     registration_err_px, width_err_px2
         Standard deviations of the registration along the gradient, and of the variance by which
         the fitted blur is wrong.
@@ -55,7 +108,7 @@ class Comparison:
     extra_blur_px2: float
     extra_blur_err_px2: float
     gain: float
-    noise_dn2: float
+    noise_factor: float
     registration_err_px: float
     width_err_px2: float
     warnings: tuple[str, ...] = ()
@@ -69,3 +122,292 @@ class Comparison:
     def extra_blur_significance(self) -> float:
         """Extra blur over its standard error."""
         return self.extra_blur_px2 / self.extra_blur_err_px2
+
+
+def _guessed_blur_px2(zoom: float) -> float:
+    """How much blurrier the target is if one camera took both."""
+    return _COMMON_PSF_PX2 * (1 - 1 / zoom**2)
+
+
+def compare(
+    reference: AnyArray,
+    followup: AnyArray,
+    psf: Psf | PsfField | None,
+    pose: DistortedPose,
+    options: ChangeOptions,
+) -> Comparison:
+    """Compare two aligned photographs.
+
+    Parameters
+    ----------
+    reference, followup
+        Grey, shape ``(rows, cols)``.
+    psf
+        Total PSF of the camera, if it is known.
+    pose
+        Of the follow-up in the reference.
+    options
+        Noise, masks and white levels.
+
+    Raises
+    ------
+    OverlapError
+        If the photographs share too little.
+    """
+    pair = _Pair.of(reference, followup, pose, options)
+    rough = pair.valid(smoothing_for(_guessed_blur_px2(pair.positions.zoom)))
+    shared = int(np.count_nonzero(rough))
+    if shared < _LEAST_PIXELS:
+        raise OverlapError(
+            "the photographs overlap too little; retake the follow-up with more overlap",
+            shared_px=shared,
+        )
+    matched = _Matched.of(pair, rough, options.noise)
+    if is_curved(
+        matched.seen,
+        matched.target,
+        matched.variance_dn2,
+        matched.valid,
+        matched.smoothing.target_px,
+    ):
+        curve = fit_tone_curve(
+            matched.seen, pair.target, matched.valid, matched.smoothing.target_px
+        )
+        if curve is not None:
+            matched = _Matched.of(pair.with_tone(curve), rough, None)
+    return _compared(matched, _focus(matched, psf))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Pair:
+    """The two photographs in the roles that the comparison gives them.
+
+    Parameters
+    ----------
+    is_on_followup
+        Whether the target is the follow-up.
+    source, target
+        The nearer photograph and the other one.
+    positions
+        Where the target's pixels lie in the source.
+    source_usable, target_usable
+        Pixels that count.
+    tone_slope
+        Slope of the tone curve that took the target to the source's levels, at its pixels; None
+        if it is as it was.
+    tone_variance_dn2
+        Variance of that curve at the pixels.
+    """
+
+    is_on_followup: bool
+    source: Float32Array = field(repr=False)
+    target: Float32Array = field(repr=False)
+    positions: PixelPositions = field(repr=False)
+    source_usable: BoolArray = field(repr=False)
+    target_usable: BoolArray = field(repr=False)
+    tone_slope: Float32Array | None = None
+    tone_variance_dn2: Float32Array | None = None
+
+    @classmethod
+    def of(
+        cls, reference: AnyArray, followup: AnyArray, pose: DistortedPose, options: ChangeOptions
+    ) -> "_Pair":
+        """Give the photographs their roles: the coarser one is the target."""
+        is_on_followup = pose.zoom >= 1
+        images, usable = [], []
+        for image, white in zip((reference, followup), options.white_level_dn, strict=True):
+            levels = np.asarray(image, dtype=np.float32)
+            finite = np.isfinite(levels)
+            levels = np.where(finite, levels, np.float32(0))
+            images.append(levels)
+            usable.append(finite & ~unusable(levels, white))
+        if options.left_out is not None:
+            usable[1] &= ~options.left_out
+        towards = pose.to_reference_px
+        if not is_on_followup:
+            images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
+        shapes = [(image.shape[0], image.shape[1]) for image in images]
+        return cls(
+            is_on_followup=is_on_followup,
+            source=images[0],
+            target=images[1],
+            positions=PixelPositions.of(towards, shapes[1], shapes[0]),
+            source_usable=usable[0],
+            target_usable=usable[1],
+        )
+
+    def with_tone(self, curve: ToneCurve) -> "_Pair":
+        """Return the pair with the target in the source's levels."""
+        return replace(
+            self,
+            target=curve.of(self.target),
+            tone_slope=smoothed(curve.slope(self.target), 1.0),
+            tone_variance_dn2=smoothed(curve.variance(self.target), 1.0),
+        )
+
+    def valid(self, smoothing: Smoothing) -> BoolArray:
+        """Pixels of the target that neither a border nor anything unusable reaches."""
+        zoom = self.positions.zoom
+        source_px, target_px = smoothing.source_px, smoothing.target_px
+        border_px = KERNEL_RADIUS_PX + _BORDER_SD * max(source_px, target_px)
+        sound = away_from(~self.source_usable, _CLIPPED_PX + _CLIPPED_SD * source_px * zoom)
+        inside = self.positions.inside(sound, border_px * zoom)
+        inside &= away_from(~self.target_usable, _CLIPPED_PX + _CLIPPED_SD * target_px)
+        width = int(np.ceil(border_px))
+        inside[:width] = inside[-width:] = False
+        inside[:, :width] = inside[:, -width:] = False
+        return inside
+
+    def seen(self, smoothing_px: float) -> Float32Array:
+        """The source on the target's pixels, smoothed; its mean where it shows nothing."""
+        width_px = smoothing_px * self.positions.zoom
+        seen = self.positions.seen(spline_coefficients(self.source, width_px))
+        return np.where(np.isfinite(seen), seen, np.float32(np.mean(self.source)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Matched:
+    """A pair at one sharpness, with the kernel that was fitted to it.
+
+    Parameters
+    ----------
+    pair
+        The photographs.
+    blur, smoothing
+        How much blurrier the target is, and the Gaussians that make up for it.
+    valid
+        Pixels of the target that count.
+    seen, target
+        Source and target, smoothed, on the target's pixels.
+    terms, floor_dn2
+        Of the variance.
+    fit
+        Kernel and variance.
+    """
+
+    pair: _Pair
+    blur: RelativeBlur
+    smoothing: Smoothing
+    valid: BoolArray = field(repr=False)
+    seen: Float32Array = field(repr=False)
+    target: Float32Array = field(repr=False)
+    terms: VarianceTerms = field(repr=False)
+    floor_dn2: Float32Array | None = field(repr=False)
+    fit: PairFit
+
+    @classmethod
+    def of(cls, pair: _Pair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
+        """Measure the blur on the pixels ``rough``, smooth, and fit."""
+        guess = _guessed_blur_px2(pair.positions.zoom)
+        blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)
+        smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
+        valid = pair.valid(smoothing)
+        seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
+        terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)
+        fit, floor = fit_pair(seen, target, terms, valid, None), None
+        if noise is not None:
+            # The photographs' own scatter is not less than what noise.json says.
+            gains = white_noise_gain(fit.kernel.taps, smoothing, pair.positions.zoom)
+            own, other = (noise.variance_dn2(image).astype(np.float32) for image in (target, seen))
+            floor = np.float32(gains.target) * own + np.float32(gains.source) * other
+            fit = fit_pair(seen, target, terms, valid, floor)
+        return cls(
+            pair=pair,
+            blur=blur,
+            smoothing=smoothing,
+            valid=valid,
+            seen=seen,
+            target=target,
+            terms=terms,
+            floor_dn2=floor,
+            fit=fit,
+        )
+
+    @property
+    def variance_dn2(self) -> Float32Array:
+        """Predicted variance of the difference."""
+        variance = self.terms.variance(self.fit.sizes, self.floor_dn2)
+        if self.pair.tone_variance_dn2 is not None:
+            variance += self.pair.tone_variance_dn2
+        return variance
+
+    @property
+    def noise_factor(self) -> float:
+        """Noise that was fitted over that of the noise model, or over 1 DN^2."""
+        if self.floor_dn2 is None:
+            gains = white_noise_gain(self.fit.kernel.taps, self.smoothing, self.pair.positions.zoom)
+            expected = gains.target + gains.source
+        else:
+            expected = float(self.floor_dn2[self.valid].mean())
+        return self.terms.noise_dn2(self.fit.sizes, self.valid) / expected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Focus:
+    """What the blur between the photographs says of the camera, as a `Comparison` has it."""
+
+    kernel: KernelOrigin
+    extra_px2: float
+    err_px2: float
+    warnings: tuple[str, ...] = ()
+
+
+def _focus(matched: _Matched, psf: Psf | PsfField | None) -> _Focus:
+    """Compare the blur that was measured with the one that the calibration says."""
+    pair, blur = matched.pair, matched.blur
+    # Of the follow-up over the reference, in the follow-up's pixels.
+    sense = 1.0 if pair.is_on_followup else -(pair.positions.zoom**2)
+    err_px2 = abs(sense) * blur.err_px2
+    if psf is None:
+        return _Focus(kernel="pair", extra_px2=sense * blur.value_px2, err_px2=err_px2)
+    expected_px2 = calibrated_blur_px2(
+        psf, matched.seen, matched.valid, matched.smoothing, pair.positions
+    )
+    extra_px2 = sense * (blur.value_px2 - expected_px2)
+    if not err_px2 < inf:
+        return _Focus(kernel="calibrated", extra_px2=0.0, err_px2=inf)
+    # In the pixels of the coarser photograph: the same whichever comes first.
+    if abs(extra_px2) < max(_FOCUS_PX2 * abs(sense), _SURE * err_px2):
+        return _Focus(kernel="calibrated", extra_px2=extra_px2, err_px2=err_px2)
+    warning = (
+        f"the focus has changed by {extra_px2:+.2f} px^2 of blur, {abs(extra_px2) / err_px2:.0f} "
+        f"standard errors: the follow-up is {'softer' if extra_px2 > 0 else 'sharper'} against the "
+        "reference than the calibrated PSF predicts; the blur was fitted to the photographs"
+    )
+    return _Focus(kernel="both", extra_px2=extra_px2, err_px2=err_px2, warnings=(warning,))
+
+
+def _compared(matched: _Matched, focus: _Focus) -> Comparison:
+    pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
+    seen, target = matched.seen, matched.target
+    difference = target - fit.kernel.of(seen)
+    variance = matched.variance_dn2
+    threshold = significance_threshold(_CALIBRATION_RATE / int(np.count_nonzero(valid)))
+    sd = calibrated_factor(difference, variance, valid, smoothing.target_px, threshold)
+    sd *= np.sqrt(variance)
+    gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
+    plain = gain * (smoothed(pair.seen(0.0), smoothing.target_px) - np.float32(fit.kernel.level_dn))
+    plain = target - plain - offset
+    if pair.is_on_followup:
+        # So far in the levels that the tone curve made.
+        scale = np.float32(1) if pair.tone_slope is None else 1 / pair.tone_slope
+    else:
+        # So far before minus after, in the reference's levels.
+        scale = -1 / gain
+    mean_gain = float(gain[valid].mean())
+    return Comparison(
+        is_on_followup=pair.is_on_followup,
+        difference_dn=np.where(valid, scale * difference, np.float32(0)),
+        plain_difference_dn=np.where(valid, scale * plain, np.float32(0)),
+        sd_dn=np.abs(scale) * sd,
+        valid=valid,
+        smoothing_px=smoothing.target_px if pair.is_on_followup else smoothing.source_px,
+        kernel=focus.kernel,
+        extra_blur_px2=focus.extra_px2,
+        extra_blur_err_px2=focus.err_px2,
+        gain=mean_gain if pair.is_on_followup else 1 / mean_gain,
+        noise_factor=matched.noise_factor,
+        registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
+        width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
+        warnings=focus.warnings,
+    )

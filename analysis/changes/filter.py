@@ -1,52 +1,30 @@
-"""Changes between two photographs that the change of pose does not explain.
+"""Changes between two photographs that pose, blur and light do not explain."""
 
-The reference is simulated on the follow-up's own pixels; light that changed slowly over the frame
-is fitted and taken out; what remains is compared with its uncertainty.
-"""
-
-from dataclasses import dataclass
-from math import exp, pi, sqrt
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
-from scipy.special import ndtr
 
 from analysis.changes.chance import significance_threshold
+from analysis.changes.change_list import list_changes
+from analysis.changes.comparison import Comparison, compare
 from analysis.changes.document import ChangeSummary
+from analysis.changes.false_discovery import discovery_threshold
+from analysis.changes.matching import PixelPositions, spline_coefficients
 from analysis.changes.options import ChangeOptions
-from analysis.changes.uncertainty import extra_blur, fit_variance
-from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
+from analysis.changes.unusable import clipped_at_white
+from analysis.changes.warning_sentences import ChangeMasks, change_warnings
+from analysis.errors import AnalysisError
 from calibration.notebook import html_table
-from calibration.registration import DistortedPose, register_distorted
-from calibration.robust import robust_sigma
-from simulation import PoseOptions, Psf, PsfField, simulate_pose
-from simulation.arrays import AnyArray, BoolArray, FloatArray
-from simulation.choices import PoseModel
-from simulation.pose import pose_noise_gain
+from calibration.registration import DistortedPose, RegistrationHints, register
+from simulation import Psf, PsfField
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
+from simulation.pose import projection_depth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-SOFTNESS_LIMIT_PX2 = 0.15
-"""Extra blur of the follow-up that is refused: a width of 0.39 px on top of the simulated."""
-
-_SURE = 2.0
-"""Standard errors by which the extra blur must exceed the limit."""
-
-_MODEL: PoseModel = "matched"
-"""The capture model with which the rates of false alarms were measured."""
-
-_SMOOTHING_PX = 1.0
-"""Width of the Gaussian that gathers a change's pixels before the decision."""
-
 _SHOWN = ("changed_px", "compared_px", "threshold_sd", "zoom", "gain", "extra_blur_px2")
-_CLIP = 2.5
-_BORDER_PX = 4
-_LIGHT_ROUNDS = 5
-_SPREAD_ROUNDS = 5
-_LEAST_PIXELS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
@@ -60,28 +38,29 @@ class ChangeResult:
     followup_dn
         The follow-up itself.
     difference_dn
-        Follow-up minus the simulated one in the follow-up's light.
+        After minus before, pose, blur and light explained, at the sharpness of the blurrier
+        photograph and in the follow-up's levels; smoothed, as are the others.
     plain_difference_dn
-        Follow-up minus the reference merely resampled, in the same light.
+        The same with the nearer photograph merely resampled, in the same light.
     pose_difference_dn
         The part of the plain difference that the pose explains.
     variance_dn2
         Variance of the difference.
     significance
-        Smoothed difference over its standard deviation.
+        Difference over its standard deviation.
     is_change
         Where the significance exceeds the threshold in absolute value.
     valid
-        Pixels that both images show and that the reference resolves.
+        Pixels that were compared.
     """
 
     summary: ChangeSummary
-    followup_dn: FloatArray
-    difference_dn: FloatArray
-    plain_difference_dn: FloatArray
-    pose_difference_dn: FloatArray
-    variance_dn2: FloatArray
-    significance: FloatArray
+    followup_dn: FloatImage
+    difference_dn: FloatImage
+    plain_difference_dn: FloatImage
+    pose_difference_dn: FloatImage
+    variance_dn2: FloatImage
+    significance: FloatImage
     is_change: BoolArray
     valid: BoolArray
 
@@ -106,19 +85,20 @@ class ChangeResult:
 def find_changes(
     reference: AnyArray,
     followup: AnyArray,
-    psf: Psf | PsfField,
+    psf: Psf | PsfField | None = None,
     options: ChangeOptions | None = None,
 ) -> ChangeResult:
-    """Find changes between two photographs that the change of pose does not explain.
+    """Find changes between two photographs that pose, blur and light do not explain.
 
     Parameters
     ----------
     reference, followup
-        Grey, shape ``(rows, cols)``; the follow-up is the later one, from further away.
+        Grey, shape ``(rows, cols)``; the follow-up is the later one, nearer or further away.
     psf
-        Total PSF of the camera.
+        Total PSF of the camera that took both, if it is known: the blur between them is then
+        compared with what it says.
     options
-        Pose, noise and allowed false alarms, if not the defaults.
+        Pose, noise, masks and allowed false alarms, if not the defaults.
 
     Raises
     ------
@@ -126,38 +106,25 @@ def find_changes(
         If no pose is given and the two cannot be aligned.
     OverlapError
         If the images share too little.
-    SoftFollowupError
-        If the follow-up is softer than simulated.
     AnalysisError
         If the pose is not that of a plane in front of the camera.
     """
     options = options or ChangeOptions()
-    near, far = (np.asarray(image, dtype=np.float64) for image in (reference, followup))
     pose, k1_err = options.pose, None
+    warnings: tuple[str, ...] = ()
     if pose is None:
-        aligned = register_distorted(near, far, psf.gaussian)
-        pose, k1_err = aligned.pose, aligned.k1_err
-    seen, valid = _simulated(near, far, psf, pose)
-    gain, offset = _light(seen, far, valid)
-    expected = gain * seen + offset
-    difference = np.where(valid, far - expected, 0.0)
-    blur = extra_blur(expected, far, valid)
-    if blur.value_px2 - _SURE * blur.err_px2 > SOFTNESS_LIMIT_PX2:
-        raise SoftFollowupError(
-            f"the follow-up is softer than simulated by {sqrt(blur.value_px2):.2f} px (defocus or "
-            "motion): changes cannot be distinguished from blur; retake it",
-            blur_px=sqrt(blur.value_px2),
-        )
-    variance = None
-    if options.noise is not None:
-        own = pose_noise_gain(pose.matrix, _shape(near), _shape(far)[::-1], psf, _options(pose))
-        noise = options.noise
-        variance = noise.variance_dn2(far) + gain**2 * own * noise.variance_dn2(seen)
-    uncertainty = fit_variance(difference, expected, valid, variance)
-    significance = _significance(difference / np.sqrt(uncertainty.variance_dn2), valid)
-    threshold = significance_threshold(options.false_alarms / int(valid.sum()))
-    is_change = np.abs(significance) > threshold
-    resampled = gain * _resampled(near, pose) + offset
+        hints = options.hints or RegistrationHints()
+        if hints.left_out is None:
+            hints = replace(hints, left_out=options.left_out)
+        aligned = register(reference, followup, None if psf is None else psf.gaussian, hints)
+        pose, k1_err, warnings = aligned.pose, aligned.k1_err, aligned.warnings
+    _refuse_horizon(pose)
+    compared = compare(reference, followup, psf, pose, options)
+    maps = _Maps.of(compared, pose)
+    threshold = _threshold(compared, maps, options)
+    is_change = np.abs(maps.significance) > threshold
+    changes = list_changes(compared, pose, threshold)
+    masks = _masks(reference, followup, pose, options, (is_change, maps.valid))
     return ChangeResult(
         summary=ChangeSummary(
             homography=pose.matrix.tolist(),
@@ -165,114 +132,102 @@ def find_changes(
             distortion_k1_err=k1_err,
             zoom=pose.zoom,
             changed_px=int(is_change.sum()),
-            compared_px=int(valid.sum()),
+            compared_px=int(maps.valid.sum()),
             threshold_sd=threshold,
             false_alarms_px=options.false_alarms,
-            gain=float(gain[valid].mean()),
-            extra_blur_px2=blur.value_px2,
-            extra_blur_err_px2=blur.err_px2,
-            noise_factor=uncertainty.noise_factor,
+            false_discovery_rate=options.false_discovery_rate,
+            gain=compared.gain,
+            extra_blur_px2=compared.extra_blur_px2,
+            extra_blur_err_px2=compared.extra_blur_err_px2,
+            noise_factor=compared.noise_factor,
             is_noise_known=options.noise is not None,
-            registration_err_px=uncertainty.registration_err_px,
-            width_err_px2=uncertainty.width_err_px2,
-            psf_form=psf.form,
+            registration_err_px=compared.registration_err_px,
+            width_err_px2=compared.width_err_px2,
+            psf_form=None if psf is None else psf.form,
+            changes=changes,
+            saturated_px=int(np.count_nonzero(masks.clipped | masks.reference_clipped)),
+            kernel=compared.kernel,
+            warnings=(*warnings, *compared.warnings, *change_warnings(changes, masks)),
         ),
-        followup_dn=far,
-        difference_dn=difference,
-        plain_difference_dn=np.where(valid, far - resampled, 0.0),
-        pose_difference_dn=np.where(valid, expected - resampled, 0.0),
-        variance_dn2=uncertainty.variance_dn2,
-        significance=significance,
+        followup_dn=np.asarray(followup, dtype=np.float32),
+        difference_dn=maps.difference_dn,
+        plain_difference_dn=maps.plain_difference_dn,
+        pose_difference_dn=maps.plain_difference_dn - maps.difference_dn,
+        variance_dn2=maps.sd_dn**2,
+        significance=maps.significance,
         is_change=is_change,
-        valid=valid,
+        valid=maps.valid,
     )
 
 
-def _options(pose: DistortedPose) -> PoseOptions:
-    return PoseOptions(distortion_k1=pose.k1, model=_MODEL)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Maps:
+    """Images of a comparison on the follow-up's pixels."""
 
+    difference_dn: FloatImage
+    plain_difference_dn: FloatImage
+    sd_dn: FloatImage
+    significance: FloatImage
+    valid: BoolArray
 
-def _simulated(
-    near: FloatArray, far: FloatArray, psf: Psf | PsfField, pose: DistortedPose
-) -> tuple[FloatArray, BoolArray]:
-    """The follow-up as its pose alone would make it, and the pixels that may be compared."""
-    try:
-        simulated = simulate_pose(
-            near,
-            pose.matrix,
-            (far.shape[1], far.shape[0]),
-            psf,
-            _options(pose),
+    @classmethod
+    def of(cls, compared: Comparison, pose: DistortedPose) -> "_Maps":
+        """Bring the images there: they are smooth, and a spline does it."""
+        valid = compared.valid
+        images = [compared.difference_dn, compared.plain_difference_dn, compared.sd_dn,
+                  compared.significance]  # fmt: skip
+        if not compared.is_on_followup:
+            positions = PixelPositions.of(
+                pose.to_reference_px, pose.followup_shape, pose.reference_shape
+            )
+            valid = positions.inside(valid, 0.0)
+            images = [_brought(image, positions, valid) for image in images]
+        return cls(
+            difference_dn=images[0],
+            plain_difference_dn=images[1],
+            sd_dn=images[2],
+            significance=images[3],
+            valid=valid,
         )
-    except ValueError as error:
-        raise AnalysisError(str(error)) from error
-    valid = binary_erosion(
-        ~simulated.outside & ~simulated.nearer, iterations=_BORDER_PX, border_value=0
+
+
+def _brought(image: FloatImage, positions: PixelPositions, valid: BoolArray) -> Float32Array:
+    seen = positions.seen(spline_coefficients(np.asarray(image, dtype=np.float32), 0.0))
+    return np.where(valid & np.isfinite(seen), seen, np.float32(0))
+
+
+def _threshold(compared: Comparison, maps: _Maps, options: ChangeOptions) -> float:
+    if options.false_discovery_rate is not None:
+        return discovery_threshold(compared, options.false_discovery_rate)
+    return significance_threshold(options.false_alarms / max(int(maps.valid.sum()), 1))
+
+
+def _masks(
+    reference: AnyArray,
+    followup: AnyArray,
+    pose: DistortedPose,
+    options: ChangeOptions,
+    found: tuple[BoolArray, BoolArray],
+) -> ChangeMasks:
+    before, after = (
+        clipped_at_white(np.asarray(image, dtype=np.float32), white)
+        for image, white in zip((reference, followup), options.white_level_dn, strict=True)
     )
-    if int(valid.sum()) < _LEAST_PIXELS:
-        raise OverlapError(
-            "the images overlap too little where the reference resolves at least as finely as the "
-            "follow-up; retake the follow-up with more overlap or from further away",
-            shared_px=int(valid.sum()),
+    positions = PixelPositions.of(pose.to_reference_px, pose.followup_shape, pose.reference_shape)
+    return ChangeMasks(
+        is_change=found[0],
+        valid=found[1],
+        clipped=after,
+        reference_clipped=positions.inside(before, 0.0),
+    )
+
+
+def _refuse_horizon(pose: DistortedPose) -> None:
+    rows, cols = pose.followup_shape
+    x, y = np.array([0.0, cols, 0.0, cols]) - 0.5, np.array([0.0, 0.0, rows, rows]) - 0.5
+    depth = projection_depth(pose.matrix, x, y)
+    if not (np.isfinite(depth).all() and (depth > 0).all() | (depth < 0).all()):
+        raise AnalysisError(
+            "the pose is not that of a plane in front of the camera: the plane's horizon is in the "
+            "follow-up"
         )
-    return np.asarray(simulated.image, dtype=np.float64), np.asarray(valid)
-
-
-def _light(
-    simulated: FloatArray, followup: FloatArray, valid: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gain and offset that change slowly over the frame, by a robust fit of quadratics."""
-    rows, cols = simulated.shape
-    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, cols), indexing="ij")
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    level = float(simulated[valid].mean())
-    # Contrast around the mean level tells gain from offset.
-    columns = np.concatenate([basis * (simulated - level), basis])
-    used, target = columns[:, valid].T, followup[valid]
-    weight = np.ones(len(target))
-    solution = np.zeros(len(columns))
-    for _ in range(_LIGHT_ROUNDS):
-        normal = (used * weight[:, None]).T @ used
-        normal[np.diag_indices_from(normal)] *= 1 + 1e-10
-        solution = np.linalg.solve(normal, used.T @ (weight * target))
-        residual = target - used @ solution
-        scale = robust_sigma(residual) + 1e-9
-        weight = np.maximum(1 - (residual / (4.685 * scale)) ** 2, 0.0) ** 2  # Tukey's biweight
-    count = len(basis)
-    gain = np.tensordot(solution[:count], basis, axes=1)
-    offset = np.tensordot(solution[count:], basis, axes=1) - gain * level
-    return np.asarray(gain), np.asarray(offset)
-
-
-def _significance(normalised: FloatArray, valid: BoolArray) -> FloatArray:
-    weight = gaussian_filter(valid.astype(np.float64), _SMOOTHING_PX)
-    smooth = gaussian_filter(np.where(valid, normalised, 0.0), _SMOOTHING_PX)
-    smooth = np.where(valid, smooth / np.maximum(weight, 1e-6), 0.0)
-    impulse = np.zeros((17, 17))
-    impulse[8, 8] = 1.0
-    white = sqrt(float(np.sum(gaussian_filter(impulse, _SMOOTHING_PX) ** 2)))
-    # Noise that the simulation has smeared is not white: its own spread, if that is larger.
-    return np.asarray(smooth / max(white, _spread(smooth[valid])))
-
-
-def _spread(values: FloatArray) -> float:
-    """Standard deviation of normal values, some of which are changes: that of the inner ones."""
-    spread = robust_sigma(values)
-    # Share of the variance that is left when a normal distribution is cut off there.
-    density = exp(-_CLIP * _CLIP / 2) / sqrt(2 * pi)
-    kept = 1 - 2 * _CLIP * density / (2 * float(ndtr(_CLIP)) - 1)
-    for _ in range(_SPREAD_ROUNDS):
-        inner = values[np.abs(values) < _CLIP * spread]
-        if not len(inner):
-            break
-        spread = sqrt(float(np.mean(inner**2)) / kept)
-    return spread
-
-
-def _resampled(reference: FloatArray, pose: DistortedPose) -> FloatArray:
-    places = pose.followup_places_px()
-    return np.asarray(map_coordinates(reference, places, order=3, mode="nearest"))
-
-
-def _shape(image: FloatArray) -> tuple[int, int]:
-    return image.shape[0], image.shape[1]

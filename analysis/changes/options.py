@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from analysis.choices import FALSE_ALARMS
-from calibration.registration import DistortedPose
+from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import BoolArray
 from simulation.capture_noise import CaptureNoise
 
@@ -16,6 +16,8 @@ class ChangeOptions:
     ----------
     pose
         Pose of the follow-up in the reference; None registers them, with the lens's distortion.
+    hints
+        What is known of the pose where none is given.
     noise
         Noise of both captures; None fits it.
     false_alarms
@@ -31,6 +33,7 @@ class ChangeOptions:
     """
 
     pose: DistortedPose | None = None
+    hints: RegistrationHints | None = None
     noise: CaptureNoise | None = None
     false_alarms: float = FALSE_ALARMS
     false_discovery_rate: float | None = None

@@ -15,7 +15,7 @@ from acquisition.session import CaptureRecord, Session
 from analysis.errors import AnalysisError
 from analysis.validation.document import ExcludedCapture
 from calibration.errors import RegistrationError
-from calibration.registration import DistortedRegistration, register_distorted
+from calibration.registration import Registration, RegistrationHints, register
 from simulation import Psf
 
 _COMPARED_KINDS = ("texture", "chart")
@@ -45,7 +45,7 @@ class RegisteredPair:
 
     reference: CaptureRecord
     followup: CaptureRecord
-    registration: DistortedRegistration
+    registration: Registration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -218,8 +218,11 @@ def _aligned(
     pairs, failed = [], {}
     for record in further:
         try:
-            registration = register_distorted(
-                near, session.load(record).mean_dn, psf.gaussian, _expected_zoom(reference, record)
+            registration = register(
+                near,
+                session.load(record).mean_dn,
+                psf.gaussian,
+                RegistrationHints(zoom=_expected_zoom(reference, record)),
             )
         except RegistrationError as error:
             failed[record.index] = str(error)

@@ -1,35 +1,34 @@
 from .acceptance import OVERLAP_MIN_PX as OVERLAP_MIN_PX
+from .displacement import SmoothDisplacement as SmoothDisplacement
 from .distorted_pose import DistortedPose as DistortedPose
 from .document import HOMOGRAPHY_SCHEMA as HOMOGRAPHY_SCHEMA, Homography as Homography
+from .feature_matches import FeatureMatches as FeatureMatches
 from .features import (
     ImageFeatures as ImageFeatures,
     find_features as find_features,
     homography_pose as homography_pose,
     match_features as match_features,
 )
-from .pair import (
-    DistortedRegistration as DistortedRegistration,
-    Registration as Registration,
-    register as register,
-    register_distorted as register_distorted,
-)
-from .refinement import zoom_at_centre as zoom_at_centre
+from .hints import RegistrationHints as RegistrationHints
+from .pair import Registration as Registration, register as register
+from .motions import zoom_at_centre as zoom_at_centre
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
 
 __all__ = [
     "HOMOGRAPHY_SCHEMA",
     "OVERLAP_MIN_PX",
     "DistortedPose",
-    "DistortedRegistration",
+    "FeatureMatches",
     "Homography",
     "ImageFeatures",
     "Registration",
+    "RegistrationHints",
+    "SmoothDisplacement",
     "TrackedPose",
     "TrackingReference",
     "find_features",
     "homography_pose",
     "match_features",
     "register",
-    "register_distorted",
     "zoom_at_centre",
 ]

@@ -5,6 +5,7 @@ from typing import Self
 
 import numpy as np
 
+from calibration.registration.displacement import SmoothDisplacement
 from simulation.arrays import FloatArray
 from simulation.pose import lens_of, warped
 
@@ -26,12 +27,15 @@ class DistortedPose:
         Radial distortion; with 0, ``matrix`` is the whole pose.
     reference_shape, followup_shape
         ``(rows, cols)``.
+    displacement
+        Of the pixels of one of the two, where the scene is not quite planar.
     """
 
     matrix: FloatArray = field(repr=False)
     k1: float
     reference_shape: tuple[int, int]
     followup_shape: tuple[int, int]
+    displacement: SmoothDisplacement | None = None
 
     @property
     def zoom(self) -> float:
@@ -48,15 +52,32 @@ class DistortedPose:
         """Return the pose with another matrix, which is normalised, and distortion."""
         return replace(self, matrix=matrix / matrix[2, 2], k1=k1)
 
+    def inverse(self) -> Self:
+        """Return the pose of the reference in the follow-up: the two change roles."""
+        matrix = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
+        own, other = (_corner_px(one) for one in (self.reference_shape, self.followup_shape))
+        return type(self)(
+            matrix=matrix / matrix[2, 2],
+            # The distortion per px is the lens's; its figure counts at the reference's corner.
+            k1=self.k1 * (other / own) ** 2,
+            reference_shape=self.followup_shape,
+            followup_shape=self.reference_shape,
+            displacement=None if self.displacement is None else self.displacement.swapped(),
+        )
+
     def to_reference_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates ``(y, x)`` of follow-up coordinates, in the same shape."""
-        return _warped(self.matrix, self._lens, y_px, x_px)
+        bend = self.displacement
+        if bend is not None and bend.photograph == "followup":
+            y_px, x_px = bend.displaced(y_px, x_px)
+        y_px, x_px = _warped(self.matrix, self._lens, y_px, x_px)
+        if bend is not None and bend.photograph == "reference":
+            return bend.restored(y_px, x_px)
+        return y_px, x_px
 
     def to_followup_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Follow-up coordinates ``(y, x)`` of reference coordinates, in the same shape."""
-        k1, followup_x, followup_y, x, y = self._lens
-        back = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
-        return _warped(back, np.array([k1, x, y, followup_x, followup_y]), y_px, x_px)
+        return self.inverse().to_reference_px(y_px, x_px)
 
     def followup_places_px(self) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates ``(y, x)`` of every follow-up pixel, shape (rows, cols) each."""
@@ -75,3 +96,8 @@ def _warped(
     points = np.column_stack([np.ravel(x_px), np.ravel(y_px)])
     x, y = warped(matrix, lens, points).T
     return y.reshape(np.shape(y_px)), x.reshape(np.shape(x_px))
+
+
+def _corner_px(shape: tuple[int, int]) -> float:
+    """Radius of a frame's corner as ``lens_of`` has it."""
+    return max(float(np.hypot(shape[0] - 1, shape[1] - 1)) / 2, 0.5)

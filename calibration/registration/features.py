@@ -1,4 +1,8 @@
-"""Matched image features: pairs of points that a pose must agree with."""
+"""Matched image features: pairs of points that a pose must agree with.
+
+Features are looked for in the locally normalised image: a shadow, a vignette or little contrast
+changes nothing.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,10 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from calibration.registration.feature_matches import FeatureMatches
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
 
 _FEATURES = 4000
+_CONTRAST_THRESHOLD = 0.02
+"""Of SIFT, half of its default: a retina or a lesion has twice as many features with it."""
+
+_NORMALISED_PX = 51
+_NORMALISED_SIGMA_PX = 1.0
+"""Smoothing before the normalisation: without it half of the features of noisy images are noise."""
+
+_NORMALISED_DN = 40.0
+_NOISE_PER_LAPLACIAN = 1 / np.sqrt(20.0)
+_CONTRAST_FLOOR = 0.02
+_WORKED_ON_PX = 1.0e6
+"""Pixels above which an image is reduced first."""
+
 _RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004
 _MATCH_TOLERANCE_PX = 3.0
 _INLIERS_MIN = 12
@@ -26,28 +44,15 @@ _ROLES = {"reference": "the reference", "followup": "the follow-up", None: "it"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FeatureMatches:
-    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference."""
-
-    followup_px: FloatArray
-    reference_px: FloatArray
-
-    def distances_px(self, matrix: FloatArray) -> FloatArray:
-        """Distance in the reference between each match and its position by ``matrix``."""
-        x, y = project(matrix, *self.followup_px.T)
-        return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
-
-    def rms_px(self, matrix: FloatArray, inlier: BoolArray) -> float:
-        """Rms of ``distances_px`` over the chosen matches."""
-        return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ImageFeatures:
-    """SIFT features of an image of ``shape``: points ``(x, y)``, shape (n, 2), and descriptors."""
+    """SIFT features of an image of ``shape``: points ``(x, y)``, shape (n, 2), and descriptors.
+
+    ``frames`` has each one's scale in px and direction in radians, shape (n, 2).
+    """
 
     points_px: FloatArray
     descriptors: Float32Array
+    frames: FloatArray
     shape: tuple[int, ...]
 
     def matched_with(self, followup: Self, expected: FloatArray | None = None) -> FeatureMatches:
@@ -58,20 +63,32 @@ class ImageFeatures:
             own_x, own_y = self.points_px.T
             away_px = np.hypot(x[:, None] - own_x, y[:, None] - own_y)
             mask = (away_px < _REACH * max(self.shape)).astype(np.uint8)
-        candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(
-            followup.descriptors, self.descriptors, 2, mask
-        )
-        pairs = [found[0] for found in candidates if _is_distinct(found)]
+        pairs = self.pairs_with(followup, _RATIO_TEST, mask)
         if len(pairs) < _INLIERS_MIN:
             raise RegistrationError(
                 f"only {len(pairs)} features of the images match",
                 reason="no_matches",
                 count=len(pairs),
             )
-        return FeatureMatches(
-            followup.points_px[[pair.queryIdx for pair in pairs]],
-            self.points_px[[pair.trainIdx for pair in pairs]],
+        return FeatureMatches(followup.points_px[pairs[:, 0]], self.points_px[pairs[:, 1]])
+
+    def pairs_with(
+        self, followup: Self, ratio: float, mask: NDArray[np.uint8] | None = None
+    ) -> NDArray[np.int64]:
+        """Numbers of matching features, follow-up's and reference's, shape (n, 2), best first.
+
+        ``ratio`` is how much better than the next a match must be, ``mask`` where to look.
+        """
+        if min(len(self.points_px), len(followup.points_px)) < 2:
+            return np.zeros((0, 2), dtype=np.int64)
+        candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(
+            followup.descriptors, self.descriptors, 2, mask
         )
+        found = [one for one in candidates if _is_distinct(one, ratio)]
+        found.sort(key=_ambiguity)
+        return np.array(
+            [(one[0].queryIdx, one[0].trainIdx) for one in found], dtype=np.int64
+        ).reshape(-1, 2)
 
 
 def match_features(
@@ -111,42 +128,76 @@ def find_features(
     ValueError
         If it is not a grey image with finite values.
     """
-    # Without precise upscaling every keypoint is shifted by 0.25 px towards the origin.
-    sift = cv2.SIFT.create(nfeatures=_FEATURES, enable_precise_upscale=True)
-    found, descriptors = sift.detectAndCompute(_as_bytes(image), None)
-    if len(found) < _INLIERS_MIN:
+    values = np.asarray(image, dtype=np.float32)
+    if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
+        raise ValueError(f"alignment needs grey images with finite values, got shape {image.shape}")
+    found = features_of(values)
+    if len(found.points_px) < _INLIERS_MIN:
         raise RegistrationError(
-            f"{_ROLES[role]} has only {len(found)} features to align by; "
+            f"{_ROLES[role]} has only {len(found.points_px)} features to align by; "
             "photograph something with more detail",
             reason="no_detail",
             at_fault=role,
-            count=len(found),
+            count=len(found.points_px),
         )
-    points = np.array([point.pt for point in found], dtype=np.float64)
-    return ImageFeatures(points, np.asarray(descriptors, dtype=np.float32), image.shape)
+    return found
 
 
-def _is_distinct(found: Sequence[cv2.DMatch]) -> bool:
+def features_of(levels: Float32Array, usable: BoolArray | None = None) -> ImageFeatures:
+    """SIFT features of a grey image of finite levels, on its usable pixels; there may be none."""
+    shape = levels.shape
+    factor = max(round(np.sqrt(levels.size / _WORKED_ON_PX)), 1)
+    if factor > 1:
+        rows, cols = (n // factor for n in shape)
+        part = np.s_[: rows * factor, : cols * factor]
+        levels = np.asarray(
+            cv2.resize(levels[part], (cols, rows), interpolation=cv2.INTER_AREA), dtype=np.float32
+        )
+        if usable is not None:
+            usable = cv2.resize(usable[part].astype(np.uint8), (cols, rows)).astype(np.bool_)
+    # Without precise upscaling every keypoint is shifted by 0.25 px towards the origin.
+    sift = cv2.SIFT.create(
+        nfeatures=_FEATURES, contrastThreshold=_CONTRAST_THRESHOLD, enable_precise_upscale=True
+    )
+    mask = None if usable is None else usable.astype(np.uint8)
+    found, descriptors = sift.detectAndCompute(_normalised_bytes(levels), mask)
+    points = np.array([one.pt for one in found], dtype=np.float64).reshape(-1, 2)
+    frames = np.array([(one.size, np.deg2rad(one.angle)) for one in found], dtype=np.float64)
+    return ImageFeatures(
+        (points + 0.5) * factor - 0.5,
+        np.zeros((0, 128), np.float32) if descriptors is None else np.float32(descriptors),
+        frames.reshape(-1, 2) * (factor, 1),
+        shape,
+    )
+
+
+def _is_distinct(found: Sequence[cv2.DMatch], ratio: float) -> bool:
     """Whether the best of the candidates is much better than the next."""
     if len(found) == 2:
-        return found[0].distance < _RATIO_TEST * found[1].distance
+        return found[0].distance < ratio * found[1].distance
     return len(found) == 1 and found[0].distance < _LONELY_DISTANCE_MAX
 
 
-def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, BoolArray]:
+def _ambiguity(found: Sequence[cv2.DMatch]) -> float:
+    return found[0].distance / max(found[1].distance, 1e-9) if len(found) == 2 else 1.0
+
+
+def homography_pose(
+    matches: FeatureMatches, inliers_min: int = _INLIERS_MIN
+) -> tuple[FloatArray, BoolArray]:
     """Homography, shape (3, 3), from follow-up to reference, and the matches that agree with it.
 
     Raises
     ------
     RegistrationError
-        If too few agree, or only on a pose that turns the scene inside out.
+        If fewer than ``inliers_min`` agree, or only on a pose that turns the scene inside out.
     """
     found, mask = cv2.findHomography(
         matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
     )
     # If it finds nothing, OpenCV returns an empty matrix or None.
     count = int(np.count_nonzero(mask)) if np.shape(found) == (3, 3) else 0
-    if count < _INLIERS_MIN:
+    if count < inliers_min:
         raise RegistrationError(
             f"only {count} feature matches agree on a pose", reason="no_common_pose", count=count
         )
@@ -163,13 +214,19 @@ def homography_pose(matches: FeatureMatches) -> tuple[FloatArray, BoolArray]:
     return matrix, inlier
 
 
-def _as_bytes(image: AnyArray) -> NDArray[np.uint8]:
-    values = np.asarray(image, dtype=np.float64)
-    if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
-        raise ValueError(f"alignment needs grey images with finite values, got shape {image.shape}")
-    low, high = values.min(), values.max()
-    if low == high:
-        return np.zeros(values.shape, dtype=np.uint8)
-    return np.asarray((values - low) * (255.0 / (high - low)) + 0.5, dtype=np.float64).astype(
-        np.uint8
-    )
+def _normalised_bytes(levels: Float32Array) -> NDArray[np.uint8]:
+    """Levels less their local mean, over their local contrast, from 0 to 255."""
+    smooth = cv2.GaussianBlur(levels, (0, 0), _NORMALISED_SIGMA_PX)
+    deviation = smooth - _mean(smooth)
+    noise = float(np.median(np.abs(cv2.Laplacian(smooth, cv2.CV_32F)))) / 0.6745
+    # Flat regions hold noise and rounding only: they are not raised to full contrast.
+    floor = (_NOISE_PER_LAPLACIAN * noise) ** 2 + (_CONTRAST_FLOOR * float(smooth.std())) ** 2
+    contrast = np.sqrt(_mean(deviation * deviation) + (floor or 1.0))
+    scaled = 128.5 + _NORMALISED_DN * deviation / contrast
+    return np.asarray(np.clip(scaled, 0.0, 255.0), dtype=np.float32).astype(np.uint8)
+
+
+def _mean(values: NDArray[np.floating]) -> Float32Array:  # type: ignore[type-arg]
+    """Twice over a square: nearly a Gaussian."""
+    size = (_NORMALISED_PX, _NORMALISED_PX)
+    return np.asarray(cv2.blur(cv2.blur(values, size), size), dtype=np.float32)

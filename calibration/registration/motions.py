@@ -1,25 +1,30 @@
 """Small motions of a follow-up's pixels: the degrees of freedom of a pose in the descent."""
 
+from math import sqrt
+
 import numpy as np
 
 from simulation.arrays import FloatArray
+from simulation.pose import projection_slopes
 
 _MOTIONS = ((0, 2), (1, 2), (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1))
 """Elements of each motion in the 3 x 3 matrix that is added to the identity, in coordinates (u, v)
 in [-1, 1] about the follow-up's centre; shifts along x and y come first."""
 
 
-def unit_coordinates(shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Coordinates u (along x) and v (along y) of every follow-up pixel, each of shape ``shape``."""
+def flows_at(
+    y_px: FloatArray, x_px: FloatArray, shape: tuple[int, int]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Displacement of follow-up pixels by one pixel of each motion, along x and y.
+
+    Parameters
+    ----------
+    y_px, x_px
+        Positions in a follow-up of ``shape``, shape (n,).
+    """
     half_px = _half_size_px(shape)
-    v, u = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    return (u - (shape[1] - 1) / 2) / half_px, (v - (shape[0] - 1) / 2) / half_px
-
-
-def flows_px(shape: tuple[int, int]) -> list[tuple[FloatArray, FloatArray]]:
-    """Displacement of every follow-up pixel by one pixel of each motion, along x and y."""
-    u, v = unit_coordinates(shape)
-    unit, nothing = (u, v, np.ones(shape)), np.zeros(shape)
+    u, v = (x_px - (shape[1] - 1) / 2) / half_px, (y_px - (shape[0] - 1) / 2) / half_px
+    unit, nothing = (u, v, np.ones_like(u)), np.zeros_like(u)
     flows = []
     for row, col in _MOTIONS:
         along_x = unit[col] if row == 0 else -unit[col] * u if row == 2 else nothing
@@ -58,3 +63,9 @@ def moved_matrix(matrix: FloatArray, step_px: FloatArray, shape: tuple[int, int]
 def _half_size_px(shape: tuple[int, int]) -> float:
     """Unit of the motions' coordinates: half the longer side of the follow-up."""
     return max(shape) / 2
+
+
+def zoom_at_centre(matrix: FloatArray, shape: tuple[int, int]) -> float:
+    """Square root of the homography's area ratio at the image centre."""
+    a, b, c, d = projection_slopes(matrix, (shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    return sqrt(abs(a * d - b * c))

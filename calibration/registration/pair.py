@@ -1,83 +1,82 @@
-"""Registration of a follow-up in its reference: by matched features, then by all pixels.
+"""Registration of a follow-up in its reference.
 
-SIFT features give the pose to some tenths of a pixel. A Gauss-Newton descent then compares the
-follow-up with the reference *simulated at the follow-up's distance*, gain and offset free, and
-brings the error to about a hundredth of a pixel.
+Hints, matched features and, where these fail, a search over thumbnails give hypotheses; each is
+refined coarsely and judged by the whole overlap. The best is refined on all pixels from coarse to
+fine. What cannot be told from chance is refused; what may be one of several is warned of.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.acceptance import refuse_nearer
+from calibration.registration.agreement import comparison_factor
+from calibration.registration.candidates import (
+    SIGNIFICANCE_MIN,
+    Candidate,
+    Choice,
+    DirectedPose,
+    PhotographPair,
+    chosen,
+    judged,
+)
 from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.distortion_refinement import refined_distorted_pose
-from calibration.registration.features import homography_pose, match_features
-from calibration.registration.refinement import refined_pose, zoom_at_centre
+from calibration.registration.features import features_of
+from calibration.registration.hints import RegistrationHints
+from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
+from calibration.registration.photograph import AlignedPhotograph
+from calibration.registration.refinement import LevelFit, LevelPair, PoseDescent
+from calibration.registration.search import searched_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
 
-_DISAGREEMENT_MAX_PX = 1.5
-"""Median distance of features from the pose by pixels; features alone scatter by 0.3 px."""
+_PLACE_ERR_WARN_PX = 0.25
+_PLACE_ERR_MAX_PX = 1.0
+"""Standard errors of a place from which a result warns, and from which it is refused."""
 
-_PLACE_ERR_MAX_PX = 0.25
-"""Standard error of a pixel's position above which an alignment is not fit for a comparison."""
+_K1_SIGNIFICANT = 2.5
+"""Standard errors from which a distortion is kept; one of 0 tells more than an uncertain one."""
+
+_GIVEN_ERR_PX = 3.0
+"""Standard error of a hint that could not be refined: what the operator is asked for."""
+
+_INLIER_PX = 3.0
+
+_REMEDIES = (
+    "give the approximate ratio of the distances (--expect-zoom), the approximate pose "
+    "(--homography) or at least four pairs of points (--points), and leave out what differs (--mask)"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Registration:
-    """Pose of a follow-up in its reference.
-
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3), last element 1: follow-up pixel centres ``(x, y, 1)`` to reference pixel
-        centres.
-    zoom
-        Reference pixels per follow-up pixel at the follow-up's centre.
-    inlier_count, match_rms_px
-        Feature matches that agree with the pose, and their rms distance from it in reference px.
-    correlation
-        Correlation of the follow-up with the simulated one.
-    residual_rms_dn
-        Remaining difference between them, in the follow-up's units.
-    """
-
-    matrix: FloatArray = field(repr=False)
-    zoom: float
-    inlier_count: int
-    match_rms_px: float
-    correlation: float
-    residual_rms_dn: float
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DistortedRegistration:
-    """Pose of a follow-up in its reference, with the distortion of the lens that took both.
+    """Pose of a follow-up in its reference, nearer or further away.
 
     Parameters
     ----------
     pose
         Position of every follow-up pixel in the reference.
-    zoom
-        Reference pixels per follow-up pixel at the follow-up's centre.
     place_err_px
         Standard error of a follow-up pixel's position in the reference, rms over the overlap,
         reference px.
     k1_err
-        Standard error of ``pose.k1``.
+        Standard error of ``pose.k1``; 0 where no distortion was fitted.
     feature_matrix
-        Shape (3, 3): the homography of the features alone, as it is widely used: without distortion
-        and before refinement on the pixels.
-    inlier_count, match_rms_px, correlation, residual_rms_dn
-        As in ``Registration``; slow changes of light are removed first.
+        Shape (3, 3): the homography that was refined, as a rule that of the matched features.
+    inlier_count, match_rms_px
+        Feature matches that agree with the pose, and their rms distance from it in reference px;
+        both are 0 where the pose was found without features.
+    correlation
+        Of the two photographs at the resolution of the coarser one, slow changes of light removed.
+    residual_rms_dn
+        Remaining difference between them, in the units of the coarser photograph.
+    warnings
+        Sentences on what an operator should check.
     """
 
     pose: DistortedPose
-    zoom: float
     place_err_px: float
     k1_err: float
     feature_matrix: FloatArray = field(repr=False)
@@ -85,122 +84,223 @@ class DistortedRegistration:
     match_rms_px: float
     correlation: float
     residual_rms_dn: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to the reference's, ideal lens."""
+        return self.pose.matrix
+
+    @property
+    def zoom(self) -> float:
+        """Reference pixels per follow-up pixel at the follow-up's centre."""
+        return self.pose.zoom
 
 
 def register(
     reference: AnyArray,
     followup: AnyArray,
     psf: GaussianPsf | None = None,
+    hints: RegistrationHints | None = None,
 ) -> Registration:
-    """Pose of ``followup`` in ``reference`` as a homography.
+    """Pose of ``followup`` in ``reference``.
 
     Parameters
     ----------
     reference, followup
-        Grey, shape ``(rows, cols)``; uint8, uint16, float32 or float64. The follow-up is the one
-        from further away.
-    psf
-        Total PSF of the camera; without it the reference is simulated by ``bicubic``.
-
-    Raises
-    ------
-    RegistrationError
-        If too few features match, if the follow-up is nearer than the reference, or if the images
-        overlap too little or do not agree.
-    """
-    matches = match_features(reference, followup)
-    matrix, inlier = homography_pose(matches)
-    fit = refined_pose(reference, followup, psf, matrix)
-    return Registration(
-        matrix=fit.matrix,
-        zoom=zoom_at_centre(fit.matrix, _shape(followup)),
-        inlier_count=int(inlier.sum()),
-        match_rms_px=matches.rms_px(fit.matrix, inlier),
-        correlation=fit.correlation,
-        residual_rms_dn=fit.residual_rms_dn,
-    )
-
-
-def register_distorted(
-    reference: AnyArray,
-    followup: AnyArray,
-    psf: GaussianPsf | None = None,
-    expected_zoom: float | None = None,
-) -> DistortedRegistration:
-    """Pose of ``followup`` in ``reference``, and the radial distortion of their common lens.
-
-    Parameters
-    ----------
-    reference, followup
-        Grey, whole frames of one camera; if their shapes differ, no distortion is fitted.
+        Grey, shape ``(rows, cols)``; either may be the nearer one. If their shapes agree they are
+        taken for whole frames of one camera, whose distortion is fitted.
     psf
         Total PSF of the camera; without it, one of 0.65 px is assumed.
-    expected_zoom
-        Approximate ratio of the distances, for images of about the same centre: resolves the
-        ambiguity of a repeating pattern. If that finds no pose, features are matched everywhere.
+    hints
+        What is known beforehand.
 
     Raises
     ------
     RegistrationError
-        If too few features match, if the follow-up is nearer than the reference, if the images
-        overlap too little or do not agree, if features and pixels contradict each other, or if the
-        pose is too uncertain.
+        If the two cannot be aligned; the message names the ways on.
+    ValueError
+        If an image is not grey with finite values, or a hint does not fit the follow-up.
     """
-    if expected_zoom is not None:
-        middles = [[(n - 1) / 2 for n in _shape(image)] for image in (reference, followup)]
-        y_px, x_px = (r - expected_zoom * f for r, f in zip(*middles, strict=True))
-        expected = np.array([[expected_zoom, 0, x_px], [0, expected_zoom, y_px], [0, 0, 1.0]])
-        try:
-            return _register_distorted(reference, followup, psf, expected)
-        except RegistrationError:
-            # The camera may have been shifted or turned.
-            pass
-    return _register_distorted(reference, followup, psf, None)
+    hints = hints or RegistrationHints()
+    pair = PhotographPair(
+        reference=AlignedPhotograph.of(reference),
+        followup=AlignedPhotograph.of(followup, hints.left_out),
+        psf=psf,
+    )
+    _refuse_without_detail(pair)
+    given = list(given_poses(hints))
+    choice = chosen(pair, given)
+    if choice is not None and choice.best.is_significant:
+        # Of several periods the operator has chosen one.
+        return _refined(pair, Choice(best=choice.best))
+    if given:
+        if choice is None:
+            raise RegistrationError(
+                "the given pose leaves nothing in common; check its direction: it takes follow-up "
+                "pixels to reference pixels",
+                reason="little_overlap",
+            )
+        return _as_given(pair, choice.best)
+    choice = chosen(pair, _hypotheses(pair, hints.zoom))
+    if choice is None or not choice.best.is_significant:
+        raise _not_found(choice)
+    return _refined(pair, choice)
 
 
-def _register_distorted(
-    reference: AnyArray,
-    followup: AnyArray,
-    psf: GaussianPsf | None,
-    expected: FloatArray | None,
-) -> DistortedRegistration:
-    matches = match_features(reference, followup, expected)
-    matrix, inlier = homography_pose(matches)
-    fit = refined_distorted_pose(reference, followup, psf, matrix)
-    zoom = fit.pose.zoom
-    refuse_nearer(zoom)
-    reference_y, reference_x = fit.pose.to_reference_px(
-        matches.followup_px[inlier, 1], matches.followup_px[inlier, 0]
+def _hypotheses(pair: PhotographPair, zoom: float | None) -> Iterator[PoseHypothesis]:
+    near, far = (features_of(one.levels, one.usable) for one in (pair.reference, pair.followup))
+    return chain(
+        feature_poses(near, far, zoom), searched_poses(pair.reference, pair.followup, zoom)
     )
-    apart_px = np.hypot(
-        reference_x - matches.reference_px[inlier, 0],
-        reference_y - matches.reference_px[inlier, 1],
+
+
+def _refuse_without_detail(pair: PhotographPair) -> None:
+    if pair.reference.scale_dn == 0:
+        raise _no_detail("reference")
+    if pair.followup.scale_dn == 0:
+        raise _no_detail("followup")
+
+
+def _no_detail(role: str) -> RegistrationError:
+    is_reference = role == "reference"
+    return RegistrationError(
+        f"{'the reference' if is_reference else 'the follow-up'} has no detail to align by; "
+        "photograph something with more detail",
+        reason="no_detail",
+        at_fault="reference" if is_reference else "followup",
+        count=0,
     )
-    if np.median(apart_px) > _DISAGREEMENT_MAX_PX:
-        raise RegistrationError(
-            f"the matched features and the pixels disagree by {np.median(apart_px):.1f} px",
-            reason="contradiction",
-            error_px=float(np.median(apart_px)),
+
+
+def _not_found(choice: Choice | None) -> RegistrationError:
+    if choice is None:
+        return RegistrationError(
+            f"the photographs overlap too little to be aligned; {_REMEDIES}",
+            reason="little_overlap",
         )
-    if not fit.place_err_px <= _PLACE_ERR_MAX_PX:
+    agreement = choice.best.agreement
+    return RegistrationError(
+        f"no pose was found at which the photographs agree (best correlation "
+        f"{agreement.correlation:.2f}, {agreement.significance:.1f} standard deviations above "
+        f"chance, {SIGNIFICANCE_MIN:g} are needed); {_REMEDIES}",
+        reason="low_correlation",
+        correlation=agreement.correlation,
+    )
+
+
+def _refined(pair: PhotographPair, choice: Choice) -> Registration:
+    """Refine the chosen pose down to single pixels."""
+    directed = choice.best.directed
+    found = _fitted(pair, directed)
+    pose = directed.with_pose(found.pose).of_followup
+    place_err_px = found.place_err_px * (pose.zoom if directed.is_swapped else 1.0)
+    if not place_err_px <= _PLACE_ERR_MAX_PX:
         raise RegistrationError(
-            f"the pose is uncertain by {fit.place_err_px:.2f} px, "
-            f"{_PLACE_ERR_MAX_PX} px are allowed",
+            f"the pose is uncertain by {place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed; "
+            f"photograph more detail, or {_REMEDIES}",
             reason="uncertain",
-            error_px=fit.place_err_px,
+            error_px=place_err_px,
         )
-    return DistortedRegistration(
-        pose=fit.pose,
-        zoom=zoom,
-        place_err_px=fit.place_err_px,
-        k1_err=fit.k1_err,
-        feature_matrix=matrix,
-        inlier_count=int(inlier.sum()),
-        match_rms_px=float(np.sqrt(np.mean(apart_px**2))),
-        correlation=fit.correlation,
-        residual_rms_dn=fit.residual_rms_dn,
+    warnings = []
+    if choice.rival is not None:
+        rival = choice.rival.directed.of_followup
+        rows, cols = pair.followup.shape
+        middle = np.array([(rows - 1) / 2]), np.array([(cols - 1) / 2])
+        apart = np.hypot(
+            *(a - b for a, b in zip(pose.to_reference_px(*middle), rival.to_reference_px(*middle), strict=True))
+        )
+        warnings.append(
+            f"the scene repeats: shifted by {float(apart[0]):.0f} px the photographs agree nearly "
+            "as well, so the alignment may be another period; check it, or " + _REMEDIES
+        )
+    if place_err_px > _PLACE_ERR_WARN_PX:
+        warnings.append(
+            f"the pose is uncertain by {place_err_px:.2f} px: the photographs share little detail"
+        )
+    return _registration(choice.best.hypothesis, pose, found, place_err_px, directed, warnings)
+
+
+def _fitted(pair: PhotographPair, directed: DirectedPose) -> LevelFit:
+    """Descend from the judged resolution to single pixels, or as far as it tells more."""
+    is_one_camera = pair.reference.shape == pair.followup.shape
+    factor = comparison_factor(directed.target.shape)
+    best: LevelFit | None = None
+    pose = directed.pose
+    while True:
+        level = LevelPair(directed.source, directed.target, pose, pair.psf, factor)
+        found = _level_fit(level, pose, is_one_camera and factor <= 2)
+        if found is None or (best is not None and found.place_err_px > 1.5 * best.place_err_px):
+            break
+        if best is None or found.place_err_px <= best.place_err_px:
+            best, pose = found, found.pose
+        if factor == 1:
+            break
+        factor //= 2
+    if best is None:
+        raise RegistrationError(
+            f"the photographs overlap too little to be aligned; {_REMEDIES}",
+            reason="little_overlap",
+        )
+    return best
+
+
+def _level_fit(level: LevelPair, pose: DistortedPose, fits_distortion: bool) -> LevelFit | None:
+    """Fit with the distortion where it is determined, else without."""
+    plain = PoseDescent(level, fits_distortion=False).refined(pose.with_(pose.matrix, 0.0))
+    if not fits_distortion:
+        return plain
+    bent = PoseDescent(level, fits_distortion=True).refined(pose)
+    if bent is not None and abs(bent.pose.k1) > _K1_SIGNIFICANT * bent.k1_err:
+        return bent
+    return plain
+
+
+def _registration(
+    hypothesis: PoseHypothesis,
+    pose: DistortedPose,
+    found: LevelFit,
+    place_err_px: float,
+    directed: DirectedPose,
+    warnings: list[str],
+) -> Registration:
+    count, rms_px = 0, 0.0
+    if hypothesis.matches is not None:
+        followup, reference = hypothesis.matches.followup_px, hypothesis.matches.reference_px
+        y, x = pose.to_reference_px(followup[:, 1], followup[:, 0])
+        apart = np.hypot(x - reference[:, 0], y - reference[:, 1])
+        agreeing = apart[apart < _INLIER_PX * max(pose.zoom, 1.0)]
+        count = len(agreeing)
+        rms_px = float(np.sqrt(np.mean(agreeing**2))) if count else 0.0
+    return Registration(
+        pose=pose,
+        place_err_px=place_err_px,
+        k1_err=found.k1_err,
+        feature_matrix=hypothesis.matrix / hypothesis.matrix[2, 2],
+        inlier_count=count,
+        match_rms_px=rms_px,
+        correlation=found.correlation,
+        residual_rms_dn=found.residual_rms * directed.target.scale_dn,
+        warnings=tuple(warnings),
     )
 
 
-def _shape(image: NDArray[Any]) -> tuple[int, int]:
-    return image.shape[0], image.shape[1]
+def _as_given(pair: PhotographPair, candidate: Candidate) -> Registration:
+    """The operator's pose where the pixels do not refine it."""
+    hypothesis = candidate.hypothesis
+    pose = pair.pose_of(hypothesis.matrix)
+    text = (
+        "the given pose is kept as it is: the photographs do not agree well enough to refine it "
+        f"(correlation {candidate.agreement.correlation:.2f})"
+    )
+    return Registration(
+        pose=pose,
+        place_err_px=_GIVEN_ERR_PX,
+        k1_err=0.0,
+        feature_matrix=pose.matrix,
+        inlier_count=0,
+        match_rms_px=0.0,
+        correlation=candidate.agreement.correlation,
+        residual_rms_dn=candidate.directed.target.scale_dn,
+        warnings=(text,),
+    )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
 from calibration.registration.features import homography_pose, match_features
-from calibration.registration.refinement import zoom_at_centre
+from calibration.registration.motions import zoom_at_centre
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
 

@@ -8,7 +8,7 @@ from analysis.validation.metrics import ImageMetrics
 from analysis.validation.models import ModelInputs
 from analysis.validation.pair import AlignedPair, PairMetrics, compare_pair
 from analysis.validation.session import mean_metrics
-from calibration.registration.pair import DistortedRegistration, register_distorted
+from calibration.registration.pair import Registration, register
 from simulation import MODELS
 from tests.analysis.bench_session import PSF, SHAPE, texture_dn
 
@@ -17,10 +17,8 @@ def inputs(*models: ValidationModel) -> ModelInputs:
     return ModelInputs(psf=PSF, kernels=dict.fromkeys(models or MODELS))
 
 
-def aligned(
-    reference: np.ndarray, followup: np.ndarray
-) -> tuple[AlignedPair, DistortedRegistration]:
-    found = register_distorted(reference, followup, PSF)
+def aligned(reference: np.ndarray, followup: np.ndarray) -> tuple[AlignedPair, Registration]:
+    found = register(reference, followup, PSF)
     return AlignedPair(reference=reference, followup=followup, pose=found.pose), found
 
 

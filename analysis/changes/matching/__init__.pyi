@@ -1,0 +1,56 @@
+from .calibrated_blur import calibrated_blur_px2 as calibrated_blur_px2
+from .matching_kernel import (
+    KERNEL_RADIUS_PX as KERNEL_RADIUS_PX,
+    MatchingKernel as MatchingKernel,
+    WhiteNoiseGain as WhiteNoiseGain,
+    white_noise_gain as white_noise_gain,
+)
+from .pair_fit import PairFit as PairFit, fit_pair as fit_pair
+from .pixels import away_from as away_from
+from .relative_blur import (
+    RelativeBlur as RelativeBlur,
+    Smoothing as Smoothing,
+    relative_blur as relative_blur,
+    smoothing_for as smoothing_for,
+)
+from .residual_variance import (
+    GRADIENT as GRADIENT,
+    LAPLACIAN as LAPLACIAN,
+    VarianceTerms as VarianceTerms,
+)
+from .smoothed_warp import (
+    PixelPositions as PixelPositions,
+    smoothed as smoothed,
+    spline_coefficients as spline_coefficients,
+)
+from .tone_curve import (
+    ToneCurve as ToneCurve,
+    fit_tone_curve as fit_tone_curve,
+    is_curved as is_curved,
+)
+from .variance_calibration import calibrated_factor as calibrated_factor
+
+__all__ = [
+    "GRADIENT",
+    "KERNEL_RADIUS_PX",
+    "LAPLACIAN",
+    "MatchingKernel",
+    "PairFit",
+    "PixelPositions",
+    "RelativeBlur",
+    "Smoothing",
+    "ToneCurve",
+    "VarianceTerms",
+    "WhiteNoiseGain",
+    "away_from",
+    "calibrated_blur_px2",
+    "calibrated_factor",
+    "fit_pair",
+    "fit_tone_curve",
+    "is_curved",
+    "relative_blur",
+    "smoothed",
+    "smoothing_for",
+    "spline_coefficients",
+    "white_noise_gain",
+]

@@ -1,0 +1,178 @@
+"""The kernel that turns one smoothed photograph into the other, fitted to the pair.
+
+``Y(p) = sum over q of (a_q + b_q x + c_q y) T(p + q)
+        + T {x^2, x y, y^2} + {1, x, y, x^2, x y, y^2}``
+
+with x and y from -1 to 1 over the grid: a kernel that changes over the frame with the blur and
+the light, and an offset. The weights are robust: changes are outliers.
+
+References
+----------
+C. Alard and R. H. Lupton, "A method for optimal image subtraction", 1998, with the delta functions
+of D. M. Bramich, "A new algorithm for difference image analysis", 2008, for a basis.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+
+from analysis.changes.matching.relative_blur import Smoothing
+from simulation.arrays import Float32Array, FloatArray, IntArray
+
+KERNEL_RADIUS_PX = 3
+"""Kernels of 5 x 5 to 9 x 9 do as well: the photographs are of one sharpness before."""
+
+_SIDE = 2 * KERNEL_RADIUS_PX + 1
+_TAPS = _SIDE * _SIDE
+_LINEAR = 3 * _TAPS
+_COLUMNS = _LINEAR + 9
+_RIDGE = 1e-2
+"""Over the power of the source: 1e-4 to 1e-1 flag alike."""
+
+_CENTRE, _SLOPES = 0.01, 3.0
+"""Ridge of the centre tap and of the taps' slopes over the frame, over that of other taps."""
+
+_REACH = 5.0
+"""Standard deviations from which on Tukey's biweight counts a pixel as nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MatchingKernel:
+    """A fitted kernel with its light.
+
+    Parameters
+    ----------
+    coefficients
+        Shape ``(columns,)``: taps, taps times x, taps times y, three of the gain, six of the
+        offset.
+    level_dn
+        Mean of the source, which is taken from it first.
+    """
+
+    coefficients: FloatArray
+    level_dn: float
+
+    @property
+    def taps(self) -> FloatArray:
+        """Kernel at the middle of the frame, shape ``(side, side)``, order (y, x)."""
+        return self.coefficients[:_TAPS].reshape(_SIDE, _SIDE)
+
+    def light(self, shape: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
+        """Gain, which is the sum of the kernel, and offset at every pixel."""
+        sums = self.coefficients[:_LINEAR].reshape(3, _TAPS).sum(axis=1)
+        gain = np.concatenate([sums, self.coefficients[_LINEAR : _LINEAR + 3]])
+        return _polynomial(gain, shape), _polynomial(self.coefficients[_LINEAR + 3 :], shape)
+
+    def of(self, source: Float32Array) -> Float32Array:
+        """Apply the kernel and the light."""
+        rows, cols = source.shape
+        y, x = (np.linspace(-1, 1, n, dtype=np.float32) for n in (rows, cols))
+        level = source - np.float32(self.level_dn)
+        _, made = self.light((rows, cols))
+        for order, weight in enumerate((None, x[None, :], y[:, None])):
+            taps = self.coefficients[order * _TAPS : (order + 1) * _TAPS].reshape(_SIDE, _SIDE)
+            part = cv2.filter2D(
+                level, -1, taps.astype(np.float32), borderType=cv2.BORDER_REFLECT_101
+            )
+            made += part if weight is None else weight * part
+        quadratic = np.concatenate([np.zeros(3), self.coefficients[_LINEAR : _LINEAR + 3]])
+        return made + level * _polynomial(quadratic, (rows, cols))
+
+
+def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Array:
+    """``{1, x, y, x^2, x y, y^2}`` over the frame."""
+    rows, cols = shape
+    y, x = np.linspace(-1, 1, rows, dtype=np.float32), np.linspace(-1, 1, cols, dtype=np.float32)
+    one, of_x, of_y, of_xx, of_xy, of_yy = coefficients.astype(np.float32)
+    along_x = one + x * (of_x + x * of_xx)
+    return np.asarray(along_x[None] + (y * (of_y + y * of_yy))[:, None] + of_xy * y[:, None] * x)
+
+
+@njit(cache=True, nogil=True)
+def design_matrix(
+    source: Float32Array, level_dn: float, rows: IntArray, cols: IntArray
+) -> FloatArray:
+    """Columns of the model at pixels, shape ``(pixels, columns)``."""
+    height, width = source.shape
+    design = np.empty((len(rows), _COLUMNS))
+    for i in range(len(rows)):
+        row, col = rows[i], cols[i]
+        y, x = 2.0 * row / (height - 1) - 1.0, 2.0 * col / (width - 1) - 1.0
+        place = 0
+        for dy in range(-KERNEL_RADIUS_PX, KERNEL_RADIUS_PX + 1):
+            for dx in range(-KERNEL_RADIUS_PX, KERNEL_RADIUS_PX + 1):
+                level = source[row + dy, col + dx] - level_dn
+                design[i, place] = level
+                design[i, place + _TAPS] = x * level
+                design[i, place + 2 * _TAPS] = y * level
+                place += 1
+        level = source[row, col] - level_dn
+        for k, term in enumerate((x * x, x * y, y * y)):
+            design[i, _LINEAR + k] = term * level
+        for k, term in enumerate((1.0, x, y, x * x, x * y, y * y)):
+            design[i, _LINEAR + 3 + k] = term
+    return design
+
+
+def solve(
+    design: FloatArray, target_dn: FloatArray, weight: FloatArray, prior: FloatArray | None = None
+) -> FloatArray:
+    """Coefficients by weighted least squares with a ridge towards a single tap.
+
+    ``prior`` is a matrix to add to the normal equations, for columns beyond the kernel's.
+    """
+    root = np.sqrt(weight)[:, None]
+    rooted = design * root
+    normal = rooted.T @ rooted
+    right = rooted.T @ (target_dn * root[:, 0])
+    centre = _TAPS // 2
+    ridge = np.zeros(design.shape[1])
+    ridge[:_TAPS], ridge[_TAPS:_LINEAR] = 1.0, _SLOPES
+    ridge[[centre, centre + _TAPS, centre + 2 * _TAPS]] *= _CENTRE
+    ridge *= _RIDGE * normal[centre, centre]
+    right[centre] += ridge[centre]
+    # The ridge leaves the gain's squares and the offset alone; a flat frame does not tell them.
+    ridge += 1e-9 * np.diag(normal) + 1e-300
+    normal[np.diag_indices_from(normal)] += ridge
+    if prior is not None:
+        normal += prior
+    return np.asarray(np.linalg.solve(normal, right))
+
+
+def biweight(deviations: FloatArray) -> FloatArray:
+    """Tukey's weights of residuals in standard deviations."""
+    return np.asarray(np.maximum(1 - (deviations / _REACH) ** 2, 0.0) ** 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WhiteNoiseGain:
+    """Variance of the difference for a white noise of variance 1 in either photograph."""
+
+    source: float
+    target: float
+
+
+def white_noise_gain(taps: FloatArray, smoothing: Smoothing, zoom: float) -> WhiteNoiseGain:
+    """What smoothing and kernel leave of white noise, in closed form.
+
+    A Gaussian of width s leaves ``1 / (4 pi s^2)``, correlated as ``exp(-d^2 / (4 s^2))``.
+
+    Parameters
+    ----------
+    taps
+        The kernel, shape ``(side, side)``.
+    smoothing
+        Of the two photographs.
+    zoom
+        Source pixels per pixel of the grid, along a line.
+    """
+    y, x = np.indices(taps.shape).reshape(2, -1)
+    square = (y[:, None] - y) ** 2 + (x[:, None] - x) ** 2
+    correlation = np.exp(-square / (4 * smoothing.source_px**2))
+    passed = float(taps.ravel() @ correlation @ taps.ravel())
+    return WhiteNoiseGain(
+        source=passed / (4 * np.pi * (smoothing.source_px * zoom) ** 2),
+        target=1 / (4 * np.pi * smoothing.target_px**2),
+    )

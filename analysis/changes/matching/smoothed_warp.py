@@ -1,0 +1,243 @@
+"""A photograph smoothed by a Gaussian, as the pixels of another one see it.
+
+Smoothing and the prefilter of the quintic B-spline are one separable filter on the photograph's own
+pixels; the spline is then evaluated where the pose puts the pixels of the other photograph. Their
+positions come from a coarse grid by cubic interpolation: a pose is far smoother than that.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil
+from typing import Self
+
+import cv2
+import numpy as np
+from numba import njit
+
+from simulation.arrays import BoolArray, Float32Array, FloatArray
+
+Window = tuple[slice, slice]
+"""Rows and columns of a part of the grid."""
+
+_NODE_STEP_PX = 16
+_SPLINE_TERMS = 8
+"""The prefilter of the quintic B-spline decays by 0.43 a pixel: to 1e-3 of a Gaussian's end."""
+
+_TAILS = 4.5
+_FAR_FRAMES = 4.0
+"""Frames beyond the photograph at which a node is taken as one that it cannot show."""
+
+
+def smoothed(image: Float32Array, sigma_px: float) -> Float32Array:
+    """Convolve with a Gaussian; mirrored at the border."""
+    size = 2 * ceil(_TAILS * sigma_px) + 1
+    blurred = cv2.GaussianBlur(image, (size, size), sigma_px, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(blurred, dtype=np.float32)
+
+
+def spline_coefficients(image: Float32Array, sigma_px: float) -> Float32Array:
+    """Coefficients of the quintic B-spline through the photograph smoothed by ``sigma_px``."""
+    radius = ceil(_TAILS * sigma_px) + _SPLINE_TERMS
+    freq = np.fft.rfftfreq(8 * radius)
+    angle = 2 * np.pi * freq
+    spline = (66 + 52 * np.cos(angle) + 2 * np.cos(2 * angle)) / 120  # at whole pixels
+    taps = np.fft.irfft(np.exp(-((sigma_px * angle) ** 2) / 2) / spline)
+    kernel = np.concatenate([taps[-radius:], taps[: radius + 1]])
+    kernel = (kernel / kernel.sum()).astype(np.float32)
+    filtered = cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(filtered, dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PixelPositions:
+    """Where the pixels of a grid lie in another photograph.
+
+    Parameters
+    ----------
+    shape, source_shape
+        ``(rows, cols)`` of the grid and of the other photograph.
+    nodes_y, nodes_x
+        Positions of a coarse grid of pixels, whose first node is one step before the first pixel.
+    """
+
+    shape: tuple[int, int]
+    source_shape: tuple[int, int]
+    nodes_y: FloatArray
+    nodes_x: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        positions_px: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+        shape: tuple[int, int],
+        source_shape: tuple[int, int],
+    ) -> Self:
+        """Evaluate ``positions_px``, which takes and returns ``(y, x)``, on the coarse grid."""
+        y, x = (_NODE_STEP_PX * np.arange(-1.0, ceil(n / _NODE_STEP_PX) + 2) for n in shape)
+        nodes_y, nodes_x = positions_px(*np.meshgrid(y, x, indexing="ij"))
+        far = _FAR_FRAMES * max(source_shape)
+        is_far = ~((np.abs(nodes_y) < far) & (np.abs(nodes_x) < far))
+        return cls(
+            shape=shape,
+            source_shape=source_shape,
+            nodes_y=np.where(is_far, np.nan, nodes_y),
+            nodes_x=np.where(is_far, np.nan, nodes_x),
+        )
+
+    @property
+    def zoom(self) -> float:
+        """Median number of the other photograph's pixels to one of the grid, along a line."""
+        step = float(_NODE_STEP_PX)
+        (yy, yx), (xy, xx) = (np.gradient(nodes, step) for nodes in (self.nodes_y, self.nodes_x))
+        return float(np.sqrt(np.nanmedian(np.abs(yy * xx - yx * xy))))
+
+    def near(self, row: float, col: float) -> tuple[float, float, FloatArray]:
+        """Position (y, x) of a pixel, and the derivative there, shape (2, 2), order (x, y)."""
+        j, i = (
+            min(max(round(at / _NODE_STEP_PX) + 1, 1), n - 2)
+            for at, n in zip((row, col), self.nodes_y.shape, strict=True)
+        )
+        slopes = np.array(
+            [
+                [nodes[j, i + 1] - nodes[j, i - 1], nodes[j + 1, i] - nodes[j - 1, i]]
+                for nodes in (self.nodes_x, self.nodes_y)
+            ]
+        )
+        return float(self.nodes_y[j, i]), float(self.nodes_x[j, i]), slopes / (2 * _NODE_STEP_PX)
+
+    @property
+    def whole(self) -> Window:
+        """The window of all pixels."""
+        return slice(0, self.shape[0]), slice(0, self.shape[1])
+
+    def seen(self, coefficients: Float32Array, window: Window | None = None) -> Float32Array:
+        """Levels that the pixels of a window see; NaN where they look past the photograph."""
+        rows, cols = window or self.whole
+        corner = np.array([rows.start, cols.start, rows.stop, cols.stop])
+        return _seen(coefficients, self.nodes_y, self.nodes_x, corner)
+
+    def inside(self, mask: BoolArray, border_px: float) -> BoolArray:
+        """Pixels that see the photograph, this far from its border, and a pixel of the mask."""
+        return _inside(mask, self.nodes_y, self.nodes_x, np.array(self.shape), border_px)
+
+
+@njit(cache=True, nogil=True)
+def _cubic(t: float, weight: FloatArray) -> None:
+    """Lagrange's weights of four nodes, of which the second is at 0."""
+    weight[0] = -t * (t - 1) * (t - 2) / 6
+    weight[1] = (t + 1) * (t - 1) * (t - 2) / 2
+    weight[2] = -(t + 1) * t * (t - 2) / 2
+    weight[3] = (t + 1) * t * (t - 1) / 6
+
+
+@njit(cache=True, nogil=True)
+def _weights_in_cell() -> FloatArray:
+    table = np.empty((_NODE_STEP_PX, 4))
+    for step in range(_NODE_STEP_PX):
+        _cubic(step / _NODE_STEP_PX, table[step])
+    return table
+
+
+@njit(cache=True, nogil=True)
+def _node_row(nodes: FloatArray, row: int, table: FloatArray, out: FloatArray) -> None:
+    first, weight = row // _NODE_STEP_PX, table[row % _NODE_STEP_PX]
+    for col in range(nodes.shape[1]):
+        total = 0.0
+        for k in range(4):
+            total += weight[k] * nodes[first + k, col]
+        out[col] = total
+
+
+@njit(cache=True, nogil=True)
+def _between(nodes: FloatArray, col: int, table: FloatArray) -> float:
+    first, weight = col // _NODE_STEP_PX, table[col % _NODE_STEP_PX]
+    return float(
+        weight[0] * nodes[first]
+        + weight[1] * nodes[first + 1]
+        + weight[2] * nodes[first + 2]
+        + weight[3] * nodes[first + 3]
+    )
+
+
+@njit(cache=True, nogil=True)
+def _quintic(t: float, weight: Float32Array) -> None:
+    """Quintic B-spline around a position ``t`` after the third of six samples."""
+    near_one = np.float32(t)
+    for side in range(2):
+        u = (
+            near_one if side == 0 else np.float32(1.0) - near_one
+        )  # distance to the nearest on this side
+        near, outer, last = (2, 1, 0) if side == 0 else (3, 4, 5)
+        square, w, rest = u * u, np.float32(1.0) + u, np.float32(1.0) - u
+        fourth = rest * rest * rest * rest
+        weight[near] = np.float32(1 / 120) * (
+            np.float32(66.0)
+            + square * (np.float32(-60.0) + square * (np.float32(30.0) - np.float32(10.0) * u))
+        )
+        powers = np.float32(150.0) + w * (np.float32(-45.0) + np.float32(5.0) * w)
+        powers = np.float32(75.0) + w * (np.float32(-210.0) + w * powers)
+        weight[outer] = np.float32(1 / 120) * (np.float32(51.0) + w * powers)
+        weight[last] = np.float32(1 / 120) * rest * fourth
+
+
+@njit(cache=True, nogil=True)
+def _seen(
+    coefficients: Float32Array, nodes_y: FloatArray, nodes_x: FloatArray, corner: FloatArray
+) -> Float32Array:
+    top, left, bottom, right = corner
+    levels = np.full((bottom - top, right - left), np.nan, dtype=np.float32)
+    rows, cols = coefficients.shape
+    table = _weights_in_cell()
+    line_y, line_x = np.empty(nodes_y.shape[1]), np.empty(nodes_y.shape[1])
+    across, down = np.empty(6, dtype=np.float32), np.empty(6, dtype=np.float32)
+    for row in range(top, bottom):
+        _node_row(nodes_y, row, table, line_y)
+        _node_row(nodes_x, row, table, line_x)
+        for col in range(left, right):
+            y, x = _between(line_y, col, table), _between(line_x, col, table)
+            # Written so that NaN is outside.
+            if not (y >= 2 and y < rows - 3 and x >= 2 and x < cols - 3):
+                continue
+            j, i = int(y), int(x)
+            _quintic(y - j, down)
+            _quintic(x - i, across)
+            level = np.float32(0.0)
+            for k in range(6):
+                line = coefficients[j + k - 2]
+                level += down[k] * (
+                    across[0] * line[i - 2]
+                    + across[1] * line[i - 1]
+                    + across[2] * line[i]
+                    + across[3] * line[i + 1]
+                    + across[4] * line[i + 2]
+                    + across[5] * line[i + 3]
+                )
+            levels[row - top, col - left] = level
+    return levels
+
+
+@njit(cache=True, nogil=True)
+def _inside(
+    mask: BoolArray,
+    nodes_y: FloatArray,
+    nodes_x: FloatArray,
+    shape: FloatArray,
+    border_px: float,
+) -> BoolArray:
+    found = np.zeros((shape[0], shape[1]), dtype=np.bool_)
+    rows, cols = mask.shape
+    table = _weights_in_cell()
+    line_y, line_x = np.empty(nodes_y.shape[1]), np.empty(nodes_y.shape[1])
+    for row in range(shape[0]):
+        _node_row(nodes_y, row, table, line_y)
+        _node_row(nodes_x, row, table, line_x)
+        for col in range(shape[1]):
+            y, x = _between(line_y, col, table), _between(line_x, col, table)
+            if (
+                y >= border_px
+                and y <= rows - 1 - border_px
+                and x >= border_px
+                and x <= cols - 1 - border_px
+            ):
+                found[row, col] = mask[int(y + 0.5), int(x + 0.5)]
+    return found

@@ -1,0 +1,135 @@
+"""What a predicted variance has to be multiplied by, from the differences themselves.
+
+Pixels are sorted into bins by their predicted variance. Where its terms do not hold, such as on the
+sharpest edges or with heavy tails, the differences in the bin tell.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf, log, pi, sqrt
+
+import numpy as np
+
+from analysis.changes.matching.pixels import away_from, sampled
+from calibration.robust import robust_sigma
+from simulation.arrays import BoolArray, Float32Array, FloatArray
+
+_EDGES = np.concatenate([np.linspace(0, 0.9, 13), [0.95, 0.98, 0.99, 1.0]])
+"""Quantiles of the predicted variance between which the bins lie."""
+
+_TAIL, _TAIL_SD = 0.99, 2.5758293035489004
+"""Share of normal values within so many standard deviations."""
+
+_TAIL_SCATTER = 1.33
+"""Standard deviation of the tail's quantile over the spread, over the root of 1 / n; a tail must
+exceed it to count."""
+
+_LEAST_STEP = 0.1
+"""Pixels whose predicted variances agree to 10 % are of one kind; a bin of them alone could be
+filled by one change."""
+
+_LEAST_PX = 30
+_SAMPLE_PX = 500_000
+_CHANGE_REACH_PX = 5.0
+_ROUNDS = 3
+"""A change that is found is left out, with what is around it, and those beside it come out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class VarianceCalibration:
+    """Factors of the standard deviation by the logarithm of the predicted variance.
+
+    Parameters
+    ----------
+    log_variance, log_factor
+        Shape ``(bins,)``, the first rising.
+    """
+
+    log_variance: FloatArray
+    log_factor: FloatArray
+
+    def factor(self, variance_dn2: Float32Array) -> Float32Array:
+        """Factor of the standard deviation at each pixel."""
+        log_factor = np.interp(np.log(variance_dn2), self.log_variance, self.log_factor)
+        return np.exp(log_factor, dtype=np.float32, casting="same_kind")
+
+
+def calibrate_variance(
+    difference_dn: FloatArray, variance_dn2: FloatArray, pixels: int, smoothing_px: float
+) -> VarianceCalibration:
+    """Compare differences with their predicted variance.
+
+    Parameters
+    ----------
+    difference_dn, variance_dn2
+        Of a sample of pixels without a change, shape ``(n,)``.
+    pixels
+        Pixels from which the sample was taken.
+    smoothing_px
+        Width of the Gaussian that makes neighbours alike.
+    """
+    ratio = np.abs(difference_dn) / np.sqrt(variance_dn2)
+    log_variance = np.log(variance_dn2)
+    edges = _apart(np.quantile(log_variance, _EDGES).tolist())
+    middles, factors = [], []
+    alike = 4 * pi * smoothing_px**2 / pixels * len(ratio) + 1
+    for low, high in pairwise(edges):
+        inside = (log_variance >= low) & (log_variance < high)
+        count = int(inside.sum())
+        if count < _LEAST_PX:
+            continue
+        spread = robust_sigma(ratio[inside]) + 1e-6
+        tail = float(np.quantile(ratio[inside], _TAIL)) / _TAIL_SD / spread
+        scatter = _TAIL_SCATTER * sqrt(alike / count)
+        middles.append(float(np.median(log_variance[inside])))
+        factors.append(log(spread * max(1.0, tail - scatter)))
+    if not middles:
+        return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
+    return VarianceCalibration(log_variance=np.array(middles), log_factor=np.array(factors))
+
+
+def _apart(edges: list[float]) -> list[float]:
+    """Leave out edges that hardly differ from the one before; the last bin is open."""
+    kept = edges[:1]
+    for edge in edges[1:-1]:
+        if edge - kept[-1] > _LEAST_STEP:
+            kept.append(edge)
+    return [*kept, inf]
+
+
+def calibrated_factor(
+    difference_dn: Float32Array,
+    variance_dn2: Float32Array,
+    valid: BoolArray,
+    smoothing_px: float,
+    threshold_sd: float,
+) -> Float32Array:
+    """Factor of the predicted standard deviation at every pixel, changes left out.
+
+    Parameters
+    ----------
+    difference_dn, variance_dn2
+        Difference and its predicted variance, shape ``(rows, cols)``.
+    valid
+        Pixels that count.
+    smoothing_px
+        Width of the Gaussian that makes neighbours alike.
+    threshold_sd
+        Standard deviations beyond which a pixel is taken as changed.
+    """
+    pixels = int(np.count_nonzero(valid))
+    kept = valid
+    for _ in range(_ROUNDS):
+        rows, cols = sampled(kept, _SAMPLE_PX)
+        factor = calibrate_variance(
+            difference_dn[rows, cols].astype(np.float64),
+            variance_dn2[rows, cols].astype(np.float64),
+            pixels,
+            smoothing_px,
+        ).factor(variance_dn2)
+        reach = threshold_sd * factor * np.sqrt(variance_dn2)
+        remaining = valid & away_from(valid & (np.abs(difference_dn) > reach), _CHANGE_REACH_PX)
+        if np.array_equal(remaining, kept):
+            break
+        kept = remaining
+    return factor

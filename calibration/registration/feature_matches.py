@@ -1,0 +1,25 @@
+"""Pairs of points that a pose should bring together."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulation.arrays import BoolArray, FloatArray
+from simulation.pose import project
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureMatches:
+    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference."""
+
+    followup_px: FloatArray
+    reference_px: FloatArray
+
+    def distances_px(self, matrix: FloatArray) -> FloatArray:
+        """Distance in the reference between each match and its position by ``matrix``."""
+        x, y = project(matrix, *self.followup_px.T)
+        return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
+
+    def rms_px(self, matrix: FloatArray, inlier: BoolArray) -> float:
+        """Rms of ``distances_px`` over the chosen matches."""
+        return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))

@@ -1,0 +1,114 @@
+"""A photograph prepared for alignment: its usable pixels, and itself at several resolutions."""
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simulation.arrays import AnyArray, BoolArray, Float32Array
+
+_PLATEAU_PX = 3
+"""Side of a square of one extreme level that no scene with noise shows: clipped pixels."""
+
+_PIXEL_VARIANCE_PX2 = 1 / 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlignedPhotograph:
+    """Grey levels as float32 and the pixels that count, None where all do.
+
+    Levels are divided by their standard deviation, so that no unit overflows.
+    """
+
+    levels: Float32Array = field(repr=False)
+    usable: BoolArray | None = field(repr=False)
+    scale_dn: float
+
+    @classmethod
+    def of(cls, image: AnyArray, left_out: BoolArray | None = None) -> Self:
+        """Take a grey image; clipped plateaus and what is ``left_out`` do not count.
+
+        Raises
+        ------
+        ValueError
+            If it is not a grey image with finite values, or ``left_out`` has another shape.
+        """
+        values = np.asarray(image, dtype=np.float32)
+        if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
+            raise ValueError(
+                f"alignment needs grey images with finite values, got shape {image.shape}"
+            )
+        if left_out is not None and left_out.shape != values.shape:
+            raise ValueError(
+                f"the mask has the shape {left_out.shape}, the photograph {values.shape}"
+            )
+        unusable = _clipped(values)
+        if left_out is not None:
+            unusable |= left_out
+        usable = ~unusable if unusable.any() else None
+        counted = values if usable is None else values[usable]
+        middle = float(np.median(counted[:: max(counted.size // 100_000, 1)])) if len(counted) else 0.0
+        scale = float(counted.std(dtype=np.float64)) if counted.size else 0.0
+        levels = (values - np.float32(middle)) / np.float32(scale or 1.0)
+        if usable is not None:
+            levels[~usable] = 0.0
+        return cls(levels, usable, scale)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(rows, cols)``."""
+        return self.levels.shape[0], self.levels.shape[1]
+
+    def reduced(self, factor: int) -> Self:
+        """Return the means of blocks of ``factor`` x ``factor`` pixels; incomplete ones are lost."""
+        if factor == 1:
+            return self
+        rows, cols = (n // factor for n in self.shape)
+        part = np.s_[: rows * factor, : cols * factor]
+        levels = _shrunk(self.levels[part], rows, cols)
+        if self.usable is None:
+            return type(self)(levels, None, self.scale_dn)
+        share = _shrunk(self.usable[part].astype(np.float32), rows, cols)
+        return type(self)(levels / np.maximum(share, 1e-3), share > 0.99, self.scale_dn)
+
+    def smoothed(self, sigma_x_px: float, sigma_y_px: float) -> Self:
+        """Return it after a Gaussian blur; what mixes with unusable pixels becomes unusable."""
+        blur = (0, 0), max(sigma_x_px, 1e-3), max(sigma_y_px, 1e-3)
+        levels = _blurred(self.levels, *blur)
+        if self.usable is None:
+            return type(self)(levels, None, self.scale_dn)
+        share = _blurred(self.usable.astype(np.float32), *blur)
+        return type(self)(levels / np.maximum(share, 1e-3), share > 0.98, self.scale_dn)
+
+
+def _clipped(values: Float32Array) -> BoolArray:
+    """Pixels of plateaus at the highest or the lowest level, and their neighbours."""
+    clipped = np.zeros(values.shape, dtype=np.bool_)
+    square = np.ones((_PLATEAU_PX, _PLATEAU_PX), dtype=np.uint8)
+    around = np.ones((_PLATEAU_PX + 2, _PLATEAU_PX + 2), dtype=np.uint8)
+    for level in (values.max(), values.min()):
+        plateau = cv2.erode((values == level).astype(np.uint8), square)
+        if plateau.any():
+            clipped |= cv2.dilate(plateau, around).astype(np.bool_)
+    return clipped
+
+
+def _shrunk(values: Float32Array, rows: int, cols: int) -> Float32Array:
+    made = cv2.resize(values, (cols, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(made, dtype=np.float32)
+
+
+def _blurred(
+    values: NDArray[np.float32], size: tuple[int, int], sigma_x_px: float, sigma_y_px: float
+) -> Float32Array:
+    made = cv2.GaussianBlur(
+        values, size, sigma_x_px, sigmaY=sigma_y_px, borderType=cv2.BORDER_REFLECT
+    )
+    return np.asarray(made, dtype=np.float32)
+
+
+def blur_variance_px2(sigma_px: float, factor: int) -> float:
+    """Variance of the blur of a photograph reduced by a factor, in its own pixels."""
+    return (sigma_px**2 + (factor**2 - 1) * _PIXEL_VARIANCE_PX2) / factor**2
