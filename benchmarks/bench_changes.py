@@ -77,7 +77,7 @@ def curves(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> dic
             )
             result = found(truth, pair)
             core, clear = parts(pair, result)
-            plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+            plain = np.abs(result.plain_difference_dn)
             significance = np.abs(result.significance)
             plain_in.append(plain[core])
             plain_out.append(plain[clear])

@@ -6,7 +6,7 @@ the pair takes it to the target. What remains is compared with its own scatter.
 """
 
 from dataclasses import dataclass, field, replace
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from analysis.changes.matching import (
     ToneCurve,
     VarianceTerms,
     away_from,
+    calibrated_blur_px2,
     calibrated_factor,
     fit_pair,
     fit_tone_curve,
@@ -48,6 +49,10 @@ _CALIBRATION_RATE = 0.05
 _BORDER_SD = 3.0
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
+
+_FOCUS_PX2, _SURE = 0.15, 3.0
+"""Extra blur that is said, and the standard errors by which it must differ from none: a width of
+0.39 px on top of the other. Correlated noise, as of strong compression, may pass for less."""
 
 _COMMON_PSF_PX2 = 0.64
 """Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
@@ -170,7 +175,7 @@ def compare(
         )
         if curve is not None:
             matched = _Matched.of(pair.with_tone(curve), rough, None)
-    return _compared(matched)
+    return _compared(matched, _focus(matched, psf))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -337,7 +342,42 @@ class _Matched:
         return self.terms.noise_dn2(self.fit.sizes, self.valid) / expected
 
 
-def _compared(matched: _Matched) -> Comparison:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Focus:
+    """What the blur between the photographs says of the camera, as a `Comparison` has it."""
+
+    kernel: KernelOrigin
+    extra_px2: float
+    err_px2: float
+    warnings: tuple[str, ...] = ()
+
+
+def _focus(matched: _Matched, psf: Psf | PsfField | None) -> _Focus:
+    """Compare the blur that was measured with the one that the calibration says."""
+    pair, blur = matched.pair, matched.blur
+    # Of the follow-up over the reference, in the follow-up's pixels.
+    sense = 1.0 if pair.is_on_followup else -(pair.positions.zoom**2)
+    err_px2 = abs(sense) * blur.err_px2
+    if psf is None:
+        return _Focus(kernel="pair", extra_px2=sense * blur.value_px2, err_px2=err_px2)
+    expected_px2 = calibrated_blur_px2(
+        psf, matched.seen, matched.valid, matched.smoothing, pair.positions
+    )
+    extra_px2 = sense * (blur.value_px2 - expected_px2)
+    if not err_px2 < inf:
+        return _Focus(kernel="calibrated", extra_px2=0.0, err_px2=inf)
+    # In the pixels of the coarser photograph: the same whichever comes first.
+    if abs(extra_px2) < max(_FOCUS_PX2 * abs(sense), _SURE * err_px2):
+        return _Focus(kernel="calibrated", extra_px2=extra_px2, err_px2=err_px2)
+    warning = (
+        f"the focus has changed by {extra_px2:+.2f} px^2 of blur, {abs(extra_px2) / err_px2:.0f} "
+        f"standard errors: the follow-up is {'softer' if extra_px2 > 0 else 'sharper'} against the "
+        "reference than the calibrated PSF predicts; the blur was fitted to the photographs"
+    )
+    return _Focus(kernel="both", extra_px2=extra_px2, err_px2=err_px2, warnings=(warning,))
+
+
+def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
     seen, target = matched.seen, matched.target
     difference = target - fit.kernel.of(seen)
@@ -355,8 +395,6 @@ def _compared(matched: _Matched) -> Comparison:
         # So far before minus after, in the reference's levels.
         scale = -1 / gain
     mean_gain = float(gain[valid].mean())
-    # Of the follow-up over the reference, in the follow-up's pixels.
-    sense = 1.0 if pair.is_on_followup else -(pair.positions.zoom**2)
     return Comparison(
         is_on_followup=pair.is_on_followup,
         difference_dn=np.where(valid, scale * difference, np.float32(0)),
@@ -364,11 +402,12 @@ def _compared(matched: _Matched) -> Comparison:
         sd_dn=np.abs(scale) * sd,
         valid=valid,
         smoothing_px=smoothing.target_px if pair.is_on_followup else smoothing.source_px,
-        kernel="pair",
-        extra_blur_px2=sense * matched.blur.value_px2,
-        extra_blur_err_px2=abs(sense) * matched.blur.err_px2,
+        kernel=focus.kernel,
+        extra_blur_px2=focus.extra_px2,
+        extra_blur_err_px2=focus.err_px2,
         gain=mean_gain if pair.is_on_followup else 1 / mean_gain,
         noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
+        warnings=focus.warnings,
     )

@@ -1,3 +1,4 @@
+from .calibrated_blur import calibrated_blur_px2 as calibrated_blur_px2
 from .matching_kernel import (
     KERNEL_RADIUS_PX as KERNEL_RADIUS_PX,
     MatchingKernel as MatchingKernel,
@@ -42,6 +43,7 @@ __all__ = [
     "VarianceTerms",
     "WhiteNoiseGain",
     "away_from",
+    "calibrated_blur_px2",
     "calibrated_factor",
     "fit_pair",
     "fit_tone_curve",

@@ -28,7 +28,9 @@ _SIDE = 2 * KERNEL_RADIUS_PX + 1
 _TAPS = _SIDE * _SIDE
 _LINEAR = 3 * _TAPS
 _COLUMNS = _LINEAR + 9
-_RIDGE = 1e-3
+_RIDGE = 1e-2
+"""Over the power of the source: 1e-4 to 1e-1 flag alike."""
+
 _CENTRE, _SLOPES = 0.01, 3.0
 """Ridge of the centre tap and of the taps' slopes over the frame, over that of other taps."""
 

@@ -91,6 +91,20 @@ class PixelPositions:
         (yy, yx), (xy, xx) = (np.gradient(nodes, step) for nodes in (self.nodes_y, self.nodes_x))
         return float(np.sqrt(np.nanmedian(np.abs(yy * xx - yx * xy))))
 
+    def near(self, row: float, col: float) -> tuple[float, float, FloatArray]:
+        """Position (y, x) of a pixel, and the derivative there, shape (2, 2), order (x, y)."""
+        j, i = (
+            min(max(round(at / _NODE_STEP_PX) + 1, 1), n - 2)
+            for at, n in zip((row, col), self.nodes_y.shape, strict=True)
+        )
+        slopes = np.array(
+            [
+                [nodes[j, i + 1] - nodes[j, i - 1], nodes[j + 1, i] - nodes[j - 1, i]]
+                for nodes in (self.nodes_x, self.nodes_y)
+            ]
+        )
+        return float(self.nodes_y[j, i]), float(self.nodes_x[j, i]), slopes / (2 * _NODE_STEP_PX)
+
     @property
     def whole(self) -> Window:
         """The window of all pixels."""

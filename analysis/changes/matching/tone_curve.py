@@ -184,8 +184,8 @@ def _by_medians(
 ) -> ToneCurve | None:
     """Cubic through the medians of the source at levels of the target, over all its levels."""
     slope_y, slope_x = np.gradient(smooth_target)
-    steep = slope_y * slope_y + slope_x * slope_x
-    smooth = valid & (steep <= np.quantile(steep[valid], _SMOOTH_SHARE))
+    steep: Float32Array = np.asarray(slope_y * slope_y + slope_x * slope_x)
+    smooth = valid & (steep <= float(np.quantile(steep[valid], _SMOOTH_SHARE)))
     level, value = smooth_target[smooth], source[smooth]
     edges = np.linspace(float(level.min()), float(level.max()) + 1e-6, _BINS + 1)
     index = np.digitize(level, edges) - 1

@@ -6,7 +6,7 @@ sharpest edges or with heavy tails, the differences in the bin tell.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import log, pi, sqrt
+from math import inf, log, pi, sqrt
 
 import numpy as np
 
@@ -24,11 +24,15 @@ _TAIL_SCATTER = 1.33
 """Standard deviation of the tail's quantile over the spread, over the root of 1 / n; a tail must
 exceed it to count."""
 
+_LEAST_STEP = 0.1
+"""Pixels whose predicted variances agree to 10 % are of one kind; a bin of them alone could be
+filled by one change."""
+
 _LEAST_PX = 30
 _SAMPLE_PX = 500_000
 _CHANGE_REACH_PX = 5.0
-_ROUNDS = 3
-"""A change that is found is left out, with what is around it, and those beside it come out."""
+_ROUNDS = 4
+"""A change that is found is left out, with what is around it; what is none comes back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -51,7 +55,7 @@ class VarianceCalibration:
 
 
 def calibrate_variance(
-    difference_dn: FloatArray, variance_dn2: FloatArray, pixels: int, smoothing_px: float
+    difference_dn: FloatArray, variance_dn2: FloatArray, alike: float | None
 ) -> VarianceCalibration:
     """Compare differences with their predicted variance.
 
@@ -59,30 +63,36 @@ def calibrate_variance(
     ----------
     difference_dn, variance_dn2
         Of a sample of pixels without a change, shape ``(n,)``.
-    pixels
-        Pixels from which the sample was taken.
-    smoothing_px
-        Width of the Gaussian that makes neighbours alike.
+    alike
+        Pixels of the sample to one that is independent of the others; None leaves the tails out.
     """
     ratio = np.abs(difference_dn) / np.sqrt(variance_dn2)
     log_variance = np.log(variance_dn2)
-    edges = np.quantile(log_variance, _EDGES)
-    edges[-1] = np.inf
+    edges = _apart(np.quantile(log_variance, _EDGES).tolist())
     middles, factors = [], []
-    alike = 4 * pi * smoothing_px**2 / pixels * len(ratio) + 1
-    for low, high in pairwise(edges.tolist()):
+    for low, high in pairwise(edges):
         inside = (log_variance >= low) & (log_variance < high)
         count = int(inside.sum())
         if count < _LEAST_PX:
             continue
         spread = robust_sigma(ratio[inside]) + 1e-6
-        tail = float(np.quantile(ratio[inside], _TAIL)) / _TAIL_SD / spread
-        scatter = _TAIL_SCATTER * sqrt(alike / count)
+        if alike is not None:
+            tail = float(np.quantile(ratio[inside], _TAIL)) / _TAIL_SD / spread
+            spread *= max(1.0, tail - _TAIL_SCATTER * sqrt(alike / count))
         middles.append(float(np.median(log_variance[inside])))
-        factors.append(log(spread * max(1.0, tail - scatter)))
+        factors.append(log(spread))
     if not middles:
         return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
     return VarianceCalibration(log_variance=np.array(middles), log_factor=np.array(factors))
+
+
+def _apart(edges: list[float]) -> list[float]:
+    """Leave out edges that hardly differ from the one before; the last bin is open."""
+    kept = edges[:1]
+    for edge in edges[1:-1]:
+        if edge - kept[-1] > _LEAST_STEP:
+            kept.append(edge)
+    return [*kept, inf]
 
 
 def calibrated_factor(
@@ -105,19 +115,19 @@ def calibrated_factor(
     threshold_sd
         Standard deviations beyond which a pixel is taken as changed.
     """
-    pixels = int(np.count_nonzero(valid))
+    independent = np.count_nonzero(valid) / (4 * pi * smoothing_px**2)
     kept = valid
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
         rows, cols = sampled(kept, _SAMPLE_PX)
+        # A change in the tail would hide itself: the spread alone finds it first.
+        alike = None if number == 0 else len(rows) / independent + 1
         factor = calibrate_variance(
             difference_dn[rows, cols].astype(np.float64),
             variance_dn2[rows, cols].astype(np.float64),
-            pixels,
-            smoothing_px,
+            alike,
         ).factor(variance_dn2)
-        reach = threshold_sd * factor * np.sqrt(variance_dn2)
-        remaining = valid & away_from(valid & (np.abs(difference_dn) > reach), _CHANGE_REACH_PX)
-        if np.array_equal(remaining, kept):
+        if number == _ROUNDS - 1:
             break
-        kept = remaining
+        reach = threshold_sd * factor * np.sqrt(variance_dn2)
+        kept = valid & away_from(valid & (np.abs(difference_dn) > reach), _CHANGE_REACH_PX)
     return factor

@@ -59,7 +59,7 @@ def comparison(
         extra_blur_px2=0.0,
         extra_blur_err_px2=1.0,
         gain=1.0,
-        noise_dn2=1.0,
+        noise_factor=1.0,
         registration_err_px=0.0,
         width_err_px2=0.0,
     )

@@ -32,7 +32,7 @@ def test_the_threshold_allows_for_a_spread_that_is_not_known_exactly(rate: float
     threshold = significance_threshold(rate)
     # A tail is fuller where the spread is not known exactly.
     nodes, weights = np.polynomial.hermite_e.hermegauss(15)
-    exact = 2 * ndtr(-threshold / (1 + 0.06 * nodes)) @ weights / weights.sum()
+    exact = 2 * ndtr(-threshold / (1 + 0.03 * nodes)) @ weights / weights.sum()
     assert exact == pytest.approx(rate, rel=1e-6)
     assert threshold > -1e-9
     if rate < 1e-3:

@@ -14,8 +14,7 @@ from analysis.changes.chance import significance_threshold
 from analysis.changes.document import read_changes
 from analysis.changes.filter import ChangeResult, find_changes
 from analysis.changes.options import ChangeOptions
-from analysis.changes.uncertainty import fit_variance
-from analysis.errors import AnalysisError, OverlapError, SoftFollowupError
+from analysis.errors import AnalysisError, OverlapError
 from analysis.reports.results import plot_changes
 from analysis.results_file import write_results
 from benchmarks.change_roc import roc_of
@@ -84,7 +83,8 @@ def test_nothing_is_flagged_where_only_pose_and_light_changed(noise: CaptureNois
     assert not result.is_change.any()
     assert result.significance[result.valid].std() == pytest.approx(1.0, abs=0.05)
     assert result.summary.gain == pytest.approx(1.05, abs=0.01)
-    assert abs(result.summary.extra_blur_px2) < 0.05
+    assert abs(result.summary.extra_blur_px2) < 4 * result.summary.extra_blur_err_px2 < 0.1
+    assert result.summary.kernel == "calibrated"
     # The plain difference of the same pair is far beyond its noise.
     noise_dn = np.sqrt(np.median(result.variance_dn2[result.valid]))
     assert result.plain_difference_dn[result.valid].std() > 1.5 * noise_dn
@@ -94,7 +94,9 @@ def test_nothing_is_flagged_where_only_pose_and_light_changed(noise: CaptureNois
 def test_the_parts_of_the_plain_difference_add_up() -> None:
     result = found(pair(2, 25.0))
     np.testing.assert_allclose(
-        result.plain_difference_dn, result.difference_dn + result.pose_difference_dn, atol=1e-9
+        result.plain_difference_dn,
+        result.difference_dn + result.pose_difference_dn,
+        atol=1e-4,  # levels of 250 in float32
     )
 
 
@@ -118,7 +120,7 @@ def test_false_positives_fall_five_fold_at_equal_true_positives() -> None:
         result = found(one)
         core = result.valid & (one.truth > 0.5 * one.truth.max())
         clear = result.valid & (gaussian_filter(one.truth, 1.0) < 0.005 * one.truth.max())
-        plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+        plain = np.abs(result.plain_difference_dn)
         significance = np.abs(result.significance)
         plain_false += int((plain[clear] >= np.quantile(plain[core], 0.2)).sum())
         false += int((significance[clear] >= np.quantile(significance[core], 0.2)).sum())
@@ -126,14 +128,20 @@ def test_false_positives_fall_five_fold_at_equal_true_positives() -> None:
 
 
 @pytest.mark.slow
-def test_a_softer_follow_up_is_refused() -> None:
+def test_a_softer_follow_up_is_compared_and_its_focus_said() -> None:
     rng = np.random.default_rng(8)
-    soft = photograph(blobs(1, 5000, 240.0), FAR, ZOOM, float(np.hypot(PSF_PX, 0.7)), SHIFT_PX)
+    scene = blobs(1, 5000, 240.0)
+    soft = photograph(scene, FAR, ZOOM, float(np.hypot(PSF_PX, 0.7)), SHIFT_PX)
     soft += np.sqrt(NOISE.variance_dn2(soft)) * rng.standard_normal(soft.shape)
-    # A blur's slope on the Laplacian is less than its variance for so wide a one.
-    with pytest.raises(SoftFollowupError) as refused:
-        find_changes(pair(1, 0.0).reference, soft, PSF, posed(MATRIX))
-    assert 0.4 <= refused.value.blur_px < 0.7
+    result = find_changes(pair(1, 0.0).reference, soft, PSF, posed(MATRIX))
+    # 0.05 pixels a frame are allowed.
+    assert not result.is_change.any()
+    # A variance of 0.7^2 was added; a standard error is about 0.02.
+    assert result.summary.extra_blur_px2 == pytest.approx(
+        0.7**2, abs=4 * result.summary.extra_blur_err_px2
+    )
+    assert result.summary.kernel == "both"
+    assert any("focus has changed" in warning for warning in result.summary.warnings)
 
 
 def test_images_that_share_nothing_are_refused() -> None:
@@ -143,21 +151,6 @@ def test_images_that_share_nothing_are_refused() -> None:
     with pytest.raises(OverlapError) as refused:
         find_changes(one.reference, one.followup, PSF, posed(away))
     assert refused.value.shared_px < 1000
-
-
-def test_the_variance_is_taken_apart_into_what_it_was_made_of() -> None:
-    rng = np.random.default_rng(4)
-    scene = gaussian_filter(rng.standard_normal((300, 300)), 2.0) * 300
-    along_y, along_x = np.gradient(scene)
-    slope = np.sqrt((along_y**2 + along_x**2) / 2)
-    difference = 1.5 * rng.standard_normal(scene.shape)
-    difference += 0.2 * slope * rng.standard_normal(scene.shape)
-    fit = fit_variance(difference, scene, np.ones(scene.shape, dtype=bool), np.ones(scene.shape))
-    # Clipping at 3.5 standard deviations takes 0.7 % of the variance.
-    assert fit.noise_factor == pytest.approx(1.5**2, rel=0.04)
-    assert fit.registration_err_px == pytest.approx(0.2, rel=0.04)
-    expected = 1.5**2 + (0.2 * slope) ** 2
-    assert np.median(fit.variance_dn2 / expected) == pytest.approx(1.0, abs=0.04)
 
 
 @pytest.mark.slow
@@ -184,7 +177,7 @@ def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() ->
             continue
         core = result.valid & (one.change > 0.5 * one.change.max())
         clear = result.valid & (gaussian_filter(one.change, 1.0) < 0.005 * one.change.max())
-        plain = np.abs(gaussian_filter(result.plain_difference_dn, 1.0))
+        plain = np.abs(result.plain_difference_dn)
         significance = np.abs(result.significance)
         plain_false = roc_of(plain[core], plain[clear]).false_at(0.8)
         false = roc_of(significance[core], significance[clear]).false_at(0.8)
@@ -195,7 +188,10 @@ def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() ->
 
 @pytest.mark.slow
 def test_a_lens_that_distorts_flags_nothing_either() -> None:
-    """1 % of barrel; aligned by a homography alone, more than a hundred pixels are flagged."""
+    """1 % of barrel; aligned by a homography alone, some tens of pixels are flagged.
+
+    The fitted kernel takes part of the wrong positions, and their scatter the rest.
+    """
     config = load_bench(shipped_config("demo_bench.toml"))
     assert config.simulated is not None
     simulated = config.simulated.model_copy(update={"k1": -0.01})
@@ -218,7 +214,8 @@ def test_a_lens_that_distorts_flags_nothing_either() -> None:
     bent = find_changes(
         one.reference, one.followup, psf, posed(one.matrix, noise, near=frame, far=frame)
     )
-    assert bent.is_change.sum() > 100
+    assert bent.is_change.sum() > 20
+    assert bent.summary.registration_err_px > 3 * result.summary.registration_err_px
 
 
 def test_a_pose_whose_horizon_is_in_the_frame_is_refused() -> None:
@@ -227,7 +224,7 @@ def test_a_pose_whose_horizon_is_in_the_frame_is_refused() -> None:
     tilted[2, 0] = -0.01
     with pytest.raises(AnalysisError) as refused:
         find_changes(one.reference, one.followup, PSF, posed(tilted))
-    assert isinstance(refused.value.__cause__, ValueError)
+    assert not isinstance(refused.value, OverlapError)
 
 
 def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Path) -> None:
@@ -240,7 +237,8 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
         *("schema", "reference", "followup", "homography", "distortion_k1", "distortion_k1_err"),
         *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain"),
         *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
-        *("registration_err_px", "width_err_px2", "psf_form", "provenance"),
+        *("registration_err_px", "width_err_px2", "psf_form", "changes", "false_discovery_rate"),
+        *("saturated_px", "kernel", "warnings", "provenance"),
     ]
     assert repr(result).startswith(f"<ChangeResult: 0 of {int(result.valid.sum())} px changed")
     # Where nothing tells the blur, its error is infinite: null in the file.
