@@ -24,8 +24,15 @@ from acquisition.plan import CapturePlan, PlanTarget
 from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from acquisition.written_files import WrittenTable
-from analysis.change_series import ChangesSeries, ComparedFollowup
-from analysis.changes import ChangeSummary
+from analysis.change_series import (
+    ChangesSeries,
+    ChangeTimeLine,
+    ChangeTrack,
+    ComparedFollowup,
+    TimeLineFollowup,
+    TrackPoint,
+)
+from analysis.changes import Change, ChangeSummary
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from analysis.pose import JudgedFollowup, PoseSeries
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
@@ -176,14 +183,20 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
     ),
     (
         "changes.json",
-        "Schema `standoff.changes/1`. Written by `changes`.",
-        (ChangeSummary,),
+        "Schema `standoff.changes/1`. Written by `changes`; changes.csv beside it has the list.",
+        (ChangeSummary, Change),
     ),
     (
         "summary.json of changes",
         "Schema `standoff.changes-summary/1`. Written by `changes` for several follow-ups; "
         "changes.csv has the same lines.",
         (ChangesSeries, ComparedFollowup),
+    ),
+    (
+        "series.json of changes",
+        "Schema `standoff.changes-series/1`. Written by `changes` for several follow-ups of one "
+        "reference: the time line of each change.",
+        (ChangeTimeLine, TimeLineFollowup, ChangeTrack, TrackPoint),
     ),
     (
         "summary.json of poses",

@@ -1,4 +1,9 @@
-from .library.comparison import find_changes as find_changes, register as register
+from .library.comparison import (
+    FeatureMatches as FeatureMatches,
+    RegistrationHints as RegistrationHints,
+    find_changes as find_changes,
+    register as register,
+)
 from .library.detection import (
     DetectionTask as DetectionTask,
     d_prime_curves as d_prime_curves,
@@ -17,7 +22,9 @@ from .library.psfs import (
 
 __all__ = [
     "DetectionTask",
+    "FeatureMatches",
     "GaussianPsf",
+    "RegistrationHints",
     "Session",
     "calibrate_psf",
     "d_prime_curves",

@@ -24,7 +24,7 @@ from simulation.pose import projection_depth
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SHOWN = ("changed_px", "compared_px", "threshold_sd", "zoom", "gain", "extra_blur_px2")
+_LISTED = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "q_value")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
@@ -73,13 +73,17 @@ class ChangeResult:
     def __repr__(self) -> str:
         found = self.summary
         return (
-            f"<ChangeResult: {found.changed_px} of {found.compared_px} px changed, beyond "
-            f"{found.threshold_sd:.2f} standard deviations, zoom {found.zoom:.3f}>"
+            f"<ChangeResult: {len(found.changes)} changes, {found.changed_px} of "
+            f"{found.compared_px} px beyond {found.threshold_sd:.2f} standard deviations, "
+            f"zoom {found.zoom:.3f}>"
         )
 
     def _repr_html_(self) -> str:
-        facts = self.summary.model_dump(include=set(_SHOWN))
-        return html_table("Changes", ("", ""), [(name, f"{facts[name]:.5g}") for name in _SHOWN])
+        rows = [
+            [str(number), *(f"{getattr(change, name):.4g}" for name in _LISTED)]
+            for number, change in enumerate(self.summary.changes, 1)
+        ]
+        return html_table(repr(self)[1:-1], ("", *_LISTED), rows)
 
     def plot(self) -> "Figure":
         """Return a figure of the follow-up with its changes, both differences, significance."""

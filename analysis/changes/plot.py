@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 if TYPE_CHECKING:
     from analysis.changes.filter import ChangeResult
 
+_NUMBERED = 50
+
 
 def changes_figure(found: "ChangeResult") -> Figure:
     """Show the follow-up with its changes outlined, both differences and the significance."""
@@ -19,7 +21,18 @@ def changes_figure(found: "ChangeResult") -> Figure:
     panels[0, 0].imshow(found.followup_dn, cmap="gray")
     if found.is_change.any():
         panels[0, 0].contour(found.is_change, levels=[0.5], colors="#D55E00", linewidths=1.0)
-    panels[0, 0].set_title(f"follow-up, {found.summary.changed_px} px changed")
+    for number, change in enumerate(found.summary.changes[:_NUMBERED], 1):
+        panels[0, 0].annotate(
+            str(number),
+            (change.x_px, change.y_px),
+            (4, 4),
+            textcoords="offset points",
+            color="#D55E00",
+            fontsize=8,
+        )
+    panels[0, 0].set_title(
+        f"follow-up, {len(found.summary.changes)} changes, {found.summary.changed_px} px changed"
+    )
     for axes, image, title, span, label in (
         (panels[0, 1], found.plain_difference_dn, "plain difference", reach, "DN"),
         (panels[1, 0], found.difference_dn, "not explained by the pose", reach, "DN"),

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 
@@ -27,7 +28,9 @@ NEAR, FAR = (300, 400), (150, 200)
 SQUARE = [(10, 20, 110, 120), (90, 20, 190, 120), (10, 80, 110, 180), (90, 80, 190.5, 180)]
 
 
-def table(path: Path, rows: list[tuple[float, ...]], header: str = ",".join(POINT_COLUMNS)) -> Path:
+def table(
+    path: Path, rows: Sequence[tuple[float, ...]], header: str = ",".join(POINT_COLUMNS)
+) -> Path:
     lines = [header, *(",".join(map(str, row)) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
