@@ -64,6 +64,7 @@ _COMMANDS = (
     " --out {curves}",
     "pose {texture} {followup} --curves {curves} --min-dprime 0.1 --model matched --observer npw",
     "changes {texture} {followup} --psf {psf} --out {changes}",
+    "changes {texture} {followup} --out {changes}",
 )
 
 

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import tifffile
 
+from analysis.change_series.time_line import read_time_line
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
 from analysis.detectability.sums import ArtefactSums, SumsFile, sums_bytes
 from analysis.errors import ResultsFileError
+from analysis.pose.quality import read_pose
 from analysis.sweep import ShardDone
 from analysis.validation.document import read_validation
 from analysis.validation.kernel_cache import KernelCache
@@ -29,6 +31,8 @@ from calibration.noise.document import NOISE_SCHEMA
 from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
+from standoff.errors import HintError
+from standoff.workflows.comparison.point_table import read_points
 from standoff.workflows.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
@@ -116,7 +120,57 @@ CHANGES: dict[str, Any] = {
     "is_noise_known": True,
     "registration_err_px": 0.01,
     "width_err_px2": 0.02,
+    "changes": [
+        {
+            "x_px": 3.0,
+            "y_px": 4.0,
+            "reference_x_px": 5.0,
+            "reference_y_px": 6.0,
+            "area_px": 7,
+            "amplitude_dn": -8.0,
+            "amplitude_err_dn": 1.0,
+            "significance": 8.0,
+            "q_value": 1e-6,
+        }
+    ],
+    "saturated_px": 2,
+    "kernel": "pair",
+    "warnings": ["the texture repeats"],
 }
+TIME_LINE: dict[str, Any] = {
+    "schema": "standoff.changes-series/1",
+    "reference": "a.tif",
+    "order": "time",
+    "followups": [{"followup": "b.tif", "folder": "b", "taken": None, "changes": 1}],
+    "tracks": [
+        {
+            "reference_x_px": 5.0,
+            "reference_y_px": 6.0,
+            "first_seen": 0,
+            "last_seen": 0,
+            "points": [{"sighting": "seen", "x_px": 3.0, "y_px": 4.0, "amplitude_dn": -8.0}],
+        }
+    ],
+}
+POSE: dict[str, Any] = {
+    "is_accepted": True,
+    "criterion": "min",
+    "min_dprime": 2.0,
+    "curve": {"model": "matched", "observer": "npw", "noise_dn": 2.0, "contrast_dn": 9.0},
+    "dprime_decisive": 2.5,
+    "dprime_min": 2.5,
+    "dprime_max": 3.0,
+    "zoom_min": 1.0,
+    "zoom_max": 1.2,
+    "anisotropy_max": 1.1,
+    "overlap": 0.9,
+    "beyond_curve": 0.0,
+    "homography": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    "warnings": ["beware"],
+}
+POINTS = b"followup_x_px,followup_y_px,reference_x_px,reference_y_px\n" + b"".join(
+    b"%d,%d,%d,%d\n" % (x, y, x + 3, y + 4) for x in (1, 9) for y in (2, 8)
+)
 VALIDATION: dict[str, Any] = {
     "schema": "standoff.validation/1",
     "session": "s",
@@ -251,6 +305,24 @@ RESULT_TARGETS = (
         data=damaged_json(CHANGES),
         read=from_file(read_changes, "changes.json"),
         documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="series.json",
+        data=damaged_json(TIME_LINE),
+        read=from_file(read_time_line, "series.json"),
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="pose.json",
+        data=damaged_json(POSE),
+        read=from_file(read_pose, "pose.json"),
+        documented=(ResultsFileError,),
+    ),
+    FuzzTarget(
+        name="points.csv",
+        data=damaged_bytes((POINTS,)),
+        read=from_file(read_points, "points.csv"),
+        documented=(HintError,),
     ),
     FuzzTarget(
         name="validation.json",

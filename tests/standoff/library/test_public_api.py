@@ -21,7 +21,9 @@ SPOT = (90, 140)  # row and column of the follow-up
 PSF = standoff.GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
 NAMES = {
     "DetectionTask",
+    "FeatureMatches",
     "GaussianPsf",
+    "RegistrationHints",
     "Session",
     "calibrate_psf",
     "d_prime_curves",

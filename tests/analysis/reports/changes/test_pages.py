@@ -1,0 +1,267 @@
+"""The pages on changes, made from results put together by hand."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from analysis.change_series.summary import ChangesSeries, ComparedFollowup
+from analysis.change_series.time_line import (
+    ChangeTimeLine,
+    ChangeTrack,
+    TimeLineFollowup,
+    TrackPoint,
+)
+from analysis.changes.document import Change, ChangeSummary
+from analysis.changes.filter import ChangeResult
+from analysis.changes.focus_sentence import describe_focus
+from analysis.changes.warning_sentences import ChangeMasks
+from analysis.reports.changes.pictures import LONGEST_SIDE_PX, compared_pictures
+from analysis.reports.changes.sections import q_text, render_changes_report
+from analysis.reports.changes.time_line import render_series_report
+from analysis.reports.changes.views import view_figures
+from calibration.registration.distorted_pose import DistortedPose
+from simulation.arrays import BoolArray, FloatArray
+from tests.analysis.html_page import Page
+
+SHAPE = (60, 80)
+CHANGES = tuple(
+    Change(
+        x_px=x,
+        y_px=y,
+        reference_x_px=x,
+        reference_y_px=y,
+        area_px=9,
+        amplitude_dn=amplitude,
+        amplitude_err_dn=1.0,
+        significance=abs(amplitude),
+        q_value=1e-9,
+    )
+    for x, y, amplitude in ((20.0, 30.0, 12.0), (70.0, 2.0, -9.0))
+)
+
+
+def summary(**others: Any) -> ChangeSummary:
+    values: dict[str, Any] = {
+        "reference": "before.tif",
+        "followup": "after.tif",
+        "homography": np.eye(3).tolist(),
+        "distortion_k1": 0.0,
+        "distortion_k1_err": None,
+        "zoom": 1.0,
+        "changed_px": 18,
+        "compared_px": 4000,
+        "threshold_sd": 4.9,
+        "false_alarms_px": 0.05,
+        "gain": 1.0,
+        "extra_blur_px2": 0.0,
+        "extra_blur_err_px2": 0.01,
+        "noise_factor": 1.0,
+        "is_noise_known": False,
+        "registration_err_px": 0.0,
+        "width_err_px2": 0.0,
+        "changes": CHANGES,
+        "kernel": "pair",
+    }
+    return ChangeSummary.model_validate(values | others)
+
+
+def result(
+    after_dn: FloatArray, clipped: BoolArray, shift_px: tuple[float, float] = (0.0, 0.0)
+) -> ChangeResult:
+    """A comparison whose pose is a shift of ``(x, y)``."""
+    valid = np.ones(after_dn.shape, np.bool_)
+    none = np.zeros(after_dn.shape)
+    matrix = np.array([[1.0, 0, shift_px[0]], [0, 1, shift_px[1]], [0, 0, 1]])
+    shape = (after_dn.shape[0], after_dn.shape[1])
+    return ChangeResult(
+        summary=summary(),
+        followup_dn=after_dn,
+        difference_dn=none,
+        plain_difference_dn=none,
+        pose_difference_dn=none,
+        variance_dn2=none + 1.0,
+        significance=none,
+        is_change=~valid,
+        valid=valid,
+        pose=DistortedPose(matrix=matrix, k1=0.0, reference_shape=shape, followup_shape=shape),
+        masks=ChangeMasks(is_change=~valid, valid=valid, clipped=clipped, reference_clipped=~valid),
+    )
+
+
+def decoded(data: bytes) -> np.ndarray[Any, Any]:
+    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+def test_both_photographs_lie_on_one_grid_in_one_light() -> None:
+    y, x = np.indices(SHAPE)
+    before = 100 + 40 * np.sin(x / 6.0) * np.cos(y / 5.0)
+    # The follow-up's pixel (x, y) shows the reference's (x + 4, y + 2), twice as bright.
+    after = 2 * (100 + 40 * np.sin((x + 4) / 6.0) * np.cos((y + 2) / 5.0)) + 30
+    found = result(after, np.zeros(SHAPE, np.bool_), (4.0, 2.0))
+    pictures = compared_pictures(before, found, None)
+    shown = [decoded(one).astype(float) for one in (pictures.before, pictures.after)]
+    inside = np.s_[2:-4, 2:-6]
+    # JPEG of quality 92 leaves one or two levels.
+    assert np.abs(shown[0] - shown[1])[inside].max() < 8
+    assert shown[1].std() > 40
+
+
+def test_masks_are_drawn_where_they_are_and_nowhere_else() -> None:
+    clipped, left_out = np.zeros(SHAPE, np.bool_), np.zeros(SHAPE, np.bool_)
+    clipped[10:15, 20:30] = True
+    left_out[40:50, 5:9] = True
+    after = np.random.default_rng(0).normal(100, 10, SHAPE)
+    pictures = compared_pictures(after, result(after, clipped), left_out)
+    opacity = decoded(pictures.masks)[..., 3]
+    np.testing.assert_array_equal(opacity > 0, clipped | left_out)
+
+
+def test_a_large_photograph_is_averaged_down_for_the_page() -> None:
+    after = np.random.default_rng(0).normal(100, 10, (40, 2 * LONGEST_SIDE_PX + 5))
+    pictures = compared_pictures(after, result(after, np.zeros(after.shape, np.bool_)), None)
+    sizes = {decoded(one).shape[1] for one in (pictures.before, pictures.masks)}
+    assert sizes == {-(-after.shape[1] // 3)}
+
+
+def page(**others: Any) -> tuple[str, Page]:
+    after = np.random.default_rng(0).normal(100, 10, SHAPE)
+    pictures = compared_pictures(after, result(after, np.zeros(SHAPE, np.bool_)), None)
+    document = render_changes_report(
+        summary(**others), view_figures(pictures, CHANGES, (SHAPE[1], SHAPE[0]))
+    )
+    return document, Page(document)
+
+
+def test_the_page_needs_no_other_file_and_says_the_warnings_first() -> None:
+    document, seen = page(warnings=("the texture repeats: <b>beware</b>",))
+    assert seen.fetched == []
+    assert seen.headings[:2] == ["Changes", "Before and after"]
+    assert "the texture repeats: <b>beware</b>" in seen.texts
+    assert document.index("the texture repeats") < document.index("Before and after")
+    assert document.count("<svg data-view") == 3
+    # Above its ring, but below one at the upper border.
+    assert document.count('data-change="1"') == 3
+    assert "2 changes" in seen.text
+
+
+def test_a_page_without_changes_says_so() -> None:
+    _, seen = page(changes=(), changed_px=0)
+    assert "no change" in seen.text
+    assert "No warnings" in seen.text
+
+
+@pytest.mark.parametrize(
+    ("kernel", "extra_px2", "said"),
+    [
+        ("both", 0.25, "the focus has changed: the follow-up is softer than psf.json and the pose"),
+        ("calibrated", -0.25, "the focus has changed: the follow-up is sharper than psf.json"),
+        ("both", 0.01, "the focus has not changed"),
+        ("pair", 0.25, "the follow-up is softer than the reference by a Gaussian of 0.50 px"),
+        ("pair", 0.01, "the follow-up is as sharp as the reference"),
+    ],
+)
+def test_the_focus_is_told_with_its_significance(kernel: str, extra_px2: float, said: str) -> None:
+    sentence = describe_focus(summary(kernel=kernel, extra_blur_px2=extra_px2))
+    assert sentence is not None
+    assert sentence.startswith(said)
+    if abs(extra_px2) > 0.1:
+        assert "25 standard errors" in sentence
+
+
+def test_of_a_blur_without_detail_nothing_is_told() -> None:
+    assert describe_focus(summary(extra_blur_err_px2=None)) is None
+
+
+def test_a_q_value_far_below_one_in_a_million_is_not_spelt_out() -> None:
+    assert q_text(3e-93) == "< 1e-06"
+    assert q_text(0.0123) == "0.012"
+
+
+def point(sighting: str, **values: float) -> TrackPoint:
+    return TrackPoint.model_validate({"sighting": sighting, **values})
+
+
+def test_the_page_of_a_series_shows_the_time_line_and_links_each_follow_up() -> None:
+    seen = point("seen", x_px=1, y_px=2, amplitude_dn=8, amplitude_err_dn=1, significance=8)
+    lost = point("not seen", amplitude_dn=0.5, amplitude_err_dn=1, upper_limit_dn=2.1)
+    track = ChangeTrack(
+        reference_x_px=10,
+        reference_y_px=20,
+        first_seen=0,
+        last_seen=2,
+        points=(seen, lost, seen, point("not compared")),
+    )
+    names = ("a b", "c", "d", "e")
+    line = ChangeTimeLine(
+        reference="before.tif",
+        order="time",
+        followups=tuple(
+            TimeLineFollowup(followup=f"{name}.tif", folder=name, changes=1) for name in names
+        ),
+        tracks=(track,),
+    )
+    series = ChangesSeries(
+        reference="before.tif", compared=4, changed=2, refused=1, unpaired=("x.tif",)
+    )
+    rows = [
+        *(ComparedFollowup(followup=f"{n}.tif", folder=n, zoom=1.0, changes=1) for n in names),
+        ComparedFollowup(followup="f.tif", refused="f.tif: not an image"),
+    ]
+    reference = np.random.default_rng(0).normal(100, 10, SHAPE)
+    document = render_series_report(series, rows, line, reference)
+    read = Page(document)
+    assert read.headings[:3] == ["Changes over several photographs", "Time line", "Follow-ups"]
+    assert 'href="a%20b/report.html"' in document
+    assert "not compared: f.tif: not an image" in read.texts
+    assert "no partner: x.tif" in read.texts
+    assert "3 of 4" not in read.text
+    assert "2 of 4" in read.text
+    pairs = Page(render_series_report(series, rows, None, None))
+    assert "Time line" not in pairs.headings
+
+
+@pytest.mark.slow
+def test_the_views_blink_and_move_together(tmp_path: Path) -> None:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    chromium = Path("/usr/bin/chromium")
+    if not chromium.exists():
+        pytest.skip("no Chromium to look at the page with")
+    path = tmp_path / "report.html"
+    path.write_text(page()[0], encoding="utf-8")
+    shown = """() => [...document.querySelectorAll(".view-large svg > use:not(.masks)")]
+        .findIndex((layer) => layer.style.display === "")"""
+    boxes = """() => JSON.stringify([...new Set(
+        [...document.querySelectorAll("section.views svg")].map((v) => v.getAttribute("viewBox"))
+    )].map((box) => box.split(" ").map(Number)))"""
+    errors: list[str] = []
+    with sync_api.sync_playwright() as driver:
+        browser = driver.chromium.launch(
+            executable_path=str(chromium), args=["--no-sandbox", "--disable-gpu"]
+        )
+        view = browser.new_page()
+        view.on("pageerror", lambda error: errors.append(str(error)))
+        view.goto(path.as_uri())
+        assert view.evaluate(shown) == 1
+        view.keyboard.press(" ")
+        assert view.evaluate(shown) == 0
+        view.keyboard.press("d")
+        assert view.evaluate(shown) == 2
+        whole = json.loads(view.evaluate(boxes))
+        assert whole == [[-0.5, -0.5, 80, 60]]
+        view.click("table.changes tbody tr:nth-child(1)")
+        (near,) = json.loads(view.evaluate(boxes))
+        # All views show the change in their middle.
+        assert near[2] < 40
+        assert near[0] + near[2] / 2 == pytest.approx(20.0, abs=1e-6)
+        assert near[1] + near[3] / 2 == pytest.approx(30.0, abs=1e-6)
+        view.keyboard.press("0")
+        assert json.loads(view.evaluate(boxes)) == whole
+        view.keyboard.press("b")
+        view.wait_for_function(f"({shown})() === 0")
+        view.wait_for_function(f"({shown})() === 1")
+        browser.close()
+    assert errors == []
