@@ -9,6 +9,7 @@ from itertools import pairwise
 from math import inf, log, pi, sqrt
 
 import numpy as np
+from numba import njit
 
 from analysis.changes.matching.pixels import away_from, sampled
 from calibration.robust import robust_sigma
@@ -50,8 +51,31 @@ class VarianceCalibration:
 
     def factor(self, variance_dn2: Float32Array) -> Float32Array:
         """Factor of the standard deviation at each pixel."""
-        log_factor = np.interp(np.log(variance_dn2), self.log_variance, self.log_factor)
-        return np.exp(log_factor, dtype=np.float32, casting="same_kind")
+        return _interpolated(variance_dn2, self.log_variance, self.log_factor)
+
+
+@njit(cache=True, nogil=True)
+def _interpolated(
+    variance_dn2: Float32Array, log_variance: FloatArray, log_factor: FloatArray
+) -> Float32Array:
+    factor = np.empty(variance_dn2.shape, dtype=np.float32)
+    last = len(log_variance) - 1
+    place = 0
+    for row in range(variance_dn2.shape[0]):
+        for col in range(variance_dn2.shape[1]):
+            at = np.log(variance_dn2[row, col])
+            # Neighbours have like variances: the search begins where the last one ended.
+            while place < last - 1 and at > log_variance[place + 1]:
+                place += 1
+            while place > 0 and at < log_variance[place]:
+                place -= 1
+            value = log_factor[place]
+            if last > 0:
+                low, high = log_variance[place], log_variance[place + 1]
+                share = min(max((at - low) / (high - low), 0.0), 1.0)
+                value += share * (log_factor[place + 1] - value)
+            factor[row, col] = np.exp(value)
+    return factor
 
 
 def calibrate_variance(
@@ -128,6 +152,10 @@ def calibrated_factor(
         ).factor(variance_dn2)
         if number == _ROUNDS - 1:
             break
-        reach = threshold_sd * factor * np.sqrt(variance_dn2)
-        kept = valid & away_from(valid & (np.abs(difference_dn) > reach), _CHANGE_REACH_PX)
+        reach = np.square(threshold_sd * factor) * variance_dn2
+        found = valid & (np.square(difference_dn) > reach)
+        remaining = valid & away_from(found, _CHANGE_REACH_PX)
+        if number > 0 and np.array_equal(remaining, kept):
+            break
+        kept = remaining
     return factor
