@@ -32,6 +32,7 @@ filled by one change."""
 _LEAST_PX = 30
 _SAMPLE_PX = 500_000
 _CHANGE_REACH_PX = 5.0
+_STEP, _LARGE_PX = 2, 1_000_000
 _ROUNDS = 4
 """A change that is found is left out, with what is around it; what is none comes back."""
 
@@ -139,23 +140,27 @@ def calibrated_factor(
     threshold_sd
         Standard deviations beyond which a pixel is taken as changed.
     """
+    # Smoothed images are known from every other pixel.
+    seen = np.s_[::_STEP, ::_STEP] if valid.size > _LARGE_PX else np.s_[:, :]
+    step = _STEP if valid.size > _LARGE_PX else 1
+    difference, variance, part = difference_dn[seen], variance_dn2[seen], valid[seen]
     independent = np.count_nonzero(valid) / (4 * pi * smoothing_px**2)
-    kept = valid
+    kept = part
     for number in range(_ROUNDS):
         rows, cols = sampled(kept, _SAMPLE_PX)
         # A change in the tail would hide itself: the spread alone finds it first.
         alike = None if number == 0 else len(rows) / independent + 1
-        factor = calibrate_variance(
-            difference_dn[rows, cols].astype(np.float64),
-            variance_dn2[rows, cols].astype(np.float64),
+        calibration = calibrate_variance(
+            difference[rows, cols].astype(np.float64),
+            variance[rows, cols].astype(np.float64),
             alike,
-        ).factor(variance_dn2)
+        )
         if number == _ROUNDS - 1:
             break
-        reach = np.square(threshold_sd * factor) * variance_dn2
-        found = valid & (np.square(difference_dn) > reach)
-        remaining = valid & away_from(found, _CHANGE_REACH_PX)
+        reach = np.square(threshold_sd * calibration.factor(variance)) * variance
+        found = part & (np.square(difference) > reach)
+        remaining = part & away_from(found, _CHANGE_REACH_PX / step)
         if number > 0 and np.array_equal(remaining, kept):
             break
         kept = remaining
-    return factor
+    return calibration.factor(variance_dn2)
