@@ -4,18 +4,30 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
+from calibration.blind.alignment import ClippedPixels
 from calibration.blind.single_image import fit_sharpest_widths, is_clear
-from calibration.blind.two_distance import PairPsf, combined, pair_psf
+from calibration.blind.two_distance import LEAST_ZOOM, PairPsf, combined, pair_psf
 from calibration.choices import CalibrationMethod
 from calibration.edges import EdgeImage, EdgeMeasurement, Region, measure_edges
 from calibration.errors import NoEdgeError, PairError, RegistrationError
 from calibration.psf import PairWidths, PsfCalibration, estimates_of_covariance
-from calibration.registration import register
-from simulation.arrays import FloatArray
+from calibration.registration import register, zoom_at_centre
+from simulation.arrays import BoolArray, FloatArray
 
 _PIXEL_VARIANCE_PX2 = 1.0 / 12.0
-_MOST_SATURATED = 0.005
+_CLIPPED = 0.995
+"""Of the level of clipping: averages and noise leave clipped pixels a little below it."""
+
+_MOST_CLIPPED = 0.5
+_FILL_PX, _LEAST_FILL = 8.0, 0.01
+
+_ZOOM_OFF = 0.03
+"""Relative error of the zoom beyond which it explains why photographs do not match."""
+
+_SHIFT_OFF_PX = 5.0
+"""The same for the distance of the centres, near px: a smaller one the alignment takes up."""
 
 
 def calibrate_from_scene(
@@ -124,33 +136,117 @@ def calibrate_from_distances(
 
 
 def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | None) -> PairPsf:
-    for source in (near, far):
-        if source.saturation_dn is not None:
-            share = float(np.mean(source.image_dn >= 0.995 * source.saturation_dn))
-            if share > _MOST_SATURATED:
-                raise PairError(
-                    f"{source.name}: {100 * share:.1f} % of the pixels are saturated; "
-                    "shorten the exposure",
-                    reason="saturated",
-                    photographs=(source.name,),
-                )
+    clipped = ClippedPixels(near=_clipped(near), far=_clipped(far))
+    near, far = _filled(near, clipped.near), _filled(far, clipped.far)
     if zoom is None:
-        try:
-            matrix = register(near.image_dn, far.image_dn).matrix
-        except RegistrationError as error:
-            raise PairError(
-                f"{error}; give the nearer photograph first", reason="not_aligned"
-            ) from error
+        matrix = _registered(near, far)
     else:
         matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)
-    image = near.image_dn
+    image, at = near.image_dn, matrix
     if region is not None:
         near.refuse_beyond_frame(region)
         bottom, right = region.y_px + region.height_px, region.x_px + region.width_px
-        image = image[region.y_px : bottom, region.x_px : right]
-        matrix = np.array([[1, 0, -region.x_px], [0, 1, -region.y_px], [0, 0, 1]]) @ matrix
+        window = np.s_[region.y_px : bottom, region.x_px : right]
+        image, clipped = image[window], replace(clipped, near=clipped.near[window])
+        at = np.array([[1, 0, -region.x_px], [0, 1, -region.y_px], [0, 0, 1]]) @ matrix
     noise_dn2 = 0.0 if near.noise is None else float(near.noise.variance_dn2(image).mean())
-    return pair_psf(image, far.image_dn, matrix, near_noise_dn2=noise_dn2)
+    try:
+        return pair_psf(image, far.image_dn, at, near_noise_dn2=noise_dn2, clipped=clipped)
+    except PairError as error:
+        if zoom is None or error.reason == "saturated":
+            raise
+        raise _why_not(near, far, zoom, error) from error
+
+
+def _clipped(source: EdgeImage) -> BoolArray:
+    """Pixels at the level of clipping; their neighbours are left out where they are used."""
+    if source.saturation_dn is None:
+        return np.zeros(source.image_dn.shape, dtype=np.bool_)
+    clipped: BoolArray = np.asarray(source.image_dn >= _CLIPPED * source.saturation_dn)
+    if np.mean(clipped) > _MOST_CLIPPED:
+        raise PairError(
+            f"{source.name}: {100 * np.mean(clipped):.0f} % of the pixels are saturated; "
+            "shorten the exposure",
+            reason="saturated",
+            photographs=(source.name,),
+        )
+    return clipped
+
+
+def _filled(source: EdgeImage, clipped: BoolArray) -> EdgeImage:
+    """The photograph with clipped pixels at the mean of those around them: no match, no glare."""
+    if not clipped.any():
+        return source
+    image = source.image_dn
+    rest = image[~clipped].mean()
+    share = gaussian_filter((~clipped).astype(np.float64), _FILL_PX)
+    around = gaussian_filter(np.where(clipped, 0.0, image - rest), _FILL_PX)
+    filled = np.where(clipped, rest + around / np.maximum(share, _LEAST_FILL), image)
+    return replace(source, image_dn=filled)
+
+
+def _registered(near: EdgeImage, far: EdgeImage) -> FloatArray:
+    """Homography from far to near pixels.
+
+    Raises
+    ------
+    PairError
+        If the two cannot be aligned, or the far photograph is the nearer one.
+    """
+    remedy = "give the nearer photograph first"
+    try:
+        matrix = register(near.image_dn, far.image_dn).matrix
+    except RegistrationError as error:
+        raise PairError(f"{error}; {remedy}", reason="not_aligned") from error
+    zoom = zoom_at_centre(matrix, _shape(far))
+    if zoom < 1 / LEAST_ZOOM:
+        raise PairError(
+            f"the second photograph is the nearer one (zoom {zoom:.3f}); {remedy}",
+            reason="not_aligned",
+        )
+    return matrix
+
+
+def _why_not(near: EdgeImage, far: EdgeImage, zoom: float, error: PairError) -> PairError:
+    """The error of photographs that a zoom about their centres does not align, with the cause."""
+    try:
+        matrix = _registered(near, far)
+    except PairError:
+        return PairError(
+            f"{error}; the far photograph must show the centre of the near one at its centre, "
+            f"{zoom:g} times as far: check --zoom, and do not crop",
+            reason=error.reason,
+        )
+    found = zoom_at_centre(matrix, _shape(far))
+    rows, cols = _shape(far)
+    u, v, w = matrix @ ((cols - 1) / 2, (rows - 1) / 2, 1.0)
+    near_rows, near_cols = _shape(near)
+    shift = float(np.hypot(u / w - (near_cols - 1) / 2, v / w - (near_rows - 1) / 2))
+    if abs(np.log(found / zoom)) > _ZOOM_OFF:
+        if found < LEAST_ZOOM:
+            return PairError(
+                f"--zoom {zoom:g} does not fit: the photographs are of about equal scale (by their "
+                f"features the zoom is {found:.3f}); at least {LEAST_ZOOM} is needed, photograph "
+                "from further away",
+                reason="one_distance",
+            )
+        return PairError(
+            f"--zoom {zoom:g} does not fit: by their features the zoom is {found:.3f}; leave "
+            "--zoom out, or correct it",
+            reason="not_aligned",
+        )
+    if shift > _SHIFT_OFF_PX:
+        return PairError(
+            f"the centres of the photographs are {shift:.0f} px apart, as in a crop off the centre "
+            "or a camera that was moved aside, and --zoom takes them for the same point; leave "
+            "--zoom out",
+            reason="not_aligned",
+        )
+    return error
+
+
+def _shape(source: EdgeImage) -> tuple[int, int]:
+    return source.image_dn.shape[0], source.image_dn.shape[1]
 
 
 def _centred_zoom(zoom: float, near: tuple[int, ...], far: tuple[int, ...]) -> FloatArray:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.ndimage import spline_filter
 
-from calibration.blind.alignment import SmoothAlignment
+from calibration.blind.alignment import ClippedPixels, SmoothAlignment
 from calibration.errors import PairError
 from simulation.arrays import FloatArray
 
@@ -71,6 +71,7 @@ def estimate_kernel(
     *,
     radius_px: int,
     near_noise_dn2: float = 0.0,
+    clipped: ClippedPixels | None = None,
 ) -> InterImageKernel:
     """Normal equations of the kernel from a near photograph to a far one.
 
@@ -84,19 +85,23 @@ def estimate_kernel(
         Reach of the kernel in near pixels.
     near_noise_dn2
         Noise variance of a pixel of the near image, zero if it is not known.
+    clipped
+        Pixels that do not count, nor do those whose kernel reaches one; None for none.
 
     Raises
     ------
     PairError
-        If the images overlap too little for that many weights.
+        If the images overlap too little for that many weights, or too much of them is clipped.
     """
-    points = _far_points(alignment, near_dn.shape, radius_px)
+    points = _far_points(alignment, near_dn.shape, radius_px, clipped)
     unknowns = (2 * radius_px + 1) ** 2 + 1
     if len(points.rows) < 4 * unknowns:
+        is_clipped = len(_far_points(alignment, near_dn.shape, radius_px, None).rows) > 4 * unknowns
         raise PairError(
-            f"only {len(points.rows)} pixels of the far image are inside the near one, "
-            f"{4 * unknowns} are needed: photograph the same scene in both",
-            reason="little_overlap",
+            f"only {len(points.rows)} pixels of the far image are inside the near one"
+            f"{' and away from clipped ones' if is_clipped else ''}, {4 * unknowns} are needed: "
+            f"{'shorten the exposure' if is_clipped else 'photograph the same scene in both'}",
+            reason="saturated" if is_clipped else "little_overlap",
         )
     # Means are subtracted to reduce rounding errors; the offset absorbs them.
     coefficients = spline_filter(near_dn - near_dn.mean(), order=_ORDER, mode="mirror")
@@ -132,13 +137,19 @@ class _FarPoints:
 
 
 def _far_points(
-    alignment: SmoothAlignment, near_shape: tuple[int, ...], radius_px: int
+    alignment: SmoothAlignment,
+    near_shape: tuple[int, ...],
+    radius_px: int,
+    clipped: ClippedPixels | None,
 ) -> _FarPoints:
-    """Far pixels whose whole kernel is inside the near image, thinned evenly to a limit."""
+    """Far pixels whose kernel is inside the near image, unclipped, thinned evenly to a limit."""
     y, x = alignment.y_px, alignment.x_px
     margin = radius_px + _TAPS
     inside = (x >= margin) & (x <= near_shape[1] - 1 - margin)
     inside &= (y >= margin) & (y <= near_shape[0] - 1 - margin)
+    if clipped is not None:
+        # The weights in the corners of the kernel are next to nothing.
+        inside &= clipped.away(y, x, 1.0, float(radius_px + 1))
     chosen = np.flatnonzero(inside)
     # A stride with no common factor with the rows spreads the pixels over the frame.
     chosen = chosen[:: max(1, -(-len(chosen) // _MOST_PIXELS))]

@@ -11,12 +11,14 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from calibration.blind.alignment import align_smoothly
+from calibration.blind.alignment import ClippedPixels, align_smoothly
 from calibration.blind.inter_image_kernel import InterImageKernel, estimate_kernel
 from calibration.errors import PairError
 from simulation.arrays import FloatArray
 
-_SMALLEST_ZOOM = 1.15
+LEAST_ZOOM = 1.15
+_LEAST_CORRELATION = 0.6
+"""Of aligned photographs; scenes that do not match reach 0.47, as their shapes are bent to fit."""
 _WIDEST_SIGMA_PX = 1.2
 _REACH_SIGMAS = 3.5
 _RADII_PX = (4, 12)
@@ -40,7 +42,12 @@ class PairPsf:
 
 
 def pair_psf(
-    near_dn: FloatArray, far_dn: FloatArray, far_to_near: FloatArray, *, near_noise_dn2: float = 0.0
+    near_dn: FloatArray,
+    far_dn: FloatArray,
+    far_to_near: FloatArray,
+    *,
+    near_noise_dn2: float = 0.0,
+    clipped: ClippedPixels | None = None,
 ) -> PairPsf:
     """Total PSF from a near and a far photograph.
 
@@ -52,25 +59,39 @@ def pair_psf(
         Homography from far to near pixel centres, shape (3, 3).
     near_noise_dn2
         Noise variance of a pixel in the near image; if it is left out, noise is taken for blur.
+    clipped
+        Pixels that do not count; None for none.
 
     Raises
     ------
     PairError
-        If the distances are too similar, or the photographs have too little detail.
+        If the two do not match there, the distances are too similar, or the photographs have too
+        little detail.
     """
-    alignment = align_smoothly(near_dn, far_dn, far_to_near)
+    alignment = align_smoothly(near_dn, far_dn, far_to_near, clipped)
+    if alignment.correlation < _LEAST_CORRELATION:
+        raise PairError(
+            "the photographs do not match where they were expected to, their correlation is "
+            f"{alignment.correlation:.2f}",
+            reason="not_aligned",
+        )
     jacobian = alignment.jacobian
     zoom = sqrt(abs(float(np.linalg.det(jacobian))))
-    if zoom < _SMALLEST_ZOOM:
+    if zoom < LEAST_ZOOM:
         raise PairError(
             f"the second photograph is {zoom:.3f} times as far away as the first; at least "
-            f"{_SMALLEST_ZOOM} is needed, and 2 is good",
+            f"{LEAST_ZOOM} is needed, and 2 is good",
             reason="one_distance",
         )
     reach = _REACH_SIGMAS * _WIDEST_SIGMA_PX * sqrt(zoom**2 - 1)
     radius = min(max(ceil(reach), _RADII_PX[0]), _RADII_PX[1])
     kernel = estimate_kernel(
-        near_dn, far_dn, alignment, radius_px=radius, near_noise_dn2=near_noise_dn2
+        near_dn,
+        far_dn,
+        alignment,
+        radius_px=radius,
+        near_noise_dn2=near_noise_dn2,
+        clipped=clipped,
     )
     between, between_err = _gaussian_of(kernel)
     # (A x A - I) vec Sigma = vec Sigma_k, for the three elements of symmetric matrices.
