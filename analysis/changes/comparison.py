@@ -27,7 +27,6 @@ from analysis.changes.matching import (
     calibrated_factor,
     fit_pair,
     fit_tone_curve,
-    is_curved,
     relative_blur,
     smoothed,
     smoothing_for,
@@ -163,13 +162,7 @@ def compare(
             shared_px=shared,
         )
     matched = _Matched.of(pair, rough, options.noise)
-    if is_curved(
-        matched.seen,
-        matched.target,
-        matched.variance_dn2,
-        matched.valid,
-        matched.smoothing.target_px,
-    ):
+    if matched.fit.is_curved:
         curve = fit_tone_curve(
             matched.seen, pair.target, matched.valid, matched.smoothing.target_px
         )
@@ -304,13 +297,13 @@ class _Matched:
         valid = pair.valid(smoothing)
         seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
         terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)
-        fit, floor = fit_pair(seen, target, terms, valid, None), None
+        fit, floor = fit_pair(seen, target, terms, valid, None, smoothing.target_px), None
         if noise is not None:
             # The photographs' own scatter is not less than what noise.json says.
             gains = white_noise_gain(fit.kernel.taps, smoothing, pair.positions.zoom)
             own, other = (noise.variance_dn2(image).astype(np.float32) for image in (target, seen))
             floor = np.float32(gains.target) * own + np.float32(gains.source) * other
-            fit = fit_pair(seen, target, terms, valid, floor)
+            fit = fit_pair(seen, target, terms, valid, floor, smoothing.target_px)
         return cls(
             pair=pair,
             blur=blur,

@@ -10,8 +10,8 @@ from .features import (
     match_features as match_features,
 )
 from .hints import RegistrationHints as RegistrationHints
-from .pair import Registration as Registration, register as register
 from .motions import zoom_at_centre as zoom_at_centre
+from .pair import Registration as Registration, register as register
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
 
 __all__ = [

@@ -41,8 +41,9 @@ class Agreement:
     significance
         That correlation in standard deviations of those at other shifts, both after Fisher's
         transformation.
-    overlap_px
-        Pixels of the coarser photograph in common, at the resolution of the comparison.
+    overlap_px, overlap
+        Pixels of the coarser photograph in common, at the resolution of the comparison, and as a
+        share of its usable ones.
     rival_correlation, rival_shift_px
         The highest correlation elsewhere, and its shift ``(x, y)`` in pixels of the coarser
         photograph.
@@ -51,14 +52,15 @@ class Agreement:
     correlation: float
     significance: float
     overlap_px: int
+    overlap: float
     rival_correlation: float
     rival_shift_px: tuple[float, float]
 
     @property
     def evidence(self) -> float:
-        """Log likelihood ratio of the pose to no relation: larger overlaps tell more."""
+        """Log likelihood ratio of the pose to no relation, per pixel of the coarser photograph."""
         square = min(max(self.correlation, 0.0), _CORRELATION_MOST) ** 2
-        return -0.5 * self.overlap_px * log(1 - square)
+        return -0.5 * self.overlap * log(1 - square)
 
 
 def comparison_factor(shape: tuple[int, int]) -> int:
@@ -70,7 +72,7 @@ def comparison_factor(shape: tuple[int, int]) -> int:
 
 
 def agreement_at(
-    source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose
+    source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
 ) -> Agreement | None:
     """Judge a pose; None where the photographs have nothing in common there.
 
@@ -80,8 +82,9 @@ def agreement_at(
         The finer and the coarser photograph.
     pose
         Target to source.
+    factor
+        By which the target is reduced first.
     """
-    factor = comparison_factor(target.shape)
     far = target.reduced(factor).smoothed(1.0, 1.0)
     source_factor = factor * 2 ** int(np.log2(max(pose.zoom, 1.0) + 1e-9))
     near = source.reduced(source_factor)
@@ -128,14 +131,17 @@ def _judged(
     number = _correlated(mask, other)
     enough = number > _SHARED_LEAST * np.count_nonzero(inside)
     spread = np.sqrt(
-        np.maximum(_correlated(ours**2, other), 1e-9) * np.maximum(_correlated(mask, theirs**2), 1e-9)
+        np.maximum(_correlated(ours**2, other), 1e-9)
+        * np.maximum(_correlated(mask, theirs**2), 1e-9)
     )
     found = np.where(enough, _correlated(ours, theirs) / np.maximum(spread, 1e-6), 0.0)
     correlation = float(found[0, 0])
     is_own = _own_peak(found, _LOBE * correlation)
     elsewhere = np.where(is_own, 0.0, found)
     rest = elsewhere[enough & ~is_own]
-    deviation = float(np.sqrt(np.mean(np.arctanh(np.clip(rest, -0.99, 0.99)) ** 2))) if len(rest) else 1.0
+    deviation = (
+        float(np.sqrt(np.mean(np.arctanh(np.clip(rest, -0.99, 0.99)) ** 2))) if len(rest) else 1.0
+    )
     # A slope of the pose's own peak is no rival.
     highest = cv2.dilate(elsewhere, np.ones((5, 5), dtype=np.uint8)) <= np.where(is_own, -1, found)
     peaks = np.where(highest & ~_grown(is_own), elsewhere, 0.0)
@@ -149,13 +155,14 @@ def _judged(
         correlation=correlation,
         significance=atanh(bounded) / max(deviation, 1e-3),
         overlap_px=int(np.count_nonzero(inside)),
+        overlap=float(np.count_nonzero(inside) / max(np.count_nonzero(usable), 1)),
         rival_correlation=float(peaks[row, col]),
         rival_shift_px=(float(shift_x * factor), float(shift_y * factor)),
     )
 
 
 def _correlated(ours: Float32Array, theirs: Float32Array) -> FloatArray:
-    """Sum over pixels of ours times theirs at every shift; shift (0, 0) first, negative ones last."""
+    """Sum over pixels of ours times theirs at every shift, (0, 0) first, negative ones last."""
     size = [scipy.fft.next_fast_len(2 * n, real=True) for n in ours.shape]
     series = np.conj(scipy.fft.rfft2(ours, s=size)) * scipy.fft.rfft2(theirs, s=size)
     return np.asarray(scipy.fft.irfft2(series, s=size), dtype=np.float64)

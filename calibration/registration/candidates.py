@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.registration.agreement import Agreement, agreement_at, comparison_factor
+from calibration.registration.descent import refined_at
 from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.hypotheses import PoseHypothesis
+from calibration.registration.hypotheses import PoseHypothesis, is_plausible
+from calibration.registration.level_pair import LevelPair
 from calibration.registration.photograph import AlignedPhotograph
-from calibration.registration.refinement import LevelPair, PoseDescent
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 
@@ -21,10 +22,14 @@ _CORRELATION_MIN = 0.2
 _CLEAR_SIGNIFICANCE = 10.0
 """From there on no other hypothesis is asked."""
 
+_OPEN_SIGNIFICANCE = 3.5
+"""From there on a closer look may show more."""
+
 _RIVAL_CORRELATION = 0.6
 _RIVAL_EVIDENCE = 0.3
 """Of the best pose's: shares of its correlation and evidence with which another is its rival."""
 
+_SAMPLES = 30_000
 _COARSER = 4
 _COARSE_SIDE_MIN_PX = 40
 
@@ -70,6 +75,11 @@ class DirectedPose:
         return DirectedPose(self.source, self.target, pose, self.is_swapped)
 
     @property
+    def photographs(self) -> tuple[AlignedPhotograph, AlignedPhotograph]:
+        """The source and the target."""
+        return self.source, self.target
+
+    @property
     def of_followup(self) -> DistortedPose:
         """The pose from the follow-up to the reference."""
         return self.pose.inverse() if self.is_swapped else self.pose
@@ -91,6 +101,16 @@ class Candidate:
             and self.agreement.correlation >= _CORRELATION_MIN
         )
 
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Significant ones first, then those of most evidence."""
+        return self.is_significant, self.agreement.evidence
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether no other hypothesis needs to be asked."""
+        return self.is_significant and self.agreement.significance >= _CLEAR_SIGNIFICANCE
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Choice:
@@ -101,27 +121,48 @@ class Choice:
 
 
 def judged(pair: PhotographPair, hypothesis: PoseHypothesis) -> Candidate | None:
-    """Refine and judge a hypothesis; None where it leaves nothing in common."""
+    """Refine and judge a hypothesis; None where it leaves nothing in common.
+
+    At a coarse resolution, from there or from a coarser one; where that leaves it open whether the
+    agreement is chance, at a finer one: the more detail agrees, the less it can be.
+    """
     start = pair.directed(pair.pose_of(hypothesis.matrix))
     factor = comparison_factor(start.target.shape)
-    best: Candidate | None = None
-    for factors in ((factor,), _coarse_to_fine(start.target, factor)):
-        directed = start
-        for one in factors:
-            level = LevelPair(directed.source, directed.target, directed.pose, pair.psf, one)
-            fit = PoseDescent(level, fits_distortion=False).refined(directed.pose)
-            if fit is None:
-                break
-            directed = directed.with_pose(fit.pose)
-        agreement = agreement_at(directed.source, directed.target, directed.pose)
-        if agreement is None:
-            continue
-        found = Candidate(hypothesis=hypothesis, directed=directed, agreement=agreement)
-        if best is None or agreement.evidence > best.agreement.evidence:
-            best = found
-        if best.agreement.significance >= _CLEAR_SIGNIFICANCE:
+    found = _refined_and_judged(pair, hypothesis, start, [factor])
+    if found is None or not found.is_clear:
+        other = _refined_and_judged(pair, hypothesis, start, _coarse_to_fine(start.target, factor))
+        found = _better(found, other)
+    if found is None or found.is_clear or found.agreement.significance < _OPEN_SIGNIFICANCE:
+        return found
+    while factor > 1:
+        factor //= 2
+        finer = _refined_and_judged(pair, hypothesis, found.directed, [factor])
+        if finer is None or finer.agreement.significance <= found.agreement.significance:
             break
-    return best
+        found = finer
+    return found
+
+
+def _refined_and_judged(
+    pair: PhotographPair, hypothesis: PoseHypothesis, start: DirectedPose, factors: list[int]
+) -> Candidate | None:
+    directed = start
+    for one in factors:
+        level = LevelPair(directed.photographs, directed.pose, pair.psf, one, _SAMPLES)
+        _, fit = refined_at(level, directed.pose)
+        if fit is None or not is_plausible(fit.pose.matrix, directed.target.shape, None):
+            break
+        directed = directed.with_pose(fit.pose)
+    agreement = agreement_at(*directed.photographs, directed.pose, factors[-1])
+    if agreement is None:
+        return None
+    return Candidate(hypothesis=hypothesis, directed=directed, agreement=agreement)
+
+
+def _better(one: Candidate | None, other: Candidate | None) -> Candidate | None:
+    if one is None or other is None:
+        return one or other
+    return max(one, other, key=lambda found: found.agreement.evidence)
 
 
 def _coarse_to_fine(target: AlignedPhotograph, factor: int) -> list[int]:
@@ -138,9 +179,9 @@ def chosen(pair: PhotographPair, hypotheses: Iterable[PoseHypothesis]) -> Choice
         candidate = judged(pair, hypothesis)
         if candidate is None:
             continue
-        if best is None or candidate.agreement.evidence > best.agreement.evidence:
+        if best is None or candidate.rank > best.rank:
             best = candidate
-        if best.is_significant and best.agreement.significance >= _CLEAR_SIGNIFICANCE:
+        if best.is_clear:
             break
     if best is None:
         return None

@@ -48,9 +48,11 @@ class DistortedPose:
         (ay, ax), (dy, dx) = (np.diff(across)[:, 0], np.diff(down)[:, 0])
         return float(np.sqrt(abs(ax * dy - ay * dx)))
 
-    def with_(self, matrix: FloatArray, k1: float) -> Self:
-        """Return the pose with another matrix, which is normalised, and distortion."""
-        return replace(self, matrix=matrix / matrix[2, 2], k1=k1)
+    def with_(
+        self, matrix: FloatArray, k1: float, displacement: SmoothDisplacement | None = None
+    ) -> Self:
+        """Return the pose with another matrix, which is normalised, distortion and displacement."""
+        return replace(self, matrix=matrix / matrix[2, 2], k1=k1, displacement=displacement)
 
     def inverse(self) -> Self:
         """Return the pose of the reference in the follow-up: the two change roles."""

@@ -6,7 +6,7 @@ changes nothing.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
@@ -21,7 +21,8 @@ _FEATURES = 4000
 _CONTRAST_THRESHOLD = 0.02
 """Of SIFT, half of its default: a retina or a lesion has twice as many features with it."""
 
-_NORMALISED_PX = 51
+_NORMALISED_PART = 1 / 7
+"""Of the longer side: the window of the normalisation."""
 _NORMALISED_SIGMA_PX = 1.0
 """Smoothing before the normalisation: without it half of the features of noisy images are noise."""
 
@@ -29,7 +30,8 @@ _NORMALISED_DN = 40.0
 _NOISE_PER_LAPLACIAN = 1 / np.sqrt(20.0)
 _CONTRAST_FLOOR = 0.02
 _WORKED_ON_PX = 1.0e6
-"""Pixels above which an image is reduced first."""
+_CLOSER_PX = 3.0e6
+"""Pixels above which an image is reduced first; a closer look takes more, as they are."""
 
 _RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004
 _MATCH_TOLERANCE_PX = 3.0
@@ -143,10 +145,17 @@ def find_features(
     return found
 
 
-def features_of(levels: Float32Array, usable: BoolArray | None = None) -> ImageFeatures:
-    """SIFT features of a grey image of finite levels, on its usable pixels; there may be none."""
+def features_of(
+    levels: Float32Array, usable: BoolArray | None = None, *, is_closer_look: bool = False
+) -> ImageFeatures:
+    """SIFT features of a grey image of finite levels, on its usable pixels; there may be none.
+
+    A closer look takes the levels as they are, at a higher resolution: the finest details, where
+    perspective or haze leaves nothing else in common.
+    """
     shape = levels.shape
-    factor = max(round(np.sqrt(levels.size / _WORKED_ON_PX)), 1)
+    most = _CLOSER_PX if is_closer_look else _WORKED_ON_PX
+    factor = max(round(np.sqrt(levels.size / most)), 1)
     if factor > 1:
         rows, cols = (n // factor for n in shape)
         part = np.s_[: rows * factor, : cols * factor]
@@ -160,7 +169,8 @@ def features_of(levels: Float32Array, usable: BoolArray | None = None) -> ImageF
         nfeatures=_FEATURES, contrastThreshold=_CONTRAST_THRESHOLD, enable_precise_upscale=True
     )
     mask = None if usable is None else usable.astype(np.uint8)
-    found, descriptors = sift.detectAndCompute(_normalised_bytes(levels), mask)
+    image = _bytes(levels) if is_closer_look else _normalised_bytes(levels)
+    found, descriptors = sift.detectAndCompute(image, mask)
     points = np.array([one.pt for one in found], dtype=np.float64).reshape(-1, 2)
     frames = np.array([(one.size, np.deg2rad(one.angle)) for one in found], dtype=np.float64)
     return ImageFeatures(
@@ -214,19 +224,26 @@ def homography_pose(
     return matrix, inlier
 
 
+def _bytes(levels: Float32Array) -> NDArray[np.uint8]:
+    low, high = float(levels.min()), float(levels.max())
+    scaled = (levels - low) * (255.0 / (high - low or 1.0)) + 0.5
+    return np.asarray(scaled, dtype=np.float32).astype(np.uint8)
+
+
 def _normalised_bytes(levels: Float32Array) -> NDArray[np.uint8]:
     """Levels less their local mean, over their local contrast, from 0 to 255."""
     smooth = cv2.GaussianBlur(levels, (0, 0), _NORMALISED_SIGMA_PX)
-    deviation = smooth - _mean(smooth)
+    window_px = 2 * round(_NORMALISED_PART * max(levels.shape) / 2) + 1
+    deviation = smooth - _mean(smooth, window_px)
     noise = float(np.median(np.abs(cv2.Laplacian(smooth, cv2.CV_32F)))) / 0.6745
     # Flat regions hold noise and rounding only: they are not raised to full contrast.
     floor = (_NOISE_PER_LAPLACIAN * noise) ** 2 + (_CONTRAST_FLOOR * float(smooth.std())) ** 2
-    contrast = np.sqrt(_mean(deviation * deviation) + (floor or 1.0))
+    contrast = np.sqrt(_mean(deviation * deviation, window_px) + (floor or 1.0))
     scaled = 128.5 + _NORMALISED_DN * deviation / contrast
     return np.asarray(np.clip(scaled, 0.0, 255.0), dtype=np.float32).astype(np.uint8)
 
 
-def _mean(values: NDArray[np.floating]) -> Float32Array:  # type: ignore[type-arg]
+def _mean(values: NDArray[Any], window_px: int) -> Float32Array:
     """Twice over a square: nearly a Gaussian."""
-    size = (_NORMALISED_PX, _NORMALISED_PX)
+    size = (window_px, window_px)
     return np.asarray(cv2.blur(cv2.blur(values, size), size), dtype=np.float32)

@@ -84,9 +84,7 @@ def _centred_mask(near: ImageFeatures, far: ImageFeatures, zoom: float) -> BoolA
     """Pairs of features that lie together where both frames have the same centre."""
     middles = [(np.array(one.shape[1::-1]) - 1) / 2 for one in (near, far)]
     expected = (far.points_px - middles[1]) * zoom + middles[0]
-    apart = np.hypot(
-        expected[:, :1] - near.points_px[:, 0], expected[:, 1:] - near.points_px[:, 1]
-    )
+    apart = np.hypot(expected[:, :1] - near.points_px[:, 0], expected[:, 1:] - near.points_px[:, 1])
     return np.asarray((apart < 2 * _VOTE_REACH * max(near.shape)).astype(np.uint8))
 
 
@@ -167,7 +165,10 @@ def _similarity(at: FloatArray, to: FloatArray) -> FloatArray | None:
 def is_plausible(matrix: FloatArray, shape: tuple[int, ...], zoom: float | None) -> bool:
     """Whether a camera before the scene can have the pose, near the expected zoom if given."""
     rows, cols = shape
-    x, y = np.array([0.0, cols - 1.0, 0.0, cols - 1.0]), np.array([0.0, 0.0, rows - 1.0, rows - 1.0])
+    x, y = (
+        np.array([0.0, cols - 1.0, 0.0, cols - 1.0]),
+        np.array([0.0, 0.0, rows - 1.0, rows - 1.0]),
+    )
     middle = (cols - 1) / 2, (rows - 1) / 2
     # A corner beyond the horizon may be; the middle must be seen.
     if projection_depth(matrix, *middle) <= 0 or np.all(projection_depth(matrix, x, y) <= 0):

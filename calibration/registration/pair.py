@@ -7,12 +7,10 @@ fine. What cannot be told from chance is refused; what may be one of several is 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import chain
 
 import numpy as np
 
 from calibration.errors import RegistrationError
-from calibration.registration.agreement import comparison_factor
 from calibration.registration.candidates import (
     SIGNIFICANCE_MIN,
     Candidate,
@@ -20,24 +18,20 @@ from calibration.registration.candidates import (
     DirectedPose,
     PhotographPair,
     chosen,
-    judged,
 )
+from calibration.registration.descent import RefinedPose, refined_pose
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.features import features_of
 from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
 from calibration.registration.photograph import AlignedPhotograph
-from calibration.registration.refinement import LevelFit, LevelPair, PoseDescent
 from calibration.registration.search import searched_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
 
 _PLACE_ERR_WARN_PX = 0.25
-_PLACE_ERR_MAX_PX = 1.0
+_PLACE_ERR_MAX_PX = 3.0
 """Standard errors of a place from which a result warns, and from which it is refused."""
-
-_K1_SIGNIFICANT = 2.5
-"""Standard errors from which a distortion is kept; one of 0 tells more than an uncertain one."""
 
 _GIVEN_ERR_PX = 3.0
 """Standard error of a hint that could not be refined: what the operator is asked for."""
@@ -46,7 +40,8 @@ _INLIER_PX = 3.0
 
 _REMEDIES = (
     "give the approximate ratio of the distances (--expect-zoom), the approximate pose "
-    "(--homography) or at least four pairs of points (--points), and leave out what differs (--mask)"
+    "(--homography) or at least four pairs of points (--points), and leave out what differs "
+    "(--mask)"
 )
 
 
@@ -149,10 +144,13 @@ def register(
 
 
 def _hypotheses(pair: PhotographPair, zoom: float | None) -> Iterator[PoseHypothesis]:
-    near, far = (features_of(one.levels, one.usable) for one in (pair.reference, pair.followup))
-    return chain(
-        feature_poses(near, far, zoom), searched_poses(pair.reference, pair.followup, zoom)
-    )
+    for is_closer_look in (False, True):
+        near, far = (
+            features_of(one.levels, one.usable, is_closer_look=is_closer_look)
+            for one in (pair.reference, pair.followup)
+        )
+        yield from feature_poses(near, far, zoom)
+    yield from searched_poses(pair.reference, pair.followup, zoom)
 
 
 def _refuse_without_detail(pair: PhotographPair) -> None:
@@ -192,10 +190,17 @@ def _not_found(choice: Choice | None) -> RegistrationError:
 def _refined(pair: PhotographPair, choice: Choice) -> Registration:
     """Refine the chosen pose down to single pixels."""
     directed = choice.best.directed
-    found = _fitted(pair, directed)
+    found = refined_pose(
+        directed.photographs,
+        directed.pose,
+        pair.psf,
+        is_one_camera=pair.reference.shape == pair.followup.shape,
+    )
+    if found is None:
+        raise _not_found(None)
     pose = directed.with_pose(found.pose).of_followup
-    place_err_px = found.place_err_px * (pose.zoom if directed.is_swapped else 1.0)
-    if not place_err_px <= _PLACE_ERR_MAX_PX:
+    place_err_px = found.errors.place_err_px * (pose.zoom if directed.is_swapped else 1.0)
+    if not place_err_px <= _PLACE_ERR_MAX_PX and pose.displacement is None:
         raise RegistrationError(
             f"the pose is uncertain by {place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed; "
             f"photograph more detail, or {_REMEDIES}",
@@ -208,58 +213,26 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
         rows, cols = pair.followup.shape
         middle = np.array([(rows - 1) / 2]), np.array([(cols - 1) / 2])
         apart = np.hypot(
-            *(a - b for a, b in zip(pose.to_reference_px(*middle), rival.to_reference_px(*middle), strict=True))
+            *(
+                a - b
+                for a, b in zip(
+                    pose.to_reference_px(*middle), rival.to_reference_px(*middle), strict=True
+                )
+            )
         )
         warnings.append(
             f"the scene repeats: shifted by {float(apart[0]):.0f} px the photographs agree nearly "
             "as well, so the alignment may be another period; check it, or " + _REMEDIES
         )
     if place_err_px > _PLACE_ERR_WARN_PX:
-        warnings.append(
-            f"the pose is uncertain by {place_err_px:.2f} px: the photographs share little detail"
-        )
+        warnings.append(f"the pose is uncertain by {place_err_px:.2f} px")
     return _registration(choice.best.hypothesis, pose, found, place_err_px, directed, warnings)
-
-
-def _fitted(pair: PhotographPair, directed: DirectedPose) -> LevelFit:
-    """Descend from the judged resolution to single pixels, or as far as it tells more."""
-    is_one_camera = pair.reference.shape == pair.followup.shape
-    factor = comparison_factor(directed.target.shape)
-    best: LevelFit | None = None
-    pose = directed.pose
-    while True:
-        level = LevelPair(directed.source, directed.target, pose, pair.psf, factor)
-        found = _level_fit(level, pose, is_one_camera and factor <= 2)
-        if found is None or (best is not None and found.place_err_px > 1.5 * best.place_err_px):
-            break
-        if best is None or found.place_err_px <= best.place_err_px:
-            best, pose = found, found.pose
-        if factor == 1:
-            break
-        factor //= 2
-    if best is None:
-        raise RegistrationError(
-            f"the photographs overlap too little to be aligned; {_REMEDIES}",
-            reason="little_overlap",
-        )
-    return best
-
-
-def _level_fit(level: LevelPair, pose: DistortedPose, fits_distortion: bool) -> LevelFit | None:
-    """Fit with the distortion where it is determined, else without."""
-    plain = PoseDescent(level, fits_distortion=False).refined(pose.with_(pose.matrix, 0.0))
-    if not fits_distortion:
-        return plain
-    bent = PoseDescent(level, fits_distortion=True).refined(pose)
-    if bent is not None and abs(bent.pose.k1) > _K1_SIGNIFICANT * bent.k1_err:
-        return bent
-    return plain
 
 
 def _registration(
     hypothesis: PoseHypothesis,
     pose: DistortedPose,
-    found: LevelFit,
+    found: RefinedPose,
     place_err_px: float,
     directed: DirectedPose,
     warnings: list[str],
@@ -275,7 +248,7 @@ def _registration(
     return Registration(
         pose=pose,
         place_err_px=place_err_px,
-        k1_err=found.k1_err,
+        k1_err=found.errors.k1_err,
         feature_matrix=hypothesis.matrix / hypothesis.matrix[2, 2],
         inlier_count=count,
         match_rms_px=rms_px,

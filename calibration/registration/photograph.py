@@ -49,7 +49,9 @@ class AlignedPhotograph:
             unusable |= left_out
         usable = ~unusable if unusable.any() else None
         counted = values if usable is None else values[usable]
-        middle = float(np.median(counted[:: max(counted.size // 100_000, 1)])) if len(counted) else 0.0
+        middle = (
+            float(np.median(counted[:: max(counted.size // 100_000, 1)])) if len(counted) else 0.0
+        )
         scale = float(counted.std(dtype=np.float64)) if counted.size else 0.0
         levels = (values - np.float32(middle)) / np.float32(scale or 1.0)
         if usable is not None:
@@ -62,7 +64,7 @@ class AlignedPhotograph:
         return self.levels.shape[0], self.levels.shape[1]
 
     def reduced(self, factor: int) -> Self:
-        """Return the means of blocks of ``factor`` x ``factor`` pixels; incomplete ones are lost."""
+        """Return the means of whole blocks of ``factor`` x ``factor`` pixels."""
         if factor == 1:
             return self
         rows, cols = (n // factor for n in self.shape)

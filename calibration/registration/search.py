@@ -65,8 +65,8 @@ def searched_poses(
         # The follow-up's thumbnail has about the pixels that the reference shows of it.
         far = _thumbnail(followup, max(round(_LONG_SIDE_PX * min(one, 1.0)), 16))
         scale = one * far.factor / near.factor
-        for turn in np.arange(0.0, 2 * pi, _TURN_STEP_RAD).tolist():
-            found.append(spectra.best_shift(far, scale, turn))
+        turns = np.arange(0.0, 2 * pi, _TURN_STEP_RAD).tolist()
+        found += [spectra.best_shift(far, scale, turn) for turn in turns]
         found.sort(key=lambda pair: -pair[0])
         del found[4 * _FOUND :]
     kept: list[FloatArray] = []

@@ -26,7 +26,6 @@ from .smoothed_warp import (
 from .tone_curve import (
     ToneCurve as ToneCurve,
     fit_tone_curve as fit_tone_curve,
-    is_curved as is_curved,
 )
 from .variance_calibration import calibrated_factor as calibrated_factor
 
@@ -47,7 +46,6 @@ __all__ = [
     "calibrated_factor",
     "fit_pair",
     "fit_tone_curve",
-    "is_curved",
     "relative_blur",
     "smoothed",
     "smoothing_for",

@@ -26,6 +26,7 @@ KERNEL_RADIUS_PX = 3
 
 _SIDE = 2 * KERNEL_RADIUS_PX + 1
 _TAPS = _SIDE * _SIDE
+CENTRE_TAP = _TAPS // 2
 _LINEAR = 3 * _TAPS
 _COLUMNS = _LINEAR + 9
 _RIDGE = 1e-2
@@ -73,12 +74,13 @@ class MatchingKernel:
         _, made = self.light((rows, cols))
         for order, weight in enumerate((None, x[None, :], y[:, None])):
             taps = self.coefficients[order * _TAPS : (order + 1) * _TAPS].reshape(_SIDE, _SIDE)
-            part = cv2.filter2D(
-                level, -1, taps.astype(np.float32), borderType=cv2.BORDER_REFLECT_101
+            part = np.asarray(
+                cv2.filter2D(level, -1, taps.astype(np.float32), borderType=cv2.BORDER_REFLECT_101)
             )
-            made += part if weight is None else weight * part
+            made += part if weight is None else np.multiply(part, weight, out=part)
         quadratic = np.concatenate([np.zeros(3), self.coefficients[_LINEAR : _LINEAR + 3]])
-        return made + level * _polynomial(quadratic, (rows, cols))
+        made += np.multiply(level, _polynomial(quadratic, (rows, cols)), out=level)
+        return made
 
 
 def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Array:
@@ -86,8 +88,10 @@ def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Arra
     rows, cols = shape
     y, x = np.linspace(-1, 1, rows, dtype=np.float32), np.linspace(-1, 1, cols, dtype=np.float32)
     one, of_x, of_y, of_xx, of_xy, of_yy = coefficients.astype(np.float32)
-    along_x = one + x * (of_x + x * of_xx)
-    return np.asarray(along_x[None] + (y * (of_y + y * of_yy))[:, None] + of_xy * y[:, None] * x)
+    made = np.outer(of_xy * y, x)
+    made += one + x * (of_x + x * of_xx)
+    made += (y * (of_y + y * of_yy))[:, None]
+    return made
 
 
 @njit(cache=True, nogil=True)
@@ -127,7 +131,7 @@ def solve(
     rooted = design * root
     normal = rooted.T @ rooted
     right = rooted.T @ (target_dn * root[:, 0])
-    centre = _TAPS // 2
+    centre = CENTRE_TAP
     ridge = np.zeros(design.shape[1])
     ridge[:_TAPS], ridge[_TAPS:_LINEAR] = 1.0, _SLOPES
     ridge[[centre, centre + _TAPS, centre + 2 * _TAPS]] *= _CENTRE

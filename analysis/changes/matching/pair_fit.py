@@ -1,10 +1,12 @@
 """Kernel, light and scatter fitted to two smoothed photographs, in turns."""
 
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 
 from analysis.changes.matching.matching_kernel import (
+    CENTRE_TAP,
     MatchingKernel,
     biweight,
     design_matrix,
@@ -21,6 +23,11 @@ _OUTLIER_SD, _OUTLIER_REACH_PX = 4.5, 2.0
 
 _LEAST_DN2 = 1e-12
 
+_POWERS = (2, 3, 4)
+_CURVED_CHI2 = 60.0
+"""Chi-squared of three powers of the level from which on a tone curve is needed; 16 is exceeded by
+chance in one pair of a thousand, and what compression and clipping bend is more."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairFit:
@@ -32,10 +39,13 @@ class PairFit:
         Kernel and light.
     sizes
         Of the terms of the variance.
+    is_curved
+        Whether the levels of the two are not in proportion, beyond what chance does.
     """
 
     kernel: MatchingKernel
     sizes: FloatArray
+    is_curved: bool
 
 
 def fit_pair(
@@ -44,6 +54,7 @@ def fit_pair(
     terms: VarianceTerms,
     valid: BoolArray,
     floor_dn2: Float32Array | None,
+    smoothing_px: float,
 ) -> PairFit:
     """Fit kernel and variance to a sample of the pixels.
 
@@ -57,6 +68,8 @@ def fit_pair(
         Pixels that count, the kernel's radius away from the border.
     floor_dn2
         Variance that a noise model gives the difference, if there is one.
+    smoothing_px
+        Width of the Gaussian that makes neighbours alike.
     """
     rows, cols = sampled(valid, _SAMPLE_PX)
     level = float(source[rows, cols].mean())
@@ -76,4 +89,22 @@ def fit_pair(
             reach = _OUTLIER_SD * np.sqrt(terms.variance(sizes, floor_dn2))
             outlier = valid & (np.abs(target - kernel.of(source)) > reach)
             kept = away_from(outlier, _OUTLIER_REACH_PX)[rows, cols]
-    return PairFit(kernel=kernel, sizes=sizes)
+    alike = 4 * pi * smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
+    curved = _curvature_chi2(design, residual, weight * kept / alike) > _CURVED_CHI2
+    return PairFit(kernel=kernel, sizes=sizes, is_curved=curved)
+
+
+def _curvature_chi2(design: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
+    """Chi-squared that powers of the source's level take from the residuals.
+
+    The target's noise is in none of them.
+    """
+    level = design[:, CENTRE_TAP]
+    contrast = np.clip(level / max(float(level.std()), 1e-9), -3, 3)
+    root = np.sqrt(weight)
+    powers = np.stack([contrast**power * root for power in _POWERS], axis=1)
+    rooted = design * root[:, None]
+    # What kernel and light already explain of the powers tells nothing.
+    powers -= rooted @ np.linalg.lstsq(rooted.T @ rooted, rooted.T @ powers, rcond=1e-12)[0]
+    share = powers.T @ (residual * root)
+    return float(share @ np.linalg.lstsq(powers.T @ powers, share, rcond=1e-12)[0])

@@ -33,11 +33,6 @@ _ROUNDS = 3
 _LEAST_SLOPE = 0.02
 """Of the curve, over its mean: steeper the other way round, noise would be all that it shows."""
 
-_POWERS = (2, 3, 4)
-_SIGNIFICANT = 60.0
-"""Chi-squared of the three powers from which on a curve is needed; 16 is exceeded by chance in one
-pair of a thousand, and what compression and clipping bend is more."""
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToneCurve:
@@ -72,51 +67,6 @@ class ToneCurve:
     def variance(self, image: Float32Array) -> Float32Array:
         """Variance of the curve at the levels of a photograph."""
         return np.interp(image, self.levels_dn, self.variance_dn2).astype(np.float32)
-
-
-def is_curved(
-    source: Float32Array,
-    target: Float32Array,
-    variance_dn2: Float32Array,
-    valid: BoolArray,
-    smoothing_px: float,
-) -> bool:
-    """Whether levels are not in proportion, beyond what chance does.
-
-    Powers of the source's level are added to the kernel's columns; the target's noise is in none of
-    them.
-
-    Parameters
-    ----------
-    source, target
-        Smoothed, on the target's pixels.
-    variance_dn2
-        Predicted variance of their difference, up to a factor.
-    valid
-        Pixels that count.
-    smoothing_px
-        Width of the target's Gaussian.
-    """
-    rows, cols = sampled(valid, _SAMPLE_PX)
-    level = float(source[rows, cols].mean())
-    design = design_matrix(source, level, rows, cols)
-    contrast = (source[rows, cols] - level) / max(float(np.std(source[rows, cols])), 1e-9)
-    powers = np.stack([np.clip(contrast, -3, 3) ** power for power in _POWERS], axis=1)
-    measured = target[rows, cols].astype(np.float64)
-    sd = np.sqrt(variance_dn2[rows, cols].astype(np.float64))
-    weight = 1 / sd**2
-    for _ in range(_ROUNDS):
-        residual = measured - design @ solve(design, measured, weight)
-        scale = robust_sigma(residual / sd) * sd
-        weight = biweight(residual / scale) / scale**2
-    root = np.sqrt(weight)
-    rooted, columns = design * root[:, None], powers * root[:, None]
-    # What the kernel and the light already explain of the powers tells nothing.
-    columns -= rooted @ np.linalg.lstsq(rooted.T @ rooted, rooted.T @ columns, rcond=1e-12)[0]
-    share = columns.T @ (residual * root)
-    chi2 = float(share @ np.linalg.lstsq(columns.T @ columns, share, rcond=1e-12)[0])
-    alike = 4 * np.pi * smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
-    return bool(chi2 / alike > _SIGNIFICANT)
 
 
 def fit_tone_curve(

@@ -9,6 +9,7 @@ from itertools import pairwise
 from math import inf, log, pi, sqrt
 
 import numpy as np
+from numba import njit
 
 from analysis.changes.matching.pixels import away_from, sampled
 from calibration.robust import robust_sigma
@@ -31,6 +32,7 @@ filled by one change."""
 _LEAST_PX = 30
 _SAMPLE_PX = 500_000
 _CHANGE_REACH_PX = 5.0
+_STEP, _LARGE_PX = 2, 1_000_000
 _ROUNDS = 4
 """A change that is found is left out, with what is around it; what is none comes back."""
 
@@ -50,8 +52,31 @@ class VarianceCalibration:
 
     def factor(self, variance_dn2: Float32Array) -> Float32Array:
         """Factor of the standard deviation at each pixel."""
-        log_factor = np.interp(np.log(variance_dn2), self.log_variance, self.log_factor)
-        return np.exp(log_factor, dtype=np.float32, casting="same_kind")
+        return _interpolated(variance_dn2, self.log_variance, self.log_factor)
+
+
+@njit(cache=True, nogil=True)
+def _interpolated(
+    variance_dn2: Float32Array, log_variance: FloatArray, log_factor: FloatArray
+) -> Float32Array:
+    factor = np.empty(variance_dn2.shape, dtype=np.float32)
+    last = len(log_variance) - 1
+    place = 0
+    for row in range(variance_dn2.shape[0]):
+        for col in range(variance_dn2.shape[1]):
+            at = np.log(variance_dn2[row, col])
+            # Neighbours have like variances: the search begins where the last one ended.
+            while place < last - 1 and at > log_variance[place + 1]:
+                place += 1
+            while place > 0 and at < log_variance[place]:
+                place -= 1
+            value = log_factor[place]
+            if last > 0:
+                low, high = log_variance[place], log_variance[place + 1]
+                share = min(max((at - low) / (high - low), 0.0), 1.0)
+                value += share * (log_factor[place + 1] - value)
+            factor[row, col] = np.exp(value)
+    return factor
 
 
 def calibrate_variance(
@@ -115,19 +140,27 @@ def calibrated_factor(
     threshold_sd
         Standard deviations beyond which a pixel is taken as changed.
     """
+    # Smoothed images are known from every other pixel.
+    seen = np.s_[::_STEP, ::_STEP] if valid.size > _LARGE_PX else np.s_[:, :]
+    step = _STEP if valid.size > _LARGE_PX else 1
+    difference, variance, part = difference_dn[seen], variance_dn2[seen], valid[seen]
     independent = np.count_nonzero(valid) / (4 * pi * smoothing_px**2)
-    kept = valid
+    kept = part
     for number in range(_ROUNDS):
         rows, cols = sampled(kept, _SAMPLE_PX)
         # A change in the tail would hide itself: the spread alone finds it first.
         alike = None if number == 0 else len(rows) / independent + 1
-        factor = calibrate_variance(
-            difference_dn[rows, cols].astype(np.float64),
-            variance_dn2[rows, cols].astype(np.float64),
+        calibration = calibrate_variance(
+            difference[rows, cols].astype(np.float64),
+            variance[rows, cols].astype(np.float64),
             alike,
-        ).factor(variance_dn2)
+        )
         if number == _ROUNDS - 1:
             break
-        reach = threshold_sd * factor * np.sqrt(variance_dn2)
-        kept = valid & away_from(valid & (np.abs(difference_dn) > reach), _CHANGE_REACH_PX)
-    return factor
+        reach = np.square(threshold_sd * calibration.factor(variance)) * variance
+        found = part & (np.square(difference) > reach)
+        remaining = part & away_from(found, _CHANGE_REACH_PX / step)
+        if number > 0 and np.array_equal(remaining, kept):
+            break
+        kept = remaining
+    return calibration.factor(variance_dn2)

@@ -144,7 +144,7 @@ def test_a_photograph_that_is_mostly_saturated_is_named_with_its_share(
         calibrate_from_distances([pair])
     assert (refused.value.reason, refused.value.photographs) == ("saturated", (spoilt,))
     # Three quarters at white, and what is within half a percent below it.
-    assert re.search(rf"{spoilt}: (7|8)\d % of the pixels are saturated", str(refused.value))
+    assert re.search(rf"{spoilt}: [789]\d % of the pixels are saturated", str(refused.value))
 
 
 def test_where_clipping_leaves_too_little_that_is_said(near: EdgeImage, far: EdgeImage) -> None:

@@ -1,0 +1,201 @@
+"""Change detectors of other fields on the same pair: a score of every follow-up pixel.
+
+All but one get the true alignment, by a cubic warp; differences are smoothed by 1 px as ours is.
+"""
+
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.stats import chi2
+from skimage.metrics import structural_similarity
+
+from simulation.arrays import FloatArray
+
+WORKER = Path(__file__).with_name("change_peer_worker.py")
+
+_SMOOTHING_PX = 1.0
+_MAD_ROUNDS = 30
+_MAD_RIDGE = 1e-6
+_RATIO = 0.8
+_LEAST_MATCHES = 12
+_TIME_LIMIT_S = 300
+
+
+class PeerError(Exception):
+    """A peer cannot be run here, or not on this pair."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AlignedPair:
+    """Two photographs with the truth that some peers are given.
+
+    Parameters
+    ----------
+    reference, followup
+        As taken.
+    warped
+        The reference on the follow-up's pixels, by the true pose.
+    noise_dn
+        Of a pixel, of the warped reference and of the follow-up.
+    blur_px
+        Width of the PSF, of the warped reference and of the follow-up, in follow-up pixels.
+    """
+
+    reference: FloatArray = field(repr=False)
+    followup: FloatArray = field(repr=False)
+    warped: FloatArray = field(repr=False)
+    noise_dn: tuple[float, float]
+    blur_px: tuple[float, float]
+
+
+Peer = Callable[[AlignedPair], FloatArray]
+"""Score of every follow-up pixel, the larger the likelier changed."""
+
+
+def cubic_warp(reference: FloatArray, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
+    """The reference at these places, mirrored beyond its border."""
+    return np.asarray(map_coordinates(reference, [y_px, x_px], order=3, mode="mirror"))
+
+
+def absolute_difference(pair: AlignedPair) -> FloatArray:
+    """Absolute difference behind OpenCV's SIFT and MAGSAC, as it is done everywhere."""
+    matrix = _magsac(pair)
+    size = (pair.followup.shape[1], pair.followup.shape[0])
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    warped = cv2.warpPerspective(
+        pair.reference, matrix, size, flags=flags, borderMode=cv2.BORDER_REFLECT_101
+    )
+    seen = _in_light(np.asarray(warped, dtype=np.float64), pair.followup)
+    return np.abs(gaussian_filter(pair.followup - seen, _SMOOTHING_PX))
+
+
+def _magsac(pair: AlignedPair) -> FloatArray:
+    sift = cv2.SIFT.create()
+    (at_reference, of_reference), (at_followup, of_followup) = (
+        sift.detectAndCompute(_in_8_bits(image), None) for image in (pair.reference, pair.followup)
+    )
+    if of_reference is None or of_followup is None:
+        raise PeerError("no features")
+    matches = cv2.BFMatcher().knnMatch(of_followup, of_reference, k=2)
+    kept = [
+        two[0] for two in matches if len(two) > 1 and two[0].distance < _RATIO * two[1].distance
+    ]
+    if len(kept) < _LEAST_MATCHES:
+        raise PeerError(f"only {len(kept)} matches")
+    source = np.array([at_followup[match.queryIdx].pt for match in kept])
+    target = np.array([at_reference[match.trainIdx].pt for match in kept])
+    matrix, _ = cv2.findHomography(source, target, cv2.USAC_MAGSAC, 1.0)
+    if matrix is None:
+        raise PeerError("no homography")
+    return np.asarray(matrix, dtype=np.float64)
+
+
+def _in_8_bits(image: FloatArray) -> NDArray[np.uint8]:
+    low, high = np.percentile(image, (0.5, 99.5))
+    return np.asarray(np.clip(255 * (image - low) / max(high - low, 1e-9), 0, 255).astype(np.uint8))
+
+
+def _in_light(warped: FloatArray, followup: FloatArray) -> FloatArray:
+    """The reference in the follow-up's light: a gain and an offset by least squares."""
+    gain, offset = np.polyfit(warped.ravel(), followup.ravel(), 1)
+    return np.asarray(gain * warped + offset)
+
+
+def structural_dissimilarity(pair: AlignedPair) -> FloatArray:
+    """One minus the map of SSIM (Wang and others, 2004), as scikit-image does it."""
+    warped = _in_light(pair.warped, pair.followup)
+    span = float(np.ptp(pair.followup))
+    compare: Any = structural_similarity  # it states no types
+    _, similarity = compare(
+        warped, pair.followup, data_range=span, gaussian_weights=True, full=True
+    )
+    return np.asarray(1 - similarity)
+
+
+def ir_mad(pair: AlignedPair) -> FloatArray:
+    """Iteratively reweighted multivariate alteration detection.
+
+    A. A. Nielsen, "The regularized iteratively reweighted MAD method for change detection in multi-
+    and hyperspectral data", IEEE Trans. Image Processing 16 (2007), 463-478. The bands of a pixel
+    are those around it: so much blur can be explained.
+    """
+    bands = [_neighbours(gaussian_filter(i, _SMOOTHING_PX)) for i in (pair.warped, pair.followup)]
+    count = bands[0].shape[1]
+    weight = np.ones(len(bands[0]))
+    statistic = np.zeros(len(weight))
+    for _ in range(_MAD_ROUNDS):
+        total = weight.sum()
+        x, y = (band - weight @ band / total for band in bands)
+        xx, yy, xy = ((a * weight[:, None]).T @ b / total for a, b in ((x, x), (y, y), (x, y)))
+        for own in (xx, yy):
+            own[np.diag_indices(count)] += _MAD_RIDGE * np.trace(own)
+        root_x, root_y = (np.linalg.cholesky(own) for own in (xx, yy))
+        mixed = np.linalg.solve(root_x, np.linalg.solve(root_y, xy.T).T)
+        left, correlation, right = np.linalg.svd(mixed)
+        a = np.linalg.solve(root_x.T, left)
+        b = np.linalg.solve(root_y.T, right.T)
+        variates = x @ a - y @ b
+        variance = np.maximum(2 * (1 - correlation), 1e-9)
+        statistic = np.sum(variates**2 / variance, axis=1)
+        before, weight = weight, chi2.sf(statistic, count)
+        if np.abs(weight - before).max() < 1e-3:
+            break
+    return statistic.reshape(pair.followup.shape)
+
+
+def _neighbours(image: FloatArray) -> FloatArray:
+    """A pixel and its eight neighbours as bands, shape (pixels, 9)."""
+    padded = np.pad(image, 1, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    return np.ascontiguousarray(windows.reshape(-1, 9))
+
+
+def zogy(pair: AlignedPair) -> FloatArray:
+    """Proper subtraction with the true PSFs and noise, Gaussian both.
+
+    B. Zackay, E. O. Ofek, A. Gal-Yam, "Proper image subtraction", ApJ 830 (2016) 27, equation (13).
+    """
+    freq_y = np.fft.fftfreq(pair.followup.shape[0])[:, None]
+    freq_x = np.fft.fftfreq(pair.followup.shape[1])[None]
+    square = freq_x**2 + freq_y**2
+    before, after = (np.exp(-2 * pi**2 * blur**2 * square) for blur in pair.blur_px)
+    sigma_before, sigma_after = pair.noise_dn
+    images = (_in_light(pair.warped, pair.followup), pair.followup)
+    reference, followup = (np.fft.fft2(image - pair.followup.mean()) for image in images)
+    below = np.sqrt(sigma_after**2 * before**2 + sigma_before**2 * after**2 + 1e-12)
+    difference = np.fft.ifft2((before * followup - after * reference) / below).real
+    return np.abs(gaussian_filter(difference, _SMOOTHING_PX))
+
+
+def elsewhere(name: str, python: Path) -> Peer:
+    """A peer that has an environment of its own, whose interpreter is ``python``."""
+
+    def score(pair: AlignedPair) -> FloatArray:
+        with tempfile.TemporaryDirectory() as folder:
+            source, target = Path(folder) / "pair.npz", Path(folder) / "difference.npz"
+            np.savez(
+                source, reference=_in_light(pair.warped, pair.followup), followup=pair.followup
+            )
+            command = [str(python), "-P", str(WORKER), name, str(source), str(target)]
+            try:
+                subprocess.run(command, check=True, capture_output=True, timeout=_TIME_LIMIT_S)
+            except FileNotFoundError as error:
+                raise PeerError(f"no interpreter {python}") from error
+            except subprocess.TimeoutExpired as error:
+                raise PeerError(f"not done in {_TIME_LIMIT_S} s") from error
+            except subprocess.CalledProcessError as error:
+                said = error.stderr.decode(errors="replace").strip().splitlines()
+                raise PeerError(said[-1] if said else f"exit {error.returncode}") from error
+            difference = np.load(target)["difference"]
+        return np.abs(gaussian_filter(np.asarray(difference, np.float64), _SMOOTHING_PX))
+
+    return score

@@ -1,0 +1,157 @@
+"""A chosen pose refined from coarse to fine, with as many degrees of freedom as it needs.
+
+A homography as a rule; with the lens's distortion where whole frames of one camera determine it;
+with a smooth displacement where that predicts parts of the frame to which it was not fitted.
+"""
+
+from dataclasses import dataclass, replace
+from math import hypot
+
+import numpy as np
+
+from calibration.registration.agreement import comparison_factor
+from calibration.registration.bending import bend_of, bent
+from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration.level_pair import LevelPair
+from calibration.registration.motions import PoseMotions
+from calibration.registration.photograph import AlignedPhotograph
+from calibration.registration.place_errors import PlaceErrors, place_errors
+from calibration.registration.refinement import PoseDescent, Residuals
+from simulation import GaussianPsf
+from simulation.arrays import FloatArray
+
+_SAMPLES = 60_000
+"""Pixels compared: with the smoothing of 1 px, neighbours tell hardly anything new."""
+
+_K1_SIGNIFICANT = 2.5
+"""Standard errors from which a distortion is kept; one of 0 tells more than an uncertain one."""
+
+_STEPS = 15
+_BEND_ROUNDS = 3
+_BEND_STEPS = 2
+_STEPS_BETWEEN = 4
+"""Of the homography, between changes of the displacement."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RefinedPose:
+    """A pose from the coarser photograph to the finer one, with its errors.
+
+    ``correlation`` and ``residual_rms`` are of the coarser photograph with its prediction, after
+    fitting the light, without outliers; in units of the photograph's prepared levels.
+    """
+
+    pose: DistortedPose
+    errors: PlaceErrors
+    correlation: float
+    residual_rms: float
+
+
+def refined_at(
+    level: LevelPair,
+    pose: DistortedPose,
+    *,
+    fits_distortion: bool = False,
+    steps: int = _STEPS,
+) -> tuple[PoseMotions, Residuals | None]:
+    """Refine a pose at one resolution; None where nothing is in common."""
+    motions = PoseMotions(
+        level.y_px, level.x_px, level.target_shape, fits_distortion=fits_distortion
+    )
+    return motions, PoseDescent(level, motions).refined(pose, steps)
+
+
+def refined_pose(
+    photographs: tuple[AlignedPhotograph, AlignedPhotograph],
+    start: DistortedPose,
+    psf: GaussianPsf | None,
+    *,
+    is_one_camera: bool,
+) -> RefinedPose | None:
+    """Refine a pose that is right at a coarse resolution; None where nothing is in common.
+
+    Parameters
+    ----------
+    photographs
+        The finer one, the source, and the coarser one, the target.
+    start
+        Target to source.
+    psf
+        Total PSF of the camera.
+    is_one_camera
+        Whether both are whole frames of one camera, whose distortion may be fitted.
+    """
+    factor = comparison_factor(photographs[1].shape)
+    best: RefinedPose | None = None
+    pose = start
+    while True:
+        level = LevelPair(photographs, pose, psf, factor, _SAMPLES)
+        found = _best_fit(level, pose, is_one_camera=is_one_camera)
+        if found is None:
+            break
+        is_bent = found.pose.displacement is not None
+        # A displacement's error is larger than that of a homography which does not fit.
+        is_new = best is not None and is_bent and best.pose.displacement is None
+        if best is None or is_new or found.errors.place_err_px < best.errors.place_err_px:
+            best = found
+        pose = best.pose
+        if factor == 1:
+            break
+        factor //= 2
+    return best
+
+
+def _best_fit(level: LevelPair, pose: DistortedPose, *, is_one_camera: bool) -> RefinedPose | None:
+    """Fit with a displacement or with the lens's distortion where the photographs tell of it."""
+    straight = pose if pose.displacement is not None else pose.with_(pose.matrix, 0.0)
+    motions, found = refined_at(level, straight)
+    if found is None:
+        return None
+    plain = _with_errors(level, motions, found)
+    if pose.displacement is None and is_one_camera:
+        motions, distorted = refined_at(level, pose, fits_distortion=True)
+        if distorted is not None:
+            lens = _with_errors(level, motions, distorted)
+            if abs(lens.pose.k1) > _K1_SIGNIFICANT * lens.errors.k1_err:
+                plain, found = lens, distorted
+    if pose.displacement is None and not bend_of(level, found).is_significant():
+        return plain
+    return _bent_fit(level, pose if pose.displacement is not None else plain.pose)
+
+
+def _bent_fit(level: LevelPair, pose: DistortedPose) -> RefinedPose | None:
+    """Fit the displacement and the homography in turns."""
+    best: tuple[PoseMotions, Residuals] | None = None
+    for _ in range(_BEND_ROUNDS):
+        motions, found = refined_at(level, pose, steps=_STEPS_BETWEEN)
+        if found is None or (best is not None and found.cost > best[1].cost):
+            break
+        best = motions, found
+        pose = found.pose
+        for _ in range(_BEND_STEPS):
+            state = PoseDescent(level, motions).at(pose)
+            if state is None:
+                break
+            pose = bent(pose, bend_of(level, state))
+    if best is None:
+        return None
+    made = _with_errors(level, *best)
+    own_px = bend_of(level, best[1]).place_err_px() * made.pose.zoom
+    errors = replace(made.errors, place_err_px=hypot(made.errors.place_err_px, own_px))
+    return replace(made, errors=errors)
+
+
+def _with_errors(level: LevelPair, motions: PoseMotions, found: Residuals) -> RefinedPose:
+    kept = found.inside & (np.abs(found.relative) < 1)
+    measured, residual = level.measured[kept], found.residual[kept]
+    offset = found.light_columns[kept, 6:12] @ found.light[6:12]
+    return RefinedPose(
+        pose=found.pose,
+        errors=place_errors(level, motions, found),
+        correlation=_correlation(measured - residual - offset, measured - offset),
+        residual_rms=float(np.sqrt(np.mean(residual**2))),
+    )
+
+
+def _correlation(ours: FloatArray, theirs: FloatArray) -> float:
+    return float(np.corrcoef(ours, theirs)[0, 1])
