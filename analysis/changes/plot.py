@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from analysis.changes.filter import ChangeResult
 
 _NUMBERED = 50
+_DRAWN_PX = 1500
+"""Longest side of what is drawn: a panel has some 700 pixels."""
 
 
 def changes_figure(found: "ChangeResult") -> Figure:
@@ -16,11 +18,26 @@ def changes_figure(found: "ChangeResult") -> Figure:
     rows, cols = found.followup_dn.shape
     figure = Figure(figsize=(9.0, 0.8 + 7.2 * rows / cols), layout="constrained")
     panels = figure.subplots(2, 2)
+    step = -(-max(rows, cols) // _DRAWN_PX)
+    extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     threshold = found.summary.threshold_sd
     reach = max(float(np.percentile(np.abs(found.plain_difference_dn[found.valid]), 99.5)), 1e-6)
-    panels[0, 0].imshow(found.followup_dn, cmap="gray")
+    panels[0, 0].imshow(found.followup_dn[::step, ::step], cmap="gray", extent=extent)
     if found.is_change.any():
-        panels[0, 0].contour(found.is_change, levels=[0.5], colors="#D55E00", linewidths=1.0)
+        # Of blocks, lest a change of one pixel is stepped over.
+        changed = np.maximum.reduceat(
+            np.maximum.reduceat(found.is_change, np.arange(0, rows, step), axis=0),
+            np.arange(0, cols, step),
+            axis=1,
+        )
+        panels[0, 0].contour(
+            np.arange(changed.shape[1]) * step,
+            np.arange(changed.shape[0]) * step,
+            changed,
+            levels=[0.5],
+            colors="#D55E00",
+            linewidths=1.0,
+        )
     for number, change in enumerate(found.summary.changes[:_NUMBERED], 1):
         panels[0, 0].annotate(
             str(number),
@@ -44,7 +61,8 @@ def changes_figure(found: "ChangeResult") -> Figure:
             "standard deviations",
         ),
     ):
-        shown = axes.imshow(image, cmap="RdBu", vmin=-span, vmax=span)
+        drawn = image[::step, ::step]
+        shown = axes.imshow(drawn, cmap="RdBu_r", vmin=-span, vmax=span, extent=extent)
         axes.set_title(title)
         figure.colorbar(shown, ax=axes, label=label, shrink=0.8)
     for axes in panels.flat:

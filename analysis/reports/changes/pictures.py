@@ -6,7 +6,6 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from analysis.changes import ChangeResult
 from calibration.registration import DistortedPose
@@ -24,7 +23,12 @@ _DISPLAY_GAMMA = 2.2
 _ENDS_PERCENT = (0.2, 99.8)
 _REACH_PERCENT = 99.5
 _HATCH_PX = 12
+_FAINT = 4.0
+"""Standard deviations of a typical pixel at full colour, at least."""
+
 _JPEG_QUALITY = 92
+_BOX_SIGMA = 12**-0.5
+"""Standard deviation of a box of unit width."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -63,32 +67,48 @@ def compared_pictures(
     left_out
         Follow-up pixels that the operator left out, if any.
     """
-    before_dn = _on_followup(reference_dn, found.pose)
-    after_dn = found.followup_dn
-    before_dn = _in_light_of(after_dn, before_dn, found.valid)
-    low, high = _display_ends(after_dn, found.valid)
-    valid = found.valid if found.valid.any() else np.ones_like(found.valid)
-    beyond = float(np.percentile(np.abs(found.difference_dn[valid]), _REACH_PERCENT))
-    reach_dn = max(beyond, _noise_reach_dn(found), 1e-9)
-    shade = 0.5 + np.where(found.valid, found.difference_dn, 0.0) / (2 * reach_dn)
+    after_dn = _smaller(found.followup_dn)
+    step = _step(found.valid.shape)
+    valid = found.valid[::step, ::step]
+    before_dn = _in_light_of(after_dn, _on_followup(reference_dn, found.pose), valid)
+    low, high = _display_ends(after_dn, valid)
+    reach_dn = _reach_dn(found)
+    difference_dn = _smaller(np.where(found.valid, found.difference_dn, np.float32(0)))
     return ComparedPictures(
         before=_jpeg(_displayed(before_dn, low, high)),
         after=_jpeg(_displayed(after_dn, low, high)),
-        difference=_jpeg(_coloured(_smaller(shade))),
+        difference=_jpeg(_coloured(0.5 + difference_dn / (2 * reach_dn))),
         masks=_png(_masks(found, left_out)),
         reach_dn=reach_dn,
     )
 
 
-def _on_followup(reference_dn: FloatArray, pose: DistortedPose) -> FloatArray:
-    """The reference at every follow-up pixel; NaN beyond its border."""
-    places = np.stack(pose.followup_places_px())
-    seen = map_coordinates(reference_dn, places, order=1, mode="nearest")
-    limits = np.array(reference_dn.shape)[:, None, None] - 0.5
-    return np.asarray(np.where(np.all((places >= -0.5) & (places <= limits), axis=0), seen, np.nan))
+def _on_followup(reference_dn: FloatArray, pose: DistortedPose) -> FloatImage:
+    """The reference on the picture's pixels; NaN beyond its border."""
+    rows, cols = pose.followup_shape
+    step = _step((rows, cols))
+    y, x = (np.arange(-(-side // step)) * step + (step - 1) / 2 for side in (rows, cols))
+    places_y, places_x = pose.to_reference_px(*np.meshgrid(y, x, indexing="ij"))
+    softened = np.asarray(reference_dn, dtype=np.float32)
+    covered_px = step * pose.zoom
+    if covered_px > 1:
+        # What a pixel of the picture covers; symmetric, unlike a box of an even side.
+        sigma_px = _BOX_SIGMA * np.sqrt(covered_px**2 - 1)
+        softened = np.asarray(cv2.GaussianBlur(softened, (0, 0), sigma_px), dtype=np.float32)
+    seen = cv2.remap(
+        softened,
+        places_x.astype(np.float32),
+        places_y.astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    is_inside = (
+        np.abs(places_y - (reference_dn.shape[0] - 1) / 2) <= reference_dn.shape[0] / 2
+    ) & (np.abs(places_x - (reference_dn.shape[1] - 1) / 2) <= reference_dn.shape[1] / 2)
+    return np.asarray(np.where(is_inside, seen, np.nan))
 
 
-def _in_light_of(after_dn: FloatImage, before_dn: FloatArray, valid: BoolArray) -> FloatArray:
+def _in_light_of(after_dn: FloatImage, before_dn: FloatImage, valid: BoolArray) -> FloatImage:
     """The earlier photograph with the mean and contrast of the later one, so that none flickers."""
     used = valid & np.isfinite(before_dn)
     if np.count_nonzero(used) < 2:
@@ -108,15 +128,17 @@ def _display_ends(image_dn: FloatImage, valid: BoolArray) -> tuple[float, float]
     return float(low), float(max(high, low + 1e-9))
 
 
-def _noise_reach_dn(found: ChangeResult) -> float:
-    """Four standard deviations of a typical pixel: noise alone must look faint."""
+def _reach_dn(found: ChangeResult) -> float:
+    """Difference of full colour: the largest ones, if noise then looks faint."""
     if not found.valid.any():
-        return 0.0
-    return 4.0 * float(np.sqrt(np.median(found.variance_dn2[found.valid])))
+        return 1.0
+    beyond = float(np.percentile(np.abs(found.difference_dn[found.valid]), _REACH_PERCENT))
+    noise_dn = float(np.sqrt(np.median(found.variance_dn2[found.valid])))
+    return max(beyond, _FAINT * noise_dn, 1e-9)
 
 
 def _displayed(image_dn: FloatImage, low: float, high: float) -> Bytes:
-    share = np.clip((_smaller(image_dn) - low) / (high - low), 0.0, 1.0)
+    share = np.clip((image_dn - low) / (high - low), 0.0, 1.0)
     share = np.nan_to_num(share ** (1 / _DISPLAY_GAMMA), nan=0.5)
     return np.asarray(np.rint(255 * share), dtype=np.uint8)
 

@@ -1,0 +1,112 @@
+"""`standoff pose` with what the operator knows, and for a follow-up from nearer."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import ArrayLike
+from PIL import Image
+
+from analysis.detectability.curves import DetectabilityCurves
+from analysis.results_file import write_results
+from tests.analysis.detectability.test_curves import curve
+from tests.standoff.changed_photographs import FAR, NEAR, ZOOM, changed_pair, write_levels
+from tests.standoff.conftest import Command
+from tests.standoff.provenance import assert_provenance
+
+pytestmark = pytest.mark.slow
+
+MATRIX = [
+    [ZOOM, 0, (NEAR[1] - 1) / 2 - ZOOM * (FAR[1] - 1) / 2 - 2.3],
+    [0, ZOOM, (NEAR[0] - 1) / 2 - ZOOM * (FAR[0] - 1) / 2],
+    [0, 0, 1],
+]
+
+
+@pytest.fixture
+def near(tmp_path: Path) -> Path:
+    return write_levels(tmp_path / "near.tif", changed_pair(1, 0.0).reference)
+
+
+@pytest.fixture
+def far(tmp_path: Path) -> Path:
+    return write_levels(tmp_path / "far.tif", changed_pair(1, 0.0).followup)
+
+
+@pytest.fixture
+def curves(tmp_path: Path) -> Path:
+    path = tmp_path / "curves.json"
+    write_results(path, DetectabilityCurves(curves=[curve()]))
+    return path
+
+
+def place(matrix: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """Where a pose takes the middle of the follow-up, and points beside it."""
+    points = np.array([[104.5, 84.5, 1], [10, 10, 1], [190, 150, 1]]).T
+    x, y, w = np.asarray(matrix, dtype=np.float64) @ points
+    return np.stack([x / w, y / w])
+
+
+@pytest.mark.parametrize("hint", ["zoom", "homography", "points", "mask"])
+def test_each_hint_leads_to_the_pose(
+    command: Command, near: Path, far: Path, curves: Path, tmp_path: Path, hint: str
+) -> None:
+    rough = np.array(MATRIX) * [[1.01, 1, 1], [1, 0.99, 1], [1, 1, 1]]
+    document = {"schema": "standoff.homography/1", "matrix": rough.tolist(), "size": FAR[::-1]}
+    (tmp_path / "homography").write_text(json.dumps(document))
+    corners = np.array([[20.0, 20], [180, 25], [25, 150], [185, 140], [100, 80]])
+    there = np.round(corners * ZOOM + [MATRIX[0][2], MATRIX[1][2]])
+    header = "followup_x_px,followup_y_px,reference_x_px,reference_y_px"
+    rows = [",".join(map(str, [*a, *b])) for a, b in zip(corners, there, strict=True)]
+    (tmp_path / "points").write_text("\n".join([header, *rows]))
+    mask = np.zeros(FAR, np.uint8)
+    mask[:40, :50] = 255
+    Image.fromarray(mask).save(tmp_path / "mask", format="png")
+    value: object = 1.4 if hint == "zoom" else tmp_path / hint
+    option = "--expect-zoom" if hint == "zoom" else f"--{hint}"
+    words = ("pose", near, far, "--curves", curves, "--min-dprime", 1.0, option, value)
+    done = command(*words, "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    # A tenth of a pixel is far below what either hint is right to.
+    np.testing.assert_allclose(place(found["homography"]), place(MATRIX), atol=0.1)
+    assert found["warnings"] == []
+    files = () if hint == "zoom" else (tmp_path / hint,)
+    assert_provenance(found, "pose", near, far, curves, *files)
+
+
+def test_a_follow_up_from_nearer_is_judged_like_one_from_the_same_distance(
+    command: Command, near: Path, far: Path, curves: Path
+) -> None:
+    asked = ("--curves", curves, "--min-dprime", 1.0, "--json")
+    done = command("pose", far, near, *asked)
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert found["zoom_max"] == pytest.approx(1 / ZOOM, abs=0.01)
+    # Nothing is lost on a follow-up that resolves more than its reference: d' is that at zoom 1.
+    assert found["dprime_decisive"] == pytest.approx(curve().dprime[0])
+    assert found["is_accepted"] is True
+    back = np.linalg.inv(np.array(found["homography"]))
+    np.testing.assert_allclose(place(back), place(MATRIX), atol=0.1)
+
+
+def test_hints_are_for_photographs_not_for_a_live_camera(
+    command: Command, near: Path, curves: Path, tmp_path: Path
+) -> None:
+    asked = ("pose", near, "--stream", tmp_path, "--curves", curves, "--min-dprime", 1.0)
+    done = command(*asked, "--expect-zoom", 1.5)
+    assert done.status == 2
+    assert "--expect-zoom needs FOLLOWUP" in " ".join(done.err.replace("│", " ").split())
+
+
+def test_a_mask_of_another_size_is_one_line(
+    command: Command, near: Path, far: Path, curves: Path, tmp_path: Path
+) -> None:
+    tifffile.imwrite(tmp_path / "mask.tif", np.zeros((12, 16), np.uint8))
+    asked = ("pose", near, far, "--curves", curves, "--min-dprime", 1.0)
+    done = command(*asked, "--mask", tmp_path / "mask.tif")
+    assert done.status == 1
+    assert "mask.tif: 16 x 12 px, but " in done.err
+    assert done.err.count("\n") == 1
