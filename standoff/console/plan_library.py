@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from acquisition.errors import PlanError
 from acquisition.plan import CapturePlan, load_plan
 from acquisition.untrusted import parse_toml
 from standoff.errors import ApplicationError
@@ -40,6 +41,16 @@ class PlanLibrary:
         if path is None:
             raise ApplicationError(f"there is no plan {name!r}; choose one from the list")
         return load_plan(path)
+
+    def folder_of(self, plan: CapturePlan) -> Path | None:
+        """Find the folder that holds a plan, from which its files are named; None if none does."""
+        for path in self._files().values():
+            try:
+                if load_plan(path) == plan:
+                    return path.parent
+            except PlanError:
+                continue
+        return None
 
     def _files(self) -> dict[str, Path]:
         found: dict[str, Path] = {}

@@ -1,7 +1,7 @@
 """Captures compared with an earlier photograph that the plan names: pose at once, changes after."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import atan2, degrees, hypot
 from pathlib import Path
 from typing import Self
@@ -24,7 +24,7 @@ COMPARISONS_FOLDER = "changes"
 
 _SAME = 0.005  # relative; a zoom of half a per cent is not worth a word
 
-Pose = tuple[str, str]
+Target = tuple[str, str]
 """Kind and name of a target."""
 
 
@@ -41,7 +41,7 @@ class PlannedComparisons:
     """
 
     session: Path
-    references: Mapping[Pose, Photograph]
+    references: Mapping[Target, Photograph] = field(default_factory=dict)
 
     @classmethod
     def of(cls, plan: CapturePlan, folder: Path, session: Path) -> Self:

@@ -1,6 +1,6 @@
 """A running capture session: the runner in a job, the plan as a table, pause and retake."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Lock
@@ -11,7 +11,7 @@ from acquisition.capture import CaptureProgress, Placement, RunOperator, run_pla
 from acquisition.devices import Camera
 from acquisition.errors import DeviceError, OperatorStopError, SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
-from acquisition.session import MANIFEST_NAME, Session
+from acquisition.session import MANIFEST_NAME, CaptureRecord, Session
 from standoff.console.devices import CameraService, StageService
 from standoff.console.drivers import BenchDrivers
 from standoff.console.jobs.job_runner import Job
@@ -139,14 +139,22 @@ class SessionRun:
         self._may_go_on = Event()
         self._may_go_on.set()
         self._retakes: list[int] = []
+        self._compared: Callable[[CaptureRecord], str | None] = lambda _: None
 
     @property
     def view(self) -> RunView:
         """The session's progress."""
         return self._view
 
-    def prepare(self, path: Path, plan: CapturePlan) -> None:
+    def prepare(
+        self,
+        path: Path,
+        plan: CapturePlan,
+        compared: Callable[[CaptureRecord], str | None] = lambda _: None,
+    ) -> None:
         """Show the table of the session that is about to run.
+
+        ``compared`` says how each capture compares with an earlier photograph, if there is one.
 
         Raises
         ------
@@ -154,6 +162,7 @@ class SessionRun:
             If there is a session that cannot be read.
         """
         rows = rows_of(path, plan)
+        self._compared = compared
         self._may_go_on.set()
         self._taken_retakes()
         self._show(
@@ -293,12 +302,13 @@ class SessionRun:
     def _captured(self, progress: CaptureProgress) -> None:
         record, index = progress.record, progress.entry.index
         notes = [f"{finding.problem}: {finding.text}" for finding in progress.findings]
+        compared = self._compared(record)
         done = PlanRow(
             entry=progress.entry,
             state="done",
             height_mm=record.height_mm,
             focus_value=record.focus_value,
-            note="; ".join((*notes, *progress.remarks)),
+            note="; ".join((*notes, *progress.remarks, *([compared] if compared else []))),
         )
         rows = tuple(done if row.entry.index == index else row for row in self._view.rows)
         self._show(rows=_with_next(rows), seconds_left=progress.seconds_left)

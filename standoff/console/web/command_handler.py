@@ -16,7 +16,7 @@ from standoff.console.web import messages
 from standoff.console.web.view_model import preview_document
 from standoff.errors import ApplicationError
 from standoff.terminal import flicker_warnings
-from standoff.workflows import make_folder, write_session_report
+from standoff.workflows import PlannedComparisons, make_folder, write_session_report
 
 LEAST_REGION_PX = 8
 
@@ -176,12 +176,28 @@ class CommandHandler:
             raise BusyError(hub.jobs.current.name)
         make_folder(hub.sessions.folder)
         operator = hub.operator
+        comparisons = self._comparisons(path, plan)
 
         def work(job: Job) -> None:
             hub.run.work(job, path, plan, operator, retake)
+            for sentence in comparisons.write():
+                hub.tell(sentence)
 
-        hub.run.prepare(path, plan)
+        hub.run.prepare(path, plan, comparisons.pose_sentence)
         hub.jobs.begin(f"session {path.name}", work)
+
+    def _comparisons(self, path: Path, plan: CapturePlan) -> PlannedComparisons:
+        """Read the earlier photographs that the plan names, if it names any."""
+        if all(target.reference is None for target in plan.targets):
+            return PlannedComparisons(session=path)
+        folder = self._hub.plans.folder_of(plan)
+        if folder is None:
+            self._hub.tell(
+                f"The plan {plan.name!r} is in no folder of plans any more: its captures are not "
+                "compared with the photographs that it names."
+            )
+            return PlannedComparisons(session=path)
+        return PlannedComparisons.of(plan, folder, path)
 
     def _answer(self, message: messages.Answer) -> None:
         if not self._hub.prompts.answer(message.number, message.choice, message.text):

@@ -11,6 +11,7 @@ from PIL import Image
 
 from analysis.detectability.curves import DetectabilityCurves
 from analysis.results_file import write_results
+from simulation.arrays import FloatArray
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.changed_photographs import FAR, NEAR, ZOOM, changed_pair, write_levels
 from tests.standoff.conftest import Command
@@ -18,11 +19,13 @@ from tests.standoff.provenance import assert_provenance
 
 pytestmark = pytest.mark.slow
 
-MATRIX = [
-    [ZOOM, 0, (NEAR[1] - 1) / 2 - ZOOM * (FAR[1] - 1) / 2 - 2.3],
-    [0, ZOOM, (NEAR[0] - 1) / 2 - ZOOM * (FAR[0] - 1) / 2],
-    [0, 0, 1],
-]
+MATRIX = np.array(
+    [
+        [ZOOM, 0, (NEAR[1] - 1) / 2 - ZOOM * (FAR[1] - 1) / 2 - 2.3],
+        [0, ZOOM, (NEAR[0] - 1) / 2 - ZOOM * (FAR[0] - 1) / 2],
+        [0, 0, 1],
+    ]
+)
 
 
 @pytest.fixture
@@ -42,22 +45,22 @@ def curves(tmp_path: Path) -> Path:
     return path
 
 
-def place(matrix: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def place(matrix: ArrayLike) -> FloatArray:
     """Where a pose takes the middle of the follow-up, and points beside it."""
     points = np.array([[104.5, 84.5, 1], [10, 10, 1], [190, 150, 1]]).T
     x, y, w = np.asarray(matrix, dtype=np.float64) @ points
-    return np.stack([x / w, y / w])
+    return np.array([x / w, y / w])
 
 
 @pytest.mark.parametrize("hint", ["zoom", "homography", "points", "mask"])
 def test_each_hint_leads_to_the_pose(
     command: Command, near: Path, far: Path, curves: Path, tmp_path: Path, hint: str
 ) -> None:
-    rough = np.array(MATRIX) * [[1.01, 1, 1], [1, 0.99, 1], [1, 1, 1]]
+    rough = MATRIX * [[1.01, 1, 1], [1, 0.99, 1], [1, 1, 1]]
     document = {"schema": "standoff.homography/1", "matrix": rough.tolist(), "size": FAR[::-1]}
     (tmp_path / "homography").write_text(json.dumps(document))
     corners = np.array([[20.0, 20], [180, 25], [25, 150], [185, 140], [100, 80]])
-    there = np.round(corners * ZOOM + [MATRIX[0][2], MATRIX[1][2]])
+    there = np.round(corners * ZOOM + MATRIX[:2, 2])
     header = "followup_x_px,followup_y_px,reference_x_px,reference_y_px"
     rows = [",".join(map(str, [*a, *b])) for a, b in zip(corners, there, strict=True)]
     (tmp_path / "points").write_text("\n".join([header, *rows]))

@@ -1,5 +1,6 @@
 """The bench behind the pages: sessions, stops, prompts, focus; over the simulated bench."""
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from standoff.console.web import messages
 from standoff.console.web.command_handler import CommandHandler, NotInControlError
 from standoff.console.web.view_model import plan_document, state_document
 from standoff.errors import ApplicationError
-from tests.standoff.console.hub_fixtures import running_hub, wait_for
+from tests.standoff.console.hub_fixtures import PLAN, running_hub, wait_for
 
 
 class Operator:
@@ -113,6 +114,29 @@ def test_a_session_is_paused_stopped_resumed_and_retaken(hub: BenchHub, operator
     assert kinds.count("retake") == 1
     assert len(session.captures) == 3
     assert {record.exposure_us for record in session.records} == {9000.0}
+
+
+def test_captures_are_compared_with_the_photograph_that_their_plan_names(
+    tmp_path: Path,
+) -> None:
+    plan = PLAN.replace('kind = "edge"\ntarget = "edge"', 'kind = "texture"\ntarget = "coins"')
+    (tmp_path / "plain.toml").write_text(plan)
+    with running_hub(tmp_path, simulated__width_px=220, simulated__height_px=170) as hub:
+        operator = Operator(hub)
+        operator.say(do="run", plan="plain", session="before")
+        operator.answer("ready")
+        operator.wait_idle()
+        first = min((hub.sessions.folder / "before" / "captures").glob("*.tif"))
+        shutil.copy(first, tmp_path / "before.tif")
+        (tmp_path / "again.toml").write_text(f'{plan}reference = "before.tif"\n')
+        operator.say(do="run", plan="again", session="after")
+        operator.answer("ready")
+        operator.wait_idle()
+        assert run_state(hub) == "finished"
+        notes = [row.note for row in hub.run.view.rows]
+        assert all("against before.tif: the same distance" in note for note in notes)
+        assert any("captures differ from before.tif" in one.text for one in hub.notices)
+    assert (hub.sessions.folder / "after/results/changes/texture-coins/series.json").is_file()
 
 
 def test_a_retake_during_a_pause_begins_the_run_anew_with_it(
