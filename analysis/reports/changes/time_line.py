@@ -6,6 +6,7 @@ from urllib.parse import quote
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from analysis.change_series import (
     ChangesSeries,
@@ -34,6 +35,7 @@ _LISTED = 300
 
 _TRACKS_LISTED, _TRACKS_DRAWN, _TRACKS_ON_MAP = 100, 8, 40
 _NORMAL_95 = 1.96
+_LEVEL_LETTERS = 6  # of names that fit side by side
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5C00", "#000000")
 _SEEN, _NOT_SEEN, _NOT_COMPARED = "#D55E00", "#DDE3E9", "#FFFFFF"
 _INK = "#1b1f24"
@@ -285,9 +287,26 @@ def plot_track_map(line: ChangeTimeLine, reference_dn: FloatArray) -> Figure:
     for number, track in enumerate(line.tracks[:_TRACKS_ON_MAP], 1):
         colour = "#D55E00" if _strongest_dn(track) > 0 else "#0072B2"
         x, y = track.reference_x_px, track.reference_y_px
-        axes.plot(x, y, "o", color=colour, markersize=9, fillstyle="none", markeredgewidth=1.4)
+        halo = [withStroke(linewidth=3, foreground="white")]
+        axes.plot(
+            x,
+            y,
+            "o",
+            color=colour,
+            markersize=9,
+            fillstyle="none",
+            markeredgewidth=1.6,
+            path_effects=halo,
+        )
         axes.annotate(
-            str(number), (x, y), (6, 4), textcoords="offset points", color=colour, weight="bold"
+            str(number),
+            (x, y),
+            (7, 4),
+            textcoords="offset points",
+            color=colour,
+            weight="bold",
+            fontsize=11,
+            path_effects=halo,
         )
     axes.set(xticks=[], yticks=[])
     axes.grid(visible=False)
@@ -299,5 +318,8 @@ def _name_followups(axes: Axes, line: ChangeTimeLine) -> None:
     step = -(-count // 16)
     shown = range(0, count, step)
     names = [_short(line.followups[k]) for k in shown]
-    axes.set_xticks(list(shown), names, rotation=30 if max(map(len, names)) > 6 else 0, ha="right")
+    is_long = max(map(len, names)) > _LEVEL_LETTERS
+    axes.set_xticks(
+        list(shown), names, rotation=30 if is_long else 0, ha="right" if is_long else "center"
+    )
     axes.set_xlim(-0.6, count - 0.4)
