@@ -124,8 +124,8 @@ def _in_light(warped: FloatArray, followup: FloatArray, inside: BoolArray) -> Fl
     """
     if not inside.any():
         raise PeerError("the alignment leaves nothing in common")
-    smooth = (gaussian_filter(image, _LIGHT_PX)[inside] for image in (warped, followup))
-    gain, offset = np.polyfit(*smooth, 1)
+    before, after = (gaussian_filter(image, _LIGHT_PX)[inside] for image in (warped, followup))
+    gain, offset = np.polyfit(before, after, 1)
     return np.where(inside, gain * warped + offset, followup)
 
 
