@@ -18,7 +18,7 @@ SIGNIFICANCE_MIN = 6.0
 """Standard deviations. Of 180 pairs of unrelated scenes none exceeded 3, of related ones none fell
 below 13."""
 
-_CORRELATION_MIN = 0.2
+_CORRELATION_MIN = 0.4
 _CLEAR_SIGNIFICANCE = 10.0
 """From there on no other hypothesis is asked."""
 
@@ -131,7 +131,7 @@ def judged(pair: PhotographPair, hypothesis: PoseHypothesis) -> Candidate | None
     found = _refined_and_judged(pair, hypothesis, start, [factor])
     if found is None or not found.is_clear:
         other = _refined_and_judged(pair, hypothesis, start, _coarse_to_fine(start.target, factor))
-        found = _better(found, other)
+        found = found if other is None else _better(found, other)
     if found is None or found.is_clear or found.agreement.significance < _OPEN_SIGNIFICANCE:
         return found
     while factor > 1:
@@ -153,15 +153,21 @@ def _refined_and_judged(
         if fit is None or not is_plausible(fit.pose.matrix, directed.target.shape, None):
             break
         directed = directed.with_pose(fit.pose)
-    agreement = agreement_at(*directed.photographs, directed.pose, factors[-1])
-    if agreement is None:
-        return None
-    return Candidate(hypothesis=hypothesis, directed=directed, agreement=agreement)
+    # Where little detail survives the reduction, matched features know better.
+    found = None
+    for one in (directed, start):
+        agreement = agreement_at(*one.photographs, one.pose, factors[-1])
+        if agreement is not None:
+            made = Candidate(hypothesis=hypothesis, directed=one, agreement=agreement)
+            found = _better(found, made)
+            if found.is_clear:
+                break
+    return found
 
 
-def _better(one: Candidate | None, other: Candidate | None) -> Candidate | None:
-    if one is None or other is None:
-        return one or other
+def _better(one: Candidate | None, other: Candidate) -> Candidate:
+    if one is None:
+        return other
     return max(one, other, key=lambda found: found.agreement.evidence)
 
 
