@@ -143,10 +143,10 @@ def _warped(
     to_y, to_x = pose.to_reference_px((y + 0.5) * factor - 0.5, (x + 0.5) * factor - 0.5)
     to_y, to_x = ((at + 0.5) / source_factor - 0.5 for at in (to_y, to_x))
     inside = (to_y >= 0) & (to_y <= near.shape[0] - 1) & (to_x >= 0) & (to_x <= near.shape[1] - 1)
-    places = [np.clip(at, -9.0, 3e4).astype(np.float32) for at in (to_x, to_y)]
-    seen = cv2.remap(near.levels, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    at_x, at_y = (np.clip(at, -9.0, 3e4).astype(np.float32) for at in (to_x, to_y))
+    seen = cv2.remap(near.levels, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     if near.usable is not None:
-        share = cv2.remap(near.usable.astype(np.float32), *places, cv2.INTER_LINEAR)
+        share = cv2.remap(near.usable.astype(np.float32), at_x, at_y, cv2.INTER_LINEAR)
         inside &= np.asarray(share) > 0.98
     return np.asarray(seen, dtype=np.float32), inside
 
@@ -182,7 +182,7 @@ def _judged(compared: _Compared, factor: int) -> Agreement:
         correlation=correlation,
         significance=atanh(bounded) / max(deviation, 1e-3),
         overlap_px=int(np.count_nonzero(inside)),
-        overlap=float(np.count_nonzero(inside) / max(np.count_nonzero(usable), 1)),
+        overlap=float(inside.sum() / max(float(usable.sum()), 1.0)),
         rival_correlation=float(peaks[row, col]),
         rival_shift_px=(float(shift_x * factor), float(shift_y * factor)),
     )

@@ -27,8 +27,11 @@ _K1_SIGNIFICANT = 2.5
 """Standard errors from which a distortion is kept; one of 0 tells more than an uncertain one."""
 
 _JUDGED_PX = 300_000
-_CORRELATION_LOSS = 0.03
+_CORRELATION_LOSS = 0.02
 """Of the locally normalised photographs: a descent that loses more went astray."""
+
+_NOISY = 1.1
+"""Ratio of errors from which a finer resolution is left out."""
 
 _STEPS = 15
 _BEND_ROUNDS = 3
@@ -94,12 +97,12 @@ def refined_pose(
         found = _best_fit(level, pose, is_one_camera=is_one_camera)
         if found is None or _is_worse(photographs, found.pose, pose, factor):
             continue
-        is_bent = found.pose.displacement is not None
-        # A displacement's error is larger than that of a homography which does not fit.
-        is_new = best is not None and is_bent and best.pose.displacement is None
-        if best is None or is_new or found.errors.place_err_px < best.errors.place_err_px:
+        # Noise alone makes a finer resolution tell less; a scene that is not planar need not
+        # scatter less there.
+        most = _NOISY * best.errors.place_err_px if best is not None else np.inf
+        if found.errors.place_err_px < most or found.pose.displacement is not None:
             best = found
-        pose = best.pose
+        pose = best.pose if best is not None else pose
     return best
 
 
@@ -109,10 +112,13 @@ def _is_worse(
     start: DistortedPose,
     factor: int,
 ) -> bool:
-    """Whether the photographs agree less at a pose than where its refinement started."""
+    """Whether the photographs agree less at a pose than where its refinement started.
+
+    In finer detail than it was refined by, as far as that costs little.
+    """
     rows, cols = photographs[1].shape
-    # Judged at a size at which that costs little.
-    seen_at = factor * max(round(sqrt(rows * cols / factor**2 / _JUDGED_PX)), 1)
+    seen_at = max(factor // 2, 1)
+    seen_at *= max(round(sqrt(rows * cols / seen_at**2 / _JUDGED_PX)), 1)
     after, before = (correlation_at(*photographs, pose, seen_at) for pose in (found, start))
     return after < before - _CORRELATION_LOSS
 
