@@ -90,7 +90,7 @@ def case(number: int, snr: tuple[float, float], kinds: tuple[str, ...] = KINDS) 
         spots.append(
             seen_spot(pose, FRAME, (x, y), sigma_px=sigma, amplitude_dn=amplitude, blur_px=BLUR_PX)
         )
-        # A nearer follow-up is compared at the resolution of the reference, which is coarser.
+        # What is listed is the peak at the resolution of the coarser photograph.
         coarser_px2 = max(BLUR_PX / zoom, BLUR_PX) ** 2 - BLUR_PX**2
         lowered = sigma**2 / (sigma**2 + coarser_px2)
         truths.append(Truth(x_px=x, y_px=y, amplitude_dn=amplitude * lowered))

@@ -1,8 +1,8 @@
 """Changes beside other detectors: false pixels at equal true positives, by kind of pair.
 
-Scenes are photographed twice, with 24 spots of 6 DN and 1.5 px in the second photograph. Peers: SFFT
-and ZOGY from astronomy, IR-MAD from remote sensing, a map of SSIM, and the absolute difference after
-an alignment by SIFT and MAGSAC. SFFT and ProperImage need an environment of their own:
+Scenes are photographed twice, with 24 spots of 6 DN and 1.5 px in the second photograph. Peers:
+SFFT and ZOGY from astronomy, IR-MAD from remote sensing, a map of SSIM, and the absolute difference
+after an alignment by SIFT and MAGSAC. SFFT and ProperImage need an environment of their own:
 
     python -m venv PEERS
     PEERS/bin/pip install "setuptools<81" wheel sfft==1.7.3
@@ -50,6 +50,7 @@ SEEDS = (1, 2)
 POSES = (PairPose(zoom=1.0), PairPose(zoom=1.5, tilt_deg=5.0, bearing_deg=30.0))
 SOFT = gaussian(BLUR_PX, has_pixel=False)
 OURS = "standoff changes"
+_RAW = Development(noise_dn=NOISE_DN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,8 +61,8 @@ class Kind:
     scenes: tuple[str, ...] = ("texture", "lesion")
     cameras: tuple[Camera, Camera] = (SOFT, SOFT)
     blurs_px: tuple[float, float] = (BLUR_PX, BLUR_PX)
-    before: Development = Development(noise_dn=NOISE_DN)
-    after: Development = Development(noise_dn=NOISE_DN)
+    before: Development = _RAW
+    after: Development = _RAW
     distortion_k1: float = 0.0
 
 
@@ -125,11 +126,13 @@ def case(kind: Kind, scene_name: str, pose: PairPose, seed: int) -> Case:
     y, x = np.mgrid[:rows, :cols].astype(np.float64)
     at_x, at_y = pose.positions(x, y, FRAME)
     zoom = max(pose.zoom, 1.0)
+    warped, overlap = cubic_warp(reference, followup, at_y, at_x)
     return Case(
         aligned=AlignedPair(
             reference=reference,
             followup=followup,
-            warped=cubic_warp(reference, at_y, at_x),
+            warped=warped,
+            overlap=overlap,
             noise_dn=(NOISE_DN, NOISE_DN),
             blur_px=(kind.blurs_px[0] / zoom, kind.blurs_px[1]),
         ),

@@ -14,20 +14,22 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 from scipy.stats import chi2
 from skimage.metrics import structural_similarity
 
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 WORKER = Path(__file__).with_name("change_peer_worker.py")
 
 _SMOOTHING_PX = 1.0
+_LIGHT_PX = 4.0
 _MAD_ROUNDS = 30
 _MAD_RIDGE = 1e-6
 _RATIO = 0.8
 _LEAST_MATCHES = 12
 _TIME_LIMIT_S = 300
+_EVERYWHERE: Any = None  # of a mask that OpenCV's types ask for
 
 
 class PeerError(Exception):
@@ -43,7 +45,10 @@ class AlignedPair:
     reference, followup
         As taken.
     warped
-        The reference on the follow-up's pixels, by the true pose.
+        The reference on the follow-up's pixels by the true pose, in the follow-up's light; the
+        follow-up itself where the reference shows nothing.
+    overlap
+        Pixels that both show.
     noise_dn
         Of a pixel, of the warped reference and of the follow-up.
     blur_px
@@ -53,6 +58,7 @@ class AlignedPair:
     reference: FloatArray = field(repr=False)
     followup: FloatArray = field(repr=False)
     warped: FloatArray = field(repr=False)
+    overlap: BoolArray = field(repr=False)
     noise_dn: tuple[float, float]
     blur_px: tuple[float, float]
 
@@ -61,9 +67,14 @@ Peer = Callable[[AlignedPair], FloatArray]
 """Score of every follow-up pixel, the larger the likelier changed."""
 
 
-def cubic_warp(reference: FloatArray, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
-    """The reference at these places, mirrored beyond its border."""
-    return np.asarray(map_coordinates(reference, [y_px, x_px], order=3, mode="mirror"))
+def cubic_warp(
+    reference: FloatArray, followup: FloatArray, y_px: FloatArray, x_px: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """The reference at these places in the follow-up's light, the follow-up beyond; where it is."""
+    rows, cols = reference.shape
+    inside = (y_px >= 0) & (y_px <= rows - 1) & (x_px >= 0) & (x_px <= cols - 1)
+    warped = map_coordinates(reference, [y_px, x_px], order=3, mode="mirror")
+    return _in_light(warped, followup, inside), inside
 
 
 def absolute_difference(pair: AlignedPair) -> FloatArray:
@@ -74,17 +85,19 @@ def absolute_difference(pair: AlignedPair) -> FloatArray:
     warped = cv2.warpPerspective(
         pair.reference, matrix, size, flags=flags, borderMode=cv2.BORDER_REFLECT_101
     )
-    seen = _in_light(np.asarray(warped, dtype=np.float64), pair.followup)
+    inside = cv2.warpPerspective(np.ones_like(pair.reference), matrix, size, flags=flags) > 0.99
+    seen = _in_light(np.asarray(warped, dtype=np.float64), pair.followup, inside)
     return np.abs(gaussian_filter(pair.followup - seen, _SMOOTHING_PX))
 
 
 def _magsac(pair: AlignedPair) -> FloatArray:
     sift = cv2.SIFT.create()
     (at_reference, of_reference), (at_followup, of_followup) = (
-        sift.detectAndCompute(_in_8_bits(image), None) for image in (pair.reference, pair.followup)
+        sift.detectAndCompute(_in_8_bits(image), _EVERYWHERE)
+        for image in (pair.reference, pair.followup)
     )
-    if of_reference is None or of_followup is None:
-        raise PeerError("no features")
+    if min(len(at_reference), len(at_followup)) < _LEAST_MATCHES:
+        raise PeerError("too few features")
     matches = cv2.BFMatcher().knnMatch(of_followup, of_reference, k=2)
     kept = [
         two[0] for two in matches if len(two) > 1 and two[0].distance < _RATIO * two[1].distance
@@ -104,19 +117,24 @@ def _in_8_bits(image: FloatArray) -> NDArray[np.uint8]:
     return np.asarray(np.clip(255 * (image - low) / max(high - low, 1e-9), 0, 255).astype(np.uint8))
 
 
-def _in_light(warped: FloatArray, followup: FloatArray) -> FloatArray:
-    """The reference in the follow-up's light: a gain and an offset by least squares."""
-    gain, offset = np.polyfit(warped.ravel(), followup.ravel(), 1)
-    return np.asarray(gain * warped + offset)
+def _in_light(warped: FloatArray, followup: FloatArray, inside: BoolArray) -> FloatArray:
+    """The reference with a gain and an offset by least squares; the follow-up where not inside.
+
+    They are fitted to what no difference of sharpness reaches.
+    """
+    if not inside.any():
+        raise PeerError("the alignment leaves nothing in common")
+    before, after = (gaussian_filter(image, _LIGHT_PX)[inside] for image in (warped, followup))
+    gain, offset = np.polyfit(before, after, 1)
+    return np.where(inside, gain * warped + offset, followup)
 
 
 def structural_dissimilarity(pair: AlignedPair) -> FloatArray:
     """One minus the map of SSIM (Wang and others, 2004), as scikit-image does it."""
-    warped = _in_light(pair.warped, pair.followup)
     span = float(np.ptp(pair.followup))
     compare: Any = structural_similarity  # it states no types
     _, similarity = compare(
-        warped, pair.followup, data_range=span, gaussian_weights=True, full=True
+        pair.warped, pair.followup, data_range=span, gaussian_weights=True, full=True
     )
     return np.asarray(1 - similarity)
 
@@ -130,7 +148,8 @@ def ir_mad(pair: AlignedPair) -> FloatArray:
     """
     bands = [_neighbours(gaussian_filter(i, _SMOOTHING_PX)) for i in (pair.warped, pair.followup)]
     count = bands[0].shape[1]
-    weight = np.ones(len(bands[0]))
+    inside = binary_erosion(pair.overlap, np.ones((7, 7), dtype=np.bool_)).ravel()
+    weight = inside.astype(np.float64)
     statistic = np.zeros(len(weight))
     for _ in range(_MAD_ROUNDS):
         total = weight.sum()
@@ -146,7 +165,7 @@ def ir_mad(pair: AlignedPair) -> FloatArray:
         variates = x @ a - y @ b
         variance = np.maximum(2 * (1 - correlation), 1e-9)
         statistic = np.sum(variates**2 / variance, axis=1)
-        before, weight = weight, chi2.sf(statistic, count)
+        before, weight = weight, inside * chi2.sf(statistic, count)
         if np.abs(weight - before).max() < 1e-3:
             break
     return statistic.reshape(pair.followup.shape)
@@ -169,7 +188,7 @@ def zogy(pair: AlignedPair) -> FloatArray:
     square = freq_x**2 + freq_y**2
     before, after = (np.exp(-2 * pi**2 * blur**2 * square) for blur in pair.blur_px)
     sigma_before, sigma_after = pair.noise_dn
-    images = (_in_light(pair.warped, pair.followup), pair.followup)
+    images = (pair.warped, pair.followup)
     reference, followup = (np.fft.fft2(image - pair.followup.mean()) for image in images)
     below = np.sqrt(sigma_after**2 * before**2 + sigma_before**2 * after**2 + 1e-12)
     difference = np.fft.ifft2((before * followup - after * reference) / below).real
@@ -182,9 +201,7 @@ def elsewhere(name: str, python: Path) -> Peer:
     def score(pair: AlignedPair) -> FloatArray:
         with tempfile.TemporaryDirectory() as folder:
             source, target = Path(folder) / "pair.npz", Path(folder) / "difference.npz"
-            np.savez(
-                source, reference=_in_light(pair.warped, pair.followup), followup=pair.followup
-            )
+            np.savez(source, reference=pair.warped, followup=pair.followup)
             command = [str(python), "-P", str(WORKER), name, str(source), str(target)]
             try:
                 subprocess.run(command, check=True, capture_output=True, timeout=_TIME_LIMIT_S)

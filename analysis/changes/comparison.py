@@ -80,7 +80,7 @@ class Comparison:
     valid
         Pixels that were compared.
     smoothing_px
-        Width of the Gaussian that smoothed the follow-up, in pixels of the grid.
+        Width of the Gaussian that smoothed the photograph whose pixels the grid has.
     kernel
         Where the blur between the photographs is known from.
     extra_blur_px2, extra_blur_err_px2
@@ -394,7 +394,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         plain_difference_dn=np.where(valid, scale * plain, np.float32(0)),
         sd_dn=np.abs(scale) * sd,
         valid=valid,
-        smoothing_px=smoothing.target_px if pair.is_on_followup else smoothing.source_px,
+        smoothing_px=smoothing.target_px,
         kernel=focus.kernel,
         extra_blur_px2=focus.extra_px2,
         extra_blur_err_px2=focus.err_px2,

@@ -85,6 +85,34 @@ def agreement_at(
     factor
         By which the target is reduced first.
     """
+    found = _compared(source, target, pose, factor)
+    return None if found is None else _judged(found, factor)
+
+
+def correlation_at(
+    source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
+) -> float:
+    """Correlation alone, as ``agreement_at`` has it; 0 where nothing is in common."""
+    found = _compared(source, target, pose, factor)
+    if found is None:
+        return 0.0
+    ours, theirs = found.ours[found.inside], found.theirs[found.inside]
+    return float(np.sum(ours * theirs) / np.sqrt(np.sum(ours**2) * np.sum(theirs**2) + 1e-12))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Compared:
+    """The source as the target sees it and the target, both normalised, and where they count."""
+
+    ours: Float32Array
+    inside: BoolArray
+    theirs: Float32Array
+    usable: BoolArray
+
+
+def _compared(
+    source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
+) -> _Compared | None:
     far = target.reduced(factor).smoothed(1.0, 1.0)
     source_factor = factor * 2 ** int(np.log2(max(pose.zoom, 1.0) + 1e-9))
     near = source.reduced(source_factor)
@@ -95,9 +123,12 @@ def agreement_at(
     inside &= usable
     if np.count_nonzero(inside) < _WINDOW_PX**2:
         return None
-    ours = normalised(seen, inside, _WINDOW_PX)
-    theirs = normalised(far.levels, usable, _WINDOW_PX)
-    return _judged(ours, inside, theirs, usable, factor)
+    return _Compared(
+        ours=normalised(seen, inside, _WINDOW_PX),
+        inside=inside,
+        theirs=normalised(far.levels, usable, _WINDOW_PX),
+        usable=usable,
+    )
 
 
 def _warped(
@@ -112,21 +143,17 @@ def _warped(
     to_y, to_x = pose.to_reference_px((y + 0.5) * factor - 0.5, (x + 0.5) * factor - 0.5)
     to_y, to_x = ((at + 0.5) / source_factor - 0.5 for at in (to_y, to_x))
     inside = (to_y >= 0) & (to_y <= near.shape[0] - 1) & (to_x >= 0) & (to_x <= near.shape[1] - 1)
-    places = np.float32(np.clip(to_x, -9, 3e4)), np.float32(np.clip(to_y, -9, 3e4))
-    seen = cv2.remap(near.levels, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    at_x, at_y = (np.clip(at, -9.0, 3e4).astype(np.float32) for at in (to_x, to_y))
+    seen = cv2.remap(near.levels, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     if near.usable is not None:
-        share = cv2.remap(near.usable.astype(np.float32), *places, cv2.INTER_LINEAR)
+        share = cv2.remap(near.usable.astype(np.float32), at_x, at_y, cv2.INTER_LINEAR)
         inside &= np.asarray(share) > 0.98
     return np.asarray(seen, dtype=np.float32), inside
 
 
-def _judged(
-    ours: Float32Array,
-    inside: BoolArray,
-    theirs: Float32Array,
-    usable: BoolArray,
-    factor: int,
-) -> Agreement:
+def _judged(compared: _Compared, factor: int) -> Agreement:
+    ours, theirs = compared.ours, compared.theirs
+    inside, usable = compared.inside, compared.usable
     mask, other = inside.astype(np.float32), usable.astype(np.float32)
     number = _correlated(mask, other)
     enough = number > _SHARED_LEAST * np.count_nonzero(inside)
@@ -145,9 +172,9 @@ def _judged(
     # A slope of the pose's own peak is no rival.
     highest = cv2.dilate(elsewhere, np.ones((5, 5), dtype=np.uint8)) <= np.where(is_own, -1, found)
     peaks = np.where(highest & ~_grown(is_own), elsewhere, 0.0)
-    row, col = np.unravel_index(int(np.argmax(peaks)), found.shape)
+    row, col = divmod(int(np.argmax(peaks)), found.shape[1])
     shift_y, shift_x = (
-        int(at) if at < size // 2 else int(at) - size
+        at if at < size // 2 else at - size
         for at, size in zip((row, col), found.shape, strict=True)
     )
     bounded = min(max(correlation, -_CORRELATION_MOST), _CORRELATION_MOST)
@@ -155,7 +182,7 @@ def _judged(
         correlation=correlation,
         significance=atanh(bounded) / max(deviation, 1e-3),
         overlap_px=int(np.count_nonzero(inside)),
-        overlap=float(np.count_nonzero(inside) / max(np.count_nonzero(usable), 1)),
+        overlap=float(inside.sum() / max(float(usable.sum()), 1.0)),
         rival_correlation=float(peaks[row, col]),
         rival_shift_px=(float(shift_x * factor), float(shift_y * factor)),
     )

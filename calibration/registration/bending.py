@@ -132,7 +132,7 @@ def bend_of(level: LevelPair, found: Residuals) -> Bend:
         basis=_basis(y_px, x_px, level.target_shape),
         curvature=curvature,
         pull=pull,
-        cost=np.bincount(block, weight * residual**2),
+        cost=np.bincount(block, weight * residual**2).astype(np.float64),
         is_odd=np.bincount(block, level.is_odd_block[inside]) > number / 2,
         shape=level.target_shape,
     )

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.registration.agreement import Agreement, agreement_at, comparison_factor
+from calibration.registration.agreement import (
+    Agreement,
+    agreement_at,
+    comparison_factor,
+    correlation_at,
+)
 from calibration.registration.descent import refined_at
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.hypotheses import PoseHypothesis, is_plausible
@@ -18,12 +23,13 @@ SIGNIFICANCE_MIN = 6.0
 """Standard deviations. Of 180 pairs of unrelated scenes none exceeded 3, of related ones none fell
 below 13."""
 
-_CORRELATION_MIN = 0.2
+_CORRELATION_MIN = 0.4
 _CLEAR_SIGNIFICANCE = 10.0
 """From there on no other hypothesis is asked."""
 
 _OPEN_SIGNIFICANCE = 3.5
-"""From there on a closer look may show more."""
+_OPEN_MATCHES = 12
+"""Standard deviations, or matched features, from which a closer look may show more."""
 
 _RIVAL_CORRELATION = 0.6
 _RIVAL_EVIDENCE = 0.3
@@ -107,6 +113,14 @@ class Candidate:
         return self.is_significant, self.agreement.evidence
 
     @property
+    def is_open(self) -> bool:
+        """Whether a closer look may show more."""
+        matches = self.hypothesis.matches
+        return self.agreement.significance >= _OPEN_SIGNIFICANCE or (
+            matches is not None and len(matches.followup_px) >= _OPEN_MATCHES
+        )
+
+    @property
     def is_clear(self) -> bool:
         """Whether no other hypothesis needs to be asked."""
         return self.is_significant and self.agreement.significance >= _CLEAR_SIGNIFICANCE
@@ -131,15 +145,17 @@ def judged(pair: PhotographPair, hypothesis: PoseHypothesis) -> Candidate | None
     found = _refined_and_judged(pair, hypothesis, start, [factor])
     if found is None or not found.is_clear:
         other = _refined_and_judged(pair, hypothesis, start, _coarse_to_fine(start.target, factor))
-        found = _better(found, other)
-    if found is None or found.is_clear or found.agreement.significance < _OPEN_SIGNIFICANCE:
+        if found is None or (
+            other is not None and other.agreement.evidence > found.agreement.evidence
+        ):
+            found = other
+    if found is None or found.is_clear or not found.is_open:
         return found
     while factor > 1:
         factor //= 2
         finer = _refined_and_judged(pair, hypothesis, found.directed, [factor])
-        if finer is None or finer.agreement.significance <= found.agreement.significance:
-            break
-        found = finer
+        if finer is not None and finer.agreement.significance > found.agreement.significance:
+            found = finer
     return found
 
 
@@ -153,16 +169,17 @@ def _refined_and_judged(
         if fit is None or not is_plausible(fit.pose.matrix, directed.target.shape, None):
             break
         directed = directed.with_pose(fit.pose)
+    # Where little detail survives the reduction, or the scene is not planar, the start is better.
+    finer = max(factors[-1] // 2, 1)
+    before, after = (
+        correlation_at(*made.photographs, made.pose, finer) for made in (start, directed)
+    )
+    if before > after:
+        directed = start
     agreement = agreement_at(*directed.photographs, directed.pose, factors[-1])
     if agreement is None:
         return None
     return Candidate(hypothesis=hypothesis, directed=directed, agreement=agreement)
-
-
-def _better(one: Candidate | None, other: Candidate | None) -> Candidate | None:
-    if one is None or other is None:
-        return one or other
-    return max(one, other, key=lambda found: found.agreement.evidence)
 
 
 def _coarse_to_fine(target: AlignedPhotograph, factor: int) -> list[int]:

@@ -5,11 +5,11 @@ with a smooth displacement where that predicts parts of the frame to which it wa
 """
 
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 
-from calibration.registration.agreement import comparison_factor
+from calibration.registration.agreement import comparison_factor, correlation_at
 from calibration.registration.bending import bend_of, bent
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.level_pair import LevelPair
@@ -25,6 +25,13 @@ _SAMPLES = 60_000
 
 _K1_SIGNIFICANT = 2.5
 """Standard errors from which a distortion is kept; one of 0 tells more than an uncertain one."""
+
+_JUDGED_PX = 300_000
+_CORRELATION_LOSS = 0.02
+"""Of the locally normalised photographs: a descent that loses more went astray."""
+
+_NOISY = 1.1
+"""Ratio of errors from which a finer resolution is left out."""
 
 _STEPS = 15
 _BEND_ROUNDS = 3
@@ -81,24 +88,39 @@ def refined_pose(
     is_one_camera
         Whether both are whole frames of one camera, whose distortion may be fitted.
     """
-    factor = comparison_factor(photographs[1].shape)
+    factor = 2 * comparison_factor(photographs[1].shape)
     best: RefinedPose | None = None
     pose = start
-    while True:
+    while factor > 1:
+        factor //= 2
         level = LevelPair(photographs, pose, psf, factor, _SAMPLES)
         found = _best_fit(level, pose, is_one_camera=is_one_camera)
-        if found is None:
-            break
-        is_bent = found.pose.displacement is not None
-        # A displacement's error is larger than that of a homography which does not fit.
-        is_new = best is not None and is_bent and best.pose.displacement is None
-        if best is None or is_new or found.errors.place_err_px < best.errors.place_err_px:
+        if found is None or _is_worse(photographs, found.pose, pose, factor):
+            continue
+        # Noise alone makes a finer resolution tell less; a scene that is not planar need not
+        # scatter less there.
+        most = _NOISY * best.errors.place_err_px if best is not None else np.inf
+        if found.errors.place_err_px < most or found.pose.displacement is not None:
             best = found
-        pose = best.pose
-        if factor == 1:
-            break
-        factor //= 2
+        pose = best.pose if best is not None else pose
     return best
+
+
+def _is_worse(
+    photographs: tuple[AlignedPhotograph, AlignedPhotograph],
+    found: DistortedPose,
+    start: DistortedPose,
+    factor: int,
+) -> bool:
+    """Whether the photographs agree less at a pose than where its refinement started.
+
+    In finer detail than it was refined by, as far as that costs little.
+    """
+    rows, cols = photographs[1].shape
+    seen_at = max(factor // 2, 1)
+    seen_at *= max(round(sqrt(rows * cols / seen_at**2 / _JUDGED_PX)), 1)
+    after, before = (correlation_at(*photographs, pose, seen_at) for pose in (found, start))
+    return after < before - _CORRELATION_LOSS
 
 
 def _best_fit(level: LevelPair, pose: DistortedPose, *, is_one_camera: bool) -> RefinedPose | None:

@@ -175,10 +175,17 @@ def features_of(
     frames = np.array([(one.size, np.deg2rad(one.angle)) for one in found], dtype=np.float64)
     return ImageFeatures(
         (points + 0.5) * factor - 0.5,
-        np.zeros((0, 128), np.float32) if descriptors is None else np.float32(descriptors),
+        _described(descriptors, len(found)),
         frames.reshape(-1, 2) * (factor, 1),
         shape,
     )
+
+
+def _described(descriptors: object, count: int) -> Float32Array:
+    # If it finds nothing, OpenCV returns None.
+    if count == 0:
+        return np.zeros((0, 128), dtype=np.float32)
+    return np.asarray(descriptors, dtype=np.float32)
 
 
 def _is_distinct(found: Sequence[cv2.DMatch], ratio: float) -> bool:

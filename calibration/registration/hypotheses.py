@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
 from calibration.registration.feature_matches import FeatureMatches
 from calibration.registration.features import ImageFeatures, homography_pose
 from calibration.registration.hints import RegistrationHints
-from simulation.arrays import BoolArray, FloatArray
+from simulation.arrays import FloatArray
 from simulation.pose import projection_depth, projection_slopes
 
 _RATIO = 0.8
@@ -80,16 +81,16 @@ def feature_poses(
     yield from _voted(near, far, scales, zoom)
 
 
-def _centred_mask(near: ImageFeatures, far: ImageFeatures, zoom: float) -> BoolArray:
+def _centred_mask(near: ImageFeatures, far: ImageFeatures, zoom: float) -> NDArray[np.uint8]:
     """Pairs of features that lie together where both frames have the same centre."""
     middles = [(np.array(one.shape[1::-1]) - 1) / 2 for one in (near, far)]
     expected = (far.points_px - middles[1]) * zoom + middles[0]
     apart = np.hypot(expected[:, :1] - near.points_px[:, 0], expected[:, 1:] - near.points_px[:, 1])
-    return np.asarray((apart < 2 * _VOTE_REACH * max(near.shape)).astype(np.uint8))
+    return (apart < 2 * _VOTE_REACH * max(near.shape)).astype(np.uint8)
 
 
 def _consistent(
-    near: ImageFeatures, far: ImageFeatures, mask: BoolArray | None, zoom: float | None
+    near: ImageFeatures, far: ImageFeatures, mask: NDArray[np.uint8] | None, zoom: float | None
 ) -> Iterator[PoseHypothesis]:
     """Homographies on which many matches agree, each without those of the ones before it."""
     pairs = near.pairs_with(far, _RATIO, mask)
@@ -108,7 +109,7 @@ def _consistent(
 
 
 def _voted(
-    near: ImageFeatures, far: ImageFeatures, mask: BoolArray | None, zoom: float | None
+    near: ImageFeatures, far: ImageFeatures, mask: NDArray[np.uint8] | None, zoom: float | None
 ) -> Iterator[PoseHypothesis]:
     """Similarities for which most matches vote: each match alone gives one.
 

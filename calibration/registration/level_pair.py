@@ -61,7 +61,7 @@ class LevelPair:
         y, x = _samples(far, samples)
         self.measured = far.levels[y, x].astype(np.float64)
         self.slope_y, self.slope_x = (_slopes(far.levels, axis)[y, x] / factor for axis in (0, 1))
-        self.y_px, self.x_px = ((at + 0.5) * factor - 0.5 for at in (y, x))
+        self.y_px, self.x_px = ((at.astype(np.float64) + 0.5) * factor - 0.5 for at in (y, x))
         v, u = (
             (at - (n - 1) / 2) / (max(target.shape) / 2)
             for at, n in zip((self.y_px, self.x_px), target.shape, strict=True)

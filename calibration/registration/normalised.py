@@ -12,8 +12,9 @@ _CONTRAST_FLOOR = 0.1
 def normalised(levels: Float32Array, counted: BoolArray, window_px: int) -> Float32Array:
     """Normalise over a window; 0 where pixels do not count."""
     weight = counted.astype(np.float32)
-    share = np.maximum(_mean(weight, window_px), 1e-3)
-    deviation = (levels - _mean(levels * weight, window_px) / share) * weight
+    share = np.asarray(np.maximum(_mean(weight, window_px), 1e-3), dtype=np.float32)
+    middle = _mean(levels * weight, window_px) / share
+    deviation = np.asarray((levels - middle) * weight, dtype=np.float32)
     variance = _mean(deviation**2, window_px) / share
     floor = _CONTRAST_FLOOR**2 * float(variance[counted].mean()) if counted.any() else 0.0
     return np.asarray(deviation / np.sqrt(variance + (floor or 1.0)), dtype=np.float32)

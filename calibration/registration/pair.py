@@ -197,7 +197,7 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
         is_one_camera=pair.reference.shape == pair.followup.shape,
     )
     if found is None:
-        raise _not_found(None)
+        return _as_given(pair, choice.best)
     pose = directed.with_pose(found.pose).of_followup
     place_err_px = found.errors.place_err_px * (pose.zoom if directed.is_swapped else 1.0)
     if not place_err_px <= _PLACE_ERR_MAX_PX and pose.displacement is None:
@@ -259,11 +259,12 @@ def _registration(
 
 
 def _as_given(pair: PhotographPair, candidate: Candidate) -> Registration:
-    """The operator's pose where the pixels do not refine it."""
+    """The pose of a hint or of matched features where the pixels do not refine it."""
     hypothesis = candidate.hypothesis
     pose = pair.pose_of(hypothesis.matrix)
+    source = "given pose" if hypothesis.is_given else "pose of the matched features"
     text = (
-        "the given pose is kept as it is: the photographs do not agree well enough to refine it "
+        f"the {source} is kept as it is: the photographs do not agree well enough to refine it "
         f"(correlation {candidate.agreement.correlation:.2f})"
     )
     return Registration(
@@ -271,9 +272,16 @@ def _as_given(pair: PhotographPair, candidate: Candidate) -> Registration:
         place_err_px=_GIVEN_ERR_PX,
         k1_err=0.0,
         feature_matrix=pose.matrix,
-        inlier_count=0,
-        match_rms_px=0.0,
+        inlier_count=0 if hypothesis.matches is None else len(hypothesis.matches.followup_px),
+        match_rms_px=_match_rms_px(hypothesis),
         correlation=candidate.agreement.correlation,
         residual_rms_dn=candidate.directed.target.scale_dn,
         warnings=(text,),
     )
+
+
+def _match_rms_px(hypothesis: PoseHypothesis) -> float:
+    if hypothesis.matches is None:
+        return 0.0
+    every = np.ones(len(hypothesis.matches.followup_px), dtype=np.bool_)
+    return hypothesis.matches.rms_px(hypothesis.matrix, every)

@@ -73,7 +73,7 @@ class AlignedPhotograph:
         if self.usable is None:
             return type(self)(levels, None, self.scale_dn)
         share = _shrunk(self.usable[part].astype(np.float32), rows, cols)
-        return type(self)(levels / np.maximum(share, 1e-3), share > 0.99, self.scale_dn)
+        return type(self)(_ratio(levels, share), share > 0.99, self.scale_dn)
 
     def smoothed(self, sigma_x_px: float, sigma_y_px: float) -> Self:
         """Return it after a Gaussian blur; what mixes with unusable pixels becomes unusable."""
@@ -82,7 +82,7 @@ class AlignedPhotograph:
         if self.usable is None:
             return type(self)(levels, None, self.scale_dn)
         share = _blurred(self.usable.astype(np.float32), *blur)
-        return type(self)(levels / np.maximum(share, 1e-3), share > 0.98, self.scale_dn)
+        return type(self)(_ratio(levels, share), share > 0.98, self.scale_dn)
 
 
 def _clipped(values: Float32Array) -> BoolArray:
@@ -109,6 +109,10 @@ def _blurred(
         values, size, sigma_x_px, sigmaY=sigma_y_px, borderType=cv2.BORDER_REFLECT
     )
     return np.asarray(made, dtype=np.float32)
+
+
+def _ratio(levels: Float32Array, share: Float32Array) -> Float32Array:
+    return np.asarray(levels / np.maximum(share, 1e-3), dtype=np.float32)
 
 
 def blur_variance_px2(sigma_px: float, factor: int) -> float:

@@ -89,12 +89,12 @@ def _thumbnail(photograph: AlignedPhotograph, long_side_px: int) -> _Thumbnail:
     matrix = np.array([[rest, 0, (rest - 1) / 2], [0, rest, (rest - 1) / 2]])
     size = (int(coarse.shape[1] / rest), int(coarse.shape[0] / rest))
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    levels = np.float32(cv2.warpAffine(blurred.levels, matrix, size, flags=flags))
+    levels = np.asarray(cv2.warpAffine(blurred.levels, matrix, size, flags=flags), dtype=np.float32)
     counted = np.ones(levels.shape, dtype=np.bool_)
     if blurred.usable is not None:
         share = cv2.warpAffine(blurred.usable.astype(np.float32), matrix, size, flags=flags)
         counted = np.asarray(share > 0.9)
-    return _Thumbnail(normalised(levels, counted, _WINDOW_PX), np.float32(counted), factor)
+    return _Thumbnail(normalised(levels, counted, _WINDOW_PX), counted.astype(np.float32), factor)
 
 
 class _Spectra:
@@ -105,7 +105,7 @@ class _Spectra:
         self._side = int(np.hypot(*near.levels.shape) * max(zoom_most, 1.0)) + 2
         self._size = scipy.fft.next_fast_len(self._side + max(near.levels.shape), real=True)
         self._levels = self._spectrum(near.levels)
-        self._squares = self._spectrum(near.levels**2)
+        self._squares = self._spectrum(np.square(near.levels))
         self._counted = self._spectrum(near.counted)
 
     def best_shift(self, far: _Thumbnail, scale: float, turn: float) -> tuple[float, FloatArray]:
@@ -115,13 +115,13 @@ class _Spectra:
         linear = scale * np.array([[cos(turn), -sin(turn)], [sin(turn), cos(turn)]])
         matrix = np.column_stack([linear, middle - linear @ own])
         size = (self._side, self._side)
-        levels = np.float32(cv2.warpAffine(far.levels, matrix, size))
-        counted = np.float32(cv2.warpAffine(far.counted, matrix, size) > 0.9)
+        levels = np.asarray(cv2.warpAffine(far.levels, matrix, size), dtype=np.float32)
+        counted = np.asarray(cv2.warpAffine(far.counted, matrix, size) > 0.9, dtype=np.float32)
         levels *= counted
         mask = np.conj(self._spectrum(counted))
         number = self._inverse(mask * self._counted)
         product = self._inverse(np.conj(self._spectrum(levels)) * self._levels)
-        ours = self._inverse(np.conj(self._spectrum(levels**2)) * self._counted)
+        ours = self._inverse(np.conj(self._spectrum(np.square(levels))) * self._counted)
         theirs = self._inverse(mask * self._squares)
         least = _OVERLAP_LEAST * min(float(counted.sum()), float(self._near.counted.sum()))
         square = np.where(
