@@ -1,11 +1,10 @@
 """What the blur between two photographs says of their focus, in a sentence."""
 
-from math import sqrt
+from math import isfinite, sqrt
 
 from analysis.changes.document import ChangeSummary
 
-_SURE = 3.0
-"""Standard errors from which a difference of blur is said to be one."""
+_NORMAL_95 = 1.96
 
 
 def describe_focus(found: ChangeSummary) -> str | None:
@@ -15,23 +14,18 @@ def describe_focus(found: ChangeSummary) -> str | None:
     reference's own.
     """
     value_px2, err_px2 = found.extra_blur_px2, found.extra_blur_err_px2
-    if not 0 < err_px2 < float("inf"):
+    if not (isfinite(err_px2) and err_px2 > 0):
         return None
-    is_calibrated = found.kernel != "pair"
-    expected = "psf.json and the pose explain" if is_calibrated else "the reference"
-    errors = abs(value_px2) / err_px2
-    if errors < _SURE:
-        return (
-            f"the follow-up is as sharp as {expected} (to {2 * err_px2:.2g} px^2)"
-            if not is_calibrated
-            else f"the focus has not changed: the blur is what {expected} (to {2 * err_px2:.2g} "
-            "px^2)"
-        )
+    figures = f"{value_px2:+.2f} ± {_NORMAL_95 * err_px2:.2g} px^2"
     word = "softer" if value_px2 > 0 else "sharper"
-    figures = (
-        f"a Gaussian of {sqrt(abs(value_px2)):.2f} px ({value_px2:+.2f} ± {2 * err_px2:.2g} px^2, "
-        f"{errors:.0f} standard errors)"
+    spread = (
+        f"{word} by a Gaussian of {sqrt(abs(value_px2)):.2f} px ({figures}, "
+        f"{abs(value_px2) / err_px2:.0f} standard errors)"
     )
-    if is_calibrated:
-        return f"the focus has changed: the follow-up is {word} than {expected} by {figures}"
-    return f"the follow-up is {word} than {expected} by {figures}"
+    if found.kernel == "both":
+        return f"the focus has changed: against psf.json and the pose, the follow-up is {spread}"
+    if found.kernel == "pair":
+        if abs(value_px2) < _NORMAL_95 * err_px2:
+            return f"the follow-up is as sharp as the reference ({figures})"
+        return f"against the reference, the follow-up is {spread}"
+    return f"no change of focus: the blur is what psf.json and the pose explain ({figures})"

@@ -227,7 +227,7 @@ def _show_one(out: Path, summary: ChangeSummary, *, json: bool) -> None:
         f"{summary.threshold_sd:.2f} standard deviations (zoom {summary.zoom:.3f}); wrote {out}"
     )
     focus = describe_focus(summary)
-    if focus is not None:
+    if focus is not None and summary.kernel != "both":  # of which a warning tells
         say(focus)
 
 

@@ -1,14 +1,13 @@
 import csv
 import json
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
 
-from analysis.changes.document import Change, KernelOrigin
+from analysis.changes.document import Change
 from tests.standoff.changed_photographs import (
     FAR,
     NEAR,
@@ -61,10 +60,12 @@ def test_changes_are_registered_found_and_written(
     assert document["zoom"] == pytest.approx(ZOOM, abs=0.005)
     # The scene was photographed through no lens at all.
     assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
-    assert document["kernel"] in get_args(KernelOrigin)
+    # The psf.json is that of the photographs.
+    assert document["kernel"] == "calibrated"
     assert_provenance(document, "changes", *photographs, psf_file, noise)
     told = command(*asked, "--noise", noise, "--out", tmp_path / "again")
     assert told.out.splitlines()[0] == "16 changes"
+    assert told.out.splitlines()[-1].startswith("no change of focus: the blur is what psf.json")
     assert (
         f"{document['changed_px']} of {document['compared_px']} pixels changed by more than "
         in told.out
@@ -76,6 +77,24 @@ def test_changes_are_registered_found_and_written(
     assert mask[core].mean() > 0.95
     assert not mask[one.truth < 1e-3 * one.truth.max()].any()
     assert sorted(path.name for path in out.iterdir()) == FILES
+
+
+def test_a_psf_of_another_focus_is_told_with_its_significance(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    # sqrt(0.9^2 - 0.6^2) px are missing from it.
+    other = {"schema": "standoff.psf/1", "sigma_x_px": 0.6, "sigma_y_px": 0.6, "rho": 0.0}
+    (tmp_path / "other.json").write_text(json.dumps(other))
+    words = ("changes", *photographs, "--psf", tmp_path / "other.json", "--out", tmp_path / "out")
+    done = command(*words, "--json")
+    assert done.status == 0, done.err
+    document = json.loads(done.out)
+    assert document["kernel"] == "both"
+    assert any("the focus has changed by" in warning for warning in document["warnings"])
+    assert "standard errors" in done.err
+    assert len(document["changes"]) == 16
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert page.index("the focus has changed by") < page.index("Before and after")
 
 
 def test_two_photographs_and_nothing_else_give_the_list_of_what_changed(

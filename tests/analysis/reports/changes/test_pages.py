@@ -157,11 +157,15 @@ def test_a_page_without_changes_says_so() -> None:
 @pytest.mark.parametrize(
     ("kernel", "extra_px2", "said"),
     [
-        ("both", 0.25, "the focus has changed: the follow-up is softer than psf.json and the pose"),
-        ("calibrated", -0.25, "the focus has changed: the follow-up is sharper than psf.json"),
-        ("both", 0.01, "the focus has not changed"),
-        ("pair", 0.25, "the follow-up is softer than the reference by a Gaussian of 0.50 px"),
-        ("pair", 0.01, "the follow-up is as sharp as the reference"),
+        ("both", 0.25, "the focus has changed: against psf.json and the pose, the follow-up is so"),
+        (
+            "both",
+            -0.25,
+            "the focus has changed: against psf.json and the pose, the follow-up is sh",
+        ),
+        ("calibrated", 0.01, "no change of focus: the blur is what psf.json and the pose explain"),
+        ("pair", 0.25, "against the reference, the follow-up is softer by a Gaussian of 0.50 px"),
+        ("pair", 0.01, "the follow-up is as sharp as the reference (+0.01 ± 0.02 px^2)"),
     ],
 )
 def test_the_focus_is_told_with_its_significance(kernel: str, extra_px2: float, said: str) -> None:
