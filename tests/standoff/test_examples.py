@@ -62,6 +62,11 @@ def test_what_distance_costs_is_shown(tmp_path: Path) -> None:
 
 def test_the_one_change_is_found(tmp_path: Path) -> None:
     out = run("what_changed.py", "--out", tmp_path)
-    changed = int(re.findall(r"(\d+) of \d+ px changed", out)[0])
+    changed = int(re.findall(r"(\d+) of \d+ px beyond", out)[0])
     assert 20 < changed < 300  # a spot of 4 px, seen from 1.4 times further away
+    x, y, amplitude = map(float, re.findall(r"at (\S+), (\S+): (\S+) DN", out)[0])
+    # 152, 57 of 384 x 303 px, in 274 x 216 px about the same middle.
+    assert x == pytest.approx((152 - 191.5) / 1.4 + 136.5, abs=0.5)
+    assert y == pytest.approx((57 - 151) / 1.4 + 107.5, abs=0.5)
+    assert amplitude == pytest.approx(12.0, abs=2.0)
     assert (tmp_path / "changes.png").is_file()
