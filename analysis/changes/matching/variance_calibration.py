@@ -6,7 +6,7 @@ sharpest edges or with heavy tails, the differences in the bin tell.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, log, pi, sqrt
+from math import inf, pi, sqrt
 
 import numpy as np
 from numba import njit
@@ -30,6 +30,9 @@ _LEAST_STEP = 0.1
 filled by one change."""
 
 _LEAST_PX = 30
+_PLAIN_SHARE = 0.5
+"""Share of the pixels, those with the least predicted variance, whose tails changes are told by."""
+
 _SAMPLE_PX = 500_000
 _CHANGE_REACH_PX = 5.0
 _STEP, _LARGE_PX = 2, 1_000_000
@@ -94,21 +97,30 @@ def calibrate_variance(
     ratio = np.abs(difference_dn) / np.sqrt(variance_dn2)
     log_variance = np.log(variance_dn2)
     edges = _apart(np.quantile(log_variance, _EDGES).tolist())
-    middles, factors = [], []
+    middles, spreads, tails, counts = [], [], [], []
     for low, high in pairwise(edges):
         inside = (log_variance >= low) & (log_variance < high)
         count = int(inside.sum())
         if count < _LEAST_PX:
             continue
         spread = robust_sigma(ratio[inside]) + 1e-6
+        tail = 1.0
         if alike is not None:
             tail = float(np.quantile(ratio[inside], _TAIL)) / _TAIL_SD / spread
-            spread *= max(1.0, tail - _TAIL_SCATTER * sqrt(alike / count))
+            tail = max(1.0, tail - _TAIL_SCATTER * sqrt(alike / count))
         middles.append(float(np.median(log_variance[inside])))
-        factors.append(log(spread))
+        spreads.append(spread)
+        tails.append(tail)
+        counts.append(count)
     if not middles:
         return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
-    return VarianceCalibration(log_variance=np.array(middles), log_factor=np.array(factors))
+    # Faint changes lie anywhere and fill every tail; edges and fine detail, where the terms may
+    # not hold, have a large predicted variance.
+    plainest = np.cumsum(counts) <= _PLAIN_SHARE * sum(counts)
+    plainest[0] = True
+    everywhere = float(np.average(np.array(tails)[plainest], weights=np.array(counts)[plainest]))
+    factors = np.array(spreads) * np.maximum(np.array(tails) / everywhere, 1.0)
+    return VarianceCalibration(log_variance=np.array(middles), log_factor=np.log(factors))
 
 
 def _apart(edges: list[float]) -> list[float]:
