@@ -46,8 +46,8 @@ def test_a_known_kernel_light_and_offset_are_recovered() -> None:
     target = target * (1 + 0.1 * x) + 7.0 + 3.0 * x
     kernel = fitted(source, target)
     inner = np.s_[8:-8, 8:-8]
-    # The ridge holds back what the texture hardly tells; levels are right to a thousandth of it.
-    assert np.std((kernel.of(source) - target)[inner]) < 2e-3 * np.std(target)
+    # The ridge holds back what the texture hardly tells; levels are right to half a per cent.
+    assert np.std((kernel.of(source) - target)[inner]) < 5e-3 * np.std(target)
     gain, _ = kernel.light(SHAPE)
     np.testing.assert_allclose(gain, 1.3 * (1 + 0.1 * np.broadcast_to(x, SHAPE)), rtol=0.01)
 
@@ -104,12 +104,12 @@ def test_a_photograph_is_smoothed_and_seen_as_by_a_spline_of_its_exact_positions
     def bent(y: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         return 0.9 * y + 0.02 * x + 8 + 1e-4 * y * x, 1.05 * x - 0.03 * y + 5 + 2e-4 * x * x
 
-    placed = PixelPositions.of(bent, (140, 150), SHAPE)
+    placed = PixelPositions.of(bent, (140, 190), SHAPE)
     seen = placed.seen(spline_coefficients(source, 1.2))
-    y, x = bent(*np.mgrid[:140, :150].astype(np.float64))
+    y, x = bent(*np.mgrid[:140, :190].astype(np.float64))
     exact = map_coordinates(gaussian_filter(source.astype(float), 1.2, truncate=8), [y, x], order=5)
     sound = placed.inside(np.ones(SHAPE, dtype=bool), 14.0)
     assert sound.mean() > 0.5
     # Single precision, and positions between nodes 16 px apart.
     np.testing.assert_allclose(seen[sound], exact[sound], atol=5e-4 * np.std(source))
-    assert np.isnan(placed.seen(source)[:, -1]).all()  # x of 160 and more is past the photograph
+    assert np.isnan(placed.seen(source)[:, -1]).all()  # past the photograph

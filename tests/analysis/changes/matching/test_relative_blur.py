@@ -66,7 +66,8 @@ def test_changes_light_and_offset_are_no_blur() -> None:
     target[60:70, 80:90] += 300.0
     rng = np.random.default_rng(0)
     found = measured(source, target + rng.normal(0, 0.5, SHAPE))
-    assert abs(found.value_px2) < 0.02
+    # The smoothed change's skirt, below 5 standard deviations, is not left out.
+    assert abs(found.value_px2) < 0.05
 
 
 def test_nothing_to_see_tells_no_blur_and_what_is_expected_stays() -> None:
