@@ -10,7 +10,6 @@ from math import inf, sqrt
 
 import numpy as np
 
-from analysis.changes.chance import significance_threshold
 from analysis.changes.document import KernelOrigin
 from analysis.changes.matching import (
     GRADIENT,
@@ -42,9 +41,6 @@ from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
 from simulation.capture_noise import CaptureNoise
 
 _LEAST_PIXELS = 1000
-_CALIBRATION_RATE = 0.05
-"""Pixels a frame flagged by chance where changes are kept out of the calibration."""
-
 _BORDER_SD = 3.0
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
@@ -325,6 +321,11 @@ class _Matched:
         return variance
 
     @property
+    def noise_variance_dn2(self) -> Float32Array:
+        """The part of it that is noise."""
+        return self.terms.variance(self.terms.noise_sizes(self.fit.sizes), self.floor_dn2)
+
+    @property
     def noise_factor(self) -> float:
         """Noise that was fitted over that of the noise model, or over 1 DN^2."""
         if self.floor_dn2 is None:
@@ -375,8 +376,9 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     seen, target = matched.seen, matched.target
     difference = target - fit.kernel.of(seen)
     variance = matched.variance_dn2
-    threshold = significance_threshold(_CALIBRATION_RATE / int(np.count_nonzero(valid)))
-    sd = calibrated_factor(difference, variance, valid, smoothing.target_px, threshold)
+    sd = calibrated_factor(
+        difference, variance, matched.noise_variance_dn2, valid, smoothing.target_px
+    )
     sd *= np.sqrt(variance)
     gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
     plain = gain * (smoothed(pair.seen(0.0), smoothing.target_px) - np.float32(fit.kernel.level_dn))

@@ -97,10 +97,7 @@ def align_smoothly(
         If the images overlap in fewer than 2000 far pixels, or so few of them are not clipped.
     """
     rows, cols = np.mgrid[: far_dn.shape[0], : far_dn.shape[1]].astype(np.float64)
-    start_x, start_y, scale = np.tensordot(
-        far_to_near, np.stack([cols, rows, np.ones_like(rows)]), axes=1
-    )
-    start_x, start_y = start_x / scale, start_y / scale
+    start_y, start_x = _projected(far_to_near, rows, cols)
     inside = _inside(start_y, start_x, near_dn.shape)
     if np.count_nonzero(inside) < _LEAST_PIXELS:
         raise PairError(
@@ -157,6 +154,14 @@ def align_smoothly(
         residual_rms_dn=residual_rms,
         correlation=correlation,
     )
+
+
+def _projected(
+    far_to_near: FloatArray, y_px: FloatArray, x_px: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Near coordinates ``(y, x)`` of far ones."""
+    x, y, scale = np.tensordot(far_to_near, np.stack([x_px, y_px, np.ones_like(x_px)]), axes=1)
+    return y / scale, x / scale
 
 
 def _refuse_too_few(used: BoolArray) -> None:

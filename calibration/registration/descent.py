@@ -23,8 +23,9 @@ from simulation.arrays import FloatArray
 _SAMPLES = 60_000
 """Pixels compared: with the smoothing of 1 px, neighbours tell hardly anything new."""
 
-_K1_SIGNIFICANT = 2.5
-"""Standard errors from which a distortion is kept; one of 0 tells more than an uncertain one."""
+_K1_SIGNIFICANT = 1.4
+"""Standard errors from which a distortion is kept: from sqrt(2) on it predicts better than 0 does
+(H. Akaike, "A new look at the statistical model identification", 1974)."""
 
 _JUDGED_PX = 300_000
 _CORRELATION_LOSS = 0.02

@@ -53,6 +53,8 @@ class Registration:
     ----------
     pose
         Position of every follow-up pixel in the reference.
+    zoom
+        Reference pixels per follow-up pixel at the follow-up's centre.
     place_err_px
         Standard error of a follow-up pixel's position in the reference, rms over the overlap,
         reference px.
@@ -71,7 +73,8 @@ class Registration:
         Sentences on what an operator should check.
     """
 
-    pose: DistortedPose
+    pose: DistortedPose = field(repr=False)
+    zoom: float
     place_err_px: float
     k1_err: float
     feature_matrix: FloatArray = field(repr=False)
@@ -85,11 +88,6 @@ class Registration:
     def matrix(self) -> FloatArray:
         """Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to the reference's, ideal lens."""
         return self.pose.matrix
-
-    @property
-    def zoom(self) -> float:
-        """Reference pixels per follow-up pixel at the follow-up's centre."""
-        return self.pose.zoom
 
 
 def register(
@@ -247,6 +245,7 @@ def _registration(
         rms_px = float(np.sqrt(np.mean(agreeing**2))) if count else 0.0
     return Registration(
         pose=pose,
+        zoom=pose.zoom,
         place_err_px=place_err_px,
         k1_err=found.errors.k1_err,
         feature_matrix=hypothesis.matrix / hypothesis.matrix[2, 2],
@@ -269,6 +268,7 @@ def _as_given(pair: PhotographPair, candidate: Candidate) -> Registration:
     )
     return Registration(
         pose=pose,
+        zoom=pose.zoom,
         place_err_px=_GIVEN_ERR_PX,
         k1_err=0.0,
         feature_matrix=pose.matrix,

@@ -11,6 +11,8 @@ from calibration.registration.refinement import Residuals
 from simulation.arrays import FloatArray
 
 _SHOWN_SAMPLES = 4000
+_LEAST_SLOPE = 0.3
+"""Of the scores, relative to the normal equations': less is scatter, not an absence of detail."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,11 +68,23 @@ def _covariance(pair: LevelPair, motions: PoseMotions, found: Residuals) -> Floa
     rising = (1 - square) * (1 - 5 * square) / found.scale[inside] ** 2
     slope = (own * rising[:, None]).T @ other
     slope = (slope + slope.T) / 2
-    slope[:count, :count] += motions.prior(found.pose).normal
+    normal = (own * found.weight[inside, None]).T @ own
+    for one in (slope, normal):
+        one[:count, :count] += motions.prior(found.pose).normal
     scores = own * (found.weight * found.residual)[inside, None]
     block = pair.block[inside]
     sums = np.stack([np.bincount(block, one) for one in scores.T], axis=1)
     used = max(int(np.count_nonzero(np.bincount(block))), 2)
-    inverse = np.linalg.pinv(slope, hermitian=True)
+    inverse = _bounded_inverse(slope, normal)
     made = inverse @ (sums.T @ sums) @ inverse * (used / (used - 1))
     return np.asarray(made[:count, :count])
+
+
+def _bounded_inverse(slope: FloatArray, normal: FloatArray) -> FloatArray:
+    """Inverse of ``slope``, in no direction more than some times that of ``normal``."""
+    scale = 1 / np.sqrt(np.diag(normal) + 1e-300)
+    root = np.linalg.cholesky(normal * np.outer(scale, scale) + 1e-9 * np.eye(len(normal)))
+    whiten = np.linalg.inv(root) * scale
+    values, vectors = np.linalg.eigh(whiten @ slope @ whiten.T)
+    half = (vectors / np.sqrt(np.maximum(values, _LEAST_SLOPE))).T @ whiten
+    return np.asarray(half.T @ half)

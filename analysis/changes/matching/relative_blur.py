@@ -182,8 +182,12 @@ def _two_stage(
     for _ in range(2):
         z = instrument[:, kept]
         normal = z @ design[:, kept].T
-        scale = np.sqrt(np.abs(np.diag(normal))) + 1e-300
-        if np.linalg.cond(normal / np.outer(scale, scale)) > 1e10 or not normal[-1, -1] > 0:
+        scale = np.sqrt(np.abs(np.diag(normal)))
+        if (
+            not scale.min() > 0
+            or np.linalg.cond(normal / np.outer(scale, scale)) > 1e10
+            or not normal[-1, -1] > 0
+        ):
             return nothing
         solution = np.linalg.solve(normal, z @ measured[kept])
         residual = measured - solution @ design

@@ -36,6 +36,8 @@ _STEP = 4
 GRADIENT, LAPLACIAN = 2, 3
 """Places of these terms among the sizes."""
 
+_STRUCTURES = 4
+
 _DARKEST, _BRIGHTEST = 0.1, 99.9
 """Percentiles."""
 
@@ -106,6 +108,12 @@ class VarianceTerms:
             if size > 0:
                 total += size * image
         return np.asarray(total if floor_dn2 is None else np.maximum(total, floor_dn2))
+
+    def noise_sizes(self, sizes: FloatArray) -> FloatArray:
+        """Return the sizes with those of gradient, Laplacian and fine detail set to 0."""
+        is_noise = np.ones(len(sizes), dtype=np.bool_)
+        is_noise[GRADIENT : GRADIENT + _STRUCTURES] = False
+        return np.asarray(sizes * is_noise)
 
     def noise_dn2(self, sizes: FloatArray, valid: BoolArray) -> float:
         """Mean variance by the level alone, which is noise."""

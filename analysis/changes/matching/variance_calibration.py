@@ -6,7 +6,7 @@ sharpest edges or with heavy tails, the differences in the bin tell.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, log, pi, sqrt
+from math import inf, pi, sqrt
 
 import numpy as np
 from numba import njit
@@ -30,8 +30,14 @@ _LEAST_STEP = 0.1
 filled by one change."""
 
 _LEAST_PX = 30
+_STRUCTURE = 0.2
+"""Share of the predicted variance beside noise from which on a tail counts in full: noise has none,
+and faint changes, which lie anywhere, would pass for one."""
+
 _SAMPLE_PX = 500_000
-_CHANGE_REACH_PX = 5.0
+_CHANGE_SD, _CHANGE_REACH_PX = 4.5, 5.0
+"""Pixels that are taken as changed, and how far around them."""
+
 _STEP, _LARGE_PX = 2, 1_000_000
 _ROUNDS = 4
 """A change that is found is left out, with what is around it; what is none comes back."""
@@ -80,7 +86,10 @@ def _interpolated(
 
 
 def calibrate_variance(
-    difference_dn: FloatArray, variance_dn2: FloatArray, alike: float | None
+    difference_dn: FloatArray,
+    variance_dn2: FloatArray,
+    noise_dn2: FloatArray,
+    alike: float | None,
 ) -> VarianceCalibration:
     """Compare differences with their predicted variance.
 
@@ -88,27 +97,34 @@ def calibrate_variance(
     ----------
     difference_dn, variance_dn2
         Of a sample of pixels without a change, shape ``(n,)``.
+    noise_dn2
+        The part of the variance that is noise.
     alike
         Pixels of the sample to one that is independent of the others; None leaves the tails out.
     """
     ratio = np.abs(difference_dn) / np.sqrt(variance_dn2)
     log_variance = np.log(variance_dn2)
     edges = _apart(np.quantile(log_variance, _EDGES).tolist())
-    middles, factors = [], []
+    middles, spreads, tails = [], [], []
     for low, high in pairwise(edges):
         inside = (log_variance >= low) & (log_variance < high)
         count = int(inside.sum())
         if count < _LEAST_PX:
             continue
         spread = robust_sigma(ratio[inside]) + 1e-6
+        tail = 1.0
         if alike is not None:
             tail = float(np.quantile(ratio[inside], _TAIL)) / _TAIL_SD / spread
-            spread *= max(1.0, tail - _TAIL_SCATTER * sqrt(alike / count))
+            tail = max(0.0, tail - _TAIL_SCATTER * sqrt(alike / count) - 1)
+            share = 1 - float(np.mean(noise_dn2[inside] / variance_dn2[inside]))
+            tail = 1 + tail * min(max(share, 0.0) / _STRUCTURE, 1.0)
         middles.append(float(np.median(log_variance[inside])))
-        factors.append(log(spread))
+        spreads.append(spread)
+        tails.append(tail)
     if not middles:
         return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
-    return VarianceCalibration(log_variance=np.array(middles), log_factor=np.array(factors))
+    factors = np.array(spreads) * np.array(tails)
+    return VarianceCalibration(log_variance=np.array(middles), log_factor=np.log(factors))
 
 
 def _apart(edges: list[float]) -> list[float]:
@@ -123,27 +139,27 @@ def _apart(edges: list[float]) -> list[float]:
 def calibrated_factor(
     difference_dn: Float32Array,
     variance_dn2: Float32Array,
+    noise_dn2: Float32Array,
     valid: BoolArray,
     smoothing_px: float,
-    threshold_sd: float,
 ) -> Float32Array:
     """Factor of the predicted standard deviation at every pixel, changes left out.
 
     Parameters
     ----------
-    difference_dn, variance_dn2
-        Difference and its predicted variance, shape ``(rows, cols)``.
+    difference_dn, variance_dn2, noise_dn2
+        Difference, its predicted variance and the part of it that is noise, shape
+        ``(rows, cols)``.
     valid
         Pixels that count.
     smoothing_px
         Width of the Gaussian that makes neighbours alike.
-    threshold_sd
-        Standard deviations beyond which a pixel is taken as changed.
     """
     # Smoothed images are known from every other pixel.
     seen = np.s_[::_STEP, ::_STEP] if valid.size > _LARGE_PX else np.s_[:, :]
     step = _STEP if valid.size > _LARGE_PX else 1
     difference, variance, part = difference_dn[seen], variance_dn2[seen], valid[seen]
+    noise = noise_dn2[seen]
     independent = np.count_nonzero(valid) / (4 * pi * smoothing_px**2)
     kept = part
     for number in range(_ROUNDS):
@@ -153,11 +169,12 @@ def calibrated_factor(
         calibration = calibrate_variance(
             difference[rows, cols].astype(np.float64),
             variance[rows, cols].astype(np.float64),
+            noise[rows, cols].astype(np.float64),
             alike,
         )
         if number == _ROUNDS - 1:
             break
-        reach = np.square(threshold_sd * calibration.factor(variance)) * variance
+        reach = np.square(_CHANGE_SD * calibration.factor(variance)) * variance
         found = part & (np.square(difference) > reach)
         remaining = part & away_from(found, _CHANGE_REACH_PX / step)
         if number > 0 and np.array_equal(remaining, kept):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.errors import RegistrationError
-from calibration.registration.pair import DistortedRegistration, register_distorted
+from calibration.registration.hints import RegistrationHints
+from calibration.registration.pair import Registration, register
 from hil_mocks import BenchTruth
 from hil_mocks.scene.pinhole import CameraPose
 from simulation import GaussianPsf
@@ -49,7 +50,7 @@ def psf() -> GaussianPsf:
     return GaussianPsf.from_covariance(truth().total_covariance_px2(NEAR_MM))
 
 
-def errors_px(found: DistortedRegistration, zoom: float) -> FloatArray:
+def errors_px(found: Registration, zoom: float) -> FloatArray:
     return place_errors_px(found.pose, truth(), NEAR_MM, zoom * (NEAR_MM + 10.0) - 10.0)
 
 
@@ -59,7 +60,7 @@ def errors_px(found: DistortedRegistration, zoom: float) -> FloatArray:
 def test_with_one_percent_distortion_every_place_is_right_to_a_twentieth_of_a_pixel(
     target: str, zoom: float
 ) -> None:
-    found = register_distorted(photograph(target, 1.0), photograph(target, zoom), psf())
+    found = register(photograph(target, 1.0), photograph(target, zoom), psf())
     assert np.median(errors_px(found, zoom)) < 0.05
     assert found.zoom == pytest.approx(zoom, rel=5e-4)
     # At zoom 3 a ninth of the further frame tells of a distortion of half a pixel.
@@ -68,7 +69,7 @@ def test_with_one_percent_distortion_every_place_is_right_to_a_twentieth_of_a_pi
 
 @pytest.mark.slow
 def test_the_standard_error_of_a_place_is_of_the_size_of_its_error() -> None:
-    found = register_distorted(photograph("grass", 1.0), photograph("grass", 1.6), psf())
+    found = register(photograph("grass", 1.0), photograph("grass", 1.6), psf())
     error = float(np.sqrt(np.mean(errors_px(found, 1.6) ** 2)))
     # One draw of nine figures: within a factor of 3.
     assert found.place_err_px / 3 < error < 3 * found.place_err_px
@@ -76,12 +77,12 @@ def test_the_standard_error_of_a_place_is_of_the_size_of_its_error() -> None:
 
 def test_a_pattern_that_repeats_is_told_apart_by_the_zoom_to_be_expected() -> None:
     near, far = photograph("chart", 1.0), photograph("chart", 2.3)
-    found = register_distorted(near, far, psf(), expected_zoom=2.4)
+    found = register(near, far, psf(), hints=RegistrationHints(zoom=2.4))
     assert np.median(errors_px(found, 2.3)) < 0.05
 
 
 def test_without_a_psf_it_is_as_good() -> None:
-    found = register_distorted(photograph("grass", 1.0), photograph("grass", 1.6))
+    found = register(photograph("grass", 1.0), photograph("grass", 1.6))
     assert np.median(errors_px(found, 1.6)) < 0.05
 
 
@@ -89,19 +90,25 @@ def test_without_a_psf_it_is_as_good() -> None:
 def test_another_target_is_refused_also_where_the_zoom_is_known() -> None:
     for other in ("lesion", "gravel"):
         with pytest.raises(RegistrationError):
-            register_distorted(
-                photograph("grass", 1.0), photograph(other, 1.6), psf(), expected_zoom=1.6
+            register(
+                photograph("grass", 1.0),
+                photograph(other, 1.6),
+                psf(),
+                hints=RegistrationHints(zoom=1.6),
             )
 
 
-def test_a_nearer_followup_is_refused() -> None:
-    with pytest.raises(RegistrationError) as refused:
-        register_distorted(photograph("grass", 1.6), photograph("grass", 1.0), psf())
-    assert refused.value.reason == "nearer"
+def test_a_nearer_followup_has_the_inverse_pose() -> None:
+    near, far = photograph("grass", 1.0), photograph("grass", 1.6)
+    pose, inverse = (register(*pair, psf()).pose for pair in ((near, far), (far, near)))
+    y, x = np.mgrid[20:220:20, 20:300:20].astype(np.float64)
+    back = inverse.to_reference_px(*pose.to_reference_px(y, x))
+    # Both compare the same pixels, the further photograph's.
+    np.testing.assert_allclose(back, (y, x), atol=1e-6)
 
 
 def test_a_part_of_a_frame_has_no_distortion_of_its_own() -> None:
-    found = register_distorted(photograph("grass", 1.0), photograph("grass", 1.6)[20:, 30:], psf())
+    found = register(photograph("grass", 1.0), photograph("grass", 1.6)[20:, 30:], psf())
     assert found.pose.k1 == 0.0
     assert found.k1_err == 0.0
 
@@ -109,8 +116,11 @@ def test_a_part_of_a_frame_has_no_distortion_of_its_own() -> None:
 @pytest.mark.slow
 def test_a_shifted_camera_is_found_in_spite_of_a_wrong_expectation() -> None:
     moved = CameraPose(height_mm=1.3 * (NEAR_MM + 10.0) - 10.0, offset_x_mm=40.0)
-    found = register_distorted(
-        photograph("grass", 1.0), photograph("grass", 1.3, moved), psf(), expected_zoom=1.3
+    found = register(
+        photograph("grass", 1.0),
+        photograph("grass", 1.3, moved),
+        psf(),
+        hints=RegistrationHints(zoom=1.3),
     )
     # The zoom behind an ideal lens; a barrel makes the one at a place off the axis smaller.
     ideal_zoom = np.sqrt(np.linalg.det(found.pose.matrix[:2, :2]))

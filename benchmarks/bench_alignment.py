@@ -1,0 +1,260 @@
+"""Alignment of two photographs that nothing is known of, by kind of scene.
+
+Pairs at zooms of 0.5 to 2.5, tilted by up to 15 degrees, turned by any angle, shifted by up to
+30 %, with at least a third in common; contrasts of 5 to 60 DN, 8 and 12 bit, noise up to 3 DN. The
+error is the rms over the overlap of reference positions, in px; ``bound`` is the Cramer-Rao bound
+from the slopes of the noise-free follow-up, for a homography, gain and offset. The peer is
+OpenCV's SIFT and MAGSAC alone.
+
+    python -m benchmarks.bench_alignment [--pairs 200] [--width-px 780]
+"""
+
+import sys
+import time
+from collections import Counter, defaultdict
+from dataclasses import dataclass
+from math import exp, log
+
+import cv2
+import numpy as np
+
+from benchmarks.harness import Recorder, bench_parser
+from benchmarks.lens_optics import f_number
+from benchmarks.pair_photographs import DEFAULT_CAMERA, Development, Pair, PairPose, pair_of
+from benchmarks.pair_scenes import SCENES, scene
+from calibration.errors import RegistrationError
+from calibration.registration import FeatureMatches, Registration, RegistrationHints, register
+from simulation.arrays import FloatArray
+
+FIRST_SEED = 5000
+SHARED_LEAST = 1 / 3
+ERROR_MAX_PX = 0.05
+BOUND_FACTOR = 1.5
+WORST_FACTOR = 4.0
+BORDER_PX = 3
+POINT_ERROR_PX = 1.5
+RATIO = 0.8
+TOLERANCE_PX = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Case:
+    """Two photographs, what is known of them and the noise of both in 8-bit DN."""
+
+    kind: str
+    pair: Pair
+    contrast_dn: float
+    noise_dn: float
+    bits: int
+    reference: FloatArray
+    followup: FloatArray
+
+    def bound_px(self) -> float:
+        """Cramer-Rao bound of the rms error over the overlap, in reference px."""
+        rows, cols = self.pair.frame
+        y, x = np.mgrid[BORDER_PX : rows - BORDER_PX, BORDER_PX : cols - BORDER_PX].astype(float)
+        to_x, to_y = self.pair.pose.positions(x, y, self.pair.frame)
+        inside = (to_x >= 0) & (to_x <= cols - 1) & (to_y >= 0) & (to_y <= rows - 1)
+        inner = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+        slope_y, slope_x = (along[inner][inside] for along in np.gradient(self.pair.followup_dn))
+        level = self.pair.followup_dn[inner][inside]
+        half = max(rows, cols) / 2
+        u, v = (x[inside] - (cols - 1) / 2) / half, (y[inside] - (rows - 1) / 2) / half
+        one, nothing = np.ones_like(u), np.zeros_like(u)
+        along_x = np.stack([one, nothing, u, v, nothing, nothing, u * u, u * v], axis=1)
+        along_y = np.stack([nothing, one, nothing, nothing, u, v, u * v, v * v], axis=1)
+        motions = slope_x[:, None] * along_x + slope_y[:, None] * along_y
+        design = np.concatenate([motions, (level - level.mean())[:, None], one[:, None]], axis=1)
+        rounding = 1 / 12 if self.bits == 8 else 0.0
+        zoom = self.pair.pose.zoom
+        # The reference has zoom^2 pixels, each with its noise, for one of the follow-up.
+        variance = (self.noise_dn**2 + rounding) * (1 + 1 / zoom**2)
+        covariance = np.linalg.inv(design.T @ design)[:8, :8] * variance
+        total = sum(
+            float(np.mean(np.sum((along @ covariance) * along, axis=1)))
+            for along in (along_x, along_y)
+        )
+        return zoom * float(np.sqrt(total))
+
+    def error_px(self, found: Registration) -> float:
+        """Rms error over the overlap."""
+        y, x = found.pose.followup_places_px()
+        return self.pair.error_px(x, y)
+
+    def points(self, rng: np.random.Generator) -> FeatureMatches:
+        """Six points as an operator would click them."""
+        rows, cols = self.pair.frame
+        x, y = rng.uniform(0, cols, 4000), rng.uniform(0, rows, 4000)
+        to_x, to_y = self.pair.pose.positions(x, y, self.pair.frame)
+        inside = np.flatnonzero((to_x >= 0) & (to_x <= cols - 1) & (to_y >= 0) & (to_y <= rows - 1))
+        # Far apart: the outermost in six directions.
+        turns = np.arange(6) * np.pi / 3
+        about_x, about_y = x[inside] - x[inside].mean(), y[inside] - y[inside].mean()
+        chosen = [inside[np.argmax(about_x * np.cos(t) + about_y * np.sin(t))] for t in turns]
+        clicked = np.stack([to_x[chosen], to_y[chosen]], axis=1)
+        return FeatureMatches(
+            np.stack([x[chosen], y[chosen]], axis=1),
+            clicked + rng.normal(0, POINT_ERROR_PX, clicked.shape),
+        )
+
+
+def case(seed: int, frame: tuple[int, int]) -> Case:
+    """One pair of item ``seed``."""
+    rng = np.random.default_rng(FIRST_SEED + seed)
+    kind = list(SCENES)[seed % len(SCENES)]
+    contrast = exp(rng.uniform(log(5.0), log(60.0 if kind != "text" else 45.0)))
+    pose = _pose(rng, frame)
+    lens = DEFAULT_CAMERA if seed % 2 else f_number(5.6)
+    made = pair_of(
+        scene(kind, frame, FIRST_SEED + seed, contrast_dn=contrast), frame, pose, (lens,) * 2
+    )
+    noise, bits = float(rng.uniform(0.3, 3.0)), int(rng.choice([8, 12]))
+    after = Development(
+        noise_dn=noise,
+        bits=bits,
+        gain=float(rng.uniform(0.8, 1.1)),
+        slope=float(rng.uniform(-0.2, 0.2)),
+    )
+    reference, followup = made.developed(Development(noise_dn=noise, bits=bits), after, seed)
+    return Case(
+        kind=kind,
+        pair=made,
+        contrast_dn=contrast,
+        noise_dn=noise,
+        bits=bits,
+        reference=reference,
+        followup=followup,
+    )
+
+
+def _pose(rng: np.random.Generator, frame: tuple[int, int]) -> PairPose:
+    """A pose that leaves a third of the smaller view in common."""
+    while True:
+        pose = PairPose(
+            zoom=exp(rng.uniform(log(0.5), log(2.5))),
+            tilt_deg=float(rng.uniform(0, 15)),
+            bearing_deg=float(rng.uniform(0, 360)),
+            turn_deg=float(rng.uniform(0, 360)),
+            shift=(float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-0.3, 0.3))),
+        )
+        shares = [
+            _share(matrix, frame)
+            for matrix in (pose.matrix(frame), np.linalg.inv(pose.matrix(frame)))
+        ]
+        if max(shares) >= SHARED_LEAST:
+            return pose
+
+
+def _share(matrix: FloatArray, frame: tuple[int, int]) -> float:
+    rows, cols = frame
+    y, x = np.mgrid[:rows:8, :cols:8].astype(np.float64)
+    u, v, w = np.tensordot(matrix, np.stack([x, y, np.ones_like(x)]), axes=1)
+    inside = (w > 0) & (u >= 0) & (u <= (cols - 1) * w) & (v >= 0) & (v <= (rows - 1) * w)
+    return float(np.mean(inside))
+
+
+def peer_error_px(one: Case) -> float:
+    """Error of OpenCV's SIFT and MAGSAC; infinite where it finds none."""
+    sift = cv2.SIFT.create()
+    levels = [
+        np.clip(image / (1 if one.bits == 8 else 16), 0, 255).astype(np.uint8)
+        for image in (one.reference, one.followup)
+    ]
+    (near, own), (far, other) = (sift.detectAndCompute(image, None) for image in levels)
+    if own is None or other is None or min(len(near), len(far)) < 4:
+        return float("inf")
+    pairs = [
+        first
+        for first, second in cv2.BFMatcher(cv2.NORM_L2).knnMatch(other, own, k=2)
+        if first.distance < RATIO * second.distance
+    ]
+    if len(pairs) < 4:
+        return float("inf")
+    matrix, _ = cv2.findHomography(
+        np.array([far[p.queryIdx].pt for p in pairs]),
+        np.array([near[p.trainIdx].pt for p in pairs]),
+        cv2.USAC_MAGSAC,
+        TOLERANCE_PX,
+    )
+    if np.shape(matrix) != (3, 3):
+        return float("inf")
+    rows, cols = one.pair.frame
+    y, x = np.mgrid[:rows, :cols].astype(np.float64)
+    u, v, w = np.tensordot(np.asarray(matrix), np.stack([x, y, np.ones_like(x)]), axes=1)
+    return one.pair.error_px(u / w, v / w)
+
+
+def main() -> None:
+    parser = bench_parser(__doc__)
+    parser.add_argument("--pairs", type=int, default=200)
+    parser.add_argument("--width-px", type=int, default=780)
+    given = parser.parse_args()
+    note = f"{given.pairs} pairs, {given.width_px} px wide"
+    packages = ("numpy", "scipy", "opencv-contrib-python-headless")
+    with Recorder.of(given, "alignment", packages=packages, note=note) as record:
+        judge(record, given.pairs, (round(given.width_px * 580 / 780), given.width_px))
+
+
+def judge(record: Recorder, pairs: int, frame: tuple[int, int]) -> None:
+    """Print what became of the pairs of every kind."""
+    found: dict[str, Counter[str]] = defaultdict(Counter)
+    ratios: dict[str, list[float]] = defaultdict(list)
+    seconds: dict[str, list[float]] = defaultdict(list)
+    for number in range(pairs):
+        one = case(number, frame)
+        bound = max(ERROR_MAX_PX, BOUND_FACTOR * one.bound_px())
+        start = time.process_time()
+        verdict, error = _verdict(one, None, bound)
+        seconds["ours"].append(time.process_time() - start)
+        found[one.kind][verdict] += 1
+        if verdict in ("aligned", "coarse"):
+            ratios[one.kind].append(error / one.bound_px())
+        else:
+            record.say(f"pair {number} ({one.kind}): {verdict}, error {error:.3g} px")
+            for name, hints in _hints(one).items():
+                rescued, _ = _verdict(one, hints, bound)
+                found[one.kind][f"{name} {rescued}"] += 1
+        start = time.process_time()
+        peer = peer_error_px(one)
+        seconds["peer"].append(time.process_time() - start)
+        found[one.kind]["peer within 4 bounds"] += peer <= WORST_FACTOR * bound
+    for kind, counts in found.items():
+        text = ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))
+        middle = float(np.median(ratios[kind])) if ratios[kind] else float("nan")
+        record.say(f"{kind:<9} {text}; error over the Cramer-Rao bound {middle:.2f}")
+    for name, each in seconds.items():
+        record.say(f"{name}: {float(np.median(each)):.2f} s of processor time, median")
+    total = sum(found.values(), Counter[str]())
+    record.figure("pairs aligned", float(total["aligned"] + total["coarse"]), "")
+    if total["wrong"]:
+        sys.exit(f"{total['wrong']} pairs are silently wrong")
+
+
+def _hints(one: Case) -> dict[str, RegistrationHints]:
+    rng = np.random.default_rng(1)
+    zoom = one.pair.pose.zoom
+    shifted = one.pair.matrix.copy()
+    shifted[:2, 2] += 3.0
+    return {
+        "zoom": RegistrationHints(zoom=zoom * 1.07),
+        "matrix": RegistrationHints(matrix=shifted),
+        "points": RegistrationHints(points=one.points(rng)),
+    }
+
+
+def _verdict(one: Case, hints: RegistrationHints | None, bound: float) -> tuple[str, float]:
+    """What became of a pair: aligned, coarse (within 4 bounds), warned, refused or wrong."""
+    try:
+        registration = register(one.reference, one.followup, None, hints)
+    except RegistrationError:
+        return "refused", float("inf")
+    error = one.error_px(registration)
+    if error <= bound:
+        return "aligned", error
+    if error <= WORST_FACTOR * bound:
+        return "coarse", error
+    return ("warned" if registration.warnings else "wrong"), error
+
+
+if __name__ == "__main__":
+    main()
