@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.choices import FALSE_ALARMS
+from standoff.errors import ApplicationError
 from standoff.terminal import (
     HINT_RULES,
     EncodingName,
@@ -178,12 +179,14 @@ def _refuse_folder_of_references(reference: Path, followups: list[Path]) -> None
     if not reference.is_dir():
         return
     if len(followups) != 1 or not followups[0].is_dir():
-        raise typer.BadParameter(
+        raise ApplicationError(
             f"{reference} is a folder of references, paired by name with one folder of follow-ups; "
             "give that, or one photograph as the reference"
         )
     if followups[0].resolve() == reference.resolve():
-        raise typer.BadParameter("both folders are the same: nothing is compared with itself")
+        raise ApplicationError(
+            f"{reference} is given as both folders: nothing is compared with itself"
+        )
 
 
 def _compare_one(request: SeriesRequest, comparison: ComparisonRequest, *, json: bool) -> None:
