@@ -68,7 +68,7 @@ def find_changes(
     RegistrationError
         If the two cannot be aligned.
     AnalysisError
-        If they overlap too little, or the follow-up is softer than simulated.
+        If they overlap too little.
     """
     near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
     options = ChangeOptions(noise=camera_noise(noise), false_alarms=false_alarms)
