@@ -5,7 +5,7 @@ bring them to one sharpness; the source is resampled on the target's pixels and 
 the pair takes it to the target. What remains is compared with its own scatter.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import inf, sqrt
 
 import numpy as np
@@ -13,15 +13,11 @@ import numpy as np
 from analysis.changes.document import KernelOrigin
 from analysis.changes.matching import (
     GRADIENT,
-    KERNEL_RADIUS_PX,
     LAPLACIAN,
     PairFit,
-    PixelPositions,
     RelativeBlur,
     Smoothing,
-    ToneCurve,
     VarianceTerms,
-    away_from,
     calibrated_blur_px2,
     calibrated_factor,
     fit_pair,
@@ -29,11 +25,10 @@ from analysis.changes.matching import (
     relative_blur,
     smoothed,
     smoothing_for,
-    spline_coefficients,
     white_noise_gain,
 )
 from analysis.changes.options import ChangeOptions
-from analysis.changes.unusable import unusable
+from analysis.changes.photograph_pair import PhotographPair
 from analysis.errors import OverlapError
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField
@@ -41,10 +36,6 @@ from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
 from simulation.capture_noise import CaptureNoise
 
 _LEAST_PIXELS = 1000
-_BORDER_SD = 3.0
-_CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
-"""Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
-
 _FOCUS_PX2, _SURE = 0.15, 3.0
 """Extra blur that is said, and the standard errors by which it must differ from none: a width of
 0.39 px on top of the other. Correlated noise, as of strong compression, may pass for less."""
@@ -149,7 +140,7 @@ def compare(
     OverlapError
         If the photographs share too little.
     """
-    pair = _Pair.of(reference, followup, pose, options)
+    pair = PhotographPair.of(reference, followup, pose, options)
     rough = pair.valid(smoothing_for(_guessed_blur_px2(pair.positions.zoom)))
     shared = int(np.count_nonzero(rough))
     if shared < _LEAST_PIXELS:
@@ -165,93 +156,6 @@ def compare(
         if curve is not None:
             matched = _Matched.of(pair.with_tone(curve), rough, None)
     return _compared(matched, _focus(matched, psf))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Pair:
-    """The two photographs in the roles that the comparison gives them.
-
-    Parameters
-    ----------
-    is_on_followup
-        Whether the target is the follow-up.
-    source, target
-        The nearer photograph and the other one.
-    positions
-        Where the target's pixels lie in the source.
-    source_usable, target_usable
-        Pixels that count.
-    tone_slope
-        Slope of the tone curve that took the target to the source's levels, at its pixels; None
-        if it is as it was.
-    tone_variance_dn2
-        Variance of that curve at the pixels.
-    """
-
-    is_on_followup: bool
-    source: Float32Array = field(repr=False)
-    target: Float32Array = field(repr=False)
-    positions: PixelPositions = field(repr=False)
-    source_usable: BoolArray = field(repr=False)
-    target_usable: BoolArray = field(repr=False)
-    tone_slope: Float32Array | None = None
-    tone_variance_dn2: Float32Array | None = None
-
-    @classmethod
-    def of(
-        cls, reference: AnyArray, followup: AnyArray, pose: DistortedPose, options: ChangeOptions
-    ) -> "_Pair":
-        """Give the photographs their roles: the coarser one is the target."""
-        is_on_followup = pose.zoom >= 1
-        images, usable = [], []
-        for image, white in zip((reference, followup), options.white_level_dn, strict=True):
-            levels = np.asarray(image, dtype=np.float32)
-            finite = np.isfinite(levels)
-            levels = np.where(finite, levels, np.float32(0))
-            images.append(levels)
-            usable.append(finite & ~unusable(levels, white))
-        if options.left_out is not None:
-            usable[1] &= ~options.left_out
-        towards = pose.to_reference_px
-        if not is_on_followup:
-            images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
-        shapes = [(image.shape[0], image.shape[1]) for image in images]
-        return cls(
-            is_on_followup=is_on_followup,
-            source=images[0],
-            target=images[1],
-            positions=PixelPositions.of(towards, shapes[1], shapes[0]),
-            source_usable=usable[0],
-            target_usable=usable[1],
-        )
-
-    def with_tone(self, curve: ToneCurve) -> "_Pair":
-        """Return the pair with the target in the source's levels."""
-        return replace(
-            self,
-            target=curve.of(self.target),
-            tone_slope=smoothed(curve.slope(self.target), 1.0),
-            tone_variance_dn2=smoothed(curve.variance(self.target), 1.0),
-        )
-
-    def valid(self, smoothing: Smoothing) -> BoolArray:
-        """Pixels of the target that neither a border nor anything unusable reaches."""
-        zoom = self.positions.zoom
-        source_px, target_px = smoothing.source_px, smoothing.target_px
-        border_px = KERNEL_RADIUS_PX + _BORDER_SD * max(source_px, target_px)
-        sound = away_from(~self.source_usable, _CLIPPED_PX + _CLIPPED_SD * source_px * zoom)
-        inside = self.positions.inside(sound, border_px * zoom)
-        inside &= away_from(~self.target_usable, _CLIPPED_PX + _CLIPPED_SD * target_px)
-        width = int(np.ceil(border_px))
-        inside[:width] = inside[-width:] = False
-        inside[:, :width] = inside[:, -width:] = False
-        return inside
-
-    def seen(self, smoothing_px: float) -> Float32Array:
-        """The source on the target's pixels, smoothed; its mean where it shows nothing."""
-        width_px = smoothing_px * self.positions.zoom
-        seen = self.positions.seen(spline_coefficients(self.source, width_px))
-        return np.where(np.isfinite(seen), seen, np.float32(np.mean(self.source)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -274,7 +178,7 @@ class _Matched:
         Kernel and variance.
     """
 
-    pair: _Pair
+    pair: PhotographPair
     blur: RelativeBlur
     smoothing: Smoothing
     valid: BoolArray = field(repr=False)
@@ -285,7 +189,7 @@ class _Matched:
     fit: PairFit
 
     @classmethod
-    def of(cls, pair: _Pair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
+    def of(cls, pair: PhotographPair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
         """Measure the blur on the pixels ``rough``, smooth, and fit."""
         guess = _guessed_blur_px2(pair.positions.zoom)
         blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)

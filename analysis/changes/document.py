@@ -68,8 +68,9 @@ class ChangeSummary(ResultsDocument):
     gain
         Mean of the fitted gain of light.
     extra_blur_px2, extra_blur_err_px2
-        Variance by which the follow-up is softer than simulated, and its standard error, infinite
-        without any detail; negative: sharper.
+        Variance by which the follow-up is softer than the calibrated PSF predicts, or than the
+        reference where there is none, in follow-up pixels, and its standard error, infinite without
+        any detail; negative: sharper.
     noise_factor, is_noise_known
         Fitted noise variance over that of the noise model; over 1 DN^2 where none was given.
     registration_err_px, width_err_px2

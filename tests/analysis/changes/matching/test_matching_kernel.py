@@ -16,7 +16,7 @@ from analysis.changes.matching.smoothed_warp import (
     smoothed,
     spline_coefficients,
 )
-from simulation.arrays import Float32Array, FloatArray
+from simulation.arrays import Float32Array, FloatArray, FloatImage
 
 SIDE = 7
 SHAPE = (160, 200)
@@ -27,7 +27,7 @@ def texture(seed: int, width_px: float = 1.5) -> Float32Array:
     return (40 * gaussian_filter(noise, width_px) / 0.2 + 100).astype(np.float32)
 
 
-def fitted(source: Float32Array, target: FloatArray) -> MatchingKernel:
+def fitted(source: Float32Array, target: FloatImage) -> MatchingKernel:
     rows, cols = (part.ravel() for part in np.mgrid[5 : SHAPE[0] - 5 : 2, 5 : SHAPE[1] - 5 : 2])
     level = float(source.mean())
     design = design_matrix(source, level, rows, cols)
@@ -111,5 +111,5 @@ def test_a_photograph_is_smoothed_and_seen_as_by_a_spline_of_its_exact_positions
     sound = placed.inside(np.ones(SHAPE, dtype=bool), 14.0)
     assert sound.mean() > 0.5
     # Single precision, and positions between nodes 16 px apart.
-    np.testing.assert_allclose(seen[sound], exact[sound], atol=5e-4 * np.std(source))
+    np.testing.assert_allclose(seen[sound], exact[sound], atol=5e-4 * float(np.std(source)))
     assert np.isnan(placed.seen(source)[:, -1]).all()  # past the photograph

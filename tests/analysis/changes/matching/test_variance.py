@@ -8,7 +8,7 @@ from analysis.changes.matching.residual_variance import GRADIENT, VarianceTerms,
 from analysis.changes.matching.smoothed_warp import PixelPositions
 from analysis.changes.matching.tone_curve import fit_tone_curve
 from analysis.changes.matching.variance_calibration import calibrated_factor
-from simulation.arrays import FloatArray
+from simulation.arrays import Float32Array, FloatArray
 
 SHAPE = (300, 320)
 
@@ -43,10 +43,12 @@ def test_a_variance_that_is_wrong_by_a_factor_is_put_right_in_spite_of_changes()
     rng = np.random.default_rng(6)
     sd = np.where(np.arange(SHAPE[1]) < 160, 1.0, 4.0) * np.ones(SHAPE)
     difference = sd * rng.standard_normal(SHAPE)
-    predicted = np.where(sd > 2, 4.0, 1.0).astype(np.float32)  # 4 times too small on the right
+    predicted: Float32Array = np.where(sd > 2, 4.0, 1.0).astype(
+        np.float32
+    )  # 4 times too small on the right
     difference[50:60, 50:60] += 30.0
     factor = calibrated_factor(
-        difference.astype(np.float32), predicted, predicted / 2, EVERYWHERE, 0.3
+        difference.astype(np.float32), predicted, np.float32(0.5) * predicted, EVERYWHERE, 0.3
     )
     # 48,000 pixels tell a robust spread to 0.5 %; 1.33 scatters of the tail are forgiven.
     assert np.median(factor[:, :150]) == pytest.approx(1.0, rel=0.03)
