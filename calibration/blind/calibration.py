@@ -13,6 +13,7 @@ from calibration.errors import NoEdgeError, PairError, RegistrationError
 from calibration.psf import PairWidths, PsfCalibration, estimates_of_covariance
 from calibration.registration import register
 from simulation.arrays import FloatArray
+from simulation.resampling import ZOOM_MIN
 
 _PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 _MOST_SATURATED = 0.005
@@ -136,11 +137,16 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
                 )
     if zoom is None:
         try:
-            matrix = register(near.image_dn, far.image_dn).matrix
+            pose = register(near.image_dn, far.image_dn).pose
         except RegistrationError as error:
+            raise PairError(str(error), reason="not_aligned") from error
+        if pose.zoom < ZOOM_MIN:
             raise PairError(
-                f"{error}; give the nearer photograph first", reason="not_aligned"
-            ) from error
+                f"the first photograph is the further one (zoom {pose.zoom:.3f}); give the nearer "
+                "photograph first",
+                reason="not_aligned",
+            )
+        matrix = pose.nearest_homography()
     else:
         matrix = _centred_zoom(zoom, near.image_dn.shape, far.image_dn.shape)
     image = near.image_dn
