@@ -56,7 +56,9 @@ class Case:
         to_x, to_y = self.pair.pose.positions(x, y, self.pair.frame)
         inside = (to_x >= 0) & (to_x <= cols - 1) & (to_y >= 0) & (to_y <= rows - 1)
         inner = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
-        slope_y, slope_x = (along[inner][inside] for along in np.gradient(self.pair.followup_dn))
+        slope_y, slope_x = (
+            np.gradient(self.pair.followup_dn, axis=axis)[inner][inside] for axis in (0, 1)
+        )
         level = self.pair.followup_dn[inner][inside]
         half = max(rows, cols) / 2
         u, v = (x[inside] - (cols - 1) / 2) / half, (y[inside] - (rows - 1) / 2) / half
@@ -137,10 +139,9 @@ def _pose(rng: np.random.Generator, frame: tuple[int, int]) -> PairPose:
             turn_deg=float(rng.uniform(0, 360)),
             shift=(float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-0.3, 0.3))),
         )
-        shares = [
-            _share(matrix, frame)
-            for matrix in (pose.matrix(frame), np.linalg.inv(pose.matrix(frame)))
-        ]
+        matrix = pose.matrix(frame)
+        inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        shares = [_share(one, frame) for one in (matrix, inverse)]
         if max(shares) >= SHARED_LEAST:
             return pose
 
@@ -161,7 +162,7 @@ def peer_error_px(one: Case) -> float:
         for image in (one.reference, one.followup)
     ]
     (near, own), (far, other) = (sift.detectAndCompute(image, None) for image in levels)
-    if own is None or other is None or min(len(near), len(far)) < 4:
+    if min(len(near), len(far)) < 4:
         return float("inf")
     pairs = [
         first

@@ -193,18 +193,17 @@ def _registered(near: EdgeImage, far: EdgeImage) -> FloatArray:
     PairError
         If the two cannot be aligned, or the far photograph is the nearer one.
     """
-    remedy = "give the nearer photograph first"
     try:
-        matrix = register(near.image_dn, far.image_dn).matrix
+        pose = register(near.image_dn, far.image_dn).pose
     except RegistrationError as error:
-        raise PairError(f"{error}; {remedy}", reason="not_aligned") from error
-    zoom = zoom_at_centre(matrix, _shape(far))
-    if zoom < 1 / LEAST_ZOOM:
+        raise PairError(str(error), reason="not_aligned") from error
+    if pose.zoom < 1 / LEAST_ZOOM:
         raise PairError(
-            f"the second photograph is the nearer one (zoom {zoom:.3f}); {remedy}",
+            f"the second photograph is the nearer one (zoom {pose.zoom:.3f}); give the nearer "
+            "photograph first",
             reason="not_aligned",
         )
-    return matrix
+    return pose.nearest_homography()
 
 
 def _why_not(near: EdgeImage, far: EdgeImage, zoom: float, error: PairError) -> PairError:

@@ -1,4 +1,5 @@
 from .acceptance import OVERLAP_MIN_PX as OVERLAP_MIN_PX
+from .dense import zoom_at_centre as zoom_at_centre
 from .displacement import SmoothDisplacement as SmoothDisplacement
 from .distorted_pose import DistortedPose as DistortedPose
 from .document import HOMOGRAPHY_SCHEMA as HOMOGRAPHY_SCHEMA, Homography as Homography
@@ -10,7 +11,6 @@ from .features import (
     match_features as match_features,
 )
 from .hints import RegistrationHints as RegistrationHints
-from .motions import zoom_at_centre as zoom_at_centre
 from .pair import Registration as Registration, register as register
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
 

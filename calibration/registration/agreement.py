@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 import scipy.fft
 
+from calibration.registration.dense import AlignedPhotograph, locally_normalised
 from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.normalised import normalised
-from calibration.registration.photograph import AlignedPhotograph
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 _LONG_SIDE_PX = 192
@@ -124,9 +123,9 @@ def _compared(
     if np.count_nonzero(inside) < _WINDOW_PX**2:
         return None
     return _Compared(
-        ours=normalised(seen, inside, _WINDOW_PX),
+        ours=locally_normalised(seen, inside, _WINDOW_PX),
         inside=inside,
-        theirs=normalised(far.levels, usable, _WINDOW_PX),
+        theirs=locally_normalised(far.levels, usable, _WINDOW_PX),
         usable=usable,
     )
 

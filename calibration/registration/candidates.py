@@ -11,11 +11,9 @@ from calibration.registration.agreement import (
     comparison_factor,
     correlation_at,
 )
-from calibration.registration.descent import refined_at
+from calibration.registration.dense import AlignedPhotograph, LevelPair, refined_at
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.hypotheses import PoseHypothesis, is_plausible
-from calibration.registration.level_pair import LevelPair
-from calibration.registration.photograph import AlignedPhotograph
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 

@@ -3,11 +3,14 @@
 from dataclasses import dataclass, field, replace
 from typing import Self
 
+import cv2
 import numpy as np
 
 from calibration.registration.displacement import SmoothDisplacement
 from simulation.arrays import FloatArray
 from simulation.pose import lens_of, warped
+
+_GRID = 21
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -86,6 +89,25 @@ class DistortedPose:
         rows, cols = self.followup_shape
         y, x = np.meshgrid(np.arange(float(rows)), np.arange(float(cols)), indexing="ij")
         return self.to_reference_px(y, x)
+
+    def nearest_homography(self) -> FloatArray:
+        """Homography, shape (3, 3), nearest to the whole pose where the reference shows it."""
+        rows, cols = self.followup_shape
+        y, x = (
+            at.ravel()
+            for at in np.meshgrid(
+                np.linspace(0.0, rows - 1.0, _GRID), np.linspace(0.0, cols - 1.0, _GRID)
+            )
+        )
+        to_y, to_x = self.to_reference_px(y, x)
+        inside = (to_y >= 0) & (to_y < self.reference_shape[0])
+        inside &= (to_x >= 0) & (to_x < self.reference_shape[1])
+        if (self.k1 == 0 and self.displacement is None) or np.count_nonzero(inside) < 4:
+            return self.matrix
+        found, _ = cv2.findHomography(
+            np.column_stack([x, y])[inside], np.column_stack([to_x, to_y])[inside], 0
+        )
+        return np.asarray(found, dtype=np.float64)
 
     @property
     def _lens(self) -> FloatArray:

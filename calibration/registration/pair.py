@@ -19,12 +19,11 @@ from calibration.registration.candidates import (
     PhotographPair,
     chosen,
 )
-from calibration.registration.descent import RefinedPose, refined_pose
+from calibration.registration.dense import AlignedPhotograph, RefinedPose, refined_pose
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.features import features_of
 from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
-from calibration.registration.photograph import AlignedPhotograph
 from calibration.registration.search import searched_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray

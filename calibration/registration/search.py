@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 import scipy.fft
 
+from calibration.registration.dense import AlignedPhotograph, locally_normalised
 from calibration.registration.hypotheses import PoseHypothesis
-from calibration.registration.normalised import normalised
-from calibration.registration.photograph import AlignedPhotograph
 from simulation.arrays import Float32Array, FloatArray
 
 _LONG_SIDE_PX = 64
@@ -94,7 +93,9 @@ def _thumbnail(photograph: AlignedPhotograph, long_side_px: int) -> _Thumbnail:
     if blurred.usable is not None:
         share = cv2.warpAffine(blurred.usable.astype(np.float32), matrix, size, flags=flags)
         counted = np.asarray(share > 0.9)
-    return _Thumbnail(normalised(levels, counted, _WINDOW_PX), counted.astype(np.float32), factor)
+    return _Thumbnail(
+        locally_normalised(levels, counted, _WINDOW_PX), counted.astype(np.float32), factor
+    )
 
 
 class _Spectra:

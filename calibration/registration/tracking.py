@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
+from calibration.registration.dense import zoom_at_centre
 from calibration.registration.features import homography_pose, match_features
-from calibration.registration.motions import zoom_at_centre
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
 

@@ -10,10 +10,10 @@ from math import sqrt
 import numpy as np
 from scipy.interpolate import BSpline
 
+from calibration.registration.dense.level_pair import LevelPair
+from calibration.registration.dense.refinement import Residuals
 from calibration.registration.displacement import SmoothDisplacement
 from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.level_pair import LevelPair
-from calibration.registration.refinement import Residuals
 from simulation.arrays import BoolArray, FloatArray
 
 _SPANS = 6

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
+from calibration.registration.dense.photograph import AlignedPhotograph, blur_variance_px2
 from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.photograph import AlignedPhotograph, blur_variance_px2
 from simulation import GaussianPsf
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 

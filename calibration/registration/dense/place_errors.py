@@ -5,9 +5,9 @@ from math import sqrt
 
 import numpy as np
 
-from calibration.registration.level_pair import LevelPair
-from calibration.registration.motions import PoseMotions
-from calibration.registration.refinement import Residuals
+from calibration.registration.dense.level_pair import LevelPair
+from calibration.registration.dense.motions import PoseMotions
+from calibration.registration.dense.refinement import Residuals
 from simulation.arrays import FloatArray
 
 _SHOWN_SAMPLES = 4000

@@ -10,13 +10,13 @@ from math import hypot, sqrt
 import numpy as np
 
 from calibration.registration.agreement import comparison_factor, correlation_at
-from calibration.registration.bending import bend_of, bent
+from calibration.registration.dense.bending import bend_of, bent
+from calibration.registration.dense.level_pair import LevelPair
+from calibration.registration.dense.motions import PoseMotions
+from calibration.registration.dense.photograph import AlignedPhotograph
+from calibration.registration.dense.place_errors import PlaceErrors, place_errors
+from calibration.registration.dense.refinement import PoseDescent, Residuals
 from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.level_pair import LevelPair
-from calibration.registration.motions import PoseMotions
-from calibration.registration.photograph import AlignedPhotograph
-from calibration.registration.place_errors import PlaceErrors, place_errors
-from calibration.registration.refinement import PoseDescent, Residuals
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calibration.registration.dense.level_pair import LevelPair
+from calibration.registration.dense.motions import PoseMotions
 from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.level_pair import LevelPair
-from calibration.registration.motions import PoseMotions
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray
 from simulation.pose import DISTORTION_MAX

@@ -9,7 +9,7 @@ _CONTRAST_FLOOR = 0.1
 """Of the whole image's, below which local contrast is not raised."""
 
 
-def normalised(levels: Float32Array, counted: BoolArray, window_px: int) -> Float32Array:
+def locally_normalised(levels: Float32Array, counted: BoolArray, window_px: int) -> Float32Array:
     """Normalise over a window; 0 where pixels do not count."""
     weight = counted.astype(np.float32)
     share = np.asarray(np.maximum(_mean(weight, window_px), 1e-3), dtype=np.float32)

@@ -1,0 +1,19 @@
+from .descent import (
+    RefinedPose as RefinedPose,
+    refined_at as refined_at,
+    refined_pose as refined_pose,
+)
+from .level_pair import LevelPair as LevelPair
+from .motions import zoom_at_centre as zoom_at_centre
+from .normalised import locally_normalised as locally_normalised
+from .photograph import AlignedPhotograph as AlignedPhotograph
+
+__all__ = [
+    "AlignedPhotograph",
+    "LevelPair",
+    "RefinedPose",
+    "locally_normalised",
+    "refined_at",
+    "refined_pose",
+    "zoom_at_centre",
+]
