@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.registration.agreement import (
+from calibration.registration.dense import (
     Agreement,
+    AlignedPhotograph,
+    LevelPair,
     agreement_at,
     comparison_factor,
     correlation_at,
+    refined_at,
 )
-from calibration.registration.dense import AlignedPhotograph, LevelPair, refined_at
 from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.hypotheses import PoseHypothesis, is_plausible
 from simulation import GaussianPsf

@@ -1,3 +1,9 @@
+from .agreement import (
+    Agreement as Agreement,
+    agreement_at as agreement_at,
+    comparison_factor as comparison_factor,
+    correlation_at as correlation_at,
+)
 from .descent import (
     RefinedPose as RefinedPose,
     refined_at as refined_at,
@@ -9,9 +15,13 @@ from .normalised import locally_normalised as locally_normalised
 from .photograph import AlignedPhotograph as AlignedPhotograph
 
 __all__ = [
+    "Agreement",
     "AlignedPhotograph",
     "LevelPair",
     "RefinedPose",
+    "agreement_at",
+    "comparison_factor",
+    "correlation_at",
     "locally_normalised",
     "refined_at",
     "refined_pose",

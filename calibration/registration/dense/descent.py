@@ -9,7 +9,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from calibration.registration.agreement import comparison_factor, correlation_at
+from calibration.registration.dense.agreement import comparison_factor, correlation_at
 from calibration.registration.dense.bending import bend_of, bent
 from calibration.registration.dense.level_pair import LevelPair
 from calibration.registration.dense.motions import PoseMotions
