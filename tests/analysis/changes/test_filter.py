@@ -240,7 +240,8 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
         *("registration_err_px", "width_err_px2", "psf_form", "changes", "false_discovery_rate"),
         *("saturated_px", "kernel", "warnings", "provenance"),
     ]
-    assert repr(result).startswith(f"<ChangeResult: 0 of {int(result.valid.sum())} px changed")
+    px = int(result.valid.sum())
+    assert repr(result).startswith(f"<ChangeResult: 0 changes, 0 of {px} px beyond ")
     # Where nothing tells the blur, its error is infinite: null in the file.
     write_results(path, named.model_copy(update={"extra_blur_err_px2": np.inf}))
     assert json.loads(path.read_text())["extra_blur_err_px2"] is None
