@@ -52,8 +52,9 @@ class AlignedPhotograph:
         middle = (
             float(np.median(counted[:: max(counted.size // 100_000, 1)])) if len(counted) else 0.0
         )
-        scale = float(counted.std(dtype=np.float64)) if counted.size else 0.0
-        levels = (values - np.float32(middle)) / np.float32(scale or 1.0)
+        scale = _spread(values, usable) if counted.size else 0.0
+        levels = values - np.float32(middle)
+        levels /= np.float32(scale or 1.0)
         if usable is not None:
             levels[~usable] = 0.0
         return cls(levels, usable, scale)
@@ -85,6 +86,11 @@ class AlignedPhotograph:
         return type(self)(_ratio(levels, share), share > 0.98, self.scale_dn)
 
 
+def _spread(values: Float32Array, usable: BoolArray | None) -> float:
+    mask = None if usable is None else usable.view(np.uint8)
+    return float(cv2.meanStdDev(values, mask=mask)[1][0, 0])
+
+
 def _clipped(values: Float32Array) -> BoolArray:
     """Pixels of plateaus at the highest or the lowest level, and their neighbours."""
     clipped = np.zeros(values.shape, dtype=np.bool_)
@@ -112,7 +118,7 @@ def _blurred(
 
 
 def _ratio(levels: Float32Array, share: Float32Array) -> Float32Array:
-    return np.asarray(levels / np.maximum(share, 1e-3), dtype=np.float32)
+    return np.asarray(levels / np.maximum(share, np.float32(1e-3)), dtype=np.float32)
 
 
 def blur_variance_px2(sigma_px: float, factor: int) -> float:
