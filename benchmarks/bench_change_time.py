@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.pair_photographs import PairPose
-from simulation.arrays import Float32Array, FloatArray
+from simulation.arrays import AnyArray, Float32Array, FloatArray
 
 FRAMES = ((580, 780), (3000, 4000))
 ZOOMS = (1.2, 0.8)
@@ -61,9 +61,7 @@ def scene(frame: tuple[int, int], seed: int) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(drawn, (0, 0), BLUR_PX * FINER), dtype=np.float32)
 
 
-def photographs(
-    frame: tuple[int, int], zoom: float
-) -> tuple[Float32Array, Float32Array, FloatArray]:
+def photographs(frame: tuple[int, int], zoom: float) -> tuple[AnyArray, AnyArray, FloatArray]:
     """Reference, follow-up, and the homography from the follow-up to the reference."""
     pose = PairPose(zoom=zoom, tilt_deg=4.0, bearing_deg=30.0, turn_deg=3.0, shift=(0.03, -0.02))
     drawn, matrix = scene(frame, 1), pose.matrix(frame)
@@ -161,7 +159,7 @@ def main() -> None:
         work(given.worker)
         return
     note = "one thread, seconds of the processor"
-    with Recorder.of(given, "change_time", packages=("numpy", "cv2", "numba"), note=note) as record:
+    with Recorder.of(given, "change_time", packages=("numpy", "opencv-python-headless", "numba"), note=note) as record:
         compare(record)
 
 

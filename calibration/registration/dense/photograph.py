@@ -25,6 +25,7 @@ class AlignedPhotograph:
     levels: Float32Array = field(repr=False)
     usable: BoolArray | None = field(repr=False)
     scale_dn: float
+    _reduced: dict[int, Self] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, image: AnyArray, left_out: BoolArray | None = None) -> Self:
@@ -68,6 +69,12 @@ class AlignedPhotograph:
         """Return the means of whole blocks of ``factor`` x ``factor`` pixels."""
         if factor == 1:
             return self
+        # Every hypothesis and every resolution asks for them again.
+        if factor not in self._reduced:
+            self._reduced[factor] = self._shrunk_by(factor)
+        return self._reduced[factor]
+
+    def _shrunk_by(self, factor: int) -> Self:
         rows, cols = (n // factor for n in self.shape)
         part = np.s_[: rows * factor, : cols * factor]
         levels = _shrunk(self.levels[part], rows, cols)
