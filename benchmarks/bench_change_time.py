@@ -159,7 +159,12 @@ def main() -> None:
         work(given.worker)
         return
     note = "one thread, seconds of the processor"
-    with Recorder.of(given, "change_time", packages=("numpy", "opencv-python-headless", "numba"), note=note) as record:
+    with Recorder.of(
+        given,
+        "change_time",
+        packages=("numpy", "opencv-contrib-python-headless", "numba"),
+        note=note,
+    ) as record:
         compare(record)
 
 
