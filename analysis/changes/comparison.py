@@ -102,7 +102,8 @@ class Comparison:
     @property
     def significance(self) -> FloatImage:
         """Difference over its standard deviation."""
-        return np.asarray(np.where(self.valid, self.difference_dn / self.sd_dn, 0))
+        none = np.zeros_like(self.difference_dn)
+        return np.divide(self.difference_dn, self.sd_dn, out=none, where=self.valid)
 
     @property
     def extra_blur_significance(self) -> float:
@@ -278,27 +279,41 @@ def _focus(matched: _Matched, psf: Psf | PsfField | None) -> _Focus:
 def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
     seen, target = matched.seen, matched.target
-    difference = target - fit.kernel.of(seen)
+    # In place where it can be: a large frame's images are most of what a comparison holds.
+    difference = fit.kernel.of(seen)
+    np.subtract(target, difference, out=difference)
     variance = matched.variance_dn2
     sd = calibrated_factor(
         difference, variance, matched.noise_variance_dn2, valid, smoothing.target_px
     )
-    sd *= np.sqrt(variance)
+    sd *= np.sqrt(variance, out=variance)
     gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
-    plain = gain * (smoothed(pair.seen(0.0), smoothing.target_px) - np.float32(fit.kernel.level_dn))
-    plain = target - plain - offset
-    if pair.is_on_followup:
-        # So far in the levels that the tone curve made.
-        scale = np.float32(1) if pair.tone_slope is None else 1 / pair.tone_slope
-    else:
-        # So far before minus after, in the reference's levels.
-        scale = -1 / gain
     mean_gain = float(gain[valid].mean())
+    plain = smoothed(pair.seen(0.0), smoothing.target_px)
+    plain -= np.float32(fit.kernel.level_dn)
+    plain *= gain
+    np.subtract(target, plain, out=plain)
+    plain -= offset
+    if not pair.is_on_followup:
+        # So far before minus after, in the reference's levels.
+        scale = np.divide(np.float32(-1), gain, out=gain)
+    elif pair.tone_slope is not None:
+        # So far in the levels that the tone curve made.
+        scale = 1 / pair.tone_slope
+    else:
+        scale = None
+    left_out = ~valid
+    for image in (difference, plain):
+        if scale is not None:
+            image *= scale
+        image[left_out] = 0
+    if scale is not None:
+        sd *= np.abs(scale)
     return Comparison(
         is_on_followup=pair.is_on_followup,
-        difference_dn=np.where(valid, scale * difference, np.float32(0)),
-        plain_difference_dn=np.where(valid, scale * plain, np.float32(0)),
-        sd_dn=np.abs(scale) * sd,
+        difference_dn=difference,
+        plain_difference_dn=plain,
+        sd_dn=sd,
         valid=valid,
         smoothing_px=smoothing.target_px,
         kernel=focus.kernel,

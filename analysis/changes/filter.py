@@ -230,7 +230,7 @@ def _masks(
         is_change=found[0],
         valid=found[1],
         clipped=after,
-        reference_clipped=positions.inside(before, 0.0),
+        reference_clipped=positions.inside(before, 0.0) if before.any() else np.zeros_like(after),
     )
 
 

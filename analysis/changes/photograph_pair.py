@@ -107,4 +107,4 @@ class PhotographPair:
         """The source on the target's pixels, smoothed; its mean where it shows nothing."""
         width_px = smoothing_px * self.positions.zoom
         seen = self.positions.seen(spline_coefficients(self.source, width_px))
-        return np.where(np.isfinite(seen), seen, np.float32(np.mean(self.source)))
+        return np.nan_to_num(seen, copy=False, nan=float(np.mean(self.source)))

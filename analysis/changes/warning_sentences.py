@@ -62,6 +62,8 @@ def change_warnings(changes: Sequence[Change], masks: ChangeMasks) -> tuple[str,
 def _strips(masks: ChangeMasks) -> str:
     """Changes along the border of the overlap, whose side is told."""
     flagged = masks.is_change
+    if np.count_nonzero(flagged) < _LEAST_STRIP_PX:
+        return ""
     # Holes that are masked inside the overlap are no border of it.
     seen = _without_holes(masks.valid)
     depth = cv2.distanceTransform(np.pad(seen, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
@@ -118,6 +120,8 @@ def _gloss(changes: Sequence[Change], masks: ChangeMasks) -> str:
 
 
 def _compact_blobs(clipped: BoolArray, beside_other: BoolArray) -> int:
+    if not clipped.any():
+        return 0
     count, labels, stats, _ = cv2.connectedComponentsWithStats(clipped.astype(np.uint8))
     area = stats[:, cv2.CC_STAT_AREA]
     is_compact = (area >= _LEAST_GLOSS_PX) & (area <= _MOST_GLOSS_SHARE * clipped.size)

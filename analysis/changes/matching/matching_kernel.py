@@ -14,7 +14,6 @@ of D. M. Bramich, "A new algorithm for difference image analysis", 2008, for a b
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 
@@ -68,19 +67,11 @@ class MatchingKernel:
 
     def of(self, source: Float32Array) -> Float32Array:
         """Apply the kernel and the light."""
-        rows, cols = source.shape
-        y, x = (np.linspace(-1, 1, n, dtype=np.float32) for n in (rows, cols))
-        level = source - np.float32(self.level_dn)
-        _, made = self.light((rows, cols))
-        for order, weight in enumerate((None, x[None, :], y[:, None])):
-            taps = self.coefficients[order * _TAPS : (order + 1) * _TAPS].reshape(_SIDE, _SIDE)
-            part = np.asarray(
-                cv2.filter2D(level, -1, taps.astype(np.float32), borderType=cv2.BORDER_REFLECT_101)
-            )
-            made += part if weight is None else np.multiply(part, weight, out=part)
-        quadratic = np.concatenate([np.zeros(3), self.coefficients[_LINEAR : _LINEAR + 3]])
-        made += np.multiply(level, _polynomial(quadratic, (rows, cols)), out=level)
-        return made
+        return _applied(source, self.level_dn, self.coefficients)
+
+    def at(self, source: Float32Array, rows: IntArray, cols: IntArray) -> FloatArray:
+        """The same at pixels that are the kernel's radius away from the border, shape ``(n,)``."""
+        return _applied_at(source, self.level_dn, rows, cols, self.coefficients)
 
 
 def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Array:
@@ -88,9 +79,98 @@ def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Arra
     rows, cols = shape
     y, x = np.linspace(-1, 1, rows, dtype=np.float32), np.linspace(-1, 1, cols, dtype=np.float32)
     one, of_x, of_y, of_xx, of_xy, of_yy = coefficients.astype(np.float32)
-    made = np.outer(of_xy * y, x)
-    made += one + x * (of_x + x * of_xx)
-    made += (y * (of_y + y * of_yy))[:, None]
+    made = np.empty((rows, cols), dtype=np.float32)
+    base, slope = of_x * x + of_xx * (x * x), of_xy * x
+    # Row by row: what is computed on the way stays in the processor's cache.
+    for row, at_y in enumerate(y):
+        np.multiply(slope, at_y, out=made[row])
+        made[row] += base
+        made[row] += one + at_y * (of_y + at_y * of_yy)
+    return made
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _applied(source: Float32Array, level_dn: float, coefficients: FloatArray) -> Float32Array:
+    """Kernel and light at all pixels; mirrored at the border."""
+    height, width = source.shape
+    radius = KERNEL_RADIUS_PX
+    weights = coefficients.astype(np.float32)
+    x = np.linspace(-1, 1, width).astype(np.float32)
+    x_square = x * x
+    # The source's lines around a row, in turns.
+    lines = np.empty((_SIDE, width + 2 * radius), dtype=np.float32)
+    made = np.empty((height, width), dtype=np.float32)
+    along = np.empty(width, dtype=np.float32)
+    for row in range(-radius, height + radius):
+        line = lines[row % _SIDE]
+        level = source[_mirrored(row, height)]
+        for col in range(radius):
+            line[col] = level[_mirrored(col - radius, width)] - level_dn
+            line[radius + width + col] = level[_mirrored(width + col, width)] - level_dn
+        line[radius : radius + width] = level - np.float32(level_dn)
+        middle = row - radius
+        if middle < 0:
+            continue
+        y = np.float32(2.0 * middle / max(height - 1, 1) - 1.0)
+        one, of_x, of_y, of_xx, of_xy, of_yy = weights[_LINEAR + 3 :]
+        total = made[middle]
+        total[:] = one + y * (of_y + y * of_yy)
+        total += x * (of_x + y * of_xy) + x_square * of_xx
+        along[:] = 0
+        place = 0
+        for dy in range(_SIDE):
+            near = lines[(middle + dy - radius) % _SIDE]
+            for dx in range(_SIDE):
+                fixed = weights[place] + y * weights[2 * _TAPS + place]
+                _add_scaled(total, along, near[dx : dx + width], fixed, weights[_TAPS + place])
+                place += 1
+        xx, xy, yy = weights[_LINEAR : _LINEAR + 3]
+        own = lines[middle % _SIDE][radius : radius + width]
+        for col in range(width):
+            gain = xx * x_square[col] + y * (xy * x[col] + yy * y)
+            total[col] += x[col] * along[col] + gain * own[col]
+    return made
+
+
+@njit(cache=True, nogil=True)
+def _mirrored(at: int, size: int) -> int:
+    """Index of a line beyond the border, the border's own not repeated."""
+    while at < 0 or at >= size:
+        at = -at if at < 0 else 2 * size - 2 - at
+    return at
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _add_scaled(
+    first: Float32Array, second: Float32Array, line: Float32Array, own: float, other: float
+) -> None:
+    for col in range(len(line)):
+        first[col] += own * line[col]
+        second[col] += other * line[col]
+
+
+@njit(cache=True, nogil=True)
+def _applied_at(
+    source: Float32Array, level_dn: float, rows: IntArray, cols: IntArray, coefficients: FloatArray
+) -> FloatArray:
+    height, width = source.shape
+    made = np.empty(len(rows))
+    gains, offset = coefficients[_LINEAR : _LINEAR + 3], coefficients[_LINEAR + 3 :]
+    for i in range(len(rows)):
+        row, col = rows[i], cols[i]
+        y, x = 2.0 * row / (height - 1) - 1.0, 2.0 * col / (width - 1) - 1.0
+        total = offset[0] + offset[1] * x + offset[2] * y
+        total += offset[3] * x * x + offset[4] * x * y + offset[5] * y * y
+        level = source[row, col] - level_dn
+        total += level * (gains[0] * x * x + gains[1] * x * y + gains[2] * y * y)
+        place = 0
+        for dy in range(-KERNEL_RADIUS_PX, KERNEL_RADIUS_PX + 1):
+            for dx in range(-KERNEL_RADIUS_PX, KERNEL_RADIUS_PX + 1):
+                tap = coefficients[place] + x * coefficients[place + _TAPS]
+                tap += y * coefficients[place + 2 * _TAPS]
+                total += tap * (source[row + dy, col + dx] - level_dn)
+                place += 1
+        made[i] = total
     return made
 
 

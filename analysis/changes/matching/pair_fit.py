@@ -12,9 +12,9 @@ from analysis.changes.matching.matching_kernel import (
     design_matrix,
     solve,
 )
-from analysis.changes.matching.pixels import away_from, sampled
+from analysis.changes.matching.pixels import sampled
 from analysis.changes.matching.residual_variance import VarianceTerms, fit_sizes
-from simulation.arrays import BoolArray, Float32Array, FloatArray
+from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 _SAMPLE_PX = 25_000
 _ROUNDS = 3
@@ -86,12 +86,44 @@ def fit_pair(
         weight = biweight(residual / np.sqrt(variance)) / variance
         kernel = MatchingKernel(coefficients=coefficients, level_dn=level)
         if number == _ROUNDS - 2:
-            reach = _OUTLIER_SD * np.sqrt(terms.variance(sizes, floor_dn2))
-            outlier = valid & (np.abs(target - kernel.of(source)) > reach)
-            kept = away_from(outlier, _OUTLIER_REACH_PX)[rows, cols]
+            beside = _Neighbours.of(rows, cols, valid)
+            near_floor = None if floor_dn2 is None else floor_dn2[beside.rows, beside.cols]
+            near_variance = sizes @ terms.at(beside.rows, beside.cols)
+            reach = _OUTLIER_SD * np.sqrt(
+                np.maximum(near_variance, _LEAST_DN2 if near_floor is None else near_floor)
+            )
+            made = kernel.at(source, beside.rows, beside.cols)
+            kept = ~beside.any_of(np.abs(target[beside.rows, beside.cols] - made) > reach)
     alike = 4 * pi * smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
     curved = _curvature_chi2(design, residual, weight * kept / alike) > _CURVED_CHI2
     return PairFit(kernel=kernel, sizes=sizes, is_curved=curved)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Neighbours:
+    """Pixels of a mask within an outlier's reach of samples, and which samples they are near.
+
+    A sample of a large frame has far fewer of them than the frame has pixels.
+    """
+
+    rows: IntArray
+    cols: IntArray
+    counts: BoolArray
+
+    @classmethod
+    def of(cls, rows: IntArray, cols: IntArray, mask: BoolArray) -> "_Neighbours":
+        """Neighbours of samples that are the reach away from the border."""
+        reach = int(_OUTLIER_REACH_PX)
+        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1, 1)
+        y, x = (along[y**2 + x**2 <= _OUTLIER_REACH_PX**2][:, None] for along in (y, x))
+        counts = mask[rows + y, cols + x]
+        return cls(rows=(rows + y)[counts], cols=(cols + x)[counts], counts=counts)
+
+    def any_of(self, marked: BoolArray) -> BoolArray:
+        """Samples near a marked pixel, shape ``(samples,)``."""
+        every = np.zeros(self.counts.shape, dtype=np.bool_)
+        every[self.counts] = marked
+        return np.asarray(every.any(axis=0))
 
 
 def _curvature_chi2(design: FloatArray, residual: FloatArray, weight: FloatArray) -> float:

@@ -25,6 +25,7 @@ class AlignedPhotograph:
     levels: Float32Array = field(repr=False)
     usable: BoolArray | None = field(repr=False)
     scale_dn: float
+    _reduced: dict[int, Self] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, image: AnyArray, left_out: BoolArray | None = None) -> Self:
@@ -52,8 +53,9 @@ class AlignedPhotograph:
         middle = (
             float(np.median(counted[:: max(counted.size // 100_000, 1)])) if len(counted) else 0.0
         )
-        scale = float(counted.std(dtype=np.float64)) if counted.size else 0.0
-        levels = (values - np.float32(middle)) / np.float32(scale or 1.0)
+        scale = _spread(values, usable) if counted.size else 0.0
+        levels = values - np.float32(middle)
+        levels /= np.float32(scale or 1.0)
         if usable is not None:
             levels[~usable] = 0.0
         return cls(levels, usable, scale)
@@ -67,6 +69,12 @@ class AlignedPhotograph:
         """Return the means of whole blocks of ``factor`` x ``factor`` pixels."""
         if factor == 1:
             return self
+        # Every hypothesis and every resolution asks for them again.
+        if factor not in self._reduced:
+            self._reduced[factor] = self._shrunk_by(factor)
+        return self._reduced[factor]
+
+    def _shrunk_by(self, factor: int) -> Self:
         rows, cols = (n // factor for n in self.shape)
         part = np.s_[: rows * factor, : cols * factor]
         levels = _shrunk(self.levels[part], rows, cols)
@@ -83,6 +91,11 @@ class AlignedPhotograph:
             return type(self)(levels, None, self.scale_dn)
         share = _blurred(self.usable.astype(np.float32), *blur)
         return type(self)(_ratio(levels, share), share > 0.98, self.scale_dn)
+
+
+def _spread(values: Float32Array, usable: BoolArray | None) -> float:
+    mask = None if usable is None else usable.view(np.uint8)
+    return float(cv2.meanStdDev(values, mask=mask)[1][0, 0])
 
 
 def _clipped(values: Float32Array) -> BoolArray:
@@ -112,7 +125,7 @@ def _blurred(
 
 
 def _ratio(levels: Float32Array, share: Float32Array) -> Float32Array:
-    return np.asarray(levels / np.maximum(share, 1e-3), dtype=np.float32)
+    return np.asarray(levels / np.maximum(share, np.float32(1e-3)), dtype=np.float32)
 
 
 def blur_variance_px2(sigma_px: float, factor: int) -> float:
