@@ -40,6 +40,12 @@ _FOCUS_PX2, _SURE = 0.15, 3.0
 """Extra blur that is said, and the standard errors by which it must differ from none: a width of
 0.39 px on top of the other. Correlated noise, as of strong compression, may pass for less."""
 
+_MOST_STRUCTURE = 0.18
+"""Share of the predicted variance beside noise, as a mean over the pixels, beyond which false
+alarms are more than stated: 6 for 1 at 0.2 to 0.5 (rectangles through a lens of f/4 that aliases,
+noise of 0.3 DN), 3 for 1 at 0.1 to 0.28 (0.6 DN), as stated at up to 0.13 (other lenses and JPEG,
+noise of 0.3 to 1.2 DN)."""
+
 _COMMON_PSF_PX2 = 0.64
 """Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
 
@@ -284,6 +290,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         difference, variance, matched.noise_variance_dn2, valid, smoothing.target_px
     )
     sd *= np.sqrt(variance)
+    share = 1 - float(np.mean(matched.noise_variance_dn2[valid] / variance[valid]))
     gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
     plain = gain * (smoothed(pair.seen(0.0), smoothing.target_px) - np.float32(fit.kernel.level_dn))
     plain = target - plain - offset
@@ -308,5 +315,15 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
-        warnings=focus.warnings,
+        warnings=(*focus.warnings, *_unexplained(share)),
+    )
+
+
+def _unexplained(share: float) -> tuple[str, ...]:
+    """Say that the stated rate cannot be kept, if so much of the variance is not noise."""
+    if share <= _MOST_STRUCTURE:
+        return ()
+    return (
+        "the noise is small beside what lens and levels leave unexplained "
+        f"({100 * share:.0f} % of the variance): more than the stated false alarms are to be expected",
     )
