@@ -23,6 +23,7 @@ from analysis.changes.matching import (
     fit_pair,
     fit_tone_curve,
     relative_blur,
+    rounding_variance,
     smoothed,
     smoothing_for,
     white_noise_gain,
@@ -45,6 +46,10 @@ _MOST_STRUCTURE = 0.18
 alarms are more than stated: 6 for 1 at 0.2 to 0.5 (rectangles through a lens of f/4 that aliases,
 noise of 0.3 DN), 3 for 1 at 0.1 to 0.28 (0.6 DN), as stated at up to 0.13 (other lenses and JPEG,
 noise of 0.3 to 1.2 DN)."""
+
+_MOST_ROUNDING = 0.75
+"""Share of the variance that is rounding from which on the noise, less than 0.17 of a step, no
+longer makes it random: at 0.1 of a step 8 for 1, at 0.3 as stated."""
 
 _COMMON_PSF_PX2 = 0.64
 """Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
@@ -236,6 +241,18 @@ class _Matched:
         return self.terms.variance(self.terms.noise_sizes(self.fit.sizes), self.floor_dn2)
 
     @property
+    def rounding_variance_dn2(self) -> Float32Array | None:
+        """Variance by rounding to the files' levels, without which shadows have none at all."""
+        pair, smoothing = self.pair, self.smoothing
+        gains = white_noise_gain(self.fit.kernel.taps, smoothing, pair.positions.zoom)
+        own, other = rounding_variance(pair.target), rounding_variance(pair.source)
+        total = None if own is None else np.float32(gains.target) * own
+        if other is not None:
+            brought = np.float32(gains.source) * np.nan_to_num(pair.positions.seen(other))
+            total = brought if total is None else total + brought
+        return None if total is None else smoothed(total, smoothing.target_px)
+
+    @property
     def noise_factor(self) -> float:
         """Noise that was fitted over that of the noise model, or over 1 DN^2."""
         if self.floor_dn2 is None:
@@ -290,7 +307,12 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         difference, variance, matched.noise_variance_dn2, valid, smoothing.target_px
     )
     sd *= np.sqrt(variance)
+    rounding = matched.rounding_variance_dn2
     share = 1 - float(np.mean(matched.noise_variance_dn2[valid] / variance[valid]))
+    if rounding is not None:
+        np.maximum(sd, np.sqrt(rounding), out=sd)
+        coarse = float(np.mean(rounding[valid] / np.square(sd[valid])))
+        share = coarse if coarse > _MOST_ROUNDING else share
     gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
     plain = gain * (smoothed(pair.seen(0.0), smoothing.target_px) - np.float32(fit.kernel.level_dn))
     plain = target - plain - offset
@@ -325,5 +347,6 @@ def _unexplained(share: float) -> tuple[str, ...]:
         return ()
     return (
         "the noise is small beside what lens and levels leave unexplained "
-        f"({100 * share:.0f} % of the variance): more than the stated false alarms are to be expected",
+        f"({100 * share:.0f} % of the variance): more than the stated false alarms are to be "
+        "expected",
     )
