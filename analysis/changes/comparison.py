@@ -23,6 +23,7 @@ from analysis.changes.matching import (
     fit_pair,
     fit_tone_curve,
     relative_blur,
+    rounding_variance,
     smoothed,
     smoothing_for,
     white_noise_gain,
@@ -39,6 +40,16 @@ _LEAST_PIXELS = 1000
 _FOCUS_PX2, _SURE = 0.15, 3.0
 """Extra blur that is said, and the standard errors by which it must differ from none: a width of
 0.39 px on top of the other. Correlated noise, as of strong compression, may pass for less."""
+
+_MOST_STRUCTURE = 0.18
+"""Share of the predicted variance beside noise, as a mean over the pixels, beyond which false
+alarms are more than stated: 6 for 1 at 0.2 to 0.5 (rectangles through a lens of f/4 that aliases,
+noise of 0.3 DN), 3 for 1 at 0.1 to 0.28 (0.6 DN), as stated at up to 0.13 (other lenses and JPEG,
+noise of 0.3 to 1.2 DN)."""
+
+_MOST_ROUNDING = 0.75
+"""Share of the variance that is rounding from which on the noise, less than 0.17 of a step, no
+longer makes it random: at 0.1 of a step 8 for 1, at 0.3 as stated."""
 
 _COMMON_PSF_PX2 = 0.64
 """Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
@@ -231,6 +242,18 @@ class _Matched:
         return self.terms.variance(self.terms.noise_sizes(self.fit.sizes), self.floor_dn2)
 
     @property
+    def rounding_variance_dn2(self) -> Float32Array | None:
+        """Variance by rounding to the files' levels, without which shadows have none at all."""
+        pair, smoothing = self.pair, self.smoothing
+        gains = white_noise_gain(self.fit.kernel.taps, smoothing, pair.positions.zoom)
+        own, other = rounding_variance(pair.target), rounding_variance(pair.source)
+        total = None if own is None else np.float32(gains.target) * own
+        if other is not None:
+            brought = np.float32(gains.source) * np.nan_to_num(pair.positions.seen(other))
+            total = brought if total is None else total + brought
+        return None if total is None else smoothed(total, smoothing.target_px)
+
+    @property
     def noise_factor(self) -> float:
         """Noise that was fitted over that of the noise model, or over 1 DN^2."""
         if self.floor_dn2 is None:
@@ -276,17 +299,28 @@ def _focus(matched: _Matched, psf: Psf | PsfField | None) -> _Focus:
     return _Focus(kernel="both", extra_px2=extra_px2, err_px2=err_px2, warnings=(warning,))
 
 
+def _scatter(matched: _Matched, difference: Float32Array) -> tuple[Float32Array, float]:
+    """Calibrated standard deviation, and the share of the variance that noise does not explain."""
+    valid, smoothing = matched.valid, matched.smoothing
+    variance, noise = matched.variance_dn2, matched.noise_variance_dn2
+    sd = calibrated_factor(difference, variance, noise, valid, smoothing.target_px)
+    share = 1 - float(np.mean(noise[valid] / variance[valid]))
+    sd *= np.sqrt(variance, out=variance)
+    rounding = matched.rounding_variance_dn2
+    if rounding is not None:
+        np.maximum(sd, np.sqrt(rounding), out=sd)
+        coarse = float(np.mean(rounding[valid] / np.square(sd[valid])))
+        share = coarse if coarse > _MOST_ROUNDING else share
+    return sd, share
+
+
 def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
     seen, target = matched.seen, matched.target
     # In place where it can be: a large frame's images are most of what a comparison holds.
     difference = fit.kernel.of(seen)
     np.subtract(target, difference, out=difference)
-    variance = matched.variance_dn2
-    sd = calibrated_factor(
-        difference, variance, matched.noise_variance_dn2, valid, smoothing.target_px
-    )
-    sd *= np.sqrt(variance, out=variance)
+    sd, share = _scatter(matched, difference)
     gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
     mean_gain = float(gain[valid].mean())
     plain = smoothed(pair.seen(0.0), smoothing.target_px)
@@ -323,5 +357,16 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
-        warnings=focus.warnings,
+        warnings=(*focus.warnings, *_unexplained(share)),
+    )
+
+
+def _unexplained(share: float) -> tuple[str, ...]:
+    """Say that the stated rate cannot be kept, if so much of the variance is not noise."""
+    if share <= _MOST_STRUCTURE:
+        return ()
+    return (
+        "the noise is small beside what lens and levels leave unexplained "
+        f"({100 * share:.0f} % of the variance): more than the stated false alarms are to be "
+        "expected",
     )

@@ -21,6 +21,13 @@ towards their end unless they are cut off there. Noise of 1.2 levels on a ramp i
 5 times as many."""
 
 
+_CLUSTER_PX: Final = 3
+"""Pixels of a 3 x 3 neighbourhood at an end of the file's levels: light that reached it. Two may be
+noise; fewer than a plateau's share of the frame, they still hold a false change of 12 px."""
+
+_FULL_SCALES: Final = (1.0, *(2.0**bits - 1 for bits in (8, 10, 12, 14, 16)))
+
+
 def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
     """Mark pixels that are clipped: at white, or on a plateau at black.
 
@@ -35,6 +42,8 @@ def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
         Level at which the photograph is clipped, if it is known; a plateau counts anyway.
     """
     lost = clipped_at_white(image_dn, white_level_dn)
+    if image_dn.min() == 0:
+        lost |= _clusters(np.asarray(image_dn == 0))
     black = _plateau(-image_dn)
     if black.any():
         around = cv2.blur(black.astype(np.float32), (3, 3), borderType=cv2.BORDER_REFLECT_101)
@@ -45,12 +54,25 @@ def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
 def clipped_at_white(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
     """Mark pixels at the white level, or on a plateau at the highest."""
     lost = _plateau(image_dn)
+    highest = float(image_dn.max())
+    if highest in _FULL_SCALES:
+        lost |= _clusters(np.asarray(image_dn == highest))
     if white_level_dn is not None:
         below = min(_WHITE_DN, _WHITE_RATIO * abs(white_level_dn))
         at_white = image_dn >= white_level_dn - below
         if np.count_nonzero(at_white) > _LEAST_SHARE * image_dn.size:
             lost |= at_white
     return lost
+
+
+def _clusters(at_end: BoolArray) -> BoolArray:
+    """Pixels of a mask that are next to others of it."""
+    if not at_end.any():
+        return at_end
+    count = cv2.boxFilter(
+        at_end.astype(np.uint8), cv2.CV_8U, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(at_end & (count >= _CLUSTER_PX))
 
 
 def _plateau(image_dn: FloatImage) -> BoolArray:

@@ -18,6 +18,7 @@ from .residual_variance import (
     LAPLACIAN as LAPLACIAN,
     VarianceTerms as VarianceTerms,
 )
+from .rounding import rounding_variance as rounding_variance
 from .smoothed_warp import (
     PixelPositions as PixelPositions,
     smoothed as smoothed,
@@ -47,6 +48,7 @@ __all__ = [
     "fit_pair",
     "fit_tone_curve",
     "relative_blur",
+    "rounding_variance",
     "smoothed",
     "smoothing_for",
     "spline_coefficients",

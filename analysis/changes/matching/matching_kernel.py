@@ -28,8 +28,10 @@ _TAPS = _SIDE * _SIDE
 CENTRE_TAP = _TAPS // 2
 _LINEAR = 3 * _TAPS
 _COLUMNS = _LINEAR + 9
-_RIDGE = 1e-2
-"""Over the power of the source: 1e-4 to 1e-1 flag alike."""
+_RIDGE = 1e-4
+"""Over the power of the source, most of which lies at frequencies that a blur leaves alone: 1e-2
+holds back the change of blur over a frame that is tilted by 4 degrees, which then scatters by 1.2
+times the noise of 50 frames averaged; 1e-5 lets small frames fit their noise."""
 
 _CENTRE, _SLOPES = 0.01, 3.0
 """Ridge of the centre tap and of the taps' slopes over the frame, over that of other taps."""

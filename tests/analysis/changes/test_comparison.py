@@ -10,7 +10,7 @@ from analysis.changes.chance import significance_threshold
 from analysis.changes.comparison import Comparison, compare
 from analysis.changes.filter import find_changes
 from analysis.changes.options import ChangeOptions
-from benchmarks.lens_optics import gaussian
+from benchmarks.lens_optics import f_number, gaussian
 from benchmarks.pair_photographs import Development, Pair, PairPose, pair_of, seen_spot
 from benchmarks.pair_scenes import scene
 from calibration.registration.distorted_pose import DistortedPose
@@ -66,6 +66,31 @@ def test_swapped_photographs_show_the_same_with_the_other_sign(
         nearest = int(np.argmin(apart))
         assert apart[nearest] < 0.5
         assert places[nearest, 2] * change.amplitude_dn < 0
+
+
+@pytest.mark.parametrize(("noise_dn", "is_warned"), [(0.3, True), (1.2, False)])
+def test_aliasing_beside_little_noise_is_said_to_raise_false_alarms(
+    noise_dn: float, is_warned: bool
+) -> None:
+    lens = f_number(4.0)
+    pair = pair_of(
+        scene("mondrian", FRAME, 3, contrast_dn=45.0), FRAME, PairPose(zoom=1.5), (lens, lens)
+    )
+    made = Development(noise_dn=noise_dn)
+    found = compared(*pair.developed(made, made, 1), posed(pair))
+    assert any("more than the stated false alarms" in said for said in found.warnings) == is_warned
+
+
+@pytest.mark.parametrize(("noise_dn", "is_warned"), [(0.05, True), (0.5, False)])
+def test_even_areas_in_8_bits_scatter_by_no_less_than_their_rounding(
+    noise_dn: float, is_warned: bool
+) -> None:
+    pair = photographed(1.0, (0.9, 0.9), 0.0, "mondrian")
+    made = Development(bits=8, noise_dn=noise_dn)
+    found = compared(*pair.developed(made, made, 1), posed(pair))
+    # Of the target alone; the source adds about as much.
+    assert found.sd_dn[found.valid].min() > np.sqrt(1 / 12 / (4 * np.pi)) / found.smoothing_px
+    assert any("more than the stated false alarms" in said for said in found.warnings) == is_warned
 
 
 def test_light_of_the_follow_up_does_not_matter() -> None:

@@ -58,6 +58,20 @@ def test_single_pixels_at_white_are_left_to_the_noise() -> None:
     assert not unusable(levels, 255.0).any()
 
 
+@pytest.mark.parametrize("white", [1.0, 255.0, 4095.0])
+def test_a_few_pixels_at_an_end_of_the_file_count_where_they_lie_together(white: float) -> None:
+    # Two of 19,200 pixels are no plateau; a blob of four is clipped light all the same.
+    levels = np.rint(light(noise_dn=0.4))
+    levels[60:62, 70:72], levels[30, 20:22] = 255.0, 255.0
+    levels[90:92, 70:72], levels[15, 120] = 0.0, 0.0
+    marked = unusable(levels * (white / 255.0), None)
+    expected = np.zeros_like(marked)
+    expected[60:62, 70:72] = expected[90:92, 70:72] = True
+    assert np.array_equal(marked, expected)
+    within = np.clip(levels, 1.0, 254.0) * (white / 255.0)  # ends that no file has
+    assert not unusable(within, None).any()
+
+
 def test_black_counts_where_it_is_the_rule() -> None:
     levels = np.clip(np.rint(light() - 60.0), 0, None)
     marked = unusable(levels, None)
