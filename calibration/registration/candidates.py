@@ -13,8 +13,10 @@ from calibration.registration.dense import (
     comparison_factor,
     correlation_at,
     refined_at,
+    strays,
 )
 from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration.feature_matches import FeatureMatches
 from calibration.registration.hypotheses import PoseHypothesis, is_plausible
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
@@ -84,6 +86,11 @@ class DirectedPose:
     def photographs(self) -> tuple[AlignedPhotograph, AlignedPhotograph]:
         """The source and the target."""
         return self.source, self.target
+
+    def matches_of(self, hypothesis: PoseHypothesis) -> FeatureMatches | None:
+        """Matched features of a hypothesis, of the target and of the source."""
+        matches = hypothesis.matches
+        return matches.swapped() if matches is not None and self.is_swapped else matches
 
     @property
     def of_followup(self) -> DistortedPose:
@@ -175,6 +182,8 @@ def _refined_and_judged(
         correlation_at(*made.photographs, made.pose, finer) for made in (start, directed)
     )
     if before > after:
+        directed = start
+    if strays(directed.pose, start.pose, start.matches_of(hypothesis)):
         directed = start
     agreement = agreement_at(*directed.photographs, directed.pose, factors[-1])
     if agreement is None:

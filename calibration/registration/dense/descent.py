@@ -17,6 +17,7 @@ from calibration.registration.dense.photograph import AlignedPhotograph
 from calibration.registration.dense.place_errors import PlaceErrors, place_errors
 from calibration.registration.dense.refinement import PoseDescent, Residuals
 from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration.feature_matches import FeatureMatches
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 
@@ -30,6 +31,13 @@ _K1_SIGNIFICANT = 1.4
 _JUDGED_PX = 300_000
 _CORRELATION_LOSS = 0.02
 """Of the locally normalised photographs: a descent that loses more went astray."""
+
+_TRUSTED_MATCHES = 20
+_STRAY = 1.5
+_STRAY_PX = 0.25
+"""Features scatter about the true pose by at most this many times what they scatter about their
+own, and by so many pixels of the coarser photograph more; a descent that leaves more of so many
+features behind was drawn away by what is not in their plane."""
 
 _NOISY = 1.1
 """Ratio of errors from which a finer resolution is left out."""
@@ -73,6 +81,7 @@ def refined_pose(
     photographs: tuple[AlignedPhotograph, AlignedPhotograph],
     start: DistortedPose,
     psf: GaussianPsf | None,
+    matches: FeatureMatches | None = None,
     *,
     is_one_camera: bool,
 ) -> RefinedPose | None:
@@ -86,6 +95,8 @@ def refined_pose(
         Target to source.
     psf
         Total PSF of the camera.
+    matches
+        Features of the target and of the source that agree with the start, if it is of features.
     is_one_camera
         Whether both are whole frames of one camera, whose distortion may be fitted.
     """
@@ -96,7 +107,9 @@ def refined_pose(
         factor //= 2
         level = LevelPair(photographs, pose, psf, factor, _SAMPLES)
         found = _best_fit(level, pose, is_one_camera=is_one_camera)
-        if found is None or _is_worse(photographs, found.pose, pose, factor):
+        if found is None or strays(found.pose, start, matches):
+            continue
+        if _is_worse(photographs, found.pose, pose, factor):
             continue
         # Noise alone makes a finer resolution tell less; a scene that is not planar need not
         # scatter less there.
@@ -105,6 +118,14 @@ def refined_pose(
             best = found
         pose = best.pose if best is not None else pose
     return best
+
+
+def strays(found: DistortedPose, start: DistortedPose, matches: FeatureMatches | None) -> bool:
+    """Whether a descent has left behind the matched features from which it started."""
+    if matches is None or len(matches.followup_px) < _TRUSTED_MATCHES:
+        return False
+    after, before = (float(np.median(pose.distances_px(matches))) for pose in (found, start))
+    return after > _STRAY * before + _STRAY_PX * start.zoom
 
 
 def _is_worse(
