@@ -130,7 +130,8 @@ class Candidate:
     @property
     def is_clear(self) -> bool:
         """Whether no other hypothesis needs to be asked."""
-        return self.is_significant and self.agreement.significance >= _CLEAR_SIGNIFICANCE
+        is_clear = self.agreement.significance >= _CLEAR_SIGNIFICANCE
+        return self.is_significant and (is_clear or self.hypothesis.is_expected)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -233,6 +234,6 @@ def with_rival(pair: PhotographPair, best: Candidate) -> Choice:
         or other.agreement.evidence < _RIVAL_EVIDENCE * agreement.evidence
     ):
         return Choice(best=best)
-    if other.agreement.evidence > agreement.evidence:
+    if not best.hypothesis.is_expected and other.agreement.evidence > agreement.evidence:
         best, other = other, best
     return Choice(best=best, rival=other)
