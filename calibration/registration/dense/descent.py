@@ -154,7 +154,9 @@ def _best_fit(level: LevelPair, pose: DistortedPose, *, is_one_camera: bool) -> 
         return None
     plain = _with_errors(level, motions, found)
     if pose.displacement is None and is_one_camera:
-        motions, distorted = refined_at(level, pose, fits_distortion=True)
+        # What was fitted without a distortion is a nearer start, unless it makes up for one.
+        begin = found.pose if pose.k1 == 0 else pose
+        motions, distorted = refined_at(level, begin, fits_distortion=True)
         if distorted is not None:
             lens = _with_errors(level, motions, distorted)
             if abs(lens.pose.k1) > _K1_SIGNIFICANT * lens.errors.k1_err:
