@@ -38,7 +38,8 @@ class PoseSummary(StoredValues):
     beyond_curve
         Share of the overlap whose local zoom the curve does not reach.
     homography, registration_correlation
-        The pose, and how well the images agreed on it where they were registered.
+        The pose, for a distorting lens the homography nearest to it; and how well the images agreed
+        on it where they were registered.
     warnings
         Sentences on what to check of the alignment.
     picture

@@ -13,8 +13,10 @@ from calibration.registration.dense import (
     comparison_factor,
     correlation_at,
     refined_at,
+    strays,
 )
 from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration.feature_matches import FeatureMatches
 from calibration.registration.hypotheses import PoseHypothesis, is_plausible
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
@@ -85,6 +87,11 @@ class DirectedPose:
         """The source and the target."""
         return self.source, self.target
 
+    def matches_of(self, hypothesis: PoseHypothesis) -> FeatureMatches | None:
+        """Matched features of a hypothesis, of the target and of the source."""
+        matches = hypothesis.matches
+        return matches.swapped() if matches is not None and self.is_swapped else matches
+
     @property
     def of_followup(self) -> DistortedPose:
         """The pose from the follow-up to the reference."""
@@ -123,7 +130,8 @@ class Candidate:
     @property
     def is_clear(self) -> bool:
         """Whether no other hypothesis needs to be asked."""
-        return self.is_significant and self.agreement.significance >= _CLEAR_SIGNIFICANCE
+        is_clear = self.agreement.significance >= _CLEAR_SIGNIFICANCE
+        return self.is_significant and (is_clear or self.hypothesis.is_expected)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -176,6 +184,8 @@ def _refined_and_judged(
     )
     if before > after:
         directed = start
+    if strays(directed.pose, start.pose, start.matches_of(hypothesis)):
+        directed = start
     agreement = agreement_at(*directed.photographs, directed.pose, factors[-1])
     if agreement is None:
         return None
@@ -224,6 +234,6 @@ def with_rival(pair: PhotographPair, best: Candidate) -> Choice:
         or other.agreement.evidence < _RIVAL_EVIDENCE * agreement.evidence
     ):
         return Choice(best=best)
-    if other.agreement.evidence > agreement.evidence:
+    if not best.hypothesis.is_expected and other.agreement.evidence > agreement.evidence:
         best, other = other, best
     return Choice(best=best, rival=other)

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from calibration.registration.displacement import SmoothDisplacement
+from calibration.registration.feature_matches import FeatureMatches
 from simulation.arrays import FloatArray
 from simulation.pose import lens_of, warped
 
@@ -83,6 +84,11 @@ class DistortedPose:
     def to_followup_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Follow-up coordinates ``(y, x)`` of reference coordinates, in the same shape."""
         return self.inverse().to_reference_px(y_px, x_px)
+
+    def distances_px(self, matches: FeatureMatches) -> FloatArray:
+        """Distance in the reference between each match and its position by the pose, (n,)."""
+        y, x = self.to_reference_px(matches.followup_px[:, 1], matches.followup_px[:, 0])
+        return np.asarray(np.hypot(x - matches.reference_px[:, 0], y - matches.reference_px[:, 1]))
 
     def followup_places_px(self) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates ``(y, x)`` of every follow-up pixel, shape (rows, cols) each."""

@@ -1,6 +1,7 @@
 """Pairs of points that a pose should bring together."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -14,6 +15,10 @@ class FeatureMatches:
 
     followup_px: FloatArray
     reference_px: FloatArray
+
+    def swapped(self) -> Self:
+        """Return the same pairs where the two photographs have changed roles."""
+        return type(self)(followup_px=self.reference_px, reference_px=self.followup_px)
 
     def distances_px(self, matrix: FloatArray) -> FloatArray:
         """Distance in the reference between each match and its position by ``matrix``."""

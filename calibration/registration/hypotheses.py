@@ -1,7 +1,7 @@
 """Poses that matched features or an operator's hints speak for, the most promising first."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -39,11 +39,16 @@ _ANISOTROPY_MAX = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseHypothesis:
-    """A homography from the follow-up to the reference and the matches that speak for it."""
+    """A homography from the follow-up to the reference and the matches that speak for it.
+
+    ``is_given`` by the operator; ``is_expected`` where the expected zoom about the middle of both
+    frames puts it: of several periods of a scene, that one.
+    """
 
     matrix: FloatArray
     matches: FeatureMatches | None = field(default=None, repr=False)
     is_given: bool = False
+    is_expected: bool = False
 
 
 def given_poses(hints: RegistrationHints) -> Iterator[PoseHypothesis]:
@@ -72,7 +77,8 @@ def feature_poses(
         Expected ratio of distances, follow-up over reference.
     """
     if zoom is not None:
-        yield from _consistent(near, far, _centred_mask(near, far, zoom), zoom)
+        for one in _consistent(near, far, _centred_mask(near, far, zoom), zoom):
+            yield replace(one, is_expected=True)
     scales = None
     if zoom is not None:
         ratio = np.log(near.frames[:, 0] / zoom) - np.log(far.frames[:, :1])

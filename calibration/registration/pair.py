@@ -191,6 +191,7 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
         directed.photographs,
         directed.pose,
         pair.psf,
+        directed.matches_of(choice.best.hypothesis),
         is_one_camera=pair.reference.shape == pair.followup.shape,
     )
     if found is None:
@@ -236,9 +237,7 @@ def _registration(
 ) -> Registration:
     count, rms_px = 0, 0.0
     if hypothesis.matches is not None:
-        followup, reference = hypothesis.matches.followup_px, hypothesis.matches.reference_px
-        y, x = pose.to_reference_px(followup[:, 1], followup[:, 0])
-        apart = np.hypot(x - reference[:, 0], y - reference[:, 1])
+        apart = pose.distances_px(hypothesis.matches)
         agreeing = apart[apart < _INLIER_PX * max(pose.zoom, 1.0)]
         count = len(agreeing)
         rms_px = float(np.sqrt(np.mean(agreeing**2))) if count else 0.0

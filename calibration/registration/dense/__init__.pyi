@@ -8,6 +8,7 @@ from .descent import (
     RefinedPose as RefinedPose,
     refined_at as refined_at,
     refined_pose as refined_pose,
+    strays as strays,
 )
 from .level_pair import LevelPair as LevelPair
 from .motions import zoom_at_centre as zoom_at_centre
@@ -25,5 +26,6 @@ __all__ = [
     "locally_normalised",
     "refined_at",
     "refined_pose",
+    "strays",
     "zoom_at_centre",
 ]

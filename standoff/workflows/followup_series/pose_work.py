@@ -74,7 +74,8 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Regist
     try:
         found = register(near.grey_dn, far.grey_dn, demand.psf, hints)
         quality = judge_pose(
-            found.matrix,
+            # Of the whole pose, with the lens's distortion and the scene's departure from a plane.
+            found.pose.nearest_homography(),
             (cols, rows),
             (near_cols, near_rows),
             demand.curve,
