@@ -91,7 +91,7 @@ def test_photographs_in_the_wrong_order_are_refused_in_one_line(
     words = ("--method", "two-distance", "--noise", noise_file, "--out", out)
     done = command("calibrate", photographs[2], photographs[0], *words)
     assert done.status == 1
-    assert "nearer than the reference" in done.err
+    assert "the second photograph is the nearer one" in done.err
     assert not out.exists()
 
 
