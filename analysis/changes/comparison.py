@@ -116,11 +116,6 @@ class Comparison:
         none = np.zeros_like(self.difference_dn)
         return np.divide(self.difference_dn, self.sd_dn, out=none, where=self.valid)
 
-    @property
-    def extra_blur_significance(self) -> float:
-        """Extra blur over its standard error."""
-        return self.extra_blur_px2 / self.extra_blur_err_px2
-
 
 def _guessed_blur_px2(zoom: float) -> float:
     """How much blurrier the target is if one camera took both."""
