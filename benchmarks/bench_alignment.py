@@ -6,12 +6,13 @@ error is the rms over the overlap of reference positions, in px; ``bound`` is th
 from the slopes of the noise-free follow-up, for a homography, gain and offset. The peer is
 OpenCV's SIFT and MAGSAC alone.
 
-    python -m benchmarks.bench_alignment [--pairs 200] [--width-px 780]
+    python -m benchmarks.bench_alignment [--pairs 200] [--width-px 780] [--seed 5000] [--hints 5]
 """
 
 import sys
 import time
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import exp, log
 
@@ -24,7 +25,7 @@ from benchmarks.pair_photographs import DEFAULT_CAMERA, Development, Pair, PairP
 from benchmarks.pair_scenes import SCENES, scene
 from calibration.errors import RegistrationError
 from calibration.registration import FeatureMatches, Registration, RegistrationHints, register
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 FIRST_SEED = 5000
 SHARED_LEAST = 1 / 3
@@ -83,6 +84,14 @@ class Case:
         y, x = found.pose.followup_places_px()
         return self.pair.error_px(x, y)
 
+    def unshared(self) -> BoolArray:
+        """Follow-up pixels that the reference does not show, as an operator would paint them."""
+        rows, cols = self.pair.frame
+        y, x = np.mgrid[:rows, :cols].astype(np.float64)
+        to_x, to_y = self.pair.pose.positions(x, y, self.pair.frame)
+        outside: BoolArray = (to_x < 0) | (to_x > cols - 1) | (to_y < 0) | (to_y > rows - 1)
+        return outside
+
     def points(self, rng: np.random.Generator) -> FeatureMatches:
         """Six points as an operator would click them."""
         rows, cols = self.pair.frame
@@ -100,15 +109,16 @@ class Case:
         )
 
 
-def case(seed: int, frame: tuple[int, int]) -> Case:
-    """One pair of item ``seed``."""
-    rng = np.random.default_rng(FIRST_SEED + seed)
-    kind = list(SCENES)[seed % len(SCENES)]
+def case(number: int, frame: tuple[int, int], first_seed: int = FIRST_SEED) -> Case:
+    """Pair ``number`` of those that begin at a seed."""
+    seed = first_seed + number
+    rng = np.random.default_rng(seed)
+    kind = list(SCENES)[number % len(SCENES)]
     contrast = exp(rng.uniform(log(5.0), log(60.0 if kind != "text" else 45.0)))
     pose = _pose(rng, frame)
-    lens = DEFAULT_CAMERA if seed % 2 else f_number(5.6)
+    lens = DEFAULT_CAMERA if number % 2 else f_number(5.6)
     made = pair_of(
-        scene(kind, frame, FIRST_SEED + seed, contrast_dn=contrast), frame, pose, (lens,) * 2
+        scene(kind, frame, seed, contrast_dn=contrast), frame, pose, (lens,) * 2
     )
     noise, bits = float(rng.uniform(0.3, 3.0)), int(rng.choice([8, 12]))
     after = Development(
@@ -117,7 +127,7 @@ def case(seed: int, frame: tuple[int, int]) -> Case:
         gain=float(rng.uniform(0.8, 1.1)),
         slope=float(rng.uniform(-0.2, 0.2)),
     )
-    reference, followup = made.developed(Development(noise_dn=noise, bits=bits), after, seed)
+    reference, followup = made.developed(Development(noise_dn=noise, bits=bits), after, number)
     return Case(
         kind=kind,
         pair=made,
@@ -189,20 +199,28 @@ def main() -> None:
     parser = bench_parser(__doc__)
     parser.add_argument("--pairs", type=int, default=200)
     parser.add_argument("--width-px", type=int, default=780)
+    parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the first pair")
+    parser.add_argument(
+        "--hints", type=int, default=5, help="give the operator's hints to every so many-th pair"
+    )
     given = parser.parse_args()
     note = f"{given.pairs} pairs, {given.width_px} px wide"
     packages = ("numpy", "scipy", "opencv-contrib-python-headless")
     with Recorder.of(given, "alignment", packages=packages, note=note) as record:
-        judge(record, given.pairs, (round(given.width_px * 580 / 780), given.width_px))
+        frame = (round(given.width_px * 580 / 780), given.width_px)
+        cases = (case(number, frame, given.seed) for number in range(given.pairs))
+        judge(record, cases, given.hints)
 
 
-def judge(record: Recorder, pairs: int, frame: tuple[int, int]) -> None:
-    """Print what became of the pairs of every kind."""
+def judge(record: Recorder, cases: Iterable[Case], hinted_each: int) -> None:
+    """Print what became of the pairs of every kind.
+
+    The operator's hints are given to each ``hinted_each``-th pair and to those that fail without.
+    """
     found: dict[str, Counter[str]] = defaultdict(Counter)
     ratios: dict[str, list[float]] = defaultdict(list)
     seconds: dict[str, list[float]] = defaultdict(list)
-    for number in range(pairs):
-        one = case(number, frame)
+    for number, one in enumerate(cases):
         bound = max(ERROR_MAX_PX, BOUND_FACTOR * one.bound_px())
         start = time.process_time()
         verdict, error = _verdict(one, None, bound)
@@ -212,9 +230,12 @@ def judge(record: Recorder, pairs: int, frame: tuple[int, int]) -> None:
             ratios[one.kind].append(error / one.bound_px())
         else:
             record.say(f"pair {number} ({one.kind}): {verdict}, error {error:.3g} px")
+        if number % hinted_each == 0 or verdict not in ("aligned", "coarse"):
             for name, hints in _hints(one).items():
-                rescued, _ = _verdict(one, hints, bound)
+                rescued, error = _verdict(one, hints, bound)
                 found[one.kind][f"{name} {rescued}"] += 1
+                if rescued not in ("aligned", "coarse"):
+                    record.say(f"pair {number} ({one.kind}), {name}: {rescued}, {error:.3g} px")
         start = time.process_time()
         peer = peer_error_px(one)
         seconds["peer"].append(time.process_time() - start)
@@ -240,6 +261,7 @@ def _hints(one: Case) -> dict[str, RegistrationHints]:
         "zoom": RegistrationHints(zoom=zoom * 1.07),
         "matrix": RegistrationHints(matrix=shifted),
         "points": RegistrationHints(points=one.points(rng)),
+        "mask": RegistrationHints(left_out=one.unshared()),
     }
 
 

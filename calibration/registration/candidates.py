@@ -234,6 +234,7 @@ def with_rival(pair: PhotographPair, best: Candidate) -> Choice:
         or other.agreement.evidence < _RIVAL_EVIDENCE * agreement.evidence
     ):
         return Choice(best=best)
-    if not best.hypothesis.is_expected and other.agreement.evidence > agreement.evidence:
+    is_told = best.hypothesis.is_given or best.hypothesis.is_expected
+    if not is_told and other.agreement.evidence > agreement.evidence:
         best, other = other, best
     return Choice(best=best, rival=other)

@@ -103,6 +103,17 @@ def test_a_tiled_scene_is_warned_of() -> None:
     assert any("repeats" in one for one in found.warnings)
 
 
+@pytest.mark.parametrize("periods", [-2, -1, 1, 2])
+def test_of_several_periods_the_given_pose_chooses_one(periods: int) -> None:
+    scene = np.tile(texture((60, 60), 5), (6, 7))
+    true = np.array([[1.0, 0.0, 11 + 60 * periods], [0.0, 1.0, 7.0], [0.0, 0.0, 1.0]])
+    near = true.copy()
+    near[:2, 2] += 2.0
+    hint = RegistrationHints(matrix=near)
+    found = register(scene[:240, :320], scene[7:247, 11:331], hints=hint)
+    np.testing.assert_allclose(found.matrix, true, atol=0.05)
+
+
 def test_what_is_left_out_does_not_count() -> None:
     scene = texture((260, 340), 6)
     reference, followup = scene[:240, :320], scene[9:249, 13:333].copy()
