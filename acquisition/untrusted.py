@@ -43,18 +43,31 @@ class TiffPages:
     info: str | None
 
 
-def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks what it needs
-    """Read one JSON document.
+def parse_json(  # the reader checks what it needs
+    text: str | bytes, *, has_single_keys: bool = False
+) -> Any:  # noqa: ANN401
+    """Read one JSON document; with ``has_single_keys`` no object may repeat one.
 
     Raises
     ------
     ValueError
         If it is not JSON, not UTF-8, or nested deeper than the parser goes.
     """
+    hook = _without_repeats if has_single_keys else None
     try:
-        return json.loads(text if isinstance(text, str) else text.decode("utf-8"))
+        text = text if isinstance(text, str) else text.decode("utf-8")
+        return json.loads(text, object_pairs_hook=hook)
     except RecursionError as error:
         raise ValueError(_TOO_DEEP) from error
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        keys = [key for key, _ in pairs]
+        repeated = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {repeated!r} is repeated")
+    return made
 
 
 def parse_toml(text: str | bytes) -> dict[str, Any]:

@@ -3,12 +3,10 @@ from .capture_file import (
     parse_capture as parse_capture,
     read_capture as read_capture,
 )
+from .capture_files import file_sha256 as file_sha256
 from .durable_write import atomic_write as atomic_write
-from .journal import (
-    SYSTEM_STAMPS as SYSTEM_STAMPS,
-    EventKind as EventKind,
-    Stamps as Stamps,
-)
+from .journal import SYSTEM_STAMPS as SYSTEM_STAMPS, Stamps as Stamps
+from .journal_event import EventKind as EventKind
 from .manifest import (
     MANIFEST_NAME as MANIFEST_NAME,
     Manifest as Manifest,
@@ -20,11 +18,11 @@ from .reader import (
     JOURNAL_NAME as JOURNAL_NAME,
     Session as Session,
     SessionCapture as SessionCapture,
-    file_sha256 as file_sha256,
-    verify as verify,
 )
 from .record import CaptureRecord as CaptureRecord
+from .repair import RepairReport as RepairReport, repair_session as repair_session
 from .take import Photograph as Photograph, Take as Take
+from .verification import verify as verify
 from .writer import SessionWriter as SessionWriter
 
 __all__ = [
@@ -36,6 +34,7 @@ __all__ = [
     "EventKind",
     "Manifest",
     "Photograph",
+    "RepairReport",
     "Session",
     "SessionCapture",
     "SessionNotes",
@@ -47,6 +46,7 @@ __all__ = [
     "file_sha256",
     "parse_capture",
     "read_capture",
+    "repair_session",
     "stage_snapshot",
     "verify",
 ]

@@ -52,15 +52,18 @@ def write_capture(file: BinaryIO, images: CaptureImages) -> None:
     if images.variance_dn2 is not None:
         pages.append(images.variance_dn2)
         labels.append("variance")
-    record = replace(images.record, sha256=None)
-    # ASCII only: ImageJ 1.52 garbles most characters beyond it ("本" becomes a comma).
-    info = json.dumps(record.to_json(), ensure_ascii=True, allow_nan=False, indent=1)
     _write_imagej(
         file,
         np.stack(pages).astype(np.float32, copy=False),
-        {"axes": "ZYX", "Labels": labels, "Info": info},
-        record.scale_px_per_mm,
+        {"axes": "ZYX", "Labels": labels, "Info": _info(images.record)},
+        images.record.scale_px_per_mm,
     )
+
+
+def _info(record: CaptureRecord) -> str:
+    # ASCII only: ImageJ 1.52 garbles most characters beyond it ("本" becomes a comma).
+    document = replace(record, sha256=None).to_json()
+    return json.dumps(document, ensure_ascii=True, allow_nan=False, indent=1)
 
 
 def write_frames(
@@ -100,6 +103,21 @@ def parse_capture(data: bytes, *, source: str) -> CaptureImages:
         raise SessionError(f"{source}: {error}", fault="damaged") from error
 
 
+def has_record(path: Path, record: CaptureRecord) -> bool:
+    """Whether a capture file holds this record.
+
+    Raises
+    ------
+    SessionError
+        If the file cannot be read or is not a capture.
+    """
+    data = _read(path)
+    # ImageJ's Info is UTF-16. Where the text is not that of this version, it has to be parsed.
+    if _info(record).encode("utf-16-le") in data:
+        return True
+    return parse_capture(data, source=str(path)).record == replace(record, sha256=None)
+
+
 def read_capture(path: Path) -> CaptureImages:
     """Read one capture file on its own, unverified; a session's ``load`` checks the hash too.
 
@@ -108,11 +126,14 @@ def read_capture(path: Path) -> CaptureImages:
     SessionError
         If the file cannot be read or is not a capture.
     """
+    return parse_capture(_read(path), source=f"capture file {path}")
+
+
+def _read(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
-    return parse_capture(data, source=f"capture file {path}")
 
 
 def _write_imagej(

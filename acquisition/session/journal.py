@@ -1,7 +1,5 @@
 """The journal of a session: one event per line, made durable before work continues."""
 
-import io
-import json
 import os
 import uuid
 from collections.abc import Callable, Mapping
@@ -9,93 +7,25 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self, get_args
+from typing import Any, Self
 
 from acquisition.errors import SessionError
-from acquisition.session.durable_write import fsync_directory
+from acquisition.session.durable_write import PART_SUFFIX, fsync_directory
+from acquisition.session.journal_chain import (
+    HEAD_NAME,
+    NO_LINES,
+    ChainedLine,
+    JournalHead,
+    chain_after,
+)
+from acquisition.session.journal_event import EventKind, JournalEvent
+from acquisition.session.journal_reading import JournalReading, read_journal_file
 from acquisition.session.record import utc_text
-from acquisition.untrusted import parse_json
 
 try:
     import fcntl
 except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
-
-
-EventKind = Literal[
-    "start",
-    "plan",
-    "capture",
-    "skip",
-    "error",
-    "resume",
-    "stop",
-    "retake",
-    "exclude",
-    "include",
-    "note",
-]
-
-_OWN_KEYS = ("event", "utc", "uid")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JournalEvent:
-    """One event: kind, time (UTC, ISO 8601), its own uid, and facts that depend on the kind."""
-
-    kind: EventKind
-    utc: str
-    uid: str
-    facts: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        if not self.facts.keys().isdisjoint(_OWN_KEYS):
-            raise ValueError(f"facts must not be named {_OWN_KEYS}, got {list(self.facts)}")
-
-    def to_line(self) -> bytes:
-        """The event as one line of the journal, newline included."""
-        document = {"event": self.kind, "utc": self.utc, "uid": self.uid, **self.facts}
-        return json.dumps(document, ensure_ascii=False, allow_nan=False).encode() + b"\n"
-
-    @classmethod
-    def from_line(cls, line: bytes) -> Self:
-        """Read one line.
-
-        Raises
-        ------
-        ValueError
-            If it is not an event; the message says why.
-        """
-        document = parse_json(line)
-        if not isinstance(document, dict):
-            raise ValueError("not a JSON object")  # noqa: TRY004
-        facts = {key: value for key, value in document.items() if key not in _OWN_KEYS}
-        utc, uid = document.get("utc"), document.get("uid")
-        if not (isinstance(utc, str) and isinstance(uid, str) and uid):
-            raise ValueError("an event needs utc and uid")
-        for kind in get_args(EventKind):
-            if kind == document.get("event"):
-                return cls(kind=kind, utc=utc, uid=uid, facts=facts)
-        raise ValueError(f"unknown event {document.get('event')!r}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JournalReading:
-    """The events of a journal; ``sound_bytes`` of the file hold them, ``torn_tail`` is the rest."""
-
-    events: tuple[JournalEvent, ...]
-    sound_bytes: int
-    torn_tail: bytes = b""
-
-    @property
-    def remark(self) -> str | None:
-        """What to tell the operator about the tail, if there is one."""
-        if not self.torn_tail:
-            return None
-        return (
-            f"the last line of the journal was cut short and is ignored "
-            f"(line {len(self.events) + 1}, {len(self.torn_tail)} bytes)"
-        )
 
 
 def _utc_now() -> datetime:
@@ -130,8 +60,10 @@ class JournalWriter:
     """
 
     def __init__(self, path: Path, stamps: Stamps = SYSTEM_STAMPS) -> None:
+        self.events: tuple[JournalEvent, ...] = ()
         self._path = path
         self._stamps = stamps
+        self._chain, self._size = NO_LINES, 0
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         except OSError as error:
@@ -140,7 +72,7 @@ class JournalWriter:
             ) from error
         try:
             self._lock()
-            self.events = self._mend()
+            self._mend()
         except BaseException:
             self.close()
             raise
@@ -161,8 +93,14 @@ class JournalWriter:
             uid=self._stamps.new_uid() if uid is None else uid,
             facts=dict(facts),
         )
-        self._write(event.to_line())
+        if os.fstat(self._descriptor).st_size != self._size:
+            self._mend()  # the append before this one was interrupted
+        number = len(self.events) + 1
+        text = event.to_text(number)
+        line = ChainedLine(text=text, chain=chain_after(self._chain, text))
+        self._write(line.to_bytes(), JournalHead(lines=number, chain=line.chain))
         self.events = (*self.events, event)
+        self._chain = line.chain
         return event
 
     def close(self) -> None:
@@ -193,73 +131,65 @@ class JournalWriter:
                 path=self._path.parent,
             ) from error
 
-    def _mend(self) -> tuple[JournalEvent, ...]:
-        data = self._path.read_bytes()
-        reading = read_journal(data, source=str(self._path))
-        self.events = reading.events
+    def _mend(self) -> None:
+        """Cut off a torn tail, bring the head up to date, and note what was done."""
+        reading = read_journal_file(self._path)
         fsync_directory(self._path.parent)
         if reading.torn_tail:
             os.ftruncate(self._descriptor, reading.sound_bytes)
-        if reading.sound_bytes and data[reading.sound_bytes - 1 : reading.sound_bytes] != b"\n":
-            self._write(b"\n")
-        if reading.remark is not None:
+        if self._path.read_bytes()[-1:] not in (b"", b"\n"):
+            self._write(b"\n", None)
+        mended = read_journal_file(self._path)
+        self.events, self._chain = mended.events, mended.chain
+        self._size = os.fstat(self._descriptor).st_size
+        if reading.torn_tail:
             text = reading.torn_tail.decode(errors="backslashreplace")
-            self.append("note", {"text": reading.remark, "cut_short": text})
-        return self.events
+            self.append("note", {"text": reading.remarks[0], "cut_short": text})
+        if reading.is_head_missing:
+            self.append("note", {"text": f"{HEAD_NAME} was missing; lines may be, at the end"})
+        elif len(mended.events) > mended.unchained and not _is_counted(mended):
+            self._replace_head(JournalHead(lines=len(mended.events), chain=mended.chain))
 
-    def _write(self, line: bytes) -> None:
+    def _write(self, line: bytes, head: JournalHead | None) -> None:
+        """Append to the file, then replace the head; undo the former if the disk refuses."""
         start = os.fstat(self._descriptor).st_size
         try:
             written = 0
             while written < len(line):
                 written += os.write(self._descriptor, line[written:])
             os.fsync(self._descriptor)
-        except BaseException as error:
+            if head is not None:
+                self._replace_head(head)
+        except OSError as error:
             # Half a line followed by another would be damage: remove it.
             try:
                 os.ftruncate(self._descriptor, start)
             except OSError as second:
                 error.add_note(f"removing the half-written line failed too: {second}")
-            if isinstance(error, OSError):
-                raise SessionError(
-                    f"journal {self._path}: {error.strerror}; check the disk and run again",
-                    fault="unwritable",
-                    path=self._path,
-                ) from error
-            raise
-
-
-def read_journal(data: bytes, *, source: str = "journal.jsonl") -> JournalReading:
-    r"""Read a journal as far as it is sound.
-
-    Every line was made durable before the next was begun, so that a power cut can affect only
-    the last line: if that does not parse, it was cut short and is ignored. No event's text is
-    the beginning of another's, so a last line that parses is complete even without its ``\n``.
-    A bad line anywhere before it is damage.
-
-    Raises
-    ------
-    SessionError
-        If a line before the last is damaged; the message names it.
-    """
-    lines = io.BytesIO(data).readlines()
-    events: list[JournalEvent] = []
-    sound_bytes = 0
-    for number, line in enumerate(lines, start=1):
-        try:
-            events.append(JournalEvent.from_line(line))
-        except ValueError as error:
-            if number == len(lines):
-                break
             raise SessionError(
-                f"{source}, line {number}: damaged ({error}); restore the file from a copy",
-                fault="damaged",
-                line=number,
+                f"journal {self._path}: {error.strerror}; check the disk and run again",
+                fault="unwritable",
+                path=self._path,
             ) from error
-        sound_bytes += len(line)
-    return JournalReading(
-        events=tuple(events), sound_bytes=sound_bytes, torn_tail=data[sound_bytes:]
-    )
+        self._size = os.fstat(self._descriptor).st_size
+
+    def _replace_head(self, head: JournalHead) -> None:
+        """Replace the head, whole or not at all.
+
+        Its name is durable with the next line: a file system's journal keeps the order, and a head
+        that lags behind is no fault.
+        """
+        path = self._path.with_name(HEAD_NAME)
+        part = path.with_name(path.name + PART_SUFFIX)
+        with part.open("wb") as file:
+            file.write(head.to_bytes())
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+
+
+def _is_counted(reading: JournalReading) -> bool:
+    return reading.head is not None and reading.head.lines == len(reading.events)
 
 
 def lock_exclusively(descriptor: int) -> None:

@@ -18,6 +18,11 @@ from acquisition.untrusted import parse_json
 MANIFEST_NAME = "session.json"
 _SCHEMA = "standoff.session/1"
 _IDENTITY_KEYS = ("driver", "DeviceVendorName", "DeviceModelName", "DeviceSerialNumber")
+_MEASURE_KEYS = ("Width", "Height", "limits_mm")
+"""Sensor and travel: compared where both runs tell them."""
+
+_CONNECTION_KEYS = (("stage", "port"), ("camera", "address"))
+"""Keys of the bench under which a device is plugged in today; they do not tell which it is."""
 _KEYS = ("schema", "uid", "created_utc", "operator", "plan", "bench", "devices", "software")
 
 
@@ -93,13 +98,24 @@ class Manifest:
     ) -> dict[str, str]:
         """What another run would change, by key: in plan, bench and device identities.
 
-        A bench key that is newer than the session counts as its default.
+        A bench key that is newer than the session counts as its default, and an identity that the
+        session does not have is not compared. Ports and addresses are free: see `reconnected`.
         """
+        bench_changes = _differences("bench", _with_defaults(self.bench), bench)
+        for table, key in _CONNECTION_KEYS:
+            bench_changes.pop(f"bench.{table}.{key}", None)
+        old, new = _identities(self.devices), _identities(devices)
         return {
             **_differences("plan", self.plan.to_json(), plan.to_json()),
-            **_differences("bench", _with_defaults(self.bench), bench),
-            **_differences("devices", _identities(self.devices), _identities(devices)),
+            **bench_changes,
+            **_differences("devices", _known_to(new, old), _known_to(old, new)),
         }
+
+    def reconnected(self, bench: Mapping[str, Any]) -> dict[str, str]:
+        """Ports and addresses that are others than when the session was made, by key."""
+        changes = _differences("bench", _with_defaults(self.bench), bench)
+        keys = (f"bench.{table}.{key}" for table, key in _CONNECTION_KEYS)
+        return {key: changes[key] for key in keys if key in changes}
 
 
 def camera_snapshot(camera: Camera) -> dict[str, Any]:
@@ -157,9 +173,21 @@ def _with_defaults(bench: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _identities(devices: Mapping[str, object]) -> dict[str, Any]:
     return {
-        role: {key: device[key] for key in _IDENTITY_KEYS if key in device}
+        role: {key: device[key] for key in (*_IDENTITY_KEYS, *_MEASURE_KEYS) if key in device}
         for role, device in devices.items()
         if isinstance(device, Mapping)
+    }
+
+
+def _known_to(other: Mapping[str, Any], identities: Mapping[str, Any]) -> dict[str, Any]:
+    """The identities without a sensor or travel that another run does not tell."""
+    return {
+        role: {
+            key: value
+            for key, value in identity.items()
+            if key not in _MEASURE_KEYS or key in other.get(role, identity)
+        }
+        for role, identity in identities.items()
     }
 
 

@@ -3,13 +3,8 @@
 from pathlib import Path
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import (
-    SYSTEM_STAMPS,
-    EventKind,
-    JournalEvent,
-    JournalWriter,
-    Stamps,
-)
+from acquisition.session.journal import SYSTEM_STAMPS, JournalWriter, Stamps
+from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.reader import JOURNAL_NAME, Session, captures_of, current_capture
 
 

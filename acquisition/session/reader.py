@@ -7,19 +7,17 @@ from dataclasses import dataclass
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session.capture_file import CaptureImages, parse_capture
-from acquisition.session.durable_write import PART_SUFFIX
-from acquisition.session.journal import JournalEvent, read_journal
+from acquisition.session.journal_event import JournalEvent
+from acquisition.session.journal_reading import read_journal_file
 from acquisition.session.manifest import MANIFEST_NAME, Manifest
 from acquisition.session.record import CaptureRecord
 
 JOURNAL_NAME = "journal.jsonl"
-
-FileState = Literal["ok", "missing", "changed", "unjournaled"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +68,7 @@ class Session:
             )
         self._manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
         journal_path = self._path / JOURNAL_NAME
-        self._journal = read_journal(_read(journal_path), source=str(journal_path))
+        self._journal = read_journal_file(journal_path)
         self._captures = captures_of(self._journal.events, source=str(journal_path))
 
     def __repr__(self) -> str:
@@ -116,7 +114,12 @@ class Session:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Anything odd about the journal."""
-        return () if self._journal.remark is None else (self._journal.remark,)
+        return self._journal.remarks
+
+    @property
+    def is_journal_head_missing(self) -> bool:
+        """Whether the end of the journal may be missing without a trace."""
+        return self._journal.is_head_missing
 
     @property
     def plan(self) -> CapturePlan:
@@ -173,70 +176,6 @@ class Session:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FileCheck:
-    """Check of one file of a session against the journal; ``uid`` is its capture's, if any."""
-
-    file: str
-    state: FileState
-    uid: str | None = None
-    is_superseded: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VerifyReport:
-    """Check of every file of a session against its journal, with remarks on the journal."""
-
-    files: tuple[FileCheck, ...]
-    remarks: tuple[str, ...]
-
-    @property
-    def is_ok(self) -> bool:
-        """Whether every file that counts is there and unchanged.
-
-        A file without a journal line does not count, nor does a superseded capture.
-        """
-        return not any(
-            check.state in ("missing", "changed") and not check.is_superseded
-            for check in self.files
-        )
-
-
-def verify(path: Path) -> VerifyReport:
-    """Hash every file of the session at ``path`` and compare with the journal.
-
-    Raises
-    ------
-    SessionError
-        If ``path`` is not a session, or its session.json or journal is damaged.
-    """
-    session = Session(path)
-    checks = [_check_manifest(session)]
-    known = set()
-    for capture in session.captures:
-        for file, sha256 in _files(capture.record):
-            known.add(file)
-            checks.append(
-                FileCheck(
-                    file=file,
-                    state=_file_state(path / file, sha256),
-                    uid=capture.record.uid,
-                    is_superseded=capture.is_superseded,
-                )
-            )
-    found = sorted(
-        file.relative_to(path).as_posix()
-        for folder in ("captures", "frames")
-        for file in (path / folder).glob("*")
-    )
-    checks += [FileCheck(file=f, state="unjournaled") for f in found if f not in known]
-    leftovers = [f for f in found if f.endswith(PART_SUFFIX)]
-    remarks = [
-        f"{f} is left from a run that was killed while writing; delete it" for f in leftovers
-    ]
-    return VerifyReport(files=tuple(checks), remarks=(*session.remarks, *remarks))
-
-
 def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[SessionCapture, ...]:
     """Replay a journal: its captures in order of time, marked superseded and excluded.
 
@@ -253,6 +192,12 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
         here = f"{source}, line {number}"
         if event.kind == "capture":
             record = _record(event, here, number)
+            if record.uid in records:
+                raise SessionError(
+                    f"{here}: capture {record.index} is journaled twice",
+                    fault="damaged",
+                    line=number,
+                )
             if record.index in latest:
                 superseded.add(latest[record.index])
             latest[record.index] = record.uid
@@ -293,41 +238,6 @@ def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) 
     raise SessionError(
         f"session {path} has no capture with index {index}", fault="no capture", path=path
     )
-
-
-def file_sha256(path: Path) -> str:
-    """SHA-256 of a file in hexadecimal, as ``sha256sum`` prints it."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def is_intact(path: Path, record: CaptureRecord) -> bool:
-    """Whether every file of a capture in the session at ``path`` matches the journal."""
-    return all(_file_state(path / file, sha256) == "ok" for file, sha256 in _files(record))
-
-
-def _files(record: CaptureRecord) -> list[tuple[str, str | None]]:
-    files = [(record.file, record.sha256)]
-    if record.frames_file is not None:
-        files.append((record.frames_file, record.frames_sha256))
-    return files
-
-
-def _file_state(path: Path, sha256: str | None) -> FileState:
-    if not path.is_file():
-        return "missing"
-    try:
-        return "ok" if file_sha256(path) == sha256 else "changed"
-    except OSError as error:
-        raise SessionError(f"{path}: {error.strerror}", path=path) from error
-
-
-def _check_manifest(session: Session) -> FileCheck:
-    starts = [event for event in session.events if event.kind == "start"]
-    if not starts:
-        return FileCheck(file=MANIFEST_NAME, state="unjournaled")
-    expected = str(starts[0].facts.get("session_sha256"))
-    return FileCheck(file=MANIFEST_NAME, state=_file_state(session.path / MANIFEST_NAME, expected))
 
 
 def _record(event: JournalEvent, here: str, number: int) -> CaptureRecord:

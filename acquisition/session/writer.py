@@ -17,21 +17,17 @@ from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session.capture_file import CaptureImages, write_capture, write_frames
+from acquisition.session.capture_files import is_intact
 from acquisition.session.durable_write import PART_SUFFIX, atomic_write, atomic_write_hashed
-from acquisition.session.journal import (
-    SYSTEM_STAMPS,
-    EventKind,
-    JournalEvent,
-    JournalWriter,
-    Stamps,
-)
+from acquisition.session.journal import SYSTEM_STAMPS, JournalWriter, Stamps
+from acquisition.session.journal_chain import HEAD_NAME
+from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.manifest import MANIFEST_NAME, Manifest, software_versions
 from acquisition.session.reader import (
     JOURNAL_NAME,
     SessionCapture,
     captures_of,
     current_capture,
-    is_intact,
 )
 from acquisition.session.record import CaptureRecord, utc_text
 from acquisition.session.take import Photograph, Take
@@ -229,9 +225,11 @@ class SessionWriter:
     ) -> None:
         """Write session.json, or compare with an existing one, and journal the run."""
         path = self.path / MANIFEST_NAME
+        reconnected: dict[str, str] = {}
         if path.exists():
             data = path.read_bytes()
             old = Manifest.from_bytes(data, source=str(path))
+            reconnected = old.reconnected(bench)
             differences = old.differences(self.plan, bench, devices)
             if differences:
                 raise SessionError(
@@ -264,6 +262,9 @@ class SessionWriter:
         facts = {"operator": operator, "devices": devices, "software": software_versions()}
         if any(event.kind == "start" for event in self._journal.events):
             self._journal.append("resume", {**facts, "pending": len(self.pending_entries())})
+            if reconnected:
+                named = "; ".join(f"{key} {text}" for key, text in reconnected.items())
+                self._journal.append("note", {"text": f"connected otherwise: {named}"})
         else:
             digest = hashlib.sha256(data).hexdigest()
             self._journal.append("start", {**facts, "session_sha256": digest})
@@ -321,7 +322,7 @@ def _prepare_directory(path: Path) -> None:
         present = {file.name for file in path.iterdir()}
     except OSError as error:
         raise _write_failure(path, error) from error
-    beginning = {JOURNAL_NAME, MANIFEST_NAME + PART_SUFFIX}
+    beginning = {JOURNAL_NAME, MANIFEST_NAME + PART_SUFFIX, HEAD_NAME, HEAD_NAME + PART_SUFFIX}
     if MANIFEST_NAME not in present and not present <= beginning:
         raise SessionError(
             f"{path} holds files but is not a capture session; give a new or empty directory",

@@ -23,15 +23,30 @@ Who = Annotated[
     str | None, typer.Option("--operator", help="Name of the operator; the login name by default.")
 ]
 
+_QUOTED = 300
+"""Characters of a lost line that the terminal shows."""
+
 session = typer.Typer(
     name="session", help="Manage capture sessions: list, show, exclude, include, note."
 )
 
 
-def verify(directory: Directory, json: Json = False) -> None:
+def verify(
+    directory: Directory,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Make a new journal of what a damaged one and the captures themselves still say; "
+            "the old one is kept.",
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
     """Check every file of a session against its journal."""
     from acquisition.session import verify as verify_session
 
+    repaired = _repair(directory) if repair else None
     report = verify_session(directory)
     superseded = [c for c in report.files if c.is_superseded and c.state in ("missing", "changed")]
     if json:
@@ -43,12 +58,16 @@ def verify(directory: Directory, json: Json = False) -> None:
                     {"file": c.file, "state": c.state, "superseded": c.is_superseded}
                     for c in report.files
                 ],
+                "faults": list(report.faults),
                 "remarks": list(report.remarks),
+                "repaired": repaired,
             }
         )
     else:
         for remark in report.remarks:
             note(remark)
+        for fault in report.faults:
+            say(fault)
         for check in report.files:
             if check.state != "ok":
                 say(f"{check.state:12} {check.file}{' (superseded)' * check.is_superseded}")
@@ -59,11 +78,37 @@ def verify(directory: Directory, json: Json = False) -> None:
                 f"{len(superseded)} of the others belong to captures that were retaken later: "
                 "nothing uses them, so they do not count"
             )
+    if report.faults:
+        raise ApplicationError(f"{directory}: {report.faults[0]}")
     if not report.is_ok:
         raise ApplicationError(
             f"{directory}: files are missing or changed; restore them from a copy, "
             "or run the capture command again to retake them"
         )
+
+
+def _repair(directory: Path) -> dict[str, Any]:
+    """Repair the journal and say what became of it; the facts for ``--json``."""
+    from acquisition.session import repair_session
+
+    done = repair_session(directory)
+    if done.kept_as is None:
+        note("the journal is sound; nothing was repaired")
+    else:
+        note(f"the journal was made anew of {done.lines} lines; the old one is {done.kept_as.name}")
+        for record in done.recovered:
+            note(f"capture {record.index} was brought back from {record.file}")
+        for line in done.lost:
+            note(f"line {line.number} is lost: {line.text[:_QUOTED] or 'nothing is left of it'}")
+        for file in done.unknown_files:
+            note(f"{file} is not a capture of this session and was left out")
+    return {
+        "kept_as": None if done.kept_as is None else str(done.kept_as),
+        "lines": done.lines,
+        "recovered": [record.index for record in done.recovered],
+        "lost": [{"line": line.number, "text": line.text} for line in done.lost],
+        "unknown_files": list(done.unknown_files),
+    }
 
 
 @session.command("list")

@@ -7,10 +7,13 @@ from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan, plan_entries
 from acquisition.session.capture_file import parse_capture, read_capture, write_capture
-from acquisition.session.journal import JournalEvent, JournalWriter, read_journal
+from acquisition.session.journal import JournalWriter
+from acquisition.session.journal_event import JournalEvent
+from acquisition.session.journal_reading import read_journal, read_journal_file
 from acquisition.session.manifest import Manifest
 from acquisition.session.reader import captures_of
 from acquisition.session.record import CaptureRecord
+from tests.acquisition.journals import chained_journal, unchained_journal
 from tests.acquisition.records import RECORD, images
 from tests.acquisition.session_fixtures import DEVICES, bench_of, plan_of
 from tests.fuzz.damage import damaged_bytes, damaged_json, damaged_toml
@@ -34,7 +37,7 @@ EVENTS = (
     JournalEvent(kind="exclude", utc=UTC_TEXT, uid="x", facts={"capture": "u7", "reason": "r"}),
     JournalEvent(kind="retake", utc=UTC_TEXT, uid="t", facts={"supersedes": "u7"}),
 )
-JOURNAL = b"".join(event.to_line() for event in EVENTS)
+JOURNALS = chained_journal(EVENTS), unchained_journal(EVENTS)
 
 
 def capture_bytes() -> bytes:
@@ -55,7 +58,7 @@ def mend(path: Path) -> None:
     """Open for writing, which cuts a torn tail off; then all of it is sound."""
     with JournalWriter(path):
         pass
-    assert not read_journal(path.read_bytes()).torn_tail
+    assert not read_journal_file(path).torn_tail
 
 
 def parse_record(data: bytes) -> object:
@@ -119,13 +122,13 @@ SESSION_TARGETS = (
     ),
     FuzzTarget(
         name="journal",
-        data=damaged_bytes((JOURNAL, JOURNAL * 2)),
+        data=damaged_bytes(JOURNALS),
         read=replay,
         documented=(SessionError,),
     ),
     FuzzTarget(
         name="journal opened for writing",
-        data=damaged_bytes((JOURNAL,)),
+        data=damaged_bytes(JOURNALS),
         read=from_file(mend, "journal.jsonl"),
         documented=(SessionError,),
     ),

@@ -22,7 +22,8 @@ from acquisition.errors import (
     DeviceError,
     StreamInterruptedError,
 )
-from acquisition.session.reader import Session, verify
+from acquisition.session.reader import Session
+from acquisition.session.verification import verify
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import (

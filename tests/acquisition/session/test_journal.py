@@ -8,15 +8,21 @@ import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import JournalEvent, JournalWriter, Stamps, read_journal
+from acquisition.session.journal import JournalWriter, Stamps
+from acquisition.session.journal_chain import HEAD_NAME, JournalHead
+from acquisition.session.journal_event import JournalEvent
+from acquisition.session.journal_reading import read_journal, read_journal_file
 from tests.acquisition.fakes import FakeUids, FakeUtc
+from tests.acquisition.journals import chained_journal, unchained_journal
 
 EVENTS = (
     JournalEvent(kind="start", utc="2025-03-04T05:06:07Z", uid="a", facts={"operator": "Zoë"}),
     JournalEvent(kind="capture", utc="2025-03-04T05:06:08Z", uid="b", facts={"record": {"x": 1}}),
     JournalEvent(kind="note", utc="2025-03-04T05:06:09Z", uid="c", facts={"text": 'a "b"\n\\ 日'}),
 )
-JOURNAL = b"".join(event.to_line() for event in EVENTS)
+JOURNAL = chained_journal(EVENTS)
+UNCHAINED = unchained_journal(EVENTS)
+both = pytest.mark.parametrize("data", [JOURNAL, UNCHAINED], ids=["chained", "unchained"])
 
 
 def writer(path: Path) -> JournalWriter:
@@ -28,52 +34,62 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "journal.jsonl"
 
 
-def test_events_read_back_as_they_were_written() -> None:
-    reading = read_journal(JOURNAL)
+@both
+def test_events_read_back_as_they_were_written(data: bytes) -> None:
+    reading = read_journal(data)
     assert reading.events == EVENTS
-    assert (reading.sound_bytes, reading.torn_tail, reading.remark) == (len(JOURNAL), b"", None)
+    assert (reading.sound_bytes, reading.torn_tail) == (len(data), b"")
+    assert reading.unchained == (0 if data == JOURNAL else len(EVENTS))
 
 
-@pytest.mark.parametrize("length", range(len(JOURNAL) + 1))
-def test_a_journal_cut_at_any_byte_gives_every_event_before(length: int) -> None:
-    reading = read_journal(JOURNAL[:length])
+@both
+def test_a_journal_cut_at_any_byte_gives_every_event_before(data: bytes) -> None:
+    starts = [data.find(line) for line in data.splitlines()]
     # A line is whole once its last brace is there, with or without the newline after it.
-    ends = [len(b"".join(e.to_line() for e in EVENTS[: n + 1])) - 1 for n in range(len(EVENTS))]
-    whole = sum(end <= length for end in ends)
-    assert reading.events == EVENTS[:whole]
-    cut = whole < len(EVENTS) and length > (ends[whole - 1] + 1 if whole else 0)
-    assert (reading.remark is not None) == cut
+    ends = [start + len(line) for start, line in zip(starts, data.splitlines(), strict=True)]
+    for length in range(len(data) + 1):
+        reading = read_journal(data[:length])
+        whole = sum(end <= length for end in ends)
+        assert reading.events == EVENTS[:whole]
+        cut = whole < len(EVENTS) and length > starts[whole]
+        assert bool(reading.torn_tail) == cut
 
 
-@pytest.mark.parametrize("length", range(len(JOURNAL) + 1))
-def test_a_journal_cut_at_any_byte_goes_on_after_being_mended(tmp_path: Path, length: int) -> None:
-    path = tmp_path / "journal.jsonl"
-    path.write_bytes(JOURNAL[:length])
-    cut = read_journal(JOURNAL[:length])
-    with writer(path) as journal:
-        journal.append("resume", {})
-    again = read_journal(path.read_bytes())
-    notes = ("note",) if cut.torn_tail else ()
-    assert [e.kind for e in again.events] == [*(e.kind for e in cut.events), *notes, "resume"]
-    assert again.remark is None
-    if cut.torn_tail:
-        quoted = again.events[-2].facts["cut_short"]
-        assert quoted.startswith('{"event"'[: len(cut.torn_tail)])
+@both
+def test_a_journal_cut_at_any_byte_goes_on_after_being_mended(path: Path, data: bytes) -> None:
+    for length in range(len(data) + 1):
+        path.with_name(HEAD_NAME).unlink(missing_ok=True)
+        path.write_bytes(data[:length])
+        cut = read_journal(data[:length])
+        if cut.events and not cut.unchained:
+            # As after a power cut: the head counts the lines that were whole before.
+            counted = JournalHead(lines=len(cut.events), chain=cut.chain)
+            path.with_name(HEAD_NAME).write_bytes(counted.to_bytes())
+        with writer(path) as journal:
+            journal.append("resume", {})
+        again = read_journal_file(path)
+        notes = ("note",) if cut.torn_tail else ()
+        assert [e.kind for e in again.events] == [*(e.kind for e in cut.events), *notes, "resume"]
+        assert (again.torn_tail, again.is_head_missing) == (b"", False)
+        if cut.torn_tail:
+            quoted = again.events[-2].facts["cut_short"].encode()
+            assert data.startswith(quoted[:1])
 
 
-@given(st.binary(max_size=40))
-def test_whatever_a_power_cut_leaves_at_the_end_is_ignored_and_reported(tail: bytes) -> None:
+@both
+@given(tail=st.binary(max_size=40))
+def test_whatever_a_power_cut_leaves_at_the_end_is_ignored_and_reported(
+    data: bytes, tail: bytes
+) -> None:
     tail = tail.replace(b"\n", b"\0")
-    reading = read_journal(JOURNAL + tail)
+    reading = read_journal(data + tail)
     assert reading.events == EVENTS
     assert reading.torn_tail == tail
-    assert (reading.remark is not None) == bool(tail)
+    assert any("cut short" in remark for remark in reading.remarks) == bool(tail)
 
 
 def test_a_remark_names_the_line() -> None:
-    remark = read_journal(JOURNAL[:-5]).remark
-    assert remark is not None
-    assert "line 3" in remark
+    assert any("line 3" in remark for remark in read_journal(JOURNAL[:-5]).remarks)
 
 
 @pytest.mark.parametrize(
@@ -87,8 +103,11 @@ def test_a_remark_names_the_line() -> None:
         b'{"event": "dance", "utc": "t", "uid": "u"}',
     ],
 )
-def test_damage_before_the_last_line_is_an_error_that_names_the_line(bad: bytes) -> None:
-    lines = JOURNAL.splitlines()
+@both
+def test_damage_before_the_last_line_is_an_error_that_names_the_line(
+    data: bytes, bad: bytes
+) -> None:
+    lines = data.splitlines()
     lines[1] = bad
     with pytest.raises(SessionError) as refused:
         read_journal(b"\n".join(lines) + b"\n")
@@ -101,8 +120,33 @@ def test_every_line_is_durable_before_append_returns(
     synced: list[bytes] = []
     monkeypatch.setattr(os, "fsync", lambda _: synced.append(path.read_bytes()))
     with writer(path) as journal:
-        event = journal.append("note", {"text": "x"})
-    assert synced[-1] == event.to_line()
+        synced.clear()
+        journal.append("note", {"text": "x"})
+    assert synced[0] == path.read_bytes() != b""
+
+
+def test_the_head_never_counts_a_line_that_is_not_durable(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced = [b""]
+    replaced: list[int] = []
+    fsync, replace = os.fsync, Path.replace
+
+    def record_fsync(descriptor: int) -> None:
+        fsync(descriptor)
+        synced.append(path.read_bytes())
+
+    def record_replace(part: Path, target: Path) -> Path:
+        replaced.append(JournalHead.from_bytes(part.read_bytes()).lines)
+        assert replaced[-1] <= synced[-1].count(b"\n")
+        return replace(part, target)
+
+    monkeypatch.setattr(os, "fsync", record_fsync)
+    monkeypatch.setattr(Path, "replace", record_replace)
+    with writer(path) as journal:
+        for _ in range(3):
+            journal.append("note", {"text": "x"})
+    assert replaced == [1, 2, 3]
 
 
 def test_a_full_disk_takes_the_half_written_line_back(

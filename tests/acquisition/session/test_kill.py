@@ -13,7 +13,8 @@ from typing import IO
 
 import pytest
 
-from acquisition.session.reader import JOURNAL_NAME, Session, verify
+from acquisition.session.reader import JOURNAL_NAME, Session
+from acquisition.session.verification import verify
 from tests.acquisition.capture_until_killed import HEIGHTS
 
 KILLS = 50

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import Stamps
+from acquisition.session.journal import JournalWriter, Stamps
+from acquisition.session.journal_event import EventKind
 from acquisition.session.notes import SessionNotes
-from acquisition.session.reader import FileCheck, Session, verify
+from acquisition.session.reader import Session
+from acquisition.session.verification import FileCheck, verify
 from tests.acquisition.fakes import FakeUids, FakeUtc
+from tests.acquisition.journals import cut_last_line
 from tests.acquisition.session_fixtures import (
     DEVICES,
     add,
@@ -171,7 +174,7 @@ def test_a_file_without_a_journal_line_does_not_exist_but_is_told(path: Path) ->
 def test_a_journal_line_cut_short_is_a_remark_and_its_capture_does_not_exist(path: Path) -> None:
     records = whole_session(path)
     journal = path / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes()[:-20])
+    cut_last_line(journal, 20)
     session = Session(path)
     assert session.records == records[:-1]
     assert not session.is_complete
@@ -243,20 +246,20 @@ def test_notes_make_no_session_where_there_is_none(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "fault", "first_key"),
+    ("kind", "facts", "fault", "first_key"),
     [
-        ({"event": "exclude", "capture": "nobody"}, "no capture", ()),
-        ({"event": "retake", "supersedes": ["a"]}, "no capture", ()),
-        ({"event": "capture"}, "damaged", ("record",)),
-        ({"event": "capture", "record": {}}, "damaged", ("index",)),
+        ("exclude", {"capture": "nobody"}, "no capture", ()),
+        ("retake", {"supersedes": ["a"]}, "no capture", ()),
+        ("capture", {}, "damaged", ("record",)),
+        ("capture", {"record": {}}, "damaged", ("index",)),
     ],
 )
 def test_an_event_that_makes_no_sense_names_its_line(
-    path: Path, line: dict[str, object], fault: str, first_key: tuple[str, ...]
+    path: Path, kind: EventKind, facts: dict[str, object], fault: str, first_key: tuple[str, ...]
 ) -> None:
     whole_session(path)
-    with (path / "journal.jsonl").open("a") as journal:
-        journal.write(json.dumps({"utc": "t", "uid": "u", **line}) + "\n")
+    with JournalWriter(path / "journal.jsonl") as journal:
+        journal.append(kind, facts)
     with pytest.raises(SessionError) as refused:
         Session(path)
     assert (refused.value.fault, refused.value.line) == (fault, 9)

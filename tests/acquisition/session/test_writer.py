@@ -9,10 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from acquisition.bench import BenchConfig
 from acquisition.errors import SessionError
-from acquisition.session.reader import Session, verify
+from acquisition.session.journal_chain import HEAD_NAME
+from acquisition.session.reader import Session
 from acquisition.session.take import Photograph
+from acquisition.session.verification import verify
 from acquisition.session.writer import SessionWriter
+from tests.acquisition.journals import cut_last_line
 from tests.acquisition.session_fixtures import (
     DEVICES,
     add,
@@ -61,6 +65,7 @@ def test_a_session_that_was_killed_before_its_start_was_journaled_starts(path: P
     writer(path).close()
     manifest = (path / "session.json").read_bytes()
     (path / "journal.jsonl").write_bytes(b"")
+    (path / HEAD_NAME).unlink()
     writer(path).close()
     assert kinds(path) == ["start", "plan"]
     assert (path / "session.json").read_bytes() == manifest
@@ -106,7 +111,7 @@ def test_a_capture_whose_journal_line_was_cut_short_is_taken_again_under_its_nam
 ) -> None:
     records = whole_session(path)
     journal = path / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes()[:-2])
+    cut_last_line(journal, 2)
     with writer(path, prefix="later") as session:
         (entry,) = session.pending_entries()
         again = add(session, entry, 1500.0)
@@ -142,6 +147,47 @@ def test_another_plan_bench_or_device_is_refused_with_the_difference_in_one_line
     assert "\n" not in str(caught.value)
     assert (path / "journal.jsonl").read_bytes() == before
     writer(path).close()  # the lock was given back
+
+
+@pytest.mark.parametrize(
+    ("role", "changed", "key"),
+    [
+        ("camera", {"Width": 390}, "devices.camera.Width"),
+        ("stage", {"limits_mm": [0.0, 200.0]}, "devices.stage.limits_mm.1"),
+        ("stage", {"DeviceSerialNumber": "S2"}, "devices.stage.DeviceSerialNumber"),
+    ],
+)
+def test_another_sensor_travel_or_serial_number_is_refused(
+    path: Path, role: str, changed: dict[str, object], key: str
+) -> None:
+    devices = {
+        "camera": {**DEVICES["camera"], "Width": 780, "Height": 580},
+        "stage": {**DEVICES["stage"], "limits_mm": [0.0, 300.0]},
+    }
+    writer(path, devices=devices).close()
+    with pytest.raises(SessionError) as refused:
+        writer(path, devices={**devices, role: {**devices[role], **changed}})
+    assert refused.value.keys == (key,)
+    # A session of an older version does not tell them all.
+    writer(path, devices=DEVICES).close()
+
+
+def test_a_device_that_is_plugged_in_elsewhere_is_the_same_and_noted(path: Path) -> None:
+    def bench(port: str, address: str) -> BenchConfig:
+        made = bench_of()
+        stage = made.stage.model_copy(update={"port": port})
+        camera = made.camera.model_copy(update={"address": address})
+        return made.model_copy(update={"stage": stage, "camera": camera})
+
+    writer(path, bench=bench("/dev/ttyUSB0", "192.168.7.20")).close()
+    writer(path, bench=bench("/dev/ttyUSB1", "192.168.7.21")).close()
+    note = Session(path).events[-1]
+    assert note.kind == "note"
+    assert "bench.stage.port" in note.facts["text"]
+    assert "ttyUSB1" in note.facts["text"]
+    assert "192.168.7.21" in note.facts["text"]
+    writer(path, bench=bench("/dev/ttyUSB0", "192.168.7.20")).close()
+    assert kinds(path)[-1] == "resume"
 
 
 def test_a_warmer_camera_is_still_the_same_camera(path: Path) -> None:

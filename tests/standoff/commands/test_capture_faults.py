@@ -21,7 +21,8 @@ import standoff.cli
 import standoff.workflows
 from acquisition.bench import BenchConfig
 from acquisition.session.durable_write import atomic_write_hashed
-from acquisition.session.reader import Session, verify
+from acquisition.session.reader import Session
+from acquisition.session.verification import verify
 from hil_mocks import SimulatedBench
 from hil_mocks.camera import CameraFaults
 from hil_mocks.stage import StageFaults

@@ -346,3 +346,24 @@ def test_the_report_says_which_files_of_a_session_are_gone_or_changed(
     assert done.status == 1  # a capture that the page needs
     assert f"missing or changed, the first captures/{files[0].name}" in done.err
     assert "standoff verify" in done.err
+
+
+def test_an_altered_journal_is_refused_by_line_and_repaired_on_demand(
+    command: Command, session_dir: Path
+) -> None:
+    assert json.loads(command("verify", session_dir, "--json").out)["faults"] == []
+    journal = session_dir / JOURNAL_NAME
+    lines = journal.read_bytes().splitlines(keepends=True)
+    number = next(n for n, line in enumerate(lines) if b'"event": "capture"' in line)
+    lines[number] = lines[number].replace(b'"height_mm": ', b'"height_mm": 1')
+    journal.write_bytes(b"".join(lines))
+    for words in (("verify", session_dir), ("session", "show", session_dir)):
+        refused = command(*words)
+        assert refused.status == 1
+        assert f"line {number + 1}" in refused.err
+        assert "standoff verify --repair" in refused.err
+    repaired = command("verify", session_dir, "--repair")
+    assert repaired.status == 0, repaired.err
+    assert "brought back from captures/" in repaired.err
+    assert command("verify", session_dir).status == 0
+    assert list(session_dir.glob("journal-damaged-*.jsonl"))

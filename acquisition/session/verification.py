@@ -1,0 +1,141 @@
+"""Check that a session is what was captured: journal, plan, records and the bytes of every file."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquisition.errors import SessionError
+from acquisition.plan import PlanEntry
+from acquisition.session.capture_file import has_record
+from acquisition.session.capture_files import FileState, file_state, files_of
+from acquisition.session.durable_write import PART_SUFFIX
+from acquisition.session.journal_chain import HEAD_NAME
+from acquisition.session.manifest import MANIFEST_NAME
+from acquisition.session.reader import JOURNAL_NAME, Session
+from acquisition.session.record import CaptureRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileCheck:
+    """Check of one file of a session against the journal; ``uid`` is its capture's, if any."""
+
+    file: str
+    state: FileState
+    uid: str | None = None
+    is_superseded: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerifyReport:
+    """Check of every file of a session against its journal.
+
+    Parameters
+    ----------
+    files
+        Every file that the journal names or that lies beside those.
+    faults
+        Sentences on what is at odds within the session, each naming the journal's line.
+    remarks
+        Sentences on what is odd but no fault.
+    """
+
+    files: tuple[FileCheck, ...]
+    faults: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether nothing is at odds, and every file that counts is there and unchanged.
+
+        A file without a journal line does not count, nor does a superseded capture.
+        """
+        return not self.faults and not any(
+            check.state in ("missing", "changed") and not check.is_superseded
+            for check in self.files
+        )
+
+
+def verify(path: Path) -> VerifyReport:
+    """Hash every file of the session at ``path`` and compare with the journal.
+
+    Raises
+    ------
+    SessionError
+        If ``path`` is not a session, or its session.json or journal is damaged.
+    """
+    session = Session(path)
+    checks = [_check_manifest(session)]
+    known = set()
+    for capture in session.captures:
+        for file, sha256 in files_of(capture.record):
+            known.add(file)
+            checks.append(
+                FileCheck(
+                    file=file,
+                    state=file_state(path / file, sha256),
+                    uid=capture.record.uid,
+                    is_superseded=capture.is_superseded,
+                )
+            )
+    found = sorted(
+        file.relative_to(path).as_posix()
+        for folder in ("captures", "frames")
+        for file in (path / folder).glob("*")
+    )
+    intact = {check.file for check in checks if check.state == "ok"}
+    checks += [FileCheck(file=f, state="unjournaled") for f in found if f not in known]
+    leftovers = [f for f in found if f.endswith(PART_SUFFIX)]
+    remarks = [
+        f"{f} is left from a run that was killed while writing; delete it" for f in leftovers
+    ]
+    return VerifyReport(
+        files=tuple(checks),
+        faults=tuple(_faults(session, intact)),
+        remarks=(*session.remarks, *remarks),
+    )
+
+
+def _check_manifest(session: Session) -> FileCheck:
+    starts = [event for event in session.events if event.kind == "start"]
+    if not starts:
+        return FileCheck(file=MANIFEST_NAME, state="unjournaled")
+    expected = str(starts[0].facts.get("session_sha256"))
+    return FileCheck(file=MANIFEST_NAME, state=file_state(session.path / MANIFEST_NAME, expected))
+
+
+def _faults(session: Session, intact: set[str]) -> Iterator[str]:
+    if session.is_journal_head_missing:
+        yield (
+            f"{HEAD_NAME} is missing, and lines may be, at the end of {JOURNAL_NAME}; restore it "
+            "from a copy, or run the capture command again, which writes a new one"
+        )
+    lines = {event.uid: number for number, event in enumerate(session.events, start=1)}
+    entries = {entry.index: entry for entry in session.entries}
+    for capture in session.captures:
+        record = capture.record
+        here = f"{JOURNAL_NAME}, line {lines[record.uid]}: capture {record.index}"
+        odd = _differs_from_plan(record, entries.get(record.index))
+        if odd is not None:
+            yield f"{here} {odd}"
+        if record.file in intact:
+            odd = _differs_from_file(session.path / record.file, record)
+            if odd is not None:
+                yield f"{here} {odd}"
+
+
+def _differs_from_plan(record: CaptureRecord, entry: PlanEntry | None) -> str | None:
+    if entry is None:
+        return "is none of the plan's"
+    asked = (entry.kind, entry.target, entry.orientation_deg, entry.height_mm)
+    made = (record.kind, record.target, record.orientation_deg, record.height_asked_mm)
+    if made == asked:
+        return None
+    as_text = "{} {!r}, {:g} degrees, {:g} mm"
+    return f"is of {as_text.format(*made)}; the plan asks for {as_text.format(*asked)}"
+
+
+def _differs_from_file(path: Path, record: CaptureRecord) -> str | None:
+    try:
+        return None if has_record(path, record) else f"has another record in {record.file}"
+    except SessionError:
+        return f"cannot be read from {record.file}, though its bytes are those that were journaled"

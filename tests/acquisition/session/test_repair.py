@@ -1,0 +1,146 @@
+"""A damaged journal is made anew of what its chain and the captures' own records vouch for."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from acquisition.errors import SessionError
+from acquisition.session.journal import JournalWriter, Stamps
+from acquisition.session.journal_chain import HEAD_NAME
+from acquisition.session.notes import SessionNotes
+from acquisition.session.reader import Session
+from acquisition.session.record import CaptureRecord
+from acquisition.session.repair import repair_session
+from acquisition.session.verification import verify
+from tests.acquisition.fakes import FakeUids, FakeUtc
+from tests.acquisition.session_fixtures import whole_session
+
+LINES = 10
+"""Start, plan, six captures, an exclusion and a note."""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+def made(path: Path) -> tuple[CaptureRecord, ...]:
+    records = whole_session(path)
+    notes = SessionNotes(
+        path, operator="Ada", stamps=Stamps(utc_now=FakeUtc(), new_uid=FakeUids("note"))
+    )
+    notes.exclude(3, "dust")
+    notes.note("lens cleaned")
+    return records
+
+
+def lines_of(path: Path) -> list[bytes]:
+    return (path / "journal.jsonl").read_bytes().splitlines(keepends=True)
+
+
+def all_records(path: Path) -> set[CaptureRecord]:
+    return {capture.record for capture in Session(path).captures}
+
+
+def damage(path: Path, lines: list[bytes]) -> bytes:
+    data = b"".join(lines)
+    (path / "journal.jsonl").write_bytes(data)
+    with pytest.raises(SessionError):
+        verify(path)
+    return data
+
+
+@pytest.mark.parametrize("number", range(1, LINES + 1))
+@pytest.mark.parametrize("kind", ["altered", "removed", "chain", "garbled"])
+def test_one_bad_line_costs_no_capture(path: Path, number: int, kind: str) -> None:
+    records = made(path)
+    lines = lines_of(path)
+    line = lines.pop(number - 1)
+    if kind == "altered":
+        lines.insert(number - 1, line.replace(b'"utc": "2', b'"utc": "3'))
+    elif kind == "chain":
+        lines.insert(number - 1, line[:-5] + (b"0" if line[-5:-4] != b"0" else b"1") + line[-4:])
+    elif kind == "garbled":
+        lines.insert(number - 1, b"\xff" * len(line) + b"\n")
+    data = damage(path, lines)
+    report = repair_session(path)
+    assert report.kept_as is not None
+    assert report.kept_as.read_bytes() == data
+    assert verify(path).is_ok
+    assert all_records(path) == set(records)
+    excluded = [c.record.index for c in Session(path).captures if c.excluded_because is not None]
+    # Line 9 is the exclusion. A chain can be made again, where there is a line after it.
+    assert excluded == ([] if number == 9 and kind != "chain" else [3])
+    was_lost = kind != "chain" or number == LINES
+    assert [one.number for one in report.lost] == ([number] if was_lost else [])
+
+
+def test_lines_that_were_doubled_and_moved_come_back_to_their_places(path: Path) -> None:
+    records = made(path)
+    before = [(event.kind, event.uid) for event in Session(path).events]
+    lines = lines_of(path)
+    damage(path, [*lines[:2], lines[4], lines[3], lines[2], lines[2], *lines[5:]])
+    report = repair_session(path)
+    assert report.lost == ()
+    assert all_records(path) == set(records)
+    assert [(event.kind, event.uid) for event in Session(path).events][:-1] == before
+
+
+def test_without_a_journal_every_capture_comes_back_from_its_file(path: Path) -> None:
+    records = made(path)
+    (path / "journal.jsonl").unlink()
+    report = repair_session(path)
+    assert set(report.recovered) == set(records)
+    assert [one.number for one in report.lost] == list(range(1, LINES + 1))
+    assert verify(path).is_ok
+    with JournalWriter(path / "journal.jsonl") as journal:
+        journal.append("note", {"text": "goes on"})
+    assert verify(path).is_ok
+
+
+def test_a_file_that_is_no_capture_of_this_session_is_named(path: Path) -> None:
+    made(path)
+    (path / "captures" / "odd.tif").write_bytes(b"II*\0")
+    (path / "journal.jsonl").unlink()
+    assert repair_session(path).unknown_files == ("captures/odd.tif",)
+
+
+def test_a_sound_journal_is_left_alone(path: Path) -> None:
+    made(path)
+    before = {file: file.read_bytes() for file in path.rglob("*") if file.is_file()}
+    assert repair_session(path).kept_as is None
+    assert {file: file.read_bytes() for file in path.rglob("*") if file.is_file()} == before
+
+
+def test_a_lost_line_is_quoted_in_the_new_journal(path: Path) -> None:
+    made(path)
+    lines = lines_of(path)
+    lines[8] = lines[8].replace(b"dust", b"rust")
+    damage(path, lines)
+    repair_session(path)
+    (lost,) = Session(path).events[-1].facts["lost"]
+    assert lost["line"] == 9
+    assert json.loads(lost["text"])["reason"] == "rust"
+
+
+def test_a_session_in_use_is_not_repaired(path: Path) -> None:
+    made(path)
+    with JournalWriter(path / "journal.jsonl"), pytest.raises(SessionError) as refused:
+        repair_session(path)
+    assert refused.value.fault == "in use"
+
+
+def test_a_folder_that_is_no_session_is_left_as_it_is(tmp_path: Path) -> None:
+    with pytest.raises(SessionError) as refused:
+        repair_session(tmp_path)
+    assert refused.value.fault == "not a session"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_head_that_was_removed_is_written_anew(path: Path) -> None:
+    made(path)
+    (path / HEAD_NAME).unlink()
+    assert not verify(path).is_ok
+    repair_session(path)
+    assert verify(path).is_ok
