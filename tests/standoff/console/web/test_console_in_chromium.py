@@ -6,7 +6,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from acquisition.session.reader import Session, verify
+from acquisition.session.reader import Session
+from acquisition.session.verification import verify
 from tests.standoff.console.console_rig import (
     ConsoleRig,
     console_rig,
