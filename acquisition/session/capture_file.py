@@ -54,7 +54,7 @@ def write_capture(file: BinaryIO, images: CaptureImages) -> None:
         labels.append("variance")
     _write_imagej(
         file,
-        np.stack(pages).astype(np.float32, copy=False),
+        [np.asarray(page, dtype=np.float32) for page in pages],
         {"axes": "ZYX", "Labels": labels, "Info": _info(images.record)},
         images.record.scale_px_per_mm,
     )
@@ -70,8 +70,8 @@ def write_frames(
     file: BinaryIO, frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]
 ) -> None:
     """Write raw frames as one multi-page uint16 TIFF file, one page per frame, in order."""
-    stack = np.stack(frames_dn).astype(np.uint16, copy=False)
-    _write_imagej(file, stack, {"axes": "TYX"}, None)
+    pages = [np.asarray(frame, dtype=np.uint16) for frame in frames_dn]
+    _write_imagej(file, pages, {"axes": "TYX"}, None)
 
 
 def parse_capture(data: bytes, *, source: str) -> CaptureImages:
@@ -138,15 +138,18 @@ def _read(path: Path) -> bytes:
 
 def _write_imagej(
     file: BinaryIO,
-    stack: NDArray[np.float32] | NDArray[np.uint16],
+    pages: Sequence[NDArray[np.float32] | NDArray[np.uint16]],
     metadata: dict[str, object],
     scale_px_per_mm: float | None,
 ) -> None:
     if scale_px_per_mm is not None:
         metadata = {**metadata, "unit": "mm"}
+    # One by one: a stack would be another copy of all pages.
     tifffile.imwrite(
         file,
-        stack,
+        iter(pages),
+        shape=(len(pages), *pages[0].shape),
+        dtype=pages[0].dtype,
         imagej=True,
         byteorder="<",
         photometric="minisblack",

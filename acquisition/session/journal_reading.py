@@ -71,9 +71,9 @@ class JournalReading:
     def is_head_missing(self) -> bool:
         """Whether lines may be missing at the end without a trace.
 
-        The first chained line is made durable before there is a head.
+        The head's name is durable with the second chained line, which may be whole before.
         """
-        return self.head is None and len(self.events) > self.unchained + 1
+        return self.head is None and len(self.events) > self.unchained + 2
 
 
 def read_journal(
