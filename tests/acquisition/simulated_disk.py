@@ -52,7 +52,7 @@ class DiskRecorder:
         return full.relative_to(self._root).as_posix() if full.is_relative_to(self._root) else None
 
     def _saw(self, descriptor: int, *, is_synced: bool) -> None:
-        path = Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+        path = Path(f"/proc/self/fd/{descriptor}").readlink()
         name = self._name(path)
         if name is None:
             return

@@ -1,4 +1,4 @@
-"""Whatever a power cut leaves of a session opens, verifies and resumes, with all that was stored."""
+"""What a power cut may leave of a session opens, verifies and resumes, with all that was stored."""
 
 from pathlib import Path
 from shutil import rmtree
