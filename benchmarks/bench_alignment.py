@@ -117,9 +117,7 @@ def case(number: int, frame: tuple[int, int], first_seed: int = FIRST_SEED) -> C
     contrast = exp(rng.uniform(log(5.0), log(60.0 if kind != "text" else 45.0)))
     pose = _pose(rng, frame)
     lens = DEFAULT_CAMERA if number % 2 else f_number(5.6)
-    made = pair_of(
-        scene(kind, frame, seed, contrast_dn=contrast), frame, pose, (lens,) * 2
-    )
+    made = pair_of(scene(kind, frame, seed, contrast_dn=contrast), frame, pose, (lens,) * 2)
     noise, bits = float(rng.uniform(0.3, 3.0)), int(rng.choice([8, 12]))
     after = Development(
         noise_dn=noise,

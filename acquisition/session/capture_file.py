@@ -1,10 +1,10 @@
 """A capture as an ImageJ TIFF: mean, temporal variance, scale and record, in one plain file."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import tifffile
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from acquisition.errors import SessionError
 from acquisition.session.record import CaptureRecord
 from acquisition.untrusted import parse_json, read_tiff
+
+_INFO_START, _INFO_END = ('{\n "index"'.encode("utf-16-le"), "\n}".encode("utf-16-le"))
+"""Of the record in ImageJ's Info, which is UTF-16."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,19 +106,25 @@ def parse_capture(data: bytes, *, source: str) -> CaptureImages:
         raise SessionError(f"{source}: {error}", fault="damaged") from error
 
 
-def has_record(path: Path, record: CaptureRecord) -> bool:
-    """Whether a capture file holds this record.
+def has_record(data: bytes, document: Mapping[str, Any], *, source: str) -> bool:
+    """Whether the bytes of a capture file hold this record, as the journal has it.
 
     Raises
     ------
     SessionError
-        If the file cannot be read or is not a capture.
+        If they are not those of a capture.
     """
-    data = _read(path)
-    # ImageJ's Info is UTF-16. Where the text is not that of this version, it has to be parsed.
-    if _info(record).encode("utf-16-le") in data:
-        return True
-    return parse_capture(data, source=str(path)).record == replace(record, sha256=None)
+    expected = {**document, "sha256": None}
+    start = data.find(_INFO_START)
+    end = data.find(_INFO_END, start)
+    if 0 <= start < end:
+        text = data[start : end + len(_INFO_END)].decode("utf-16-le", errors="replace")
+        try:
+            if parse_json(text) == expected:
+                return True
+        except ValueError:
+            pass  # an older version wrote it otherwise
+    return parse_capture(data, source=source).record == CaptureRecord.from_json(expected)
 
 
 def read_capture(path: Path) -> CaptureImages:

@@ -1,8 +1,10 @@
 """Check that a session is what was captured: journal, plan, records and the bytes of every file."""
 
-from collections.abc import Iterator
+import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from acquisition.errors import SessionError
 from acquisition.plan import PlanEntry
@@ -64,34 +66,44 @@ def verify(path: Path) -> VerifyReport:
         If ``path`` is not a session, or its session.json or journal is damaged.
     """
     session = Session(path)
-    checks = [_check_manifest(session)]
-    known = set()
+    checks, faults = [_check_manifest(session)], []
+    if session.is_journal_head_missing:
+        faults.append(
+            f"{HEAD_NAME} is missing, and lines may be, at the end of {JOURNAL_NAME}; restore it "
+            "from a copy, or run the capture command again, which writes a new one"
+        )
+    entries = {entry.index: entry for entry in session.entries}
+    journaled = {
+        event.facts["record"]["uid"]: (number, event.facts["record"])
+        for number, event in enumerate(session.events, start=1)
+        if event.kind == "capture"
+    }
     for capture in session.captures:
-        for file, sha256 in files_of(capture.record):
-            known.add(file)
-            checks.append(
-                FileCheck(
-                    file=file,
-                    state=file_state(path / file, sha256),
-                    uid=capture.record.uid,
-                    is_superseded=capture.is_superseded,
-                )
-            )
+        record = capture.record
+        number, document = journaled[record.uid]
+        states, odd = _check_capture(path, record, document)
+        checks += [
+            FileCheck(file=file, state=state, uid=record.uid, is_superseded=capture.is_superseded)
+            for file, state in states.items()
+        ]
+        faults += [
+            f"{JOURNAL_NAME}, line {number}: capture {record.index} {one}"
+            for one in (_differs_from_plan(record, entries.get(record.index)), odd)
+            if one is not None
+        ]
+    known = {check.file for check in checks}
     found = sorted(
         file.relative_to(path).as_posix()
         for folder in ("captures", "frames")
         for file in (path / folder).glob("*")
     )
-    intact = {check.file for check in checks if check.state == "ok"}
     checks += [FileCheck(file=f, state="unjournaled") for f in found if f not in known]
     leftovers = [f for f in found if f.endswith(PART_SUFFIX)]
     remarks = [
         f"{f} is left from a run that was killed while writing; delete it" for f in leftovers
     ]
     return VerifyReport(
-        files=tuple(checks),
-        faults=tuple(_faults(session, intact)),
-        remarks=(*session.remarks, *remarks),
+        files=tuple(checks), faults=tuple(faults), remarks=(*session.remarks, *remarks)
     )
 
 
@@ -101,26 +113,6 @@ def _check_manifest(session: Session) -> FileCheck:
         return FileCheck(file=MANIFEST_NAME, state="unjournaled")
     expected = str(starts[0].facts.get("session_sha256"))
     return FileCheck(file=MANIFEST_NAME, state=file_state(session.path / MANIFEST_NAME, expected))
-
-
-def _faults(session: Session, intact: set[str]) -> Iterator[str]:
-    if session.is_journal_head_missing:
-        yield (
-            f"{HEAD_NAME} is missing, and lines may be, at the end of {JOURNAL_NAME}; restore it "
-            "from a copy, or run the capture command again, which writes a new one"
-        )
-    lines = {event.uid: number for number, event in enumerate(session.events, start=1)}
-    entries = {entry.index: entry for entry in session.entries}
-    for capture in session.captures:
-        record = capture.record
-        here = f"{JOURNAL_NAME}, line {lines[record.uid]}: capture {record.index}"
-        odd = _differs_from_plan(record, entries.get(record.index))
-        if odd is not None:
-            yield f"{here} {odd}"
-        if record.file in intact:
-            odd = _differs_from_file(session.path / record.file, record)
-            if odd is not None:
-                yield f"{here} {odd}"
 
 
 def _differs_from_plan(record: CaptureRecord, entry: PlanEntry | None) -> str | None:
@@ -134,8 +126,31 @@ def _differs_from_plan(record: CaptureRecord, entry: PlanEntry | None) -> str | 
     return f"is of {as_text.format(*made)}; the plan asks for {as_text.format(*asked)}"
 
 
-def _differs_from_file(path: Path, record: CaptureRecord) -> str | None:
+def _check_capture(
+    path: Path, record: CaptureRecord, document: Mapping[str, Any]
+) -> tuple[dict[str, FileState], str | None]:
+    """State of each file of a capture, and what is odd about the record in it."""
+    states: dict[str, FileState] = {}
+    odd = None
+    for file, sha256 in files_of(record):
+        if file != record.file:
+            states[file] = file_state(path / file, sha256)
+            continue
+        try:
+            data = (path / file).read_bytes()
+        except (FileNotFoundError, IsADirectoryError):
+            states[file] = "missing"
+            continue
+        except OSError as error:
+            raise SessionError(f"{path / file}: {error.strerror}", path=path / file) from error
+        states[file] = "ok" if hashlib.sha256(data).hexdigest() == sha256 else "changed"
+        if states[file] == "ok":
+            odd = _differs_from_file(data, document, file)
+    return states, odd
+
+
+def _differs_from_file(data: bytes, document: Mapping[str, Any], file: str) -> str | None:
     try:
-        return None if has_record(path, record) else f"has another record in {record.file}"
+        return None if has_record(data, document, source=file) else f"has another record in {file}"
     except SessionError:
-        return f"cannot be read from {record.file}, though its bytes are those that were journaled"
+        return f"cannot be read from {file}, though its bytes are those that were journaled"

@@ -8,12 +8,13 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session.journal import JournalWriter, Stamps
-from acquisition.session.journal_event import EventKind
+from acquisition.session.journal_chain import HEAD_NAME, JournalHead
+from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.notes import SessionNotes
 from acquisition.session.reader import Session
 from acquisition.session.verification import FileCheck, verify
 from tests.acquisition.fakes import FakeUids, FakeUtc
-from tests.acquisition.journals import cut_last_line
+from tests.acquisition.journals import chained_journal, cut_last_line
 from tests.acquisition.session_fixtures import (
     DEVICES,
     add,
@@ -297,3 +298,43 @@ def test_a_session_in_a_notebook_is_a_small_table_of_escaped_text(path: Path) ->
     assert "&lt;b&gt;lens &amp; board&lt;/b&gt;" in table
     assert len(table) < 1000
     fromstring(table)  # well formed
+
+
+def rewritten(path: Path, change: dict[str, object]) -> None:
+    """Make the journal anew, as a program might that is wrong, with one record changed."""
+    with (path / "journal.jsonl").open() as journal:
+        documents = [json.loads(line) for line in journal]
+    events = []
+    for document in documents:
+        del document["seq"], document["chain"]
+        if document["event"] == "capture" and document["record"]["index"] == 4:
+            document["record"].update(change)
+        events.append(JournalEvent.from_line(json.dumps(document).encode()))
+    data = chained_journal(events)
+    (path / "journal.jsonl").write_bytes(data)
+    chain = json.loads(data.splitlines()[-1])["chain"]
+    head = JournalHead(lines=len(events), chain=chain)
+    (path / HEAD_NAME).write_bytes(head.to_bytes())
+
+
+@pytest.mark.parametrize(
+    ("change", "count"),
+    [
+        ({"height_mm": 101.5}, 1),
+        ({"height_asked_mm": 101.5}, 2),
+        ({"target": "other"}, 2),
+        ({"exposure_us": None}, 1),
+    ],
+)
+def test_a_record_at_odds_with_its_file_or_the_plan_is_a_fault_that_names_the_line(
+    path: Path, change: dict[str, object], count: int
+) -> None:
+    whole_session(path)
+    rewritten(path, {})
+    assert verify(path).is_ok
+    rewritten(path, change)
+    report = verify(path)
+    assert not report.is_ok
+    # The file holds another record, and where the plan asks for it, it asks for something else.
+    assert len(report.faults) == count
+    assert all("line 7: capture 4" in fault for fault in report.faults)
