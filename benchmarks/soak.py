@@ -1,16 +1,20 @@
-"""Hours of captures with random faults: no capture may be lost, nothing may grow.
+"""Hours of captures with random faults: none may be lost or wrong, nothing may grow.
 
-    python -m benchmarks.soak --minutes 60 [--seed 1] [--page docs/soak.md]
+    python -m benchmarks.soak --minutes 60 --tally SOAK.json [--seed N] [--page docs/soak.md]
 
 A camera on the wire and a Grbl stage on a serial port, both simulated in a process of their own,
 go wrong at random: lost packets, a stream that stalls, a camera that loses power for a while or
-is restarted, control taken away, an alarm of the stage, its cable pulled. The real drivers take
-session after session; a run that a fault ends is begun again as the operator would, by the same
-command. At the end of a session every capture of the plan must be there and its file unchanged.
-Memory, threads and open files of the capturing process are read after each session.
+is restarted, control taken away, an alarm of the stage, its cable pulled; now and then the disk is
+full. The real drivers take session after session; a run that a fault ends is begun again as the
+operator would, by the same command. Every other session is taken by a process of its own that is
+killed again and again. At the end of a session every capture of the plan must be there, its file
+unchanged, and its pixels those of the scene at its height. Memory, threads and open files of this
+process are read after each session. Figures of several runs add up in the tally.
 """
 
 import argparse
+import errno
+import os
 import random
 import shutil
 import subprocess
@@ -18,21 +22,21 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
-from contextlib import closing
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
+from unittest.mock import patch
 
-from acquisition.bench import BenchConfig, BenchDevices, load_bench
-from acquisition.capture import RunOperator, run_plan
-from acquisition.errors import DeviceError, DeviceTimeoutError, StageAlarmError
-from acquisition.plan import CapturePlan, parse_plan
+from acquisition.bench import BenchConfig, load_bench
+from acquisition.errors import DeviceError, DeviceTimeoutError, SessionError, StageAlarmError
 from acquisition.session import Session, verify
-from benchmarks.environment import environment, environment_line
+from benchmarks.soak_bench import SENSOR
+from benchmarks.soak_run import ADDRESS, ENDED_BY_FAULT, run_once, soak_config
+from benchmarks.soak_tally import Holdings, Tally
+from benchmarks.soak_truth import DEVIATION_MAX, TARGET, SceneTruth
 from standoff.shipped_configs import shipped_config
-from standoff.workflows import open_bench, open_stage
+from standoff.workflows import open_stage
 
-ADDRESS = "127.211.3.1"
 FAULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...], float]] = {
     "packets lost, 2 %": (("fault packet_loss_rate=0.02",), ("fault none",), 3.0),
     "stream stalls": (("fault is_stalled=true",), ("fault none",), 1.5),
@@ -46,39 +50,9 @@ FAULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...], float]] = {
 PAUSE_S = (3.0, 9.0)
 TRIES = 40
 """Runs of one session; a fault cannot last so long."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Holdings:
-    """What this process holds."""
-
-    memory_mb: float
-    threads: int
-    files: int
-
-    @classmethod
-    def now(cls) -> "Holdings":
-        """Ask the kernel."""
-        status = Path("/proc/self/status").read_text().splitlines()
-        memory_kb = next(line.split()[1] for line in status if line.startswith("VmRSS"))
-        return cls(
-            memory_mb=int(memory_kb) / 1024,
-            threads=len(list(Path("/proc/self/task").iterdir())),
-            files=len(list(Path("/proc/self/fd").iterdir())),
-        )
-
-
-@dataclass(slots=True, kw_only=True)
-class Tally:
-    """What happened."""
-
-    captures: int = 0
-    sessions: int = 0
-    lost: int = 0
-    unlocked: int = 0
-    faults: Counter[str] = field(default_factory=Counter)
-    ended_runs: Counter[str] = field(default_factory=Counter)
-    holdings: list[Holdings] = field(default_factory=list)
+KILL_AFTER_S = (2.0, 15.0)
+DISK_FULL_RATE = 0.01
+"""Of the calls that make something durable."""
 
 
 class FaultyBench:
@@ -96,6 +70,7 @@ class FaultyBench:
         )
         if self._answer() != "ready":
             raise RuntimeError("the simulated bench could not be served")
+        self._say(f"place {TARGET} 0")
         self._thread = threading.Thread(target=self._go_wrong, name="soak-faults")
         self._thread.start()
 
@@ -131,56 +106,71 @@ class FaultyBench:
         return self._process.stdout.readline().strip()
 
 
-def soak_plan() -> CapturePlan:
-    """Ten captures, each of five frames."""
-    return parse_plan(
-        {
-            "schema": "standoff.plan/1",
-            "name": "soak",
-            "heights_mm": {"start": 300.0, "stop": 304.0, "step": 1.0},
-            "frames_per_capture": 5,
-            "targets": [{"kind": "edge", "target": "edge", "orientations_deg": [5.0, 95.0]}],
-        },
-        source="soak",
-    )
+@contextmanager
+def full_disk_at_times(tally: Tally) -> Iterator[None]:
+    """Let syncing fail now and then as on a full disk."""
+    fsync = os.fsync
+
+    def failing(descriptor: int) -> None:
+        if random.random() < DISK_FULL_RATE:
+            tally.faults["disk full"] += 1
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        fsync(descriptor)
+
+    with patch.object(os, "fsync", failing):
+        yield
 
 
-def soak_config(port: str) -> BenchConfig:
-    """The shipped Grbl bench on the simulated one."""
-    return load_bench(
-        shipped_config("grbl_stage.toml"),
-        {
-            "camera.address": ADDRESS,
-            "stage.port": port,
-            "stage.feed_mm_per_min": 2400,
-            "stage.settle_s": 0.05,
-            "stage.park_mm": 320,
-        },
-    )
-
-
-def take_session(folder: Path, config: BenchConfig, plan: CapturePlan, tally: Tally) -> None:
-    """Run a session to its end as the operator would, and look whether all of it is there."""
+def take_session(folder: Path, config: BenchConfig, tally: Tally) -> None:
+    """Run a session to its end as the operator would."""
     for _ in range(TRIES):
         try:
-            with open_bench(config) as devices:
-                run_plan(
-                    folder,
-                    plan,
-                    BenchDevices(config=config, camera=devices.camera, stage=devices.stage),
-                    RunOperator(name="soak", place=lambda _: "ready"),
-                )
-            break
-        except DeviceError as error:
+            with full_disk_at_times(tally):
+                run_once(folder, config)
+        except (DeviceError, SessionError) as error:
             tally.ended_runs[type(error).__name__] += 1
             print(f"  {type(error).__name__}: {error}", flush=True)
             time.sleep(0.5)
             if isinstance(error, StageAlarmError | DeviceTimeoutError):
                 unlock(config, tally)
+        else:
+            return
+
+
+def take_killed_session(folder: Path, config: BenchConfig, tally: Tally) -> None:
+    """Let another process run it, and kill that at random moments until it is complete."""
+    for _ in range(TRIES):
+        command = [sys.executable, "-m", "benchmarks.soak_run", str(folder), str(config.stage.port)]
+        process = subprocess.Popen(command)
+        try:
+            status = process.wait(random.uniform(*KILL_AFTER_S))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            tally.killed += 1
+            time.sleep(1.0)  # the camera's heartbeat
+            unlock(config, tally)
+            continue
+        if status == 0:
+            return
+        if status != ENDED_BY_FAULT:
+            raise RuntimeError(f"a run ended with status {status}")
+        tally.ended_runs["in a process of its own"] += 1
+        unlock(config, tally)
+
+
+def check_session(folder: Path, truth: SceneTruth, tally: Tally) -> None:
+    """Look whether all of a session is there and right."""
     session = Session(folder)
     wanted = {entry.index for entry in session.entries}
     kept = {record.index for record in session.records}
     tally.lost += len(wanted - kept) + (not verify(folder).is_ok)
+    for record in session.records:
+        deviation = truth.deviation(session.load(record))
+        tally.largest_deviation = max(tally.largest_deviation, deviation)
+        if deviation > DEVIATION_MAX:
+            tally.wrong += 1
+            print(f"  capture {record.index} of {record.height_mm} mm: {deviation:.3f}", flush=True)
     tally.captures += len(kept)
     tally.sessions += 1
 
@@ -201,77 +191,42 @@ def main() -> int:
     )
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--tally", type=Path, help="file in which the runs add up")
     parser.add_argument("--page", type=Path, help="write the figures as Markdown")
     given = parser.parse_args()
-    tally, plan = Tally(), soak_plan()
-    begun_s = time.monotonic()
+    tally = Tally() if given.tally is None else Tally.read(given.tally)
+    random.seed(given.seed)
+    truth = SceneTruth(load_bench(shipped_config("simulated.toml"), SENSOR))
+    begun_s, before_minutes = time.monotonic(), tally.minutes
+    tally.runs += 1
     folder = Path(tempfile.mkdtemp(prefix="standoff-soak-"))
-    bench = FaultyBench(given.seed, tally, folder / "stage")
+    bench = FaultyBench(given.seed + tally.runs, tally, folder / "stage")
     try:
         config = soak_config(str(folder / "stage"))
         while time.monotonic() - begun_s < 60 * given.minutes:
-            take_session(folder / "session", config, plan, tally)
+            take = take_killed_session if tally.sessions % 2 else take_session
+            take(folder / "session", config, tally)
+            check_session(folder / "session", truth, tally)
             shutil.rmtree(folder / "session")
             tally.holdings.append(Holdings.now())
+            tally.minutes = before_minutes + (time.monotonic() - begun_s) / 60
+            if given.tally is not None:
+                tally.write(given.tally)
             last = tally.holdings[-1]
             print(
-                f"{time.monotonic() - begun_s:6.0f} s: {tally.sessions} sessions, "
-                f"{tally.captures} captures, {tally.lost} lost; {last.memory_mb:.1f} MB, "
-                f"{last.threads} threads, {last.files} files",
+                f"{tally.minutes:6.1f} min: {tally.sessions} sessions, {tally.captures} captures, "
+                f"{tally.lost} lost, {tally.wrong} wrong, {tally.killed} kills; "
+                f"{last.memory_mb:.1f} MB, {last.threads} threads, {last.files} files",
                 flush=True,
             )
     finally:
         bench.close()
         shutil.rmtree(folder)
-    page = soak_page(tally, (time.monotonic() - begun_s) / 60)
+    page = tally.page()
     print(page)
     if given.page is not None:
         given.page.write_text(page, encoding="utf-8")
-    return 1 if tally.lost else 0
-
-
-def soak_page(tally: Tally, minutes: float) -> str:
-    """Write what happened as Markdown."""
-    # The first sessions load and compile what is not loaded yet.
-    settled = tally.holdings[len(tally.holdings) // 4 :] or tally.holdings
-    rows = [
-        ("resident memory / MB", [h.memory_mb for h in settled]),
-        ("threads", [float(h.threads) for h in settled]),
-        ("open files", [float(h.files) for h in settled]),
-    ]
-    lines = [
-        "# Soak",
-        "",
-        "Made by `python -m benchmarks.soak --page docs/soak.md`; what it does is described in "
-        "`benchmarks/soak.py`.",
-        "",
-        f"{environment_line(environment(('numpy', 'PyGObject', 'pyserial')))}.",
-        "",
-        f"In **{minutes:.0f} minutes**: {tally.sessions} sessions, {tally.captures} captures, "
-        f"**{tally.lost} lost**; {sum(tally.faults.values())} faults, which ended "
-        f"{sum(tally.ended_runs.values())} runs, each resumed by the same command, "
-        f"{tally.unlocked} after `stage unlock`. Faults that the drivers corrected themselves "
-        "ended none.",
-        "",
-        "| fault | times |",
-        "| --- | ---: |",
-        *(f"| {name} | {count} |" for name, count in sorted(tally.faults.items())),
-        "",
-        "| error that ended a run | times |",
-        "| --- | ---: |",
-        *(f"| `{name}` | {count} |" for name, count in sorted(tally.ended_runs.items())),
-        "",
-        f"Of the capturing process, after each session from number {len(tally.holdings) // 4 + 1} "
-        "on:",
-        "",
-        "| | first | last | least | most |",
-        "| --- | ---: | ---: | ---: | ---: |",
-        *(
-            f"| {name} | {v[0]:.0f} | {v[-1]:.0f} | {min(v):.0f} | {max(v):.0f} |"
-            for name, v in rows
-        ),
-    ]
-    return "\n".join(lines) + "\n"
+    return 1 if tally.lost or tally.wrong else 0
 
 
 if __name__ == "__main__":
