@@ -71,6 +71,7 @@ $(FULL): $(CORE) $(wildcard requirements/*.txt) scripts/install-system-packages.
 	@echo "Setting up the full environment in $(VENV) ..."
 	$(LOCKED)/full.txt
 	$(LOCKED)/gobject.txt
-	if $(BIN)/python -m scripts.needs_cuda; then $(LOCKED)/cuda.txt; fi
+	$(LOCKED)/$$($(BIN)/python -m scripts.torch_build).txt
+	if $(BIN)/python -m scripts.torch_build --cuda; then $(LOCKED)/cuda.txt; fi
 	$(BIN)/python -m pip check
 	@touch $@

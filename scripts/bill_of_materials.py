@@ -25,8 +25,8 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from scripts.licences import licence_of
-from scripts.needs_cuda import needs_cuda
 from scripts.requirements_file import STEPS, Locked, read
+from scripts.torch_build import needs_cuda
 
 PROJECT = "standoff"
 NOT_OURS = frozenset({"pip"})  # comes with Python's venv
@@ -62,8 +62,11 @@ def locked_here(packages: Mapping[str, Distribution]) -> dict[str, Locked]:
     """
     environment = {key: str(value) for key, value in default_environment().items()} | {"extra": ""}
     torch = packages.get("torch")
-    has_cuda = torch is not None and needs_cuda(torch.requires or [])
-    steps = [step for step in STEPS if step != "cuda" or has_cuda]
+    is_cpu = torch is not None and Version(torch.version).local is not None
+    left_out = {"torch" if is_cpu else "torch-cpu"}
+    if torch is None or not needs_cuda(torch.requires or []):
+        left_out.add("cuda")
+    steps = [step for step in STEPS if step not in left_out]
     lines = {str(one.name): one for step in steps for one in read(step) if one.is_for(environment)}
     wrong = [
         f"{name} {line.version} is not installed"
@@ -75,8 +78,7 @@ def locked_here(packages: Mapping[str, Distribution]) -> dict[str, Locked]:
             continue
         if name not in lines:
             wrong.append(f"{name} {package.version} is not in the lock")
-        # A build of the same version has a local part: 2.13.0+cpu.
-        elif Version(package.version).public != Version(lines[name].version).public:
+        elif Version(package.version) != Version(lines[name].version):
             wrong.append(f"{name} is {package.version}, in the lock {lines[name].version}")
     if wrong:
         raise NotTheLockError(

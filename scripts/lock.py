@@ -4,14 +4,13 @@
     make lock UPGRADE=--upgrade        # at the newest versions that it allows
     make lock UPGRADE="--upgrade-package numpy"
 
-uv resolves for every Python and machine at once and asks the package index for the hashes. Builds
-of torch come from elsewhere too: the hash of the one that pip finds on this machine is added, and
-hashes that were locked for the same version stay.
+uv resolves for every Python and machine at once and asks the package index for the hashes. torch's
+builds for the processor come from elsewhere: the hash of the one that pip finds on this machine is
+added to those that were locked.
 """
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import sysconfig
@@ -20,9 +19,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from packaging.requirements import Requirement
-from packaging.utils import NormalizedName, canonicalize_name
+from packaging.utils import NormalizedName
+from packaging.version import Version
 
 from scripts.requirements_file import FOLDER, STEPS, Locked, parse, read
+from scripts.torch_build import found_by_pip
 
 ROOT = Path(__file__).parent.parent
 UV = Path(sysconfig.get_path("scripts")) / "uv"
@@ -33,6 +34,8 @@ CUDA = ("cuda-", "nvidia-", "triton")
 
 # Built from source with pycairo installed beside it.
 GOBJECT = "pygobject"
+
+TORCH = "torch"
 
 # Interpreters and machines that the lock is for. 3.11.2 is Debian 12's.
 TARGETS = [
@@ -56,6 +59,8 @@ ABOUT = {
     "core": "What standoff needs",
     "full": "What all extras need beside core.txt",
     "gobject": "PyGObject, which is built with what build.txt and full.txt hold",
+    "torch-cpu": "torch, the build for the processor alone, where pip finds it",
+    "torch": "torch, the builds of the package index, for where pip finds no other",
     "cuda": "What a build of torch for NVIDIA's GPUs needs; its builds for the processor do not",
 }
 
@@ -80,19 +85,30 @@ def for_targets(locked: Locked) -> Locked | None:
     return replace(locked, requirement=bare)
 
 
-def hash_that_pip_takes(locked: Locked) -> tuple[str, ...]:
-    """The SHA-256 of the file that pip would install on this machine, where it finds one."""
-    command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed"]
-    command += ["--no-deps", "--quiet", "--report", "-", f"{locked.name}=={locked.version}"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE)
-    (item,) = json.loads(done.stdout)["install"]
-    return ("sha256:" + item["download_info"]["archive_info"]["hashes"]["sha256"],)
+def torch_for_the_processor(torch: Locked, before: list[Locked]) -> Locked:
+    """The line of torch's build for the processor: what pip finds here, and what was locked.
+
+    Raises
+    ------
+    LookupError
+        If there is neither.
+    """
+    requirement = Requirement(f"{torch.name}=={Version(torch.version).public}+cpu")
+    hashes = {h for one in before if one.requirement == requirement for h in one.hashes}
+    found = found_by_pip(str(requirement))
+    if found is not None:
+        hashes.add(found[1])
+    if not hashes:
+        raise LookupError(f"pip finds no build of {requirement}: name its folder, PIP_FIND_LINKS")
+    return Locked(requirement=requirement, hashes=tuple(sorted(hashes)), via="standoff")
 
 
 def step_of(name: NormalizedName, build: set[NormalizedName], core: set[NormalizedName]) -> str:
     """The file that a package is in."""
     if name == GOBJECT:
         return "gobject"
+    if name == TORCH:
+        return "torch"
     if name.startswith(CUDA):
         return "cuda"
     if name in build:
@@ -103,25 +119,23 @@ def step_of(name: NormalizedName, build: set[NormalizedName], core: set[Normaliz
 def lock(upgrade: list[str]) -> dict[str, list[Locked]]:
     """Every step's packages."""
     before = [one for step in STEPS if (FOLDER / f"{step}.txt").exists() for one in read(step)]
+    pins = [one for one in before if Version(one.version).local is None]
     with tempfile.TemporaryDirectory() as folder:
         everything = Path(folder) / "all.txt"
-        everything.write_text("".join(f"{one.requirement}\n" for one in before), encoding="utf-8")
+        everything.write_text("".join(f"{one.requirement}\n" for one in pins), encoding="utf-8")
         found = resolved(everything, "pyproject.toml", "--all-extras", "--group", "build", *upgrade)
-        pins = ("--constraint", str(everything))
-        core = resolved(Path(folder) / "core.txt", "pyproject.toml", *pins)
-        build = resolved(Path(folder) / "build.txt", "--group", "build", *pins)
+        same = ("--constraint", str(everything))
+        core = resolved(Path(folder) / "core.txt", "pyproject.toml", *same)
+        build = resolved(Path(folder) / "build.txt", "--group", "build", *same)
     names = [{one.name for one in part} for part in (build, core)]
     steps: dict[str, list[Locked]] = {step: [] for step in STEPS}
     for one in found:
         kept = for_targets(one)
         if kept is None:
             continue
-        if one.name == canonicalize_name("torch"):
-            kept = kept.with_hashes(hash_that_pip_takes(one))
-            for old in before:
-                if (old.name, old.version) == (one.name, one.version):
-                    kept = kept.with_hashes(old.hashes)
         steps[step_of(one.name, *names)].append(kept)
+    (torch,) = steps["torch"]
+    steps["torch-cpu"] = [torch_for_the_processor(torch, before)]
     return steps
 
 

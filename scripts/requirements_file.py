@@ -11,8 +11,9 @@ from packaging.utils import NormalizedName, canonicalize_name
 
 FOLDER = Path(__file__).parent.parent / "requirements"
 
-# In the order in which they are installed.
-STEPS = ("build", "core", "full", "gobject", "cuda")
+# In the order in which they are installed; of the two of torch one is, and that for its libraries
+# only if it asks for them.
+STEPS = ("build", "core", "full", "gobject", "torch-cpu", "torch", "cuda")
 
 _HASH = re.compile(r"--hash=(sha256:[0-9a-f]{64})(?= |$)")
 

@@ -3,6 +3,8 @@
 import json
 import re
 import tomllib
+from collections.abc import Mapping
+from importlib.metadata import Distribution
 from pathlib import Path
 from typing import Any
 from uuid import UUID
@@ -10,7 +12,6 @@ from uuid import UUID
 import pytest
 from packaging.markers import Marker
 from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
 from scripts import bill_of_materials
 from scripts.bill_of_materials import NotTheLockError, bill, edges, installed, locked_here
@@ -61,6 +62,15 @@ def locked(name: str) -> Locked:
     return Locked(requirement=Requirement(f"{name}==1.0"), hashes=("sha256:" + 64 * "a",))
 
 
+def lines_of(packages: Mapping[str, Distribution]) -> dict[str, Locked]:
+    """The locked lines of the installed packages."""
+    lines = {str(one.name): one for one in read_all() if one.name in packages}
+    if "torch" in lines:
+        build = "torch-cpu" if "+" in packages["torch"].version else "torch"
+        (lines["torch"],) = read(build)
+    return lines
+
+
 def of_this_environment() -> dict[str, Any]:
     """The bill of the locked packages that are installed, below the project as it is today."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -72,8 +82,7 @@ def of_this_environment() -> dict[str, Any]:
             asks.append(str(needs))
     told = ours(Requires_Dist=asks, Provides_Extra=list(project["optional-dependencies"]))
     packages = installed() | {"standoff": Requiring(told)}
-    lines = {str(one.name): one for one in read_all() if one.name in packages}
-    return bill(packages, lines)
+    return bill(packages, lines_of(packages))
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +124,7 @@ def test_every_package_is_there_with_version_licence_and_every_hash(
     document: dict[str, Any],
 ) -> None:
     packages = installed()
-    lines = {one.name: one for one in read_all() if one.name in packages}
+    lines = lines_of(packages)
     found = {one["name"]: one for one in document["components"]}
     assert set(found) == set(lines)
     assert len(found) > 100
@@ -167,12 +176,14 @@ def test_an_extra_of_a_package_is_followed_where_somebody_asks_for_it() -> None:
 def test_an_environment_that_is_not_the_lock_has_no_bill(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    complete = {str(canonicalize_name(one.requirement.name)): one for one in read_all()}
+    (cpu,) = read("torch-cpu")
+    complete = {str(one.name): one for one in [*read_all(), cpu]}
     packages = {name: Version(name, one.version) for name, one in complete.items()}
     here = {name: one for name, one in packages.items() if name in locked_names_here(packages)}
     assert set(locked_here({**here, "standoff": ours()})) == set(here)
-    local = Version("torch", here["torch"].version + "+cpu")
-    assert "torch" in locked_here({**here, "torch": local})
+    assert locked_here({**here, "standoff": ours()})["torch"].version.endswith("+cpu")
+    of_the_index = Version("torch", here["torch"].version.removesuffix("+cpu"))
+    assert locked_here({**here, "torch": of_the_index})["torch"].version == of_the_index.version
 
     for wrong, told in (
         ({**here, "lens": Version("lens", "1.0")}, "lens 1.0 is not in the lock"),

@@ -15,8 +15,8 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from scripts.lock import GOBJECT, TARGETS
-from scripts.needs_cuda import needs_cuda
-from scripts.requirements_file import FOLDER, STEPS, parse, read, read_all
+from scripts.requirements_file import FOLDER, STEPS, Locked, parse, read, read_all
+from scripts.torch_build import needs_cuda, step_for
 
 ROOT = Path(__file__).parent.parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -26,6 +26,10 @@ LINUX = [target for target in TARGETS if target["sys_platform"] == "linux"]
 named = pytest.mark.parametrize(
     "target", LINUX, ids=lambda one: f"{one['python_full_version']}-{one['platform_machine']}"
 )
+
+
+# One of the two of torch is installed; this one needs the most beside it.
+FOR_A_GPU = tuple(step for step in STEPS if step != "torch-cpu")
 
 
 def versions(steps: tuple[str, ...], target: dict[str, str]) -> dict[str, str]:
@@ -58,7 +62,7 @@ def test_the_lock_meets_what_pyproject_asks_for(target: dict[str, str]) -> None:
     core = versions(("build", "core"), target)
     assert not list(unmet(PYPROJECT["project"]["dependencies"], core, target, set()))
     assert not list(unmet(PYPROJECT["build-system"]["requires"], core, target, set()))
-    full = versions(STEPS, target)
+    full = versions(FOR_A_GPU, target)
     for extra, requirements in OPTIONAL.items():
         assert not list(unmet(requirements, full, target, set())), extra
     build = versions(("build",), target)
@@ -67,7 +71,7 @@ def test_the_lock_meets_what_pyproject_asks_for(target: dict[str, str]) -> None:
 
 @named
 def test_the_lock_meets_what_each_package_asks_for_in_turn(target: dict[str, str]) -> None:
-    locked = versions(STEPS, target)
+    locked = versions(FOR_A_GPU, target)
     packages = {canonicalize_name(one.name): one for one in distributions()}
     ours = [*PYPROJECT["project"]["dependencies"], *(r for some in OPTIONAL.values() for r in some)]
     waiting = [("standoff", "", ours)]
@@ -119,11 +123,21 @@ def test_a_line_that_vouches_for_less_is_refused(line: str) -> None:
         parse(line)
 
 
-def test_torch_has_the_hashes_of_more_builds_than_the_index_has() -> None:
-    (torch,) = (one for one in read("full") if one.name == "torch")
-    assert torch.version == "2.13.0"
-    # 24 of the index, for six Pythons and four machines, and the build for the processor alone.
-    assert len(torch.hashes) >= 25
+def test_torch_is_locked_as_the_builds_of_the_index_and_one_for_the_processor() -> None:
+    (torch,) = read("torch")
+    (for_the_processor,) = read("torch-cpu")
+    assert for_the_processor.version == f"{torch.version}+cpu" == "2.13.0+cpu"
+    assert len(torch.hashes) >= 24
+    assert for_the_processor.hashes
+    assert not set(torch.hashes) & set(for_the_processor.hashes)
+
+
+def test_a_build_for_the_processor_is_taken_only_with_a_locked_hash() -> None:
+    ours, other = "sha256:" + 64 * "a", "sha256:" + 64 * "b"
+    locked = Locked(requirement=Requirement("torch==2.13.0+cpu"), hashes=(ours,))
+    assert step_for(locked, ("2.13.0+cpu", ours)) == "torch-cpu"
+    assert step_for(locked, ("2.13.0+cpu", other)) == "torch"
+    assert step_for(locked, None) == "torch"
 
 
 def test_only_a_build_for_a_gpu_asks_for_its_libraries() -> None:
@@ -149,7 +163,7 @@ def test_make_setup_installs_nothing_without_a_hash_but_the_project_itself() -> 
         ["make", "-B", "-n", "setup"], cwd=ROOT, check=True, capture_output=True, text=True
     )
     installs = [line for line in done.stdout.splitlines() if "pip " in line and " install" in line]
-    assert len(installs) == len(STEPS) + 1
+    assert len(installs) == len(STEPS)  # one of torch's two, and the project
     for line in installs:
         # No dependency beyond the lines, and no build environment, which pip fills unchecked.
         assert "--no-deps" in line
@@ -158,4 +172,7 @@ def test_make_setup_installs_nothing_without_a_hash_but_the_project_itself() -> 
         line for line in installs if line.endswith("-e .")
     ]
     steps = [name for line in installs for name in re.findall(r"requirements/(\w+)\.txt", line)]
-    assert steps == list(STEPS)
+    # What torch_build prints stands for the two files of torch.
+    assert steps == [step for step in STEPS if not step.startswith("torch")]
+    (of_torch,) = (line for line in installs if "scripts.torch_build).txt" in line)
+    assert "requirements/$(" in of_torch
