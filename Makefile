@@ -3,12 +3,14 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
+# Nothing is installed or built but what requirements/ has the hash of: docs/installed.md.
+PIP := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip --disable-pip-version-check install --quiet \
+	--no-deps --no-build-isolation
+LOCKED := $(PIP) --require-hashes -r requirements
 CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
-EXTRAS := aravis,kernelgan,console,cluster,pdf,raw,formats,docs,dev
 
-.PHONY: demo paper test setup lint coverage docs bench fuzz clean
+.PHONY: demo paper test setup lint coverage docs bench fuzz lock licences sbom clean
 
 demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
 	$(BIN)/standoff demo --out demo-output
@@ -42,19 +44,34 @@ MINUTES ?= 10
 fuzz: $(FULL)  ## Search with new input for what crashes a reader or breaks a property, by the clock.
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
+lock: $(FULL)  ## Make requirements/ from pyproject.toml; UPGRADE=--upgrade takes newer versions.
+	$(BIN)/python -m scripts.lock $(UPGRADE)
+
+licences: $(FULL)  ## Every installed package with its licence; fails on one that we cannot take.
+	$(BIN)/python -m scripts.licences
+
+sbom: $(FULL)  ## The bill of materials (CycloneDX), in build/sbom.cdx.json.
+	$(BIN)/python -m scripts.bill_of_materials --out build/sbom.cdx.json
+
 clean:
 	rm -rf $(VENV) build demo-output paper-output
 
-$(CORE): pyproject.toml constraints.txt
+$(CORE): pyproject.toml requirements/build.txt requirements/core.txt
 	@sh scripts/check-python.sh $(PYTHON)
 	@echo "Setting up the core environment in $(VENV) ..."
 	$(PYTHON) -m venv $(VENV)
+	$(LOCKED)/build.txt
+	$(LOCKED)/core.txt
 	$(PIP) -e .
 	@$(BIN)/python -m standoff.warm_up
 	@touch $@
 
-$(FULL): $(CORE) scripts/install-system-packages.sh
+$(FULL): $(CORE) $(wildcard requirements/*.txt) scripts/install-system-packages.sh
 	@sh scripts/install-system-packages.sh
 	@echo "Setting up the full environment in $(VENV) ..."
-	$(PIP) -e '.[$(EXTRAS)]'
+	$(LOCKED)/full.txt
+	$(LOCKED)/gobject.txt
+	$(LOCKED)/$$($(BIN)/python -m scripts.torch_build).txt
+	if $(BIN)/python -m scripts.torch_build --cuda; then $(LOCKED)/cuda.txt; fi
+	$(BIN)/python -m pip check
 	@touch $@

@@ -11,7 +11,7 @@ from sphinx.application import Sphinx
 
 project = "standoff"
 extensions = ["myst_parser"]
-include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs/**.md"]
+include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "docs/**.md"]
 exclude_patterns = [".*", "build", "*-output"]
 root_doc = "README"
 myst_heading_anchors = 3
@@ -54,7 +54,7 @@ def _add_contents(app: Sphinx, docname: str, source: list[str]) -> None:
             f"{page['title']} <docs/{page['path']}>" for page in _PAGE.finditer(section["text"])
         ]
         trees.append((section["title"], pages))
-    trees.append(("Project", ["CHANGELOG", "CONTRIBUTING"]))
+    trees.append(("Project", ["CHANGELOG", "CONTRIBUTING", "SECURITY"]))
     source[0] += "".join(
         _TOCTREE.format(caption=caption, pages="\n".join(pages)) for caption, pages in trees
     )

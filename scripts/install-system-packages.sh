@@ -4,8 +4,9 @@ set -eu
 packages="gcc pkg-config libgirepository1.0-dev libcairo2-dev gir1.2-aravis-0.8 libpangoft2-1.0-0"
 
 # The console's tests look at it through a Chromium, where the system offers one as a package
-# (Ubuntu does not); without it they are skipped.
-wanted="chromium"
+# (Ubuntu does not), and a test opens a capture in ImageJ on a screen that is not there (Xvfb);
+# without them they are skipped.
+wanted="chromium imagej xvfb xauth"
 
 [ "$(uname -s)" = Linux ] || exit 0
 

@@ -50,6 +50,18 @@ def draw_curve(axes: Axes, curve: "DetectabilityCurve", colour: str) -> Line2D:
     return line
 
 
+def _draw_legend(figure: Figure, handles: "Sequence[Line2D]") -> None:
+    """Draw the legend below the panels, in as many columns as the figure has room for."""
+    for columns in range(min(4, len(handles)), 0, -1):
+        legend = figure.legend(
+            handles=handles, loc="outside lower center", ncols=columns, fontsize=8
+        )
+        figure.draw_without_rendering()
+        if legend.get_window_extent().width <= figure.bbox.width or columns == 1:
+            return
+        legend.remove()
+
+
 def curves_figure(
     curves: "Sequence[DetectabilityCurve]", varied: Literal["noise_dn", "contrast_dn"]
 ) -> Figure:
@@ -97,7 +109,7 @@ def curves_figure(
         )
         for index, value in enumerate(values)
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
+    _draw_legend(figure, handles)
     level = float(getattr(curves[0], fixed))
     figure.suptitle(
         f"{_NAMES[fixed]} {level:.4g} DN; bands: 95 % over images and positions", fontsize=9

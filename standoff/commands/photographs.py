@@ -28,8 +28,12 @@ def import_photographs(
     kind: Annotated[CaptureKind, typer.Option(help="What the photographs show.")],
     out: Annotated[Path, typer.Option(help="Session folder; an existing session is resumed.")],
     height_mm: Annotated[
-        float | None, typer.Option(help="Height of the camera in mm; 0 by default.")
-    ] = None,
+        float,
+        typer.Option(
+            help="Height of the camera in mm, which stays as it is recorded. 0 if nobody knows it: "
+            "a PSF needs no height, geometry and validate do."
+        ),
+    ],
     scale: Annotated[
         float | None, typer.Option(help="Scale in the plane of the target in px/mm.")
     ] = None,
@@ -46,7 +50,7 @@ def import_photographs(
 
     Each photograph is a target of its own, named after its file.
     """
-    if height_mm is not None and not math.isfinite(height_mm):
+    if not math.isfinite(height_mm):
         raise typer.BadParameter(f"a height must be a finite number, got {height_mm}")
     if scale is not None and not (math.isfinite(scale) and scale > 0):
         raise typer.BadParameter(f"a scale must be above 0 px/mm, got {scale}")

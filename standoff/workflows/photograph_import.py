@@ -18,10 +18,10 @@ from standoff.terminal import note, progress_bar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportSettings:
-    """Settings common to all photographs; a ``height_mm`` of None is recorded as 0."""
+    """Settings common to all photographs."""
 
     kind: CaptureKind
-    height_mm: float | None
+    height_mm: float
     scale_px_per_mm: float | None
     operator: str
 
@@ -45,10 +45,6 @@ def import_into_session(
         read = inputs.photograph(path)
         read.refuse_mosaic()
         facts.append(read.facts)
-    if settings.height_mm is None:
-        note(
-            "no --height-mm given, so 0 mm is recorded; geometry and validate need the true height"
-        )
     with (
         SessionWriter(
             out, plan=plan, bench=None, devices=_devices(facts), operator=settings.operator
@@ -77,7 +73,7 @@ def _plan_of(images: Sequence[Path], settings: ImportSettings) -> CapturePlan:
                 {
                     "kind": settings.kind,
                     "target": on_one_line(path.name),
-                    "heights_mm": [settings.height_mm or 0.0],
+                    "heights_mm": [settings.height_mm],
                 }
                 for path in images
             ],

@@ -1,6 +1,5 @@
-"""Edges that a real camera photographed; the folder is named by STANDOFF_REAL_DATA."""
+"""Edges that real cameras photographed: tests/data, whose README says where they are from."""
 
-import os
 from pathlib import Path
 
 import cv2
@@ -18,11 +17,7 @@ from calibration.psf.document import PsfCalibration
 from calibration.psf.linearise import luma_plane
 from simulation.arrays import FloatArray
 
-FOLDER = os.environ.get("STANDOFF_REAL_DATA")
-
-pytestmark = pytest.mark.skipif(
-    FOLDER is None, reason="STANDOFF_REAL_DATA does not name a folder of real photographs"
-)
+FOLDER = Path(__file__).parents[2] / "data"
 
 # Three independent estimators agree on this width of the photographed slanted edge: maximum
 # likelihood on raw pixels, a P-spline and MTF Mapper.
@@ -30,8 +25,7 @@ TOTAL_SIGMA_PX = 0.935
 
 
 def calibrated(name: str, method: Method = "all-angles") -> PsfCalibration:
-    assert FOLDER is not None
-    image = luma_plane(tifffile.imread(Path(FOLDER) / "edges" / name))
+    image = luma_plane(tifffile.imread(FOLDER / "edges" / name))
     return calibrate_psf([EdgeImage(name=name, image_dn=image, saturation_dn=255.0)], method=method)
 
 
@@ -64,9 +58,8 @@ def test_the_measured_contrast_of_the_photographed_edge_is_near_that_of_its_gaus
 
 @pytest.mark.slow
 def test_photographed_chessboards_give_their_widths_and_sixty_edges_each() -> None:
-    assert FOLDER is not None
     widths: dict[str, list[float]] = {"vertical": [], "horizontal": [], "diagonal": []}
-    for path in sorted((Path(FOLDER) / "chessboards").glob("*.jpg")):
+    for path in sorted((FOLDER / "chessboards").glob("*.jpg")):
         image = np.asarray(Image.open(path), dtype=np.float64)
         source = EdgeImage(name=path.name, image_dn=image, saturation_dn=255.0, is_jpeg=True)
         used = [edge for edge in measure_edges(source) if edge.is_used]
@@ -134,9 +127,8 @@ def linear_from_srgb(levels: FloatArray) -> FloatArray:
 @pytest.mark.slow
 @pytest.mark.parametrize("is_srgb", [False, True])
 def test_every_side_of_the_chessboards_is_measured_and_told_from_the_room(is_srgb: bool) -> None:
-    assert FOLDER is not None
     count = measured = beside = 0
-    for path in sorted((Path(FOLDER) / "chessboards").glob("*.jpg")):
+    for path in sorted((FOLDER / "chessboards").glob("*.jpg")):
         image = np.asarray(Image.open(path), dtype=np.float64)
         sides = board_sides(image)
         level = linear_from_srgb(image) if is_srgb else image

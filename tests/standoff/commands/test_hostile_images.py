@@ -78,7 +78,7 @@ FILES: dict[str, Callable[[Path], object]] = {
 COMMANDS: dict[str, tuple[str | int, ...]] = {
     "calibrate": ("calibrate", "BAD", "--out", "OUT.json"),
     "two-distance": ("calibrate", "GOOD", "BAD", "--method", "two-distance", "--out", "OUT.json"),
-    "import": ("import", "BAD", "--kind", "edge", "--out", "OUT"),
+    "import": ("import", "BAD", "--kind", "edge", "--height-mm", 9, "--out", "OUT"),
     "simulate": ("simulate", "BAD", "--zoom", 2, "--psf", "PSF", "--out", "OUT.tif"),
     "detectability": ("detectability", "BAD", "--psf", "PSF", "--out", "OUT.json"),
     "changes": ("changes", "GOOD", "BAD", "--psf", "PSF", "--out", "OUT"),

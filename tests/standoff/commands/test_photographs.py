@@ -36,9 +36,8 @@ def test_photographs_become_a_session_that_calibrates(
 def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_path: Path) -> None:
     path = tmp_path / "photo.png"
     Image.fromarray(np.full((20, 30, 3), 188, np.uint8)).save(path)
-    done = command("import", path, "--kind", "texture", "--srgb", "--out", tmp_path / "s")
-    assert done.status == 0
-    assert "0 mm is recorded" in done.err
+    words = ("import", path, "--kind", "texture", "--height-mm", 0, "--srgb")
+    assert command(*words, "--out", tmp_path / "s").status == 0
     session = Session(tmp_path / "s")
     mean_dn = session.load(session.records[0]).mean_dn
     # IEC 61966-2-1: ((188 / 255 + 0.055) / 1.055)^2.4 = 0.50289 of 255.
@@ -48,12 +47,18 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
 @pytest.mark.parametrize(
     ("words", "status", "fault"),
     [
-        (["absent.tif", "--kind", "edge"], 1, "absent.tif"),
-        (["edge.tif", "edge.tif", "--kind", "edge"], 1, "two photographs are named edge.tif"),
+        (["absent.tif", "--kind", "edge", "--height-mm", "9"], 1, "absent.tif"),
+        (
+            ["edge.tif", "edge.tif", "--kind", "edge", "--height-mm", "9"],
+            1,
+            "two photographs are named edge.tif",
+        ),
         (["edge.tif", "--kind", "lens"], 2, "kind"),
-        (["edge.tif", "--kind", "edge", "--scale", "0"], 2, "px/mm"),
+        (["edge.tif", "--kind", "edge", "--height-mm", "9", "--scale", "0"], 2, "px/mm"),
         (["edge.tif", "--kind", "edge", "--height-mm", "nan"], 2, "finite"),
-        (["edge.tif"], 2, "--kind"),
+        (["edge.tif", "--height-mm", "9"], 2, "--kind"),
+        # A height that nobody gave would stay in the session for ever.
+        (["edge.tif", "--kind", "edge"], 2, "--height-mm"),
     ],
 )
 def test_what_cannot_be_imported_is_one_line_and_writes_nothing(
@@ -81,6 +86,8 @@ def test_another_import_does_not_go_into_the_same_session(
     done = command(*words, 200)
     assert done.status == 1
     assert "made with other settings" in done.err
+    assert "heights_mm.0 was 100.0, now 200.0" in done.err
+    assert "use a new directory" in done.err
 
 
 def test_a_float_photograph_tells_no_level_at_which_it_clips(
@@ -88,8 +95,8 @@ def test_a_float_photograph_tells_no_level_at_which_it_clips(
 ) -> None:
     levels = np.linspace(0.0, 0.75, 600, dtype=np.float32).reshape(20, 30)
     tifffile.imwrite(tmp_path / "float.tif", levels)
-    words = ("import", tmp_path / "float.tif", "--kind", "texture", "--out", tmp_path / "s")
-    done = command(*words)
+    words = ("import", tmp_path / "float.tif", "--kind", "texture", "--height-mm", 9)
+    done = command(*words, "--out", tmp_path / "s")
     assert done.status == 0, done.err
     assert done.out == f"{tmp_path / 's'}: 1 of 1 photographs imported\n"
     [record] = Session(tmp_path / "s").records
