@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 LARGEST_RATIO = 2000
 """No TIFF compression achieves more; a page that would be larger has a damaged size."""
 
+MOST_BRACKETS = 3_000_000
+"""Of one JSON document: an empty list takes two bytes of a file and 64 of memory."""
+
 _TOO_DEEP = "its brackets are nested too deeply"
 TIFF_DAMAGE = (
     tifffile.TiffFileError,
@@ -49,10 +52,14 @@ def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - the reader checks wh
     Raises
     ------
     ValueError
-        If it is not JSON, not UTF-8, or nested deeper than the parser goes.
+        If it is not JSON, not UTF-8, nested deeper than the parser goes, or would fill the memory
+        with empty lists.
     """
+    decoded = text if isinstance(text, str) else text.decode("utf-8")
+    if decoded.count("[") + decoded.count("{") > MOST_BRACKETS:
+        raise ValueError(f"more than {MOST_BRACKETS} lists and objects")
     try:
-        return json.loads(text if isinstance(text, str) else text.decode("utf-8"))
+        return json.loads(decoded)
     except RecursionError as error:
         raise ValueError(_TOO_DEEP) from error
 

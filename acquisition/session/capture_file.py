@@ -11,6 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from acquisition.errors import SessionError
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session.record import CaptureRecord
 from acquisition.untrusted import parse_json, read_tiff
 
@@ -109,7 +110,7 @@ def read_capture(path: Path) -> CaptureImages:
         If the file cannot be read or is not a capture.
     """
     try:
-        data = path.read_bytes()
+        data = read_regular_file(path, LARGEST_IMAGE_BYTES)
     except OSError as error:
         raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
     return parse_capture(data, source=f"capture file {path}")

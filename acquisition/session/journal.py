@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, Literal, Self, get_args
 
 from acquisition.errors import SessionError
+from acquisition.regular_files import LARGEST_JOURNAL_BYTES, read_regular_file
 from acquisition.session.durable_write import fsync_directory
 from acquisition.session.record import utc_text
 from acquisition.untrusted import parse_json
@@ -194,7 +195,7 @@ class JournalWriter:
             ) from error
 
     def _mend(self) -> tuple[JournalEvent, ...]:
-        data = self._path.read_bytes()
+        data = read_regular_file(self._path, LARGEST_JOURNAL_BYTES)
         reading = read_journal(data, source=str(self._path))
         self.events = reading.events
         fsync_directory(self._path.parent)

@@ -16,6 +16,7 @@ from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
+from acquisition.regular_files import read_regular_file
 from acquisition.session.capture_file import CaptureImages, write_capture, write_frames
 from acquisition.session.durable_write import PART_SUFFIX, atomic_write, atomic_write_hashed
 from acquisition.session.journal import (
@@ -230,7 +231,7 @@ class SessionWriter:
         """Write session.json, or compare with an existing one, and journal the run."""
         path = self.path / MANIFEST_NAME
         if path.exists():
-            data = path.read_bytes()
+            data = read_regular_file(path)
             old = Manifest.from_bytes(data, source=str(path))
             differences = old.differences(self.plan, bench, devices)
             if differences:

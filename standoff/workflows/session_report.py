@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import Session
 from analysis.changes import read_changes
 from analysis.errors import AnalysisError
@@ -79,7 +80,7 @@ def _comparisons(results: Path) -> tuple[ReportSection, ...]:
     ]
     for path in changes[:_SHOWN]:
         figure = path.with_name("changes-figure.png")
-        picture = figure.read_bytes() if figure.is_file() else None
+        picture = read_regular_file(figure, LARGEST_IMAGE_BYTES) if figure.is_file() else None
         sections.append(stored_changes_section(_name(path, results), read_changes(path), picture))
     left_out = max(len(poses) - _SHOWN, 0) + max(len(changes) - _SHOWN, 0)
     if left_out:
