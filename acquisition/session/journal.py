@@ -195,7 +195,14 @@ class JournalWriter:
             ) from error
 
     def _mend(self) -> tuple[JournalEvent, ...]:
-        data = read_regular_file(self._path, LARGEST_JOURNAL_BYTES)
+        try:
+            data = read_regular_file(self._path, LARGEST_JOURNAL_BYTES)
+        except OSError as error:
+            raise SessionError(
+                f"journal {self._path}: {error.strerror}; restore it from a copy",
+                fault="damaged",
+                path=self._path,
+            ) from error
         reading = read_journal(data, source=str(self._path))
         self.events = reading.events
         fsync_directory(self._path.parent)

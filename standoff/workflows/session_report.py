@@ -1,5 +1,6 @@
 """Writes the report of a session."""
 
+from os.path import lexists
 from pathlib import Path
 
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
@@ -45,7 +46,7 @@ def write_session_report(session: Session, path: Path) -> None:
         If the results or captures cannot be read.
     """
     psf_path = session.path / RESULTS_FOLDER / "psf.json"
-    psf = read_psf(psf_path) if psf_path.is_file() else None
+    psf = read_psf(psf_path) if lexists(psf_path) else None
     if psf is not None and psf.edges:
         print_psf_remarks(psf)
     validation = None
@@ -56,7 +57,7 @@ def write_session_report(session: Session, path: Path) -> None:
         except (AnalysisError, PsfFileError) as error:
             remarks = (f"No comparison of captured with simulated follow-ups: {error}.",)
             note(f"the report leaves out the comparison of heights: {error}")
-    origin = provenance_of(session, psf_path if psf_path.is_file() else None)
+    origin = provenance_of(session, None if psf is None else psf_path)
     notes = SessionNotes(
         remarks=remarks,
         warnings=remarks_so_far(),
