@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 LARGEST_RATIO = 2000
 """No TIFF compression achieves more; a page that would be larger has a damaged size."""
 
+MOST_BRACKETS = 3_000_000
+"""Of one JSON document: an empty list takes two bytes of a file and 64 of memory."""
+
 _TOO_DEEP = "its brackets are nested too deeply"
 TIFF_DAMAGE = (
     tifffile.TiffFileError,
@@ -51,12 +54,15 @@ def parse_json(  # the reader checks what it needs
     Raises
     ------
     ValueError
-        If it is not JSON, not UTF-8, or nested deeper than the parser goes.
+        If it is not JSON, not UTF-8, nested deeper than the parser goes, or would fill the memory
+        with empty lists.
     """
     hook = _without_repeats if has_single_keys else None
+    decoded = text if isinstance(text, str) else text.decode("utf-8")
+    if decoded.count("[") + decoded.count("{") > MOST_BRACKETS:
+        raise ValueError(f"more than {MOST_BRACKETS} lists and objects")
     try:
-        text = text if isinstance(text, str) else text.decode("utf-8")
-        return json.loads(text, object_pairs_hook=hook)
+        return json.loads(decoded, object_pairs_hook=hook)
     except RecursionError as error:
         raise ValueError(_TOO_DEEP) from error
 

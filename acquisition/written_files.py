@@ -8,10 +8,12 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, fie
 from pydantic_core import ErrorDetails
 
 from acquisition.quantities import ImplausibleQuantityError, understood
+from acquisition.regular_files import read_regular_file
 from acquisition.spelling import decimal_comma_remedy, nearest_key, toml_slip
 from acquisition.units import UnknownUnitError
 from acquisition.untrusted import parse_toml
 
+_MOST_FAULTS = 12
 _BY_A_PERSON = {"is_by_a_person": True}
 
 
@@ -46,7 +48,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     ValueError
         If it is not TOML; the message names the line of a likely slip.
     """
-    data = path.read_bytes()
+    data = read_regular_file(path)
     try:
         return parse_toml(data)
     except ValueError as error:
@@ -66,12 +68,16 @@ def validate_written(model: type[Written], table: dict[str, Any]) -> Written:
 
 
 def validation_lines(error: ValidationError, model: type[BaseModel] | None = None) -> str:
-    """One line that names each key at fault and what is wrong with it.
+    """One line that names each key at fault, or the first of many, and what is wrong with it.
 
     An unknown key is compared with those of ``model``, if given.
     """
     known = [] if model is None else list(dotted_keys(model))
-    return "; ".join(_line(fault, known) for fault in error.errors())
+    faults = error.errors()
+    lines = [_line(fault, known) for fault in faults[:_MOST_FAULTS]]
+    if len(faults) > _MOST_FAULTS:
+        lines.append(f"and {len(faults) - _MOST_FAULTS} more")
+    return "; ".join(lines)
 
 
 def validation_keys(error: ValidationError) -> tuple[str, ...]:

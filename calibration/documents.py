@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import to_json
 
+from acquisition.regular_files import read_regular_file
 from acquisition.session import atomic_write
 from acquisition.untrusted import parse_json
 from calibration.errors import DocumentError
@@ -67,7 +68,7 @@ def read_document(
     source = str(path)
     schema = model.model_fields["schema_name"].default
     try:
-        document = parse_json(path.read_bytes())
+        document = parse_json(read_regular_file(path))
     except OSError as error:
         raise failure(f"cannot read {path}: {error.strerror}", source=source) from error
     except ValueError as error:

@@ -11,6 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from acquisition.errors import SessionError
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session.record import CaptureRecord
 from acquisition.untrusted import parse_json, read_tiff
 
@@ -140,7 +141,7 @@ def read_capture(path: Path) -> CaptureImages:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular_file(path, LARGEST_IMAGE_BYTES)
     except OSError as error:
         raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
 

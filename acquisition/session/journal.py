@@ -137,7 +137,7 @@ class JournalWriter:
         fsync_directory(self._path.parent)
         if reading.torn_tail:
             os.ftruncate(self._descriptor, reading.sound_bytes)
-        if self._path.read_bytes()[-1:] not in (b"", b"\n"):
+        if not self._ends_in_newline():
             self._write(b"\n", None)
         mended = read_journal_file(self._path)
         self.events, self._chain = mended.events, mended.chain
@@ -149,6 +149,12 @@ class JournalWriter:
             self.append("note", {"text": f"{HEAD_NAME} was missing; lines may be, at the end"})
         elif len(mended.events) > mended.unchained and not _is_counted(mended):
             self._replace_head(JournalHead(lines=len(mended.events), chain=mended.chain))
+
+    def _ends_in_newline(self) -> bool:
+        with self._path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(size - 1, 0))
+            return file.read(1) in (b"", b"\n")
 
     def _write(self, line: bytes, head: JournalHead | None) -> None:
         """Append to the file, then replace the head; undo the former if the disk refuses."""

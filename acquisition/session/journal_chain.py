@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 
 HEAD_NAME = "journal.head"
@@ -96,7 +97,7 @@ class JournalHead:
             If it is damaged or cannot be read.
         """
         try:
-            data = journal.with_name(HEAD_NAME).read_bytes()
+            data = read_regular_file(journal.with_name(HEAD_NAME))
         except FileNotFoundError:
             return None
         except OSError as error:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition.errors import SessionError
+from acquisition.regular_files import LARGEST_JOURNAL_BYTES, read_regular_file
 from acquisition.session.journal_chain import (
     HEAD_NAME,
     NO_LINES,
@@ -132,7 +133,7 @@ def read_journal_file(path: Path) -> JournalReading:
             path=path.with_name(HEAD_NAME),
         ) from error
     try:
-        data = path.read_bytes()
+        data = read_regular_file(path, LARGEST_JOURNAL_BYTES)
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}; {REPAIR}", path=path) from error
     return read_journal(data, head=head, source=str(path))

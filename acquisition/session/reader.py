@@ -11,6 +11,11 @@ from typing import Any
 
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
+from acquisition.regular_files import (
+    LARGEST_DOCUMENT_BYTES,
+    LARGEST_IMAGE_BYTES,
+    read_regular_file,
+)
 from acquisition.session.capture_file import CaptureImages, parse_capture
 from acquisition.session.journal_event import JournalEvent
 from acquisition.session.journal_reading import read_journal_file
@@ -66,7 +71,9 @@ class Session:
                 fault="not a session",
                 path=self._path,
             )
-        self._manifest = Manifest.from_bytes(_read(manifest_path), source=str(manifest_path))
+        self._manifest = Manifest.from_bytes(
+            _read(manifest_path, LARGEST_DOCUMENT_BYTES), source=str(manifest_path)
+        )
         journal_path = self._path / JOURNAL_NAME
         self._journal = read_journal_file(journal_path)
         self._captures = captures_of(self._journal.events, source=str(journal_path))
@@ -162,7 +169,7 @@ class Session:
             If the file is missing or not the one that was captured.
         """
         path = self.path / record.file
-        data = _read(path)
+        data = _read(path, LARGEST_IMAGE_BYTES)
         if hashlib.sha256(data).hexdigest() != record.sha256:
             raise SessionError(
                 f"{path} is not the file that was captured (its sha256 differs); "
@@ -252,9 +259,9 @@ def _record(event: JournalEvent, here: str, number: int) -> CaptureRecord:
         raise SessionError(str(error), fault="damaged", line=number, keys=error.keys) from error
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, most_bytes: int) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular_file(path, most_bytes)
     except OSError as error:
         raise SessionError(
             f"{path}: {error.strerror}; restore it from a copy", path=path

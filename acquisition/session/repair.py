@@ -9,6 +9,7 @@ from pathlib import Path
 
 from acquisition.errors import SessionError
 from acquisition.plan import plan_entries
+from acquisition.regular_files import LARGEST_JOURNAL_BYTES, read_regular_file
 from acquisition.session.capture_file import read_capture
 from acquisition.session.capture_files import file_sha256
 from acquisition.session.durable_write import atomic_write
@@ -73,7 +74,7 @@ def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
     with _locked(journal):
         if _is_sound(path):
             return RepairReport()
-        data = journal.read_bytes()
+        data = read_regular_file(journal, LARGEST_JOURNAL_BYTES)
         kept, lost = vouched_lines(data, _head_lines(journal))
         recovered, unknown = _from_files(path, kept, manifest)
         events = _with_start(_in_order(kept, recovered), manifest, path / MANIFEST_NAME, stamps)
@@ -101,7 +102,7 @@ def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
 
 def _manifest(path: Path) -> Manifest:
     try:
-        return Manifest.from_bytes(path.read_bytes(), source=str(path))
+        return Manifest.from_bytes(read_regular_file(path), source=str(path))
     except OSError as error:
         raise SessionError(
             f"{path}: {error.strerror}; give the directory that a capture run wrote",

@@ -8,6 +8,7 @@ from typing import Any
 
 from acquisition.errors import SessionError
 from acquisition.plan import PlanEntry
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session.capture_file import has_record
 from acquisition.session.capture_files import FileState, file_state, files_of
 from acquisition.session.durable_write import PART_SUFFIX
@@ -136,11 +137,11 @@ def _check_capture(
         if file != record.file:
             states[file] = file_state(path / file, sha256)
             continue
-        try:
-            data = (path / file).read_bytes()
-        except (FileNotFoundError, IsADirectoryError):
+        if not (path / file).is_file():
             states[file] = "missing"
             continue
+        try:
+            data = read_regular_file(path / file, LARGEST_IMAGE_BYTES)
         except OSError as error:
             raise SessionError(f"{path / file}: {error.strerror}", path=path / file) from error
         states[file] = "ok" if hashlib.sha256(data).hexdigest() == sha256 else "changed"

@@ -16,6 +16,7 @@ from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
+from acquisition.regular_files import read_regular_file
 from acquisition.session.capture_file import CaptureImages, write_capture, write_frames
 from acquisition.session.capture_files import is_intact
 from acquisition.session.durable_write import PART_SUFFIX, atomic_write, atomic_write_hashed
@@ -227,7 +228,7 @@ class SessionWriter:
         path = self.path / MANIFEST_NAME
         reconnected: dict[str, str] = {}
         if path.exists():
-            data = path.read_bytes()
+            data = read_regular_file(path)
             old = Manifest.from_bytes(data, source=str(path))
             reconnected = old.reconnected(bench)
             differences = old.differences(self.plan, bench, devices)
@@ -240,6 +241,7 @@ class SessionWriter:
                     path=self.path,
                     keys=tuple(differences),
                 )
+            self._require_start()
         else:
             if self._journal.events:
                 raise SessionError(
@@ -269,6 +271,17 @@ class SessionWriter:
             digest = hashlib.sha256(data).hexdigest()
             self._journal.append("start", {**facts, "session_sha256": digest})
             self._journal.append("plan", {"name": self.plan.name, "captures": len(self.entries)})
+
+    def _require_start(self) -> None:
+        """Refuse to begin anew where captures lie: a run is journaled before the first of them."""
+        is_begun = any(event.kind == "start" for event in self._journal.events)
+        if not is_begun and any((self.path / "captures").glob("*.tif")):
+            raise SessionError(
+                f"session {self.path} has captures, but its {JOURNAL_NAME} is empty or missing; "
+                "restore it from a copy, or run `standoff verify --repair`",
+                fault="damaged",
+                path=self.path / JOURNAL_NAME,
+            )
 
     def _identity(self, entry: PlanEntry) -> dict[str, Any]:
         """What a new record takes from its entry; its hashes are not known yet."""

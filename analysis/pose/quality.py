@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice, DetectabilityCurve
@@ -196,7 +197,7 @@ def read_pose(path: Path) -> PoseSummary:
     """
     source = str(path)
     try:
-        return PoseSummary.model_validate(parse_json(path.read_bytes()))
+        return PoseSummary.model_validate(parse_json(read_regular_file(path)))
     except OSError as error:
         raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=source) from error
     except ValueError as error:

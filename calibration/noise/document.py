@@ -10,6 +10,7 @@ import tifffile
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import atomic_write
 from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.errors import NoiseFileError
@@ -234,7 +235,7 @@ def _plane(path: Path, name: str, entry: MapFile | None) -> NDArray[Any]:
         )
     map_path = path.with_name(entry.file)
     try:
-        data = map_path.read_bytes()
+        data = read_regular_file(map_path, LARGEST_IMAGE_BYTES)
     except OSError as error:
         raise NoiseFileError(
             f"cannot read {map_path}, a map of {path.name}: {error.strerror}; keep them together",

@@ -19,6 +19,9 @@ PARAMETERS = (
 CHANGED_P = 0.01
 """Significance level, over all parameters together, below which a change counts as real."""
 
+_NO_CAPTURES = (".json", ".toml")  # noise and limits, which many calibrations may share
+_NAMED = 3
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterChange:
@@ -64,19 +67,32 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PsfChange:
-    """All parameters that both calibrations give, and why the two may not be comparable."""
+    """All parameters that both calibrations give, and why the two may not be comparable.
+
+    ``shared_inputs`` are the photographs, or the journals of sessions, that both were measured on.
+    The test takes errors for independent, so that with any of them it tells nothing.
+    """
 
     parameters: tuple[ParameterChange, ...]
     remarks: tuple[str, ...]
+    shared_inputs: tuple[str, ...] = ()
 
     @property
     def changed(self) -> tuple[ParameterChange, ...]:
-        """Parameters that have changed significantly."""
+        """Parameters that have changed significantly; none where the test tells nothing."""
+        if self.shared_inputs:
+            return ()
         return tuple(one for one in self.parameters if one.is_changed)
 
     @property
     def verdict(self) -> str:
         """One line that says whether the PSF has changed."""
+        if self.shared_inputs:
+            return (
+                f"no verdict: both are calibrations of the same captures "
+                f"({_listed(self.shared_inputs)}), and the test is for independent ones; "
+                "calibrate from other photographs"
+            )
         if not self.changed:
             return (
                 f"no significant change in {len(self.parameters)} parameters "
@@ -118,7 +134,25 @@ def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
             for (name, a, b), p_holm in zip(known, _holm(p_values), strict=True)
         ),
         remarks=_remarks(first, second),
+        shared_inputs=_shared_inputs(first, second),
     )
+
+
+def _shared_inputs(first: PsfCalibration, second: PsfCalibration) -> tuple[str, ...]:
+    """Names of the captures of the second that are of the first too, by their content."""
+    if first.provenance is None or second.provenance is None:
+        return ()
+    known = {file.sha256 for file in first.provenance.inputs}
+    return tuple(
+        file.path
+        for file in second.provenance.inputs
+        if file.sha256 in known and not file.path.endswith(_NO_CAPTURES)
+    )
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    more = f" and {len(names) - _NAMED} more" * (len(names) > _NAMED)
+    return ", ".join(names[:_NAMED]) + more
 
 
 def _two_sided(z: float) -> float:

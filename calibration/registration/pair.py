@@ -42,6 +42,8 @@ _REMEDIES = (
     "(--homography) or at least four pairs of points (--points), and leave out what differs "
     "(--mask)"
 )
+_SMALLEST_SIDE_PX = 16
+"""Of less than two blocks of JPEG nothing can be told apart, and no pyramid made."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -151,9 +153,9 @@ def _hypotheses(pair: PhotographPair, zoom: float | None) -> Iterator[PoseHypoth
 
 
 def _refuse_without_detail(pair: PhotographPair) -> None:
-    if pair.reference.scale_dn == 0:
+    if pair.reference.scale_dn == 0 or min(pair.reference.shape) < _SMALLEST_SIDE_PX:
         raise _no_detail("reference")
-    if pair.followup.scale_dn == 0:
+    if pair.followup.scale_dn == 0 or min(pair.followup.shape) < _SMALLEST_SIDE_PX:
         raise _no_detail("followup")
 
 

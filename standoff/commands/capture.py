@@ -6,6 +6,7 @@ import getpass
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -145,16 +146,18 @@ def _operator(
     opened: ExitStack, answers: Path | None, placements: int, *, needs_nobody: bool
 ) -> Operator:
     """Return the operator to ask; refuse if one is needed and none can be asked."""
-    from standoff.terminal import ScriptedOperator, TerminalOperator
+    from standoff.terminal import LONGEST_ANSWER, ScriptedOperator, TerminalOperator
 
     if answers is not None:
         if str(answers) == "-":
             return ScriptedOperator(_lines_of_stdin(), "standard input")
         try:
-            file = opened.enter_context(answers.open(encoding="utf-8"))
+            # What is no text is no answer; the line that holds it is refused as that.
+            file = opened.enter_context(answers.open(encoding="utf-8", errors="replace"))
         except OSError as error:
             raise ApplicationError(f"cannot read {answers}: {error.strerror}") from error
-        return ScriptedOperator(iter(file), str(answers))
+        lines = iter(partial(file.readline, LONGEST_ANSWER + 1), "")
+        return ScriptedOperator(lines, str(answers))
     if sys.stdin is not None and sys.stdin.isatty():
         return TerminalOperator()
     if needs_nobody:
@@ -168,7 +171,9 @@ def _operator(
 
 
 def _lines_of_stdin() -> Iterator[str]:
-    return iter(sys.stdin.readline, "")
+    from standoff.terminal import LONGEST_ANSWER
+
+    return iter(partial(sys.stdin.readline, LONGEST_ANSWER + 1), "")
 
 
 def _placement(

@@ -75,6 +75,7 @@ def compare(
                 "is_changed": bool(change.changed),
                 "verdict": change.verdict,
                 "remarks": list(change.remarks),
+                "shared_inputs": list(change.shared_inputs),
                 "parameters": [
                     {
                         **asdict(one),

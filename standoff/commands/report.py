@@ -1,5 +1,6 @@
 """``standoff report``: a one-page report on a capture session, as HTML or PDF."""
 
+from os.path import lexists
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +33,7 @@ def report(
     results = make_folder(directory / RESULTS_FOLDER)
     page = out or results / "report.html"
     require_writable([page])
-    if not (results / "psf.json").is_file():
+    if not lexists(results / "psf.json"):
         note(
             f"{results / 'psf.json'} is missing: the report shows no PSF; "
             f"standoff calibrate --session {directory} --out {results / 'psf.json'} writes it"

@@ -6,7 +6,6 @@ are refused before they are read, larger images before they are decoded.
 
 import math
 import re
-import stat
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.printable import on_one_line
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file, size_text
 from standoff.errors import ImageFileError
 from standoff.photographs.stored import DecodingError
 
-LARGEST_FILE_BYTES = 640 << 20
+LARGEST_FILE_BYTES = LARGEST_IMAGE_BYTES
 LARGEST_IMAGE_PX = 150_000_000
 LARGEST_LEVEL = 1e9
 _SMALL_BYTES = 32 << 20  # what decodes to so little is no danger
@@ -28,13 +28,6 @@ _JPEG_MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)  # no s
 _START_OF_IMAGE, _END_OF_IMAGE, _START_OF_SCAN = b"\xd8", b"\xd9", b"\xda"
 TOO_LARGE = (
     f"at most {LARGEST_IMAGE_PX / 1e6:g} million pixels are read; cut out the part that matters"
-)
-_KINDS = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISSOCK, "a socket"),
 )
 
 
@@ -48,19 +41,7 @@ def read_file(path: Path) -> bytes:
     """
     shown = on_one_line(path)
     try:
-        # Opening a device may set it going, and opening a pipe waits for its writer.
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise ImageFileError(
-                f"{shown}: {_kind(status.st_mode)}, not a file; save it to one first"
-            )
-        if status.st_size > LARGEST_FILE_BYTES:
-            raise ImageFileError(
-                f"{shown}: a file of {_size(status.st_size)}; at most "
-                f"{_size(LARGEST_FILE_BYTES)} are read: cut out the page or part that matters"
-            )
-        with path.open("rb") as file:
-            return file.read(LARGEST_FILE_BYTES)
+        return read_regular_file(path, LARGEST_FILE_BYTES)
     except OSError as error:
         raise ImageFileError(f"cannot read {shown}: {error.strerror}") from error
     except ValueError as error:  # a name with a zero byte
@@ -87,7 +68,7 @@ def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int)
         raise GiantImageError(f"an image of {cols} x {rows} pixels: {TOO_LARGE}")
     if is_swollen(math.prod(shape) * bytes_per_sample, file_bytes):
         raise GiantImageError(
-            f"an image of {cols} x {rows} pixels in {_size(file_bytes)}, which is no "
+            f"an image of {cols} x {rows} pixels in {size_text(file_bytes)}, which is no "
             "photograph; save it without compression if it is meant"
         )
 
@@ -151,13 +132,3 @@ def refuse_unusable(pixels: NDArray[Any], shown: str) -> None:
             f"{shown}: levels from {low:.3g} to {high:.3g} are none of a photograph; "
             f"scale them to {LARGEST_LEVEL:g} at most"
         )
-
-
-def _kind(mode: int) -> str:
-    return next((name for is_kind, name in _KINDS if is_kind(mode)), "no regular file")
-
-
-def _size(count: int) -> str:
-    if count >= 1 << 30:
-        return f"{count / (1 << 30):.3g} GiB"
-    return f"{count / (1 << 20):.3g} MiB"

@@ -33,6 +33,7 @@ from .invocation import (
 from .live_line import LiveLine as LiveLine
 from .number_lists import ListedNumbers as ListedNumbers, number_list as number_list
 from .operator_prompts import (
+    LONGEST_ANSWER as LONGEST_ANSWER,
     Operator as Operator,
     ScriptedOperator as ScriptedOperator,
     TerminalOperator as TerminalOperator,
@@ -99,6 +100,7 @@ from .validation_tables import print_validation as print_validation
 __all__ = [
     "ERRORS",
     "HINT_RULES",
+    "LONGEST_ANSWER",
     "Bar",
     "BenchFile",
     "BenchKeys",

@@ -14,6 +14,7 @@ from standoff.errors import ApplicationError
 from standoff.terminal.output import ERRORS
 
 PLACE_QUESTION = "Enter to capture, s to skip"
+LONGEST_ANSWER = 1000
 RETAKE_QUESTION = "Enter to keep it, r to retake it"
 
 
@@ -115,6 +116,11 @@ class ScriptedOperator(Operator):
             raise ApplicationError(
                 f"{self._source} has no answer left for: {question}; "
                 "give one line per question and run the same command again"
+            )
+        if len(line) > LONGEST_ANSWER:
+            raise ApplicationError(
+                f"{self._source} holds a line of more than {LONGEST_ANSWER} letters, which is no "
+                f"answer to: {question}"
             )
         return line.rstrip("\r\n")
 

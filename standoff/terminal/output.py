@@ -27,6 +27,7 @@ NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
 """Every remark printed by the command that runs, for its report; None outside a command."""
 
 _WITHOUT_A_TERMINAL = 10_000
+_LONGEST_ERROR = 4000
 _RESULTS = Console(
     soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else _WITHOUT_A_TERMINAL
 )
@@ -102,7 +103,11 @@ def note_in_passing(text: str) -> None:
 
 def say_error(text: object) -> None:
     """Print why the command ends, in one line on stderr."""
-    ERRORS.print(f"standoff: {on_one_line(text)}", markup=False)
+    line = on_one_line(text)
+    if len(line) > _LONGEST_ERROR:  # a value from a file, repeated as it was found
+        half = _LONGEST_ERROR // 2
+        line = f"{line[:half]} [...] {line[-half:]}"
+    ERRORS.print(f"standoff: {line}", markup=False)
 
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:

@@ -1,7 +1,9 @@
 """Writes the report of a session."""
 
+from os.path import lexists
 from pathlib import Path
 
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import Session
 from analysis.changes import read_changes
 from analysis.errors import AnalysisError
@@ -44,7 +46,7 @@ def write_session_report(session: Session, path: Path) -> None:
         If the results or captures cannot be read.
     """
     psf_path = session.path / RESULTS_FOLDER / "psf.json"
-    psf = read_psf(psf_path) if psf_path.is_file() else None
+    psf = read_psf(psf_path) if lexists(psf_path) else None
     if psf is not None and psf.edges:
         print_psf_remarks(psf)
     validation = None
@@ -55,7 +57,7 @@ def write_session_report(session: Session, path: Path) -> None:
         except (AnalysisError, PsfFileError) as error:
             remarks = (f"No comparison of captured with simulated follow-ups: {error}.",)
             note(f"the report leaves out the comparison of heights: {error}")
-    origin = provenance_of(session, psf_path if psf_path.is_file() else None)
+    origin = provenance_of(session, None if psf is None else psf_path)
     notes = SessionNotes(
         remarks=remarks,
         warnings=remarks_so_far(),
@@ -79,7 +81,7 @@ def _comparisons(results: Path) -> tuple[ReportSection, ...]:
     ]
     for path in changes[:_SHOWN]:
         figure = path.with_name("changes-figure.png")
-        picture = figure.read_bytes() if figure.is_file() else None
+        picture = read_regular_file(figure, LARGEST_IMAGE_BYTES) if figure.is_file() else None
         sections.append(stored_changes_section(_name(path, results), read_changes(path), picture))
     left_out = max(len(poses) - _SHOWN, 0) + max(len(changes) - _SHOWN, 0)
     if left_out:

@@ -1,7 +1,9 @@
 """The open search, by the clock: ``python -m tests.fuzz --minutes 30 [NAME...]``.
 
-In each round every reader is fed damaged input, and every property test gets examples that it has
-not seen. What is found is printed by Hypothesis, kept in ``.hypothesis`` and found again at once
+First every command is given every odd file at every place of its command line, which is counted
+(``--no-commands`` leaves that out; ``--slot NAME`` does those places alone). Then, in each round,
+every reader is fed damaged input, and every property test gets examples that it has not seen. What
+is found is printed by Hypothesis, kept in ``.hypothesis`` and found again at once
 by the next run; it becomes a fixed case beside the test, as ``make test`` draws the same examples
 each time.
 """
@@ -16,11 +18,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import settings
 
 from tests.conftest import SEARCH_PROFILE
+from tests.fuzz.commands.odd_file import OddFile
+from tests.fuzz.commands.server import CommandServer
+from tests.fuzz.commands.slots import SLOTS, Slot
+from tests.fuzz.commands.sound_files import make_sound_files
+from tests.fuzz.commands.verdict import faults_of
 from tests.fuzz.target import FuzzTarget
 from tests.fuzz.test_fuzz import TARGETS
 
@@ -76,11 +84,42 @@ def properties_hold(module: str) -> bool:
     return False
 
 
+def commands_hold(names: list[str]) -> bool:
+    """Give the commands whose place has such a name, or all, every case; False if one fails."""
+    slots = [slot for slot in SLOTS if not names or slot.name in names]
+    count = failed = 0
+    with TemporaryDirectory() as folder, CommandServer() as server:
+        root = Path(folder)
+        (root / "sound").mkdir()
+        make_sound_files(root / "sound")
+        for slot in slots:
+            cases: list[OddFile | None] = [None, *slot.odd_files(root / "sound")]
+            found = 0
+            for odd in cases:
+                for fault in faults_of(server, slot, odd, root):
+                    case = "the sound file" if odd is None else f"{odd.kind}, {odd.name}"
+                    print(f"  {slot.name}: {case}: {fault}", flush=True)
+                    found += 1
+            count, failed = count + len(cases), failed + found
+            print(f"{slot.name}: {len(cases)} cases, {found} faults", flush=True)
+    print(f"{count} cases at {len(slots)} places of {_commands(slots)} commands; {failed} faults")
+    return failed == 0
+
+
+def _commands(slots: list[Slot]) -> int:
+    return len({slot.arguments[0] for slot in slots})
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="part of a name")
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--slot", action="append", default=[], help="odd files at this place")
+    parser.add_argument("--no-commands", action="store_true", help="no odd files for commands")
     given = parser.parse_args()
+    if given.slot:
+        return 0 if commands_hold(given.slot) else 1
+    is_sound = given.no_commands or bool(given.names) or commands_hold([])
     known = [*readers(), *property_tests()]
     searched = [s for s in known if not given.names or any(n in s.name for n in given.names)]
     if not searched:
@@ -97,7 +136,7 @@ def main() -> int:
                 failed.add(one.name)
         rounds += 1
     print(f"{rounds} rounds of {len(searched)} searches; failed: {', '.join(failed) or 'none'}")
-    return 1 if failed else 0
+    return 1 if failed or not is_sound else 0
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.sweep import commit_file
 
@@ -55,6 +56,6 @@ class FollowupRecord(BaseModel):
     def read(cls, path: Path) -> Self | None:
         """Read a record; None if there is none, or none that can be believed."""
         try:
-            return cls.model_validate(parse_json(path.read_bytes()))
+            return cls.model_validate(parse_json(read_regular_file(path)))
         except (OSError, ValidationError, ValueError):
             return None

@@ -10,6 +10,7 @@ from typing import Any
 from uuid import uuid4
 
 from acquisition.printable import on_one_line
+from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.sweep import Manifest, SweepItem, SweepOptions, SweepSummary, run_sweep, whole_file
 from calibration.provenance import Provenance
@@ -155,7 +156,7 @@ def _image_folders(out: Path) -> list[Path]:
 
 def _stored_settings(about: Path) -> object:
     try:
-        stored = parse_json(about.read_bytes())
+        stored = parse_json(read_regular_file(about))
     except ValueError:
         return None
     if isinstance(stored, dict):

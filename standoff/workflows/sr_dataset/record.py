@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.sweep import ShardDone, commit_file
 from standoff.workflows.sr_dataset.settings import Split
@@ -86,7 +87,7 @@ class ShardRecord(_Stored):
     def read(cls, path: Path) -> "ShardRecord | None":
         """Read a record; None if there is none, or none that can be believed."""
         try:
-            document: Any = parse_json(path.read_bytes())
+            document: Any = parse_json(read_regular_file(path))
             return cls.model_validate(document)
         except (OSError, ValidationError, ValueError):
             return None

@@ -13,6 +13,7 @@ from acquisition.bench import BenchConfig
 from acquisition.errors import SessionError
 from acquisition.session.journal_chain import HEAD_NAME
 from acquisition.session.reader import Session
+from acquisition.session.repair import repair_session
 from acquisition.session.take import Photograph
 from acquisition.session.verification import verify
 from acquisition.session.writer import SessionWriter
@@ -195,6 +196,21 @@ def test_a_warmer_camera_is_still_the_same_camera(path: Path) -> None:
     warmer = {**DEVICES, "camera": {**DEVICES["camera"], "DeviceTemperature": 41.0}}
     writer(path, devices=warmer).close()
     assert kinds(path)[-1] == "resume"
+
+
+@pytest.mark.parametrize("is_empty", [True, False])
+def test_captures_without_a_journal_are_not_taken_again(path: Path, is_empty: bool) -> None:
+    whole_session(path)
+    (path / HEAD_NAME).unlink()
+    (path / "journal.jsonl").unlink()
+    if is_empty:
+        (path / "journal.jsonl").touch()
+    with pytest.raises(SessionError) as refused:
+        writer(path)
+    assert refused.value.path == path / "journal.jsonl"
+    repair_session(path)
+    with writer(path) as session:
+        assert session.pending_entries() == ()
 
 
 def test_a_second_process_is_refused(path: Path) -> None:

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibration.errors import CalibrationError
+from calibration.provenance import InputFile, Provenance
 from calibration.psf.comparison import compare_psfs
 from calibration.psf.document import PsfCalibration
 
@@ -84,3 +85,26 @@ def test_a_change_of_the_correlation_is_told_as_a_difference() -> None:
     # A share of a correlation near 0 would say nothing.
     change = compare_psfs(psf(), psf(rho=-0.02))
     assert change.verdict.startswith("the PSF has changed: rho by -0.1200 (p = ")
+
+
+def measured_on(*contents: str) -> Provenance:
+    files = tuple(InputFile(path=f"{name}.tif", sha256=name) for name in contents)
+    table = InputFile(path="noise.json", sha256="n")
+    return Provenance(version="1", created="now", command="c", inputs=(*files, table))
+
+
+def test_calibrations_of_the_same_captures_get_no_verdict_however_they_differ() -> None:
+    one, other = psf(provenance=measured_on("a", "b")), psf(provenance=measured_on("b", "c"))
+    assert compare_psfs(one, other).shared_inputs == ("b.tif",)
+    moved = psf(sigma_x_px=0.9, provenance=measured_on("a", "b"))
+    change = compare_psfs(one, moved)
+    assert change.changed == ()
+    assert change.verdict.startswith("no verdict: both are calibrations of the same captures")
+
+
+def test_calibrations_that_share_the_cameras_noise_alone_are_independent() -> None:
+    one = psf(provenance=measured_on("a"))
+    moved = psf(sigma_x_px=0.9, provenance=measured_on("c"))
+    change = compare_psfs(one, moved)
+    assert change.shared_inputs == ()
+    assert [parameter.name for parameter in change.changed] == ["sigma_x_px"]

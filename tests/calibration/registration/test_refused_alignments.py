@@ -166,3 +166,14 @@ def test_gain_and_offset_do_not_matter() -> None:
     plain = register(seen(1.0), seen(ZOOM), PSF).matrix
     other = register(3.0 * seen(1.0) - 40, 0.2 * seen(ZOOM) + 7, PSF).matrix
     np.testing.assert_allclose(other, plain, atol=0.01)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 3), (1, 400), (15, 200)])
+def test_a_photograph_of_a_few_pixels_has_no_detail(shape: tuple[int, int]) -> None:
+    few = texture(shape, 3)
+    with pytest.raises(RegistrationError) as refused:
+        register(seen(1.0), few)
+    assert (refused.value.reason, refused.value.at_fault) == ("no_detail", "followup")
+    with pytest.raises(RegistrationError) as refused:
+        register(few, seen(1.0))
+    assert (refused.value.reason, refused.value.at_fault) == ("no_detail", "reference")

@@ -9,7 +9,12 @@ import pytest
 from acquisition.capture.quality import QualityFinding
 from acquisition.plan import PlanEntry
 from standoff.errors import ApplicationError
-from standoff.terminal.operator_prompts import ScriptedOperator, TerminalOperator, what_to_place
+from standoff.terminal.operator_prompts import (
+    LONGEST_ANSWER,
+    ScriptedOperator,
+    TerminalOperator,
+    what_to_place,
+)
 
 ENTRY = PlanEntry(index=3, kind="edge", target="card [A]", orientation_deg=50.0, height_mm=300.0)
 BLURRED = QualityFinding(problem="motion", text="it trembled by 0.4 px", asks_retake=True)
@@ -99,3 +104,9 @@ def test_the_operator_is_told_what_to_place(kind: str, sentence: str) -> None:
         height_mm=300.0,
     )
     assert what_to_place(entry) == sentence
+
+
+def test_a_script_whose_line_never_ends_is_refused_by_name() -> None:
+    scripted = ScriptedOperator(iter(["\0" * (LONGEST_ANSWER + 1)]), "/dev/zero")
+    with pytest.raises(ApplicationError, match=r"/dev/zero holds a line of more than"):
+        scripted.place(ENTRY)

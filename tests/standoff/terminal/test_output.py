@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 import standoff.terminal.output
-from standoff.terminal.output import NOTED, note, note_in_passing, print_table
+from standoff.terminal.output import NOTED, note, note_in_passing, print_table, say_error
 
 NAME = "/somewhere/" + "deep/" * 40 + "edge[1].tif"
 
@@ -49,3 +49,13 @@ def test_a_remark_on_the_command_itself_is_printed_and_kept_from_reports(
     finally:
         NOTED.reset(token)
     assert capsys.readouterr().err == "note: the light drifts\nnote: compiling\n"
+
+
+def test_an_error_that_repeats_a_value_of_a_hundred_thousand_letters_keeps_its_ends(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    say_error(f"noise.json: gain: expected a number, got {'x' * 100_000}; write it anew")
+    line = capsys.readouterr().err
+    assert line.startswith("standoff: noise.json: gain: expected a number, got xxx")
+    assert line.endswith("xxx; write it anew\n")
+    assert len(line) < 5000

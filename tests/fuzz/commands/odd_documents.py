@@ -1,0 +1,199 @@
+"""Damaged JSON, TOML, tables and journals, made from the sound file that they take the place of."""
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from itertools import count, islice
+from random import Random
+from typing import Any
+
+from tests.fuzz.commands.odd_file import OddFile, cut_short, of_bytes, with_flipped_bits
+from tests.fuzz.damage import DEEP, places
+
+CASES_LEAST = 200
+
+_NUMBER = "@number@"
+_LITERALS = ("NaN", "Infinity", "-Infinity", "1e400", "9" * 5000, "-" + "9" * 400, "1e-400", "-0.0")
+_VALUES: tuple[Any, ...] = (
+    *(None, True, 0, -1, 0.5, 1e300, 3e38, -1e300, 1e-300, 2**63, 2**31, "", "text", "\0"),
+    *("\ud800", "\x1b[2J\x07", "../../etc/passwd", "/dev/zero", "x" * 100_000),
+    *([], {}, [[]], {"schema": 1}, [0] * 1000, ["a"], [None], [1e300], [-1.0, 2.0]),
+)
+
+
+def odd_json(sound: bytes) -> Iterator[OddFile]:
+    """Cases for a JSON document."""
+    yield from _texts("JSON", sound)
+    document = json.loads(sound)
+    for name, value in (("number", 7), ("list", []), ("null", None), ("text", "a"), ("object", {})):
+        data = json.dumps(value).encode()
+        yield of_bytes("JSON of another type", name, data, is_refused=True)
+    for name, text in (("NaN", "NaN"), ("two documents", "{}{}"), ("comment", "{} // a")):
+        yield of_bytes("no JSON", name, text.encode(), is_refused=True)
+    yield of_bytes(
+        "JSON of another schema",
+        "version 999",
+        json.dumps(document | {"schema": "standoff.other/999"}).encode(),
+    )
+    twice = sound.rstrip()[:-1] + b", " + sound.lstrip()[1:]
+    yield of_bytes("JSON with keys given twice", "all", twice)
+    yield of_bytes("JSON with an unknown key", "all", json.dumps(document | {"more": 1}).encode())
+    yield from _with_values("JSON", document)
+
+
+def odd_journal(sound: bytes) -> Iterator[OddFile]:
+    """Cases for a journal: events on a line each."""
+    # A last line that is none was cut short by a power cut.
+    yield from _texts("journal", sound, is_refused=False)
+    lines = sound.splitlines(keepends=True)
+    for index in range(len(lines)):
+        rest = lines[:index] + lines[index + 1 :]
+        yield of_bytes("journal without a line", f"line {index + 1}", b"".join(rest))
+        yield of_bytes(
+            "journal with a line twice",
+            f"line {index + 1}",
+            b"".join([*lines[: index + 1], *lines[index:]]),
+        )
+        cut = lines[index][: len(lines[index]) // 2] + b"\n"
+        torn = b"".join([*lines[:index], cut, *lines[index + 1 :]])
+        yield of_bytes("journal with half a line", f"line {index + 1}", torn)
+    yield of_bytes("journal in another order", "reversed", b"".join(reversed(lines)))
+    yield of_bytes("journal without line ends", "all", sound.replace(b"\n", b" "))
+    yield of_bytes("journal of a million empty lines", "all", b"\n" * 1_000_000)
+    documents = [json.loads(line) for line in lines]
+    for index in sorted({0, 1, len(documents) // 2, len(documents) - 1}):
+        for damaged in _with_values("event of a journal", documents[index], most=60):
+            yield _in_line(damaged, lines, index)
+
+
+def _in_line(event: OddFile, lines: list[bytes], index: int) -> OddFile:
+    before, after = b"".join(lines[:index]), b"".join(lines[index + 1 :])
+
+    def make(path: Any) -> None:
+        event.make(path)
+        path.write_bytes(before + path.read_bytes() + b"\n" + after)
+
+    return OddFile(kind=event.kind, name=f"line {index + 1}: {event.name}", make=make)
+
+
+def odd_toml(sound: bytes) -> Iterator[OddFile]:
+    """Cases for a TOML file."""
+    yield from _texts("TOML", sound)
+    text = sound.decode()
+    lines = text.splitlines()
+    yield of_bytes(
+        "TOML with keys given twice", "all", (text + "\n" + text).encode(), is_refused=True
+    )
+    yield of_bytes(
+        "TOML with an unknown table", "at the end", (text + "\n[more]\na = 1\n").encode()
+    )
+    values = (
+        *("nan", "inf", "-inf", "1e400", "1e300", "3e38", "-1", "0", "0.5", "true", "''", "'x'"),
+        *("[]", "{}", "[[1]]", "[nan, 1]", "1979-05-27", "0x7fffffffffffffffffff", "9" * 5000),
+        *("'\\u001b[2J'", '"\\u001b[2J"', '"\\u0000"', "'../../etc'", "[1e300, 2e300]", "'''"),
+        *("'/dev/zero'", "1_000_000_000_000", "[0, 0]", "", "= 1"),
+    )
+    keys = [place for place, line in enumerate(lines) if re.match(r"\w+ *=", line)]
+    for place in keys:
+        gone = "\n".join(lines[:place] + lines[place + 1 :])
+        yield of_bytes("TOML without a key", lines[place], gone.encode())
+    for value in values:
+        for place in keys:
+            key = lines[place].partition("=")[0]
+            changed = "\n".join([*lines[:place], f"{key}= {value}", *lines[place + 1 :]])
+            yield of_bytes("TOML of another value", f"{key}= {value[:30]}", changed.encode())
+
+
+def odd_table(sound: bytes) -> Iterator[OddFile]:
+    """Cases for a table of comma-separated values."""
+    yield from _texts("table", sound)
+    head, *rows = sound.decode().splitlines()
+    values = (
+        "",
+        "nan",
+        "inf",
+        "1e300",
+        "-3e38",
+        "text",
+        '"',
+        '"a\nb"',
+        "1,2",
+        "\x1b[2J",
+        "9" * 5000,
+    )
+    for value in values:
+        for row in range(len(rows)):
+            cells = rows[row].split(",")
+            for column in range(len(cells)):
+                changed = ",".join([*cells[:column], value, *cells[column + 1 :]])
+                text = "\n".join([head, *rows[:row], changed, *rows[row + 1 :]])
+                name = f"row {row}, column {column}: {value[:20]!r}"
+                yield of_bytes("table of another value", name, text.encode("utf-8"))
+    for name, text in (
+        ("head alone", head),
+        ("one row", "\n".join([head, rows[0]])),
+        ("the same rows", "\n".join([head, *rows[:1] * 9])),
+        ("semicolons", sound.decode().replace(",", ";")),
+        ("a million rows", "\n".join([head, *rows[:1] * 1_000_000])),
+    ):
+        yield of_bytes("table of too little or too much", name, text.encode())
+
+
+def at_least(cases: Callable[[bytes], Iterator[OddFile]], sound: bytes) -> Iterator[OddFile]:
+    """The cases for a sound file, and draws of wrong bits until there are enough."""
+    found = 0
+    for case in cases(sound):
+        found += 1
+        yield case
+    yield from with_flipped_bits("file", "more", sound, max(0, CASES_LEAST - found))
+
+
+def _texts(kind: str, sound: bytes, *, is_refused: bool = True) -> Iterator[OddFile]:
+    """Text that is no such text, or too much of it."""
+    yield from cut_short(kind, kind, sound, 12)
+    yield from with_flipped_bits(kind, kind, sound, 24)
+    for name, data in (
+        ("UTF-16", sound.decode().encode("utf-16")),
+        ("Latin-1", b"\xe9\xff" + sound),
+        ("with zeros", b"\0".join(sound[i : i + 1] for i in range(len(sound)))),
+        ("binary", Random(1).randbytes(4096)),
+        ("brackets without end", DEEP.encode()),
+        ("a million brackets", b"[" * 1_000_000),
+        ("objects without end", b'{"a":' * 100_000),
+        ("escapes", b"\x1b[2J\x1b]0;owned\x07" * 9),
+        ("a long line", b"a" * 5_000_000),
+        ("one long text", b'"' + b"a" * 5_000_000 + b'"'),
+        ("40 MB of spaces", b" " * 40_000_000),
+        ("30 MB of lists", b"[" + b"[]," * 10_000_000 + b"[]]"),
+        ("60 MB of numbers", b"[" + b"1," * 30_000_000 + b"1]"),
+    ):
+        yield of_bytes(f"no {kind}", name, data, is_refused=is_refused)
+    yield of_bytes(f"{kind} with a byte order mark", "UTF-8", b"\xef\xbb\xbf" + sound)
+
+
+def _with_values(kind: str, document: Any, most: int | None = None) -> Iterator[OddFile]:
+    """Each value in a document removed, or another one in its place; in the order of a draw."""
+    paths = places(document)[1:]
+    texts = [*_LITERALS, *(json.dumps(value) for value in _VALUES)]
+    changes = [(path, text) for path in paths for text in texts]
+    Random(1).shuffle(changes)
+    for path in paths[:most]:
+        found = deepcopy(document)
+        del _parent(found, path)[path[-1]]
+        yield of_bytes(f"{kind} without a value", _dotted(path), json.dumps(found).encode())
+    for number, (path, text) in zip(count(), islice(changes, most or 3 * CASES_LEAST)):
+        found = deepcopy(document)
+        _parent(found, path)[path[-1]] = _NUMBER
+        data = json.dumps(found).replace(json.dumps(_NUMBER), text).encode()
+        yield of_bytes(f"{kind} of another value", f"{number}: {_dotted(path)} = {text[:30]}", data)
+
+
+def _parent(document: Any, path: tuple[Any, ...]) -> Any:
+    for key in path[:-1]:
+        document = document[key]
+    return document
+
+
+def _dotted(path: tuple[Any, ...]) -> str:
+    return ".".join(map(str, path))
