@@ -67,6 +67,7 @@ class SessionLibrary:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._known: dict[str, tuple[tuple[int, ...], SessionSummary]] = {}
+        self._last: tuple[str, tuple[int, ...], Session] | None = None
 
     def summaries(self) -> tuple[SessionSummary, ...]:
         """All sessions, the newest first."""
@@ -117,6 +118,18 @@ class SessionLibrary:
             If it cannot be read.
         """
         return Session(self.path_of(name))
+
+    def read(self, name: str) -> Session:
+        """As `open`, but the session that was read last is read again only if it has changed.
+
+        Whoever turns the pages of a long one does not wait for its journal each time.
+        """
+        state, last = _state_of(self.path_of(name)), self._last
+        if last is not None and last[:2] == (name, state):
+            return last[2]
+        session = self.open(name)
+        self._last = (name, state, session)
+        return session
 
     def report_of(self, name: str) -> bytes | None:
         """The session's report, or None if it has not been written yet.

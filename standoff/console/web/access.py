@@ -71,16 +71,21 @@ class Access:
         """Whether a websocket was opened by a page of this console: same name, same port."""
         if origin is None or not host:
             return False
-        parts = urlsplit(origin)
+        try:
+            parts = urlsplit(origin)
+        except ValueError:  # "http://[" is not an address
+            return False
         return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower()
 
 
 def _name_of(host: str) -> str:
     """Name in a ``Host`` header, without its port."""
     try:
-        return urlsplit(f"//{host}").hostname or ""
+        parts = urlsplit(f"//{host}")
+        _ = parts.port  # raises unless it is a number
     except ValueError:
         return ""
+    return parts.hostname or ""
 
 
 def _cookie(header: str, name: str) -> str:

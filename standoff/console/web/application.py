@@ -2,22 +2,26 @@
 
 import asyncio
 import getpass
-from collections.abc import Awaitable
+import math
+import time
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, TypeVar
 from urllib.parse import parse_qs
 
 from jinja2 import Environment, PackageLoader
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from acquisition.errors import SessionError
+from acquisition.printable import on_one_line
 from standoff.console.bench_checks import bench_checks
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import PictureEncoder
@@ -25,8 +29,10 @@ from standoff.console.session_library import UnknownSessionError
 from standoff.console.web import messages
 from standoff.console.web.access import Access
 from standoff.console.web.access_middleware import REPORT_POLICY, AccessMiddleware
+from standoff.console.web.allowance import Allowance
 from standoff.console.web.command_handler import CommandHandler
-from standoff.console.web.session_page import session_document
+from standoff.console.web.login_throttle import LoginThrottle
+from standoff.console.web.session_page import session_document, sessions_document
 from standoff.console.web.state_cache import StateCache
 from standoff.console.web.viewer import Viewer
 from standoff.errors import REPORTED_ERRORS
@@ -35,6 +41,18 @@ FOLDER = Path(__file__).parent
 HELLO_TIMEOUT_S = 10.0
 REPLACED = 4001
 MAX_LOGIN_BYTES = 4096
+
+PAGES_AT_ONCE, PAGES_WAITING = 2, 64
+"""Pages that are made at the same time, beside the bench's own threads, and that wait for it."""
+
+MESSAGES_AT_ONCE, MESSAGE_PERIOD_S = 100, 0.005
+"""Messages of one page that are read in one go, and the time for each one more: a page that
+acknowledges 30 pictures a second while a region is drawn sends about 90."""
+
+WARNING_PERIOD_S = 60.0
+"""Pages are told of guesses of the token at most this often."""
+
+T = TypeVar("T")
 
 METRICS = ("squared-gradient", "brenner", "tenengrad", "laplacian")
 
@@ -73,64 +91,67 @@ class _Pages:
     def __init__(self, hub: BenchHub, access: Access) -> None:
         self._hub = hub
         self._access = access
+        self._throttle = LoginThrottle()
+        self._warnings = Allowance(at_once=1, period_s=WARNING_PERIOD_S, clock=time.monotonic)
+        self._turns = asyncio.Semaphore(PAGES_AT_ONCE)
+        self._asked = 0
         self._templates = Environment(
             loader=PackageLoader("standoff.console.web", "templates"),
             autoescape=True,
+            finalize=_printable,
             trim_blocks=True,
             lstrip_blocks=True,
         )
 
     async def bench(self, request: Request) -> Response:
-        plans = await asyncio.to_thread(self._hub.plans.names)
-        unfinished = [
-            each.name
-            for each in await asyncio.to_thread(self._hub.sessions.summaries)
-            if not each.fault and not each.is_complete
-        ]
-        return self._page(
-            "bench.html", plans=plans, unfinished=unfinished, metrics=METRICS, bench=self._hub.bench
-        )
+        def facts() -> dict[str, Any]:
+            summaries = self._hub.sessions.summaries()
+            return {
+                "plans": self._hub.plans.names(),
+                "unfinished": [
+                    each.name for each in summaries if not each.fault and not each.is_complete
+                ],
+                "metrics": METRICS,
+                "bench": self._hub.bench,
+            }
+
+        return await self._made(request, "bench.html", facts)
 
     async def sessions(self, request: Request) -> Response:
-        summaries = await asyncio.to_thread(self._hub.sessions.summaries)
-        return self._page("sessions.html", summaries=summaries, folder=self._hub.sessions.folder)
+        number = _page_number(request)
+        return await self._made(
+            request, "sessions.html", lambda: sessions_document(self._hub.sessions, number)
+        )
 
     async def session(self, request: Request) -> Response:
-        name = request.path_params["name"]
-        try:
-            document = await asyncio.to_thread(session_document, self._hub.sessions, name)
-        except UnknownSessionError as error:
-            raise HTTPException(404, str(error)) from error
-        except SessionError as error:
-            raise HTTPException(409, str(error)) from error
-        return self._page("session.html", session=document)
+        name, number = request.path_params["name"], _page_number(request)
+        return await self._made(
+            request,
+            "session.html",
+            lambda: {"session": session_document(self._hub.sessions, name, number)},
+        )
 
     async def report(self, request: Request) -> Response:
         name = request.path_params["name"]
-        try:
-            report = await asyncio.to_thread(self._hub.sessions.report_of, name)
-        except UnknownSessionError as error:
-            raise HTTPException(404, str(error)) from error
+        report = await self._in_turn(request, lambda: self._hub.sessions.report_of(name))
         if report is None:
             raise HTTPException(404, f"{name} has no report yet")
         return HTMLResponse(report, headers={"Content-Security-Policy": REPORT_POLICY})
 
     async def doctor(self, request: Request) -> Response:
-        checks = await asyncio.to_thread(bench_checks, self._hub)
-        return self._page("doctor.html", checks=checks)
+        return await self._made(request, "doctor.html", lambda: {"checks": bench_checks(self._hub)})
 
     async def login(self, request: Request) -> Response:
         """Take the token once, and return a cookie in its place."""
-        if request.method == "GET":
-            token = request.query_params.get("token", "")
-        else:
-            data = bytearray()
-            async for chunk in request.stream():
-                data += chunk
-                if len(data) > MAX_LOGIN_BYTES:
-                    raise HTTPException(413, "the token is too long")
-            token = parse_qs(data.decode("utf-8", "replace")).get("token", [""])[0]
+        token = await _token_of(request)
+        peer = "" if request.client is None else request.client.host
+        wait_s = self._throttle.wait_s(peer)
+        if token and wait_s > 0:
+            headers = {"Retry-After": str(math.ceil(wait_s))}
+            return HTMLResponse(self.refusal(is_early=True), status_code=429, headers=headers)
         if not self._access.is_token(token):
+            if token:
+                self._note_guess(peer)
             return HTMLResponse(self.refusal(is_wrong=bool(token)), status_code=401)
         response = RedirectResponse("/", status_code=303)
         response.set_cookie(
@@ -142,17 +163,80 @@ class _Pages:
         )
         return response
 
-    def refusal(self, *, is_wrong: bool = False) -> str:
+    def refusal(self, *, is_wrong: bool = False, is_early: bool = False) -> str:
         template = self._templates.get_template("refusal.html")
-        return template.render(needs_token=self._access.needs_token, is_wrong=is_wrong)
+        return template.render(
+            needs_token=self._access.needs_token, is_wrong=is_wrong, is_early=is_early
+        )
 
     async def fault(self, request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
-        return self._page("fault.html", status=error.status_code, text=error.detail)
+        return HTMLResponse(
+            self._page("fault.html", status=error.status_code, text=error.detail),
+            status_code=error.status_code,
+            headers=error.headers,
+        )
 
-    def _page(self, name: str, *, status: int = 200, **facts: object) -> Response:
-        page = self._templates.get_template(name).render(path=f"/{name}", status=status, **facts)
-        return HTMLResponse(page, status_code=status)
+    def _note_guess(self, peer: str) -> None:
+        self._throttle.note_wrong(peer)
+        if self._throttle.wait_s(peer) > 0 and self._warnings.wait_s == 0:
+            self._warnings.take()
+            self._hub.tell(f"Somebody at {peer} guesses the console's token.")
+
+    async def _made(
+        self, request: Request, template: str, facts: Callable[[], dict[str, Any]]
+    ) -> Response:
+        """Collect the facts of a page and render it."""
+        page = await self._in_turn(request, lambda: self._page(template, **facts()))
+        return HTMLResponse(page)
+
+    async def _in_turn(self, request: Request, make: Callable[[], T]) -> T:
+        """Do the work of a page in a thread, a few at a time: the bench shares the processor."""
+        if self._asked >= PAGES_AT_ONCE + PAGES_WAITING:
+            raise HTTPException(503, "the console is busy: try again", {"Retry-After": "1"})
+        self._asked += 1
+        try:
+            async with self._turns:
+                if await request.is_disconnected():
+                    raise HTTPException(400, "nobody waits for this page any more")
+                return await asyncio.to_thread(make)
+        except UnknownSessionError as error:
+            raise HTTPException(404, str(error)) from error
+        except SessionError as error:
+            raise HTTPException(409, str(error)) from error
+        finally:
+            self._asked -= 1
+
+    def _page(self, name: str, **facts: object) -> str:
+        return self._templates.get_template(name).render(path=f"/{name}", **facts)
+
+
+async def _token_of(request: Request) -> str:
+    """The token that a login names; empty if it names none."""
+    if request.method != "POST":
+        return request.query_params.get("token", "")
+    data = bytearray()
+    try:
+        async for chunk in request.stream():
+            data += chunk
+            if len(data) > MAX_LOGIN_BYTES:
+                raise HTTPException(413, "the token is too long")
+    except ClientDisconnect as error:  # it took too long, or left
+        raise HTTPException(400, "the token did not arrive") from error
+    return parse_qs(data.decode("utf-8", "replace")).get("token", [""])[0]
+
+
+def _page_number(request: Request) -> int:
+    """Number of the page that is asked for, from 1 on."""
+    text = request.query_params.get("page", "1")
+    if not (text.isascii() and text.isdigit() and len(text) < 9 and int(text) > 0):
+        raise HTTPException(404, "pages are numbered from 1 on")
+    return int(text)
+
+
+def _printable(value: object) -> object:
+    """Escape what a page would obey in a text, such as marks that turn the direction of reading."""
+    return on_one_line(value) if type(value) is str else value
 
 
 class _Sockets:
@@ -209,7 +293,9 @@ class _Sockets:
             await _quietly(old.close(code=REPLACED, reason="opened again elsewhere"))
 
     async def _receive(self, socket: WebSocket, viewer: Viewer) -> None:
+        pace = Allowance(at_once=MESSAGES_AT_ONCE, period_s=MESSAGE_PERIOD_S, clock=time.monotonic)
         while True:
+            await asyncio.sleep(pace.take())  # if only for the turns of the others
             try:
                 text = await socket.receive_text()
             except (WebSocketDisconnect, RuntimeError):

@@ -2,16 +2,17 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from acquisition.choices import FocusMeasure
+from acquisition.printable import on_one_line
 from acquisition.written_files import validation_lines
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096
 
 Name = Annotated[str, Field(min_length=1, max_length=255)]
-Person = Annotated[str, Field(max_length=60)]
+Person = Annotated[str, Field(max_length=60), AfterValidator(on_one_line)]
 Index = Annotated[int, Field(ge=0, lt=10**7)]
 Pixels = Annotated[int, Field(ge=0, lt=2**16)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]

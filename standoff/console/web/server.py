@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import uvicorn
 from starlette.types import ASGIApp
 
+from standoff.console.web.connections import ConnectionWatch, LimitedConnection
 from standoff.console.web.messages import MAX_MESSAGE_CHARS
 from standoff.errors import ApplicationError
 
@@ -16,6 +17,15 @@ GRACE_S = 2
 """How long to wait for pages at the end."""
 
 KEEP_ALIVE_S = 10.0
+
+RECEIVE_BYTES = 16 * 1024
+"""Receive buffer of a connection: bounds what one read brings, and so how long others wait."""
+
+BACKLOG = 64
+"""Connections that wait to be accepted, and that the loop accepts in one turn."""
+
+WATCH_TICKS = 10
+"""The server ticks ten times a second; connections are looked at once."""
 
 
 def open_socket(host: str, port: int) -> socket.socket:
@@ -39,8 +49,9 @@ def open_socket(host: str, port: int) -> socket.socket:
         raise _refused(host, port, error) from error
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)  # inherited
         opened.bind(address)
-        opened.listen()
+        opened.listen(BACKLOG)
     except OSError as error:
         opened.close()
         raise _refused(host, port, error) from error
@@ -70,13 +81,14 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
     config = uvicorn.Config(
         app,
         loop="asyncio",
-        http="h11",
+        http=LimitedConnection,
         ws="websockets-sansio",
         ws_max_size=4 * MAX_MESSAGE_CHARS,  # UTF-8 has up to four bytes a character
         ws_ping_interval=KEEP_ALIVE_S,
         ws_ping_timeout=KEEP_ALIVE_S,
         ws_per_message_deflate=False,  # pictures of noise do not shrink
-        log_level="warning",
+        backlog=BACKLOG,
+        log_level="error",  # a warning for every bad request would be a flood of its own
         access_log=False,
         server_header=False,
         proxy_headers=False,
@@ -87,7 +99,17 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
 
 
 class _Server(uvicorn.Server):
-    """A server that leaves the signals to us."""
+    """A server that leaves the signals to us, and ends connections that take too long."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._watch = ConnectionWatch(self.server_state.connections)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Look after the connections, besides what the server does ten times a second."""
+        if counter % WATCH_TICKS == 0:
+            self._watch.look(asyncio.get_running_loop().time())
+        return await super().on_tick(counter)
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:

@@ -1,9 +1,9 @@
 """What the page of one session shows."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import Any, TypeVar
 
 from acquisition.session import Session, SessionCapture
 from acquisition.untrusted import parse_json
@@ -11,13 +11,27 @@ from calibration.sharpness import NORMAL_95
 from standoff.console.session_library import SessionLibrary
 from standoff.workflows import RESULTS_FOLDER
 
+T = TypeVar("T")
+
 MAX_RESULT_BYTES = 50 * 10**6
+ROWS_A_PAGE = 200
+LONGEST_TEXT = 500
 PSF_FIGURES = (("sigma_x_px", "σx"), ("sigma_y_px", "σy"), ("rho", "ρ"))
 NOTES_SHOWN = 200
 
 
-def session_document(library: SessionLibrary, name: str) -> dict[str, Any]:
-    """Captures, notes and results of a session, rounded for reading.
+def sessions_document(library: SessionLibrary, page: int = 1) -> dict[str, Any]:
+    """One page of the sessions in a folder, the newest first."""
+    summaries = library.summaries()
+    return {
+        "folder": library.folder,
+        "summaries": _rows(summaries, page),
+        "paging": _paging(len(summaries), page),
+    }
+
+
+def session_document(library: SessionLibrary, name: str, page: int = 1) -> dict[str, Any]:
+    """One page of a session's captures, its notes and results, rounded for reading.
 
     Raises
     ------
@@ -26,7 +40,7 @@ def session_document(library: SessionLibrary, name: str) -> dict[str, Any]:
     SessionError
         If it cannot be read.
     """
-    session = library.open(name)
+    session = library.read(name)
     captures = sorted(session.captures, key=lambda capture: capture.record.index)
     kept = {capture.record.index for capture in captures if not capture.is_superseded}
     return {
@@ -40,7 +54,8 @@ def session_document(library: SessionLibrary, name: str) -> dict[str, Any]:
         "is_complete": session.is_complete,
         "has_report": library.report_of(name) is not None,
         "remarks": list(session.remarks),
-        "captures": [_capture(capture) for capture in captures],
+        "captures": [_capture(capture) for capture in _rows(captures, page)],
+        "paging": _paging(len(captures), page),
         "notes": [
             {"when": event.utc[:16].replace("T", " "), "text": _note(event.facts)}
             for event in session.events
@@ -48,6 +63,26 @@ def session_document(library: SessionLibrary, name: str) -> dict[str, Any]:
         ][-NOTES_SHOWN:],
         "psf": _psf(session),
     }
+
+
+def _rows(rows: Sequence[T], page: int) -> Sequence[T]:
+    return rows[(page - 1) * ROWS_A_PAGE : page * ROWS_A_PAGE]
+
+
+def _paging(rows: int, page: int) -> dict[str, int]:
+    """Which rows a page shows, counted from 1, of how many on how many pages."""
+    return {
+        "page": page,
+        "pages": max(1, -(-rows // ROWS_A_PAGE)),
+        "first": (page - 1) * ROWS_A_PAGE + 1,
+        "last": min(page * ROWS_A_PAGE, rows),
+        "rows": rows,
+    }
+
+
+def _short(text: str) -> str:
+    """As much of a text as a line of a table can hold; the files have all of it."""
+    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]} …"
 
 
 def _calibrate_command(path: Path) -> str:
@@ -62,10 +97,10 @@ def _capture(capture: SessionCapture) -> dict[str, Any]:
     if capture.is_superseded:
         state = "superseded"
     elif capture.excluded_because is not None:
-        state = f"excluded: {capture.excluded_because}"
+        state = _short(f"excluded: {capture.excluded_because}")
     return {
         "index": record.index,
-        "what": f"{record.kind} {record.target}",
+        "what": _short(f"{record.kind} {record.target}"),
         "orientation": f"{record.orientation_deg:g}",
         "height": f"{record.height_mm:.3f}",
         "exposure": "" if record.exposure_us is None else f"{record.exposure_us:g}",
@@ -82,7 +117,7 @@ def _note(facts: Mapping[str, Any]) -> str:
     index = facts.get("index")
     about = "" if index is None else f"capture {index}: "
     text = facts.get("text") or facts.get("message") or facts.get("error")
-    return f"{about}{text or 'stopped or skipped by the operator'}"
+    return _short(f"{about}{text or 'stopped or skipped by the operator'}")
 
 
 def _psf(session: Session) -> list[dict[str, str]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from standoff.console.bench_hub import BenchHub
+from standoff.console.jobs import RunView
 from standoff.console.web.view_model import levels_document, plan_document, state_document
 
 STATE_S = 0.08
@@ -24,6 +25,7 @@ class StateCache:
     def __init__(self, hub: BenchHub) -> None:
         self._hub = hub
         self._texts: dict[str, tuple[float, str]] = {}
+        self._planned: tuple[RunView | None, str] = (None, "")
 
     def state(self) -> str:
         """The state that is common to all pages."""
@@ -38,7 +40,10 @@ class StateCache:
 
     def plan(self) -> str:
         """The plan's table."""
-        return json.dumps(plan_document(self._hub.run.view), allow_nan=False)
+        view = self._hub.run.view
+        if view is not self._planned[0]:
+            self._planned = (view, json.dumps(plan_document(view), allow_nan=False))
+        return self._planned[1]
 
     def _cached(self, name: str, age_s: float, make: Callable[[], dict[str, Any] | None]) -> str:
         made_s, text = self._texts.get(name, (float("-inf"), ""))

@@ -5,6 +5,7 @@ from typing import Any
 
 from acquisition.devices import CameraSettings, StreamStatistics
 from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate
+from acquisition.printable import on_one_line
 from standoff.console.bench_hub import BenchHub, Notice
 from standoff.console.devices import (
     DeviceStatus,
@@ -185,7 +186,7 @@ def run_document(view: RunView, *, is_pause_wanted: bool) -> Document:
         "session": view.session,
         "plan": view.plan,
         "state": view.state,
-        "message": view.message,
+        "message": on_one_line(view.message),
         "captured": view.captured,
         "planned": len(view.rows),
         "left": "" if left is None else f"{time_text(left)} left",
@@ -235,7 +236,7 @@ def prompt_document(prompt: Prompt | None) -> Document | None:
         return None
     return {
         "number": prompt.number,
-        "text": prompt.text,
+        "text": on_one_line(prompt.text),
         "wants_text": prompt.wants_text,
         "choices": [{"key": each.key, "label": each.label} for each in prompt.choices],
     }
@@ -272,7 +273,11 @@ def disk_document(free_bytes: int) -> Document:
 
 
 def _status(status: DeviceStatus) -> Document:
-    return {"state": status.state, "text": status.text, "remedy": status.remedy}
+    return {
+        "state": status.state,
+        "text": on_one_line(status.text),
+        "remedy": on_one_line(status.remedy),
+    }
 
 
 def _format(settings: CameraSettings) -> str:
@@ -280,18 +285,18 @@ def _format(settings: CameraSettings) -> str:
 
 
 def _notice(notice: Notice) -> Document:
-    return {"number": notice.number, "text": notice.text}
+    return {"number": notice.number, "text": on_one_line(notice.text)}
 
 
 def _row(row: PlanRow) -> Document:
     entry = row.entry
     return {
         "index": entry.index,
-        "what": f"{entry.kind} {entry.target}",
+        "what": on_one_line(f"{entry.kind} {entry.target}"),
         "orientation": f"{entry.orientation_deg:g}",
         "height": f"{entry.height_mm:g}" if row.height_mm is None else f"{row.height_mm:.3f}",
         "exposure": "" if entry.exposure_us is None else f"{entry.exposure_us:g}",
         "focus": "" if row.focus_value is None else f"{row.focus_value:.3g}",
         "state": row.state,
-        "note": row.note,
+        "note": on_one_line(row.note),
     }

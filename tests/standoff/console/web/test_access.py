@@ -1,10 +1,8 @@
 """Who is let in: rules first, then the whole application."""
 
-import asyncio
 from contextlib import closing
 from http.client import HTTPConnection
 from pathlib import Path
-from threading import Thread
 
 import pytest
 from hypothesis import given, strategies as st
@@ -23,8 +21,10 @@ from standoff.console.session_library import (
 )
 from standoff.console.web.access import Access, is_loopback_host
 from standoff.console.web.application import console_app
-from standoff.console.web.server import open_socket, server_of
-from tests.standoff.console.hub_fixtures import idle_hub, wait_for
+from standoff.console.web.login_throttle import LoginThrottle
+from tests.standoff.console.hub_fixtures import idle_hub
+from tests.standoff.console.served import answered, served
+from tests.standoff.console.web.test_allowance import Clock
 
 TOKEN = "a long enough secret"
 OWN = "http://127.0.0.1:8470"
@@ -177,21 +177,67 @@ def test_the_raw_requests_above_reach_what_is_there(hub: BenchHub) -> None:
 
 def raw_get(hub: BenchHub, path: str) -> tuple[int, bytes]:
     """Ask a real server for a path just as it is written: clients clean paths before they ask."""
-    server = server_of(console_app(hub))
-    with open_socket("127.0.0.1", 0) as bound:
-        thread = Thread(target=lambda: asyncio.run(server.serve(sockets=[bound])))
-        thread.start()
-        try:
-            wait_for(lambda: server.started, "the server")
-            connection = HTTPConnection("127.0.0.1", bound.getsockname()[1], timeout=30)
-            with closing(connection):
-                connection.putrequest("GET", path)
-                connection.endheaders()
-                answer = connection.getresponse()
-                return answer.status, answer.read()
-        finally:
-            server.should_exit = True
-            thread.join()
+    with served(hub) as address, closing(HTTPConnection(*address, timeout=30)) as connection:
+        connection.putrequest("GET", path)
+        connection.endheaders()
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+
+
+NAMES = (b"[", b"[::1", b"http://[", b"a b", b"\xff", b"", b":", b"127.0.0.1:abc", b"[::g]", b"%00")
+
+
+@pytest.mark.parametrize("token", [None, TOKEN])
+def test_names_that_are_none_are_refused_and_never_a_fault(
+    hub: BenchHub, token: str | None
+) -> None:
+    handshake = (
+        b"Upgrade: websocket",
+        b"Sec-WebSocket-Version: 13",
+        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+    )
+    with served(hub, token=token) as address:
+        for name in NAMES:
+            page = answered(address, b"GET / HTTP/1.1", b"Host: " + name)
+            live = b"GET /live HTTP/1.1"
+            host = answered(address, live, b"Host: " + name, b"Origin: http://a", *handshake)
+            origin = answered(address, live, b"Host: 127.0.0.1", b"Origin: " + name, *handshake)
+            strange = answered(
+                address, live, b"Host: 127.0.0.1", b"Origin: http://" + name, *handshake
+            )
+            for status in (page, host, origin, strange):
+                assert 400 <= status < 500, name
+
+
+@given(name=st.text(max_size=30) | st.text("[]:/@%.a1", max_size=12))
+def test_no_name_is_a_fault_of_the_rules(name: str) -> None:
+    assert not Access.is_own_page(origin=name, host="127.0.0.1:8470")
+    Access.is_own_page(origin=f"http://{name}", host=name)
+    assert not Access(TOKEN).may_enter(peer="127.0.0.1", host=name, cookies="")
+    Access(None).may_enter(peer="127.0.0.1", host=name, cookies="")
+
+
+def test_guesses_are_slowed_down_and_the_pages_are_told(
+    hub: BenchHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(
+        "standoff.console.web.application.LoginThrottle", lambda: LoginThrottle(clock)
+    )
+    app = console_app(hub, token=TOKEN)
+    guesser, other = (
+        TestClient(app, client=(peer, 50000), follow_redirects=False, base_url=OWN)
+        for peer in ("192.0.2.7", "192.0.2.8")
+    )
+    told = [guesser.post("/login", data={"token": f"guess {n}"}).status_code for n in range(6)]
+    assert told == [401] * 5 + [429]
+    early = guesser.get("/login", params={"token": TOKEN})
+    assert (early.status_code, early.headers["retry-after"]) == (429, "1")  # even if it is right
+    assert guesser.get("/login").status_code == 401  # the form is still shown
+    assert hub.notices[-1].text == "Somebody at 192.0.2.7 guesses the console's token."
+    assert other.get("/login", params={"token": TOKEN}).status_code == 303
+    clock.now_s += 1.0
+    assert guesser.get("/login", params={"token": TOKEN}).status_code == 303
 
 
 @pytest.mark.slow

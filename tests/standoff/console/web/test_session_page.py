@@ -13,9 +13,14 @@ from starlette.testclient import TestClient
 from acquisition.session.notes import SessionNotes
 from standoff.console.session_library import SessionLibrary
 from standoff.console.web.application import console_app
-from standoff.console.web.session_page import MAX_RESULT_BYTES, session_document
+from standoff.console.web.session_page import (
+    MAX_RESULT_BYTES,
+    ROWS_A_PAGE,
+    session_document,
+)
 from tests.standoff.conftest import Command
 from tests.standoff.console.hub_fixtures import idle_hub
+from tests.standoff.console.long_session import lengthen
 
 
 def shown(session: Path) -> dict[str, Any]:
@@ -90,3 +95,40 @@ def test_a_session_without_a_report_says_so(session_dir: Path, tmp_path: Path) -
         there = client.get("/sessions/first/report")
         assert (there.status_code, there.text) == (200, "<p>the report</p>")
         assert "'none'" in there.headers["content-security-policy"]
+
+
+def test_the_captures_of_a_long_session_are_shown_a_page_at_a_time(
+    session_dir: Path, tmp_path: Path
+) -> None:
+    hub = idle_hub(tmp_path)
+    hub.sessions.folder.mkdir()
+    session_dir.rename(hub.sessions.folder / "long")
+    lengthen(hub.sessions.folder / "long", 2 * ROWS_A_PAGE + 1)
+    with TestClient(
+        console_app(hub), client=("127.0.0.1", 1), base_url="http://127.0.0.1"
+    ) as client:
+        pages = [client.get(f"/sessions/long?page={number}").text for number in (1, 2, 3)]
+        shown_rows = [page.count("data-retake") for page in pages]
+        assert shown_rows == [ROWS_A_PAGE, ROWS_A_PAGE, 1]
+        assert "201 to 400 of 401" in pages[1]
+        assert max(len(page) for page in pages) < 10**5  # all 10 000 captures were 4 MB
+        for number in ("0", "-1", "x", "²", "9" * 9):
+            assert client.get("/sessions/long", params={"page": number}).status_code == 404
+
+
+def test_what_a_received_session_holds_does_nothing_to_its_page(
+    session_dir: Path, tmp_path: Path
+) -> None:
+    hub = idle_hub(tmp_path)
+    hub.sessions.folder.mkdir()
+    session_dir.rename(hub.sessions.folder / "got")
+    folder = hub.sessions.folder / "got"
+    SessionNotes(folder, operator="Ada").note("\x1b[31mred\u202etxt.exe <script>" + "x" * 10_000)
+    with TestClient(
+        console_app(hub), client=("127.0.0.1", 1), base_url="http://127.0.0.1"
+    ) as client:
+        page = client.get("/sessions/got").text
+    assert "\\x1b[31mred\\u202etxt.exe &lt;script&gt;" in page
+    assert "\x1b" not in page
+    assert "\u202e" not in page
+    assert "x" * 501 not in page
