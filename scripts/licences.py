@@ -79,7 +79,8 @@ def licence_of(package: Distribution) -> str:
     name = canonicalize_name(package.metadata["Name"])
     if name in READ_BY_HAND:
         return READ_BY_HAND[name]
-    expression = package.metadata["License-Expression"]
+    # get_all: a missing field is a KeyError where the backport of importlib.metadata is imported.
+    (expression, *_) = package.metadata.get_all("License-Expression") or [""]
     if expression:
         return str(expression)
     classifiers = [
@@ -89,7 +90,8 @@ def licence_of(package: Distribution) -> str:
     ]
     named = [text for text in classifiers if text not in ("OSI Approved", "DFSG approved")]
     if not named:
-        named = (package.metadata["License"] or "").strip().splitlines()[:1]
+        (text, *_) = package.metadata.get_all("License") or [""]
+        named = text.strip().splitlines()[:1]
     return " AND ".join(WORDED.get(text.strip().lower(), text.strip()) for text in named)
 
 

@@ -253,7 +253,7 @@ def _network_and_camera(config: CameraConfig) -> list[Check]:
 
 
 def _within(name: str, key: str, wanted: float, bounds: Bounds, unit: str) -> Check:
-    found = f"{bounds.low:g} to {bounds.high:g} {unit}"
+    found = f"{bounds.low:,.10g} to {bounds.high:,.10g} {unit}"
     if bounds.low <= wanted <= bounds.high:
         return Check(name=name, status="ok", found=found)
     return Check(

@@ -44,7 +44,10 @@ def console(
     ] = Path("sessions"),
     plans: Annotated[
         list[Path] | None,
-        typer.Option(help="Folder of capture plans, besides the bench file's; may be repeated."),
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of capture plans, besides the bench file's; may be repeated.",
+        ),
     ] = None,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 picks a free one.")

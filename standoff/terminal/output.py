@@ -113,7 +113,7 @@ def say_error(text: object) -> None:
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Print a table; the first column is text and wraps if space is short, the others numbers."""
     # Names of files and folders may contain brackets, which are not markup.
-    table = Table(title=Text(title), title_justify="left", title_style="bold")
+    table = Table(title=Text(on_one_line(title)), title_justify="left", title_style="bold")
     for index, column in enumerate(columns):
         if index == 0:
             table.add_column(Text(column), justify="left", overflow="fold")
