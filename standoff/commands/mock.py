@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from acquisition.printable import on_one_line
 from hil_mocks.stages import StageProtocol
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import ERRORS, BenchKeys, Json, read_bench, say, say_error
@@ -87,7 +88,7 @@ def mock(
         console = PracticeConsole(practice, stage)
         for line in _lines(ended):
             try:
-                ERRORS.print(console.execute(line), markup=False)
+                ERRORS.print(on_one_line(console.execute(line)), markup=False)
             except PracticeCommandError as error:
                 say_error(error)
 

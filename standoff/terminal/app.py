@@ -61,7 +61,6 @@ def application(arguments: list[str]) -> typer.Typer:
             "much a change of camera pose costs in change detection."
         ),
         invoke_without_command=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )

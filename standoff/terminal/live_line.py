@@ -7,6 +7,7 @@ from typing import Self
 from rich.live import Live
 from rich.text import Text
 
+from acquisition.printable import on_one_line
 from standoff.terminal.output import ERRORS
 
 _INTERVAL_S = 0.1
@@ -43,6 +44,7 @@ class LiveLine:
 
     def show(self, text: str, style: str = "") -> None:
         """Draw a text, unless one was drawn a moment ago."""
+        text = on_one_line(text)
         now_s = self._clock()
         interval_s = _PLAIN_INTERVAL_S if self._live is None else _INTERVAL_S
         if self._shown_s is not None and now_s - self._shown_s < interval_s:

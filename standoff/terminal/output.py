@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -26,6 +28,7 @@ ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
 """Every remark printed by the command that runs, for its report; None outside a command."""
 
+_PLAIN_EVERY_S = 30.0
 _WITHOUT_A_TERMINAL = 10_000
 _LONGEST_ERROR = 4000
 _RESULTS = Console(
@@ -34,18 +37,35 @@ _RESULTS = Console(
 
 
 class Bar:
-    """One progress bar; ``advance_to`` sets how much is done."""
+    """Progress of one piece of work; ``advance_to`` sets how much is done.
+
+    On a terminal a bar; elsewhere, such as in a log, a plain line now and then.
+    """
 
     def __init__(self, progress: Progress, description: str, total: int) -> None:
         self._progress = progress
-        self._task = progress.add_task(description, total=total)
+        self._is_plain = progress.disable
+        self._task = progress.add_task(escape(on_one_line(description)), total=total)
+        self._description, self._total = description, total
+        self._begun_s = self._told_s = time.monotonic()
 
     def advance_to(self, done: int, description: str | None = None) -> None:
         """Show that ``done`` of the total are done."""
-        if description is None:
-            self._progress.update(self._task, completed=done)
-        else:
-            self._progress.update(self._task, completed=done, description=description)
+        if description is not None:
+            self._description = description
+        if self._is_plain:
+            self._tell(done)
+            return
+        shown = escape(on_one_line(self._description))
+        self._progress.update(self._task, completed=done, description=shown)
+
+    def _tell(self, done: int) -> None:
+        now_s = time.monotonic()
+        if now_s - self._told_s < _PLAIN_EVERY_S:
+            return
+        self._told_s = now_s
+        text = f"{self._description}: {done} of {self._total} after {now_s - self._begun_s:.0f} s"
+        ERRORS.print(on_one_line(text), markup=False)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -59,7 +79,7 @@ class Bar:
 
 @contextmanager
 def progress_bar(description: str, total: int) -> Iterator[Bar]:
-    """Show a bar on stderr while the block runs; nothing if stderr is not a terminal."""
+    """Show on stderr how far the block is: a bar on a terminal, else a line now and then."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -1,4 +1,5 @@
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -28,6 +29,27 @@ def assert_one_line(text: str) -> None:
 def test_the_version_is_printed(command: Command) -> None:
     done = command("--version")
     assert (done.status, done.out) == (0, f"standoff {__version__}\n")
+
+
+def test_the_shell_completes_commands_and_options() -> None:
+    for words, number, expected in (
+        ("standoff cal", 1, "calibrate"),
+        ("standoff limits --foc", 2, "--focal-length-px"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "standoff"],
+            env={
+                **os.environ,
+                "_STANDOFF_COMPLETE": "complete_bash",
+                "COMP_WORDS": words,
+                "COMP_CWORD": str(number),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert expected in done.stdout
+        assert done.stderr == ""
 
 
 def test_without_a_command_the_help_says_what_there_is(command: Command) -> None:

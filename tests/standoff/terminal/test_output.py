@@ -1,12 +1,21 @@
 """What tables show where room is short, and of names with brackets."""
 
 import io
+import time
+from itertools import count
 
 import pytest
 from rich.console import Console
 
 import standoff.terminal.output
-from standoff.terminal.output import NOTED, note, note_in_passing, print_table, say_error
+from standoff.terminal.output import (
+    NOTED,
+    note,
+    note_in_passing,
+    print_table,
+    progress_bar,
+    say_error,
+)
 
 NAME = "/somewhere/" + "deep/" * 40 + "edge[1].tif"
 
@@ -59,3 +68,31 @@ def test_an_error_that_repeats_a_value_of_a_hundred_thousand_letters_keeps_its_e
     assert line.startswith("standoff: noise.json: gain: expected a number, got xxx")
     assert line.endswith("xxx; write it anew\n")
     assert len(line) < 5000
+
+
+def test_without_a_terminal_long_work_tells_a_plain_line_now_and_then(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = count(step=10)
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(seconds)))
+    with progress_bar("calibrating a\x1b[2Jb [1]", 9) as bar:
+        for done in range(1, 10):
+            bar.advance_to(done)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert "[1]: 3 of 9 after 30 s" in lines[0]
+    assert all(line.isprintable() for line in lines)
+
+
+def test_short_work_without_a_terminal_tells_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar("calibrating", 3) as bar:
+        bar.advance_to(3)
+    assert capsys.readouterr().err == ""
+
+
+def test_the_title_of_a_table_is_on_one_printable_line(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table("Captures of a\x1b[2J\nb", ["file"], [["x"]])
+    title = capsys.readouterr().out.splitlines()[0]
+    assert title.isprintable()
+    assert title.startswith("Captures of a")
+    assert title.rstrip().endswith("b")
