@@ -38,6 +38,7 @@ class Tally:
     sessions: int = 0
     lost: int = 0
     wrong: int = 0
+    unfinished: int = 0
     largest_deviation: float = 0.0
     unlocked: int = 0
     killed: int = 0
@@ -85,7 +86,8 @@ class Tally:
             f"{sum(self.faults.values())} faults, which ended {sum(self.ended_runs.values())} "
             f"captures, and {self.killed} kills of the capturing process. Each was resumed by the "
             f"same command, {self.unlocked} after `stage unlock`. Faults that the drivers "
-            "corrected themselves ended none.",
+            f"corrected themselves ended none. After 40 runs {self.unfinished} sessions were not "
+            "complete yet.",
             "",
             "Every capture was compared with the scene at its height: the rms of its pixels "
             f"was at most {self.largest_deviation:.3f} times their noise.",
