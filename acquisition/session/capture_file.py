@@ -1,10 +1,11 @@
 """A capture as an ImageJ TIFF: mean, temporal variance, scale and record, in one plain file."""
 
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import tifffile
@@ -45,8 +46,8 @@ class CaptureImages:
             )
 
 
-def write_capture(file: BinaryIO, images: CaptureImages) -> None:
-    """Write the capture as a TIFF file; the same capture gives the same bytes.
+def capture_bytes(images: CaptureImages) -> memoryview:
+    """Make the bytes of a capture's TIFF file; the same capture gives the same bytes.
 
     Page 1 is the mean, page 2 the variance, uncompressed float32. The record is in ImageJ's
     Info as JSON without its ``sha256``, the scale in the resolution where it is known.
@@ -56,8 +57,7 @@ def write_capture(file: BinaryIO, images: CaptureImages) -> None:
     if images.variance_dn2 is not None:
         pages.append(images.variance_dn2)
         labels.append("variance")
-    _write_imagej(
-        file,
+    return _imagej_bytes(
         [np.asarray(page, dtype=np.float32) for page in pages],
         {"axes": "ZYX", "Labels": labels, "Info": _info(images.record)},
         images.record.scale_px_per_mm,
@@ -70,16 +70,14 @@ def _info(record: CaptureRecord) -> str:
     return json.dumps(document, ensure_ascii=True, allow_nan=False, indent=1)
 
 
-def write_frames(
-    file: BinaryIO, frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]
-) -> None:
-    """Write raw frames as one multi-page uint16 TIFF file, one page per frame, in order."""
+def frames_bytes(frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]) -> memoryview:
+    """Make the bytes of one multi-page uint16 TIFF file of raw frames, one a page, in order."""
     pages = [np.asarray(frame, dtype=np.uint16) for frame in frames_dn]
-    _write_imagej(file, pages, {"axes": "TYX"}, None)
+    return _imagej_bytes(pages, {"axes": "TYX"}, None)
 
 
 def parse_capture(data: bytes, *, source: str) -> CaptureImages:
-    """Read the bytes that ``write_capture`` wrote; an error message starts with ``source``.
+    """Read the bytes of ``capture_bytes``; an error message starts with ``source``.
 
     Raises
     ------
@@ -146,14 +144,14 @@ def _read(path: Path) -> bytes:
         raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
 
 
-def _write_imagej(
-    file: BinaryIO,
+def _imagej_bytes(
     pages: Sequence[NDArray[np.float32] | NDArray[np.uint16]],
     metadata: dict[str, object],
     scale_px_per_mm: float | None,
-) -> None:
+) -> memoryview:
     if scale_px_per_mm is not None:
         metadata = {**metadata, "unit": "mm"}
+    file = io.BytesIO()
     # One by one: a stack would be another copy of all pages.
     tifffile.imwrite(
         file,
@@ -166,3 +164,4 @@ def _write_imagej(
         resolution=None if scale_px_per_mm is None else (scale_px_per_mm, scale_px_per_mm),
         metadata=metadata,
     )
+    return file.getbuffer()

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from acquisition.errors import SessionError
-from acquisition.session.durable_write import PART_SUFFIX, fsync_directory
+from acquisition.session.durable_write import PART_SUFFIX, fsync_both, fsync_directory
 from acquisition.session.journal_chain import (
     HEAD_NAME,
     NO_LINES,
@@ -157,14 +157,15 @@ class JournalWriter:
             return file.read(1) in (b"", b"\n")
 
     def _write(self, line: bytes, head: JournalHead | None) -> None:
-        """Append to the file, then replace the head; undo the former if the disk refuses."""
+        """Append to the file and replace the head; undo the former if the disk refuses."""
         start = os.fstat(self._descriptor).st_size
         try:
             written = 0
             while written < len(line):
                 written += os.write(self._descriptor, line[written:])
-            os.fsync(self._descriptor)
-            if head is not None:
+            if head is None:
+                os.fsync(self._descriptor)
+            else:
                 self._replace_head(head)
         except OSError as error:
             # Half a line followed by another would be damage: remove it.
@@ -180,7 +181,7 @@ class JournalWriter:
         self._size = os.fstat(self._descriptor).st_size
 
     def _replace_head(self, head: JournalHead) -> None:
-        """Replace the head, whole or not at all.
+        """Make the lines durable, and then replace the head, whole or not at all.
 
         Its name is durable with the next line: a file system's journal keeps the order, and a head
         that lags behind is no fault.
@@ -190,7 +191,7 @@ class JournalWriter:
         with part.open("wb") as file:
             file.write(head.to_bytes())
             file.flush()
-            os.fsync(file.fileno())
+            fsync_both(self._descriptor, file.fileno())
         part.replace(path)
 
 

@@ -1,12 +1,11 @@
 """Files of the bench and of a capture session: TOML, JSON, journal and capture TIFF."""
 
-from io import BytesIO
 from pathlib import Path
 
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan, plan_entries
-from acquisition.session.capture_file import parse_capture, read_capture, write_capture
+from acquisition.session.capture_file import capture_bytes, parse_capture, read_capture
 from acquisition.session.journal import JournalWriter
 from acquisition.session.journal_event import JournalEvent
 from acquisition.session.journal_reading import read_journal, read_journal_file
@@ -38,12 +37,6 @@ EVENTS = (
     JournalEvent(kind="retake", utc=UTC_TEXT, uid="t", facts={"supersedes": "u7"}),
 )
 JOURNALS = chained_journal(EVENTS), unchained_journal(EVENTS)
-
-
-def capture_bytes() -> bytes:
-    buffer = BytesIO()
-    write_capture(buffer, images(RECORD))
-    return buffer.getvalue()
 
 
 def read_plan(path: Path) -> object:
@@ -140,14 +133,14 @@ SESSION_TARGETS = (
     ),
     FuzzTarget(
         name="capture TIFF",
-        data=damaged_bytes((capture_bytes(),)),
+        data=damaged_bytes((bytes(capture_bytes(images(RECORD))),)),
         read=lambda data: parse_capture(data, source="capture"),
         documented=(SessionError,),
         examples=150,
     ),
     FuzzTarget(
         name="capture TIFF by its path",
-        data=damaged_bytes((capture_bytes(),)),
+        data=damaged_bytes((bytes(capture_bytes(images(RECORD))),)),
         read=from_file(read_capture, "capture.tif"),
         documented=(SessionError,),
     ),

@@ -1,7 +1,6 @@
 import io
 import json
 import struct
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,26 +15,13 @@ from PIL import Image
 from acquisition.errors import SessionError
 from acquisition.session.capture_file import (
     CaptureImages,
+    capture_bytes,
+    frames_bytes,
     parse_capture,
     read_capture,
-    write_capture,
-    write_frames,
 )
 from acquisition.session.record import CaptureRecord
 from tests.acquisition.records import PHOTOGRAPH, RECORD, images
-
-
-def capture_bytes(stored: CaptureImages) -> bytes:
-    buffer = io.BytesIO()
-    write_capture(buffer, stored)
-    return buffer.getvalue()
-
-
-def frames_bytes(frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]) -> bytes:
-    buffer = io.BytesIO()
-    write_frames(buffer, frames_dn)
-    return buffer.getvalue()
-
 
 X_RESOLUTION, RESOLUTION_UNIT, COMPRESSION = 282, 296, 259
 
@@ -43,7 +29,7 @@ X_RESOLUTION, RESOLUTION_UNIT, COMPRESSION = 282, 296, 259
 @pytest.mark.parametrize("record", [RECORD, PHOTOGRAPH])
 def test_a_capture_reads_back_bit_for_bit_with_its_record(record: CaptureRecord) -> None:
     stored = images(record)
-    read = parse_capture(capture_bytes(stored), source="file")
+    read = parse_capture(bytes(capture_bytes(stored)), source="file")
     assert read.record == replace(record, sha256=None)
     np.testing.assert_array_equal(read.mean_dn, stored.mean_dn)
     assert read.mean_dn.dtype == np.dtype("=f4")
@@ -60,7 +46,7 @@ def test_the_same_capture_gives_the_same_bytes() -> None:
 @given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=50))
 def test_any_text_survives_in_the_info(target: str) -> None:
     stored = images(replace(RECORD, target=target))
-    assert parse_capture(capture_bytes(stored), source="file").record.target == target
+    assert parse_capture(bytes(capture_bytes(stored)), source="file").record.target == target
 
 
 def test_imagej_finds_two_labelled_slices_the_scale_in_mm_and_the_info() -> None:
@@ -119,7 +105,7 @@ def test_a_file_that_is_no_capture_says_so(tmp_path: Path) -> None:
     assert refused.value.path == tmp_path / "absent.tif"
 
 
-CAPTURE = capture_bytes(images())
+CAPTURE = bytes(capture_bytes(images()))
 
 
 @given(st.integers(0, len(CAPTURE) - 1))

@@ -2,11 +2,10 @@ import errno
 import hashlib
 import os
 from pathlib import Path
-from typing import BinaryIO
 
 import pytest
 
-from acquisition.session.durable_write import atomic_write, atomic_write_hashed
+from acquisition.session.durable_write import atomic_write, atomic_write_hashed, fsync_both
 
 
 def test_a_file_is_written_whole_and_leaves_no_part(tmp_path: Path) -> None:
@@ -58,25 +57,35 @@ def test_data_are_durable_before_the_name_and_the_name_before_the_return(
     assert steps == ["fsync file", "rename", "fsync directory"]
 
 
-def test_the_hash_is_that_of_the_file_even_where_its_beginning_was_written_last(
-    tmp_path: Path,
-) -> None:
-    def write(file: BinaryIO) -> None:
-        file.write(b"....def")
-        file.seek(0)
-        file.write(b"abc-")
-
-    digest = atomic_write_hashed(tmp_path / "a.bin", write)
-    assert (tmp_path / "a.bin").read_bytes() == b"abc-def"
-    assert digest == hashlib.sha256(b"abc-def").hexdigest()
+def test_the_hash_is_that_of_the_file(tmp_path: Path) -> None:
+    digest = atomic_write_hashed(tmp_path / "a.bin", memoryview(b"abc-def"))
+    assert digest == hashlib.sha256((tmp_path / "a.bin").read_bytes()).hexdigest()
 
 
-def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
-    def write(file: BinaryIO) -> None:
-        file.write(b"half")
+def test_a_write_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError) as refused:
-        atomic_write_hashed(tmp_path / "a.bin", write)
+        atomic_write_hashed(tmp_path / "a.bin", b"half")
     assert refused.value.errno == errno.ENOSPC
     assert list(tmp_path.iterdir()) == []
+
+
+def test_two_files_are_durable_together_and_a_failure_of_either_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: set[int] = set()
+    monkeypatch.setattr(os, "fsync", synced.add)
+    fsync_both(3, 4)
+    assert synced == {3, 4}
+    for bad in (3, 4):
+
+        def fails(descriptor: int, bad: int = bad) -> None:
+            if descriptor == bad:
+                raise OSError(errno.EIO, "Input/output error")
+
+        monkeypatch.setattr(os, "fsync", fails)
+        with pytest.raises(OSError, match="Input/output"):
+            fsync_both(3, 4)

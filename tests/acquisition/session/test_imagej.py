@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.session.capture_file import write_capture
+from acquisition.session.capture_file import capture_bytes
 from acquisition.session.record import CaptureRecord
 from tests.acquisition.records import RECORD, images
 
@@ -45,8 +45,7 @@ def test_imagej_reads_the_pixels_the_scale_and_the_record(tmp_path: Path) -> Non
     stored = images(record)
     assert stored.variance_dn2 is not None
     capture = tmp_path / "capture.tif"
-    with capture.open("wb") as file:
-        write_capture(file, stored)
+    capture.write_bytes(capture_bytes(stored))
     macro = tmp_path / "read.ijm"
     values, info = tmp_path / "values.txt", tmp_path / "info.txt"
     macro.write_text(MACRO.format(capture=capture, values=values, info=info), encoding="utf-8")

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import BinaryIO
 
 import pytest
 
@@ -112,11 +111,11 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     writes: list[Path] = []
 
-    def fill_up(path: Path, write: Callable[[BinaryIO], None]) -> str:
+    def fill_up(path: Path, data: memoryview) -> str:
         writes.append(path)
         if len(writes) > 2:
             raise OSError(errno.ENOSPC, "No space left on device")
-        return atomic_write_hashed(path, write)
+        return atomic_write_hashed(path, data)
 
     with monkeypatch.context() as patch:
         patch.setattr("acquisition.session.writer.atomic_write_hashed", fill_up)

@@ -13,7 +13,7 @@ import tifffile
 from hypothesis import example, given, strategies as st
 from PIL import Image
 
-from acquisition.session.capture_file import CaptureImages, write_capture
+from acquisition.session.capture_file import CaptureImages, capture_bytes
 from standoff.errors import ImageFileError
 from standoff.photographs.encoding import SRGB, Encoding
 from standoff.photographs.reader import ReadOptions
@@ -289,11 +289,10 @@ def test_a_mask_beside_the_image_is_no_page(tmp_path: Path) -> None:
 def test_a_capture_of_a_session_is_its_mean_with_the_variance(tmp_path: Path) -> None:
     mean = (GREY_16 / 16.5).astype(np.float32)
     variance = (GREY / 7.0).astype(np.float32)
-    buffer = BytesIO()
     record = replace(RECORD, frames_used=25, max_level_dn=4095.0, scale_px_per_mm=None)
-    write_capture(buffer, CaptureImages(mean_dn=mean, variance_dn2=variance, record=record))
+    data = capture_bytes(CaptureImages(mean_dn=mean, variance_dn2=variance, record=record))
     for options in (ReadOptions(), ReadOptions(page=1), MEAN):
-        found = read(tmp_path, buffer.getvalue(), options)
+        found = read(tmp_path, bytes(data), options)
         np.testing.assert_array_equal(found.grey_dn, mean)
         assert found.variance_dn2 is not None
         np.testing.assert_array_equal(found.variance_dn2, variance)
