@@ -2,7 +2,7 @@
 
 Run with ``python -m benchmarks.bench_sr_pairs [--before CHECKOUT] [--workers N]``. The peer makes
 the same pairs one by one, as earlier versions did: OpenCV's PNGs, each file and its folder made
-durable. CHECKOUT is a working tree of the commit a87aaea, which is then run on the same
+durable. CHECKOUT is a working tree of a version without layouts, which is then run on the same
 photographs; it knew linear levels and the model ``matched`` alone, and so do we in that comparison.
 The rate with workers is that of the second half of a run, without the start.
 """
@@ -225,7 +225,7 @@ def compare_workers(record: Recorder, folder: Path, workers: int) -> None:
 
 def main() -> None:
     parser = bench_parser(__doc__)
-    parser.add_argument("--before", type=Path, metavar="CHECKOUT", help="tree of commit a87aaea")
+    parser.add_argument("--before", type=Path, metavar="CHECKOUT", help="an older version's tree")
     parser.add_argument("--workers", type=int, default=2, help="worker processes, 2 by default")
     given = parser.parse_args()
     cv2.setNumThreads(1)

@@ -3,6 +3,8 @@
 ``make fuzz`` searches on with new examples; what it finds gets an ``@example``.
 """
 
+import signal
+
 import pytest
 from hypothesis import settings
 
@@ -16,6 +18,7 @@ settings.load_profile("fixed")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let no test run on compiled code that is older than its sources."""
+    """Let no test run on stale compiled code, or with Ctrl-C ignored as in a background job."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if not hasattr(config, "workerinput"):
         drop_stale_code()
