@@ -18,17 +18,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import settings
 
 from tests.conftest import SEARCH_PROFILE
-from tests.fuzz.commands.odd_file import OddFile
-from tests.fuzz.commands.server import CommandServer
-from tests.fuzz.commands.slots import SLOTS, Slot
-from tests.fuzz.commands.sound_files import make_sound_files
-from tests.fuzz.commands.verdict import faults_of
+from tests.fuzz.commands.search import search_commands
+from tests.fuzz.commands.slots import SLOTS
 from tests.fuzz.target import FuzzTarget
 from tests.fuzz.test_fuzz import TARGETS
 
@@ -87,27 +83,16 @@ def properties_hold(module: str) -> bool:
 def commands_hold(names: list[str]) -> bool:
     """Give the commands whose place has such a name, or all, every case; False if one fails."""
     slots = [slot for slot in SLOTS if not names or slot.name in names]
-    count = failed = 0
-    with TemporaryDirectory() as folder, CommandServer() as server:
-        root = Path(folder)
-        (root / "sound").mkdir()
-        make_sound_files(root / "sound")
-        for slot in slots:
-            cases: list[OddFile | None] = [None, *slot.odd_files(root / "sound")]
-            found = 0
-            for odd in cases:
-                for fault in faults_of(server, slot, odd, root):
-                    case = "the sound file" if odd is None else f"{odd.kind}, {odd.name}"
-                    print(f"  {slot.name}: {case}: {fault}", flush=True)
-                    found += 1
-            count, failed = count + len(cases), failed + found
-            print(f"{slot.name}: {len(cases)} cases, {found} faults", flush=True)
-    print(f"{count} cases at {len(slots)} places of {_commands(slots)} commands; {failed} faults")
-    return failed == 0
-
-
-def _commands(slots: list[Slot]) -> int:
-    return len({slot.arguments[0] for slot in slots})
+    cases = faults = 0
+    for searched in search_commands(slots):
+        name, count = searched.slot.name, len(searched.faults)
+        print(f"{name}: {searched.cases} cases, {count} faults", flush=True)
+        for fault in searched.faults:
+            print(f"  {name}: {fault}", flush=True)
+        cases, faults = cases + searched.cases, faults + count
+    commands = len({slot.arguments[0] for slot in slots})
+    print(f"{cases} cases at {len(slots)} places of {commands} commands; {faults} faults")
+    return faults == 0
 
 
 def main() -> int:

@@ -237,6 +237,9 @@ SESSION_SLOTS = tuple(
     _slot(f"{name}, {file}", f"{folder}/{file}", cases, line, keeps=True)
     for name, (folder, line) in _ON_SESSIONS.items()
     for file, cases in (("session.json", _json), ("journal.jsonl", _journal))
+) + tuple(
+    _slot(f"{name}, journal.head", "taken/journal.head", _json, _ON_SESSIONS[name][1], keeps=True)
+    for name in ("verify", "session note", "capture")
 )
 
 SLOTS = (*IMAGE_SLOTS, *DOCUMENT_SLOTS, *SESSION_SLOTS)

@@ -1,6 +1,7 @@
 """Whether a command that was given an odd file ended as it must."""
 
 import hashlib
+import os
 import re
 import stat
 from collections.abc import Iterator
@@ -25,9 +26,7 @@ def faults_of(server: CommandServer, slot: Slot, odd: OddFile | None, root: Path
 
     ``root`` holds the folder ``sound``; the command runs in a folder beside it, which is emptied.
     """
-    work = root / "work"
-    rmtree(work, ignore_errors=True)
-    work.mkdir()
+    work = emptied_folder(root)
     arguments = slot.command(odd, root / "sound", work)
     before = _tree(work)
     ended = server.run(arguments, work)
@@ -43,6 +42,14 @@ def faults_of(server: CommandServer, slot: Slot, odd: OddFile | None, root: Path
         changed = [name for name in before if before[name] != after.get(name)]
         faults += [f"altered {name}" for name in changed if stat.S_ISREG(before[name][0])]
     return faults
+
+
+def emptied_folder(root: Path) -> Path:
+    """A folder beside the sound files for the commands of this process."""
+    work = root / f"work-{os.getpid()}"
+    rmtree(work, ignore_errors=True)
+    work.mkdir()
+    return work
 
 
 def _faults(ended: Ended, *, is_refused: bool) -> Iterator[str]:

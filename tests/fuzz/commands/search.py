@@ -1,0 +1,75 @@
+"""Every odd file at every place, in several processes."""
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from tests.fuzz.commands.odd_file import OddFile
+from tests.fuzz.commands.server import CommandServer
+from tests.fuzz.commands.slots import SLOTS, Slot
+from tests.fuzz.commands.sound_files import make_sound_files
+from tests.fuzz.commands.verdict import emptied_folder, faults_of
+
+PROCESSES = len(os.sched_getaffinity(0))
+
+# Between them they load and compile what all others need.
+_REHEARSED = ("calibrate", "simulate", "simulate, another pose", "detectability", "changes", "pose")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchedSlot:
+    """A place that was given its odd files: how many, and what was wrong."""
+
+    slot: Slot
+    cases: int
+    faults: tuple[str, ...]
+
+
+def search_commands(slots: Sequence[Slot], processes: int = PROCESSES) -> Iterator[SearchedSlot]:
+    """Give the commands every odd file at these places; yields those that are done."""
+    with TemporaryDirectory() as folder:
+        root = Path(folder)
+        (root / "sound").mkdir()
+        make_sound_files(root / "sound")
+        workers = ProcessPoolExecutor(
+            processes, mp_context=get_context("spawn"), initializer=_start, initargs=(root,)
+        )
+        with workers:
+            searches = {workers.submit(_search, slot.name): slot for slot in slots}
+            for done in as_completed(searches):
+                cases, faults = done.result()
+                yield SearchedSlot(slot=searches[done], cases=cases, faults=tuple(faults))
+
+
+class _Worker:
+    """What a process of the search has for all its places."""
+
+    root: Path
+    server: CommandServer
+
+
+def _start(root: Path) -> None:
+    _Worker.root, _Worker.server = root, CommandServer()
+    for name in _REHEARSED:
+        work = emptied_folder(root)
+        _Worker.server.rehearse(_slot(name).command(None, root / "sound", work), work)
+
+
+def _slot(name: str) -> Slot:
+    [slot] = [slot for slot in SLOTS if slot.name == name]
+    return slot
+
+
+def _search(name: str) -> tuple[int, list[str]]:
+    """Number of cases at a place, and the faults."""
+    slot, faults = _slot(name), []
+    cases: list[OddFile | None] = [None, *slot.odd_files(_Worker.root / "sound")]
+    for odd in cases:
+        case = "the sound file" if odd is None else f"{odd.kind}, {odd.name}"
+        found = faults_of(_Worker.server, slot, odd, _Worker.root)
+        faults += [f"{case}: {fault}" for fault in found]
+    return len(cases), faults
