@@ -36,11 +36,14 @@ def faults_of(server: CommandServer, slot: Slot, odd: OddFile | None, root: Path
     faults = list(_faults(ended, is_refused=odd.is_refused and not slot.notes_odd_files))
     new = [name for name, (mode, *_) in after.items() if name not in before and stat.S_ISREG(mode)]
     faults += [f"left {name}" for name in new if name.endswith(".part")]
-    if ended.status in REFUSALS and not slot.keeps_results:
-        faults += [f"refused, yet wrote {name}" for name in new]
-    if ended.status in REFUSALS or not slot.keeps_results:
-        changed = [name for name in before if before[name] != after.get(name)]
-        faults += [f"altered {name}" for name in changed if stat.S_ISREG(before[name][0])]
+    if ended.status in REFUSALS:
+        faults += [f"refused, yet wrote {name}" for name in new if not name.startswith(slot.leaves)]
+    may_change = () if ended.status in REFUSALS else slot.alters
+    faults += [
+        f"altered {name}"
+        for name, was in before.items()
+        if stat.S_ISREG(was[0]) and was != after.get(name) and not name.startswith(may_change)
+    ]
     return faults
 
 
