@@ -17,8 +17,8 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 from tempfile import TemporaryFile
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
+from unittest.mock import patch
 
 HANGS_AFTER_S = 120
 """Clock time at which a command is killed; a busy machine stretches what takes seconds."""
@@ -76,15 +76,8 @@ class CommandServer:
         self._process.stdin.flush()
         return json.loads(self._process.stdout.readline())
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End the process."""
         self._process.communicate()
 
 
@@ -109,6 +102,8 @@ def _load_everything() -> None:
         for module in walk_packages([package], f"{package}."):
             if not any(part in _NOT_LOADED for part in module.name.split(".")):
                 import_module(module.name)
+    # Most of the time that figures take goes into their pixels, which nobody looks at here.
+    patch("analysis.reports.page._PNG_DPI", 20).start()
     gc.collect()
     gc.freeze()
 

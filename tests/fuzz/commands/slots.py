@@ -113,7 +113,7 @@ def _journal(sound: bytes) -> Iterator[OddFile]:
 
 
 # They list many, and are there to show which of them cannot be read.
-_LISTS = ("session list", "compare --history")
+_LISTS = ("session list", "compare --history of a folder")
 
 _LEAVES = {
     "detectability": ("out.sweep/",),
@@ -205,6 +205,7 @@ DOCUMENT_SLOTS = (
     _slot("compare", "psf.json", _json, "compare BAD @other-psf.json"),
     _slot("compare --history", "psf.json", _json,
           "compare BAD @other-psf.json --history --report out.html"),
+    _slot("compare --history of a folder", "lens/psf.json", _json, "compare lens --history"),
     _slot("limits", "curves.json", _json,
           "limits --curves BAD --min-dprime 2 --focal-length-px 900 --image-size 780x580"),
     _slot("limits --geometry", "geometry.json", _json,
