@@ -84,12 +84,11 @@ def commands_hold(names: list[str]) -> bool:
     """Give the commands whose place has such a name, or all, every case; False if one fails."""
     slots = [slot for slot in SLOTS if not names or slot.name in names]
     cases = faults = 0
-    for searched in search_commands(slots):
-        name, count = searched.slot.name, len(searched.faults)
-        print(f"{name}: {searched.cases} cases, {count} faults", flush=True)
-        for fault in searched.faults:
-            print(f"  {name}: {fault}", flush=True)
-        cases, faults = cases + searched.cases, faults + count
+    for part in search_commands(slots):
+        print(part, flush=True)
+        for fault in part.faults:
+            print(f"  {part.slot}: {fault}", flush=True)
+        cases, faults = cases + part.cases, faults + len(part.faults)
     commands = len({slot.arguments[0] for slot in slots})
     print(f"{cases} cases at {len(slots)} places of {commands} commands; {faults} faults")
     return faults == 0

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -15,7 +16,7 @@ from acquisition.session.journal_chain import (
     JournalHead,
     chain_after,
 )
-from tests.fuzz.commands.odd_file import OddFile, cut_short, of_bytes, with_flipped_bits
+from tests.fuzz.commands.odd_file import OddFile, cut_short, made_of, of_bytes, with_flipped_bits
 from tests.fuzz.damage import DEEP, places
 
 CASES_LEAST = 200
@@ -47,7 +48,7 @@ def odd_json(sound: bytes) -> Iterator[OddFile]:
     yield of_bytes("JSON with keys given twice", "all", twice)
     yield of_bytes("JSON with an unknown key", "all", json.dumps(document | {"more": 1}).encode())
     for kind, name, data in _values(document, most=3 * CASES_LEAST):
-        yield of_bytes(f"JSON {kind}", name, data)
+        yield made_of(f"JSON {kind}", name, data)
 
 
 def odd_journal(sound: bytes) -> Iterator[OddFile]:
@@ -66,15 +67,24 @@ def odd_journal(sound: bytes) -> Iterator[OddFile]:
     texts = [_text_of(line) for line in lines]
     for kind, name, changed in _rearranged(texts):
         numbered = [_numbered(text, place) for place, text in enumerate(changed, start=1)]
-        yield _chained(f"chained {kind}", name, numbered)
+        yield OddFile(kind=f"chained {kind}", name=name, make=partial(_write_chained, numbered))
     for index in sorted({0, 1, len(texts) // 2, len(texts) - 1}):
-        before, after = texts[:index], texts[index + 1 :]
         for kind, name, event in _values(json.loads(texts[index]), most=60):
-            where = f"line {index + 1}: {name}"
-            yield _chained(f"chained event {kind}", where, [*before, event, *after])
+            chained = partial(_chain_with, event, texts, index)
+            yield OddFile(
+                kind=f"chained event {kind}", name=f"line {index + 1}: {name}", make=chained
+            )
         for kind, name, event in _values(json.loads(lines[index]), most=15):
-            changed = [*lines[:index], event + b"\n", *lines[index + 1 :]]
-            yield of_bytes(f"event {kind}", f"line {index + 1}: {name}", b"".join(changed))
+            changed = partial(_lines_with, event, lines, index)
+            yield made_of(f"event {kind}", f"line {index + 1}: {name}", changed)
+
+
+def _lines_with(event: Callable[[], bytes], lines: list[bytes], index: int) -> bytes:
+    return b"".join([*lines[:index], event() + b"\n", *lines[index + 1 :]])
+
+
+def _chain_with(event: Callable[[], bytes], texts: list[bytes], index: int, path: Path) -> None:
+    _write_chained([*texts[:index], event(), *texts[index + 1 :]], path)
 
 
 def _rearranged(lines: list[bytes]) -> Iterator[tuple[str, str, list[bytes]]]:
@@ -96,19 +106,15 @@ def _numbered(text: bytes, number: int) -> bytes:
     return re.sub(rb'^\{"seq": \d+', b'{"seq": %d' % number, text)
 
 
-def _chained(kind: str, name: str, texts: list[bytes]) -> OddFile:
-    """A journal of these lines as if it had been written so, with its head."""
+def _write_chained(texts: list[bytes], path: Path) -> None:
+    """Write a journal of these lines as if it had been written so, with its head."""
     chain, written = NO_LINES, b""
     for text in texts:
         chain = chain_after(chain, text)
         written += ChainedLine(text=text, chain=chain).to_bytes()
-    head = JournalHead(lines=len(texts), chain=chain).to_bytes()
-
-    def make(path: Path) -> None:
-        path.write_bytes(written)
-        path.with_name(HEAD_NAME).write_bytes(head)
-
-    return OddFile(kind=kind, name=name, make=make)
+    path.write_bytes(written)
+    head = JournalHead(lines=len(texts), chain=chain)
+    path.with_name(HEAD_NAME).write_bytes(head.to_bytes())
 
 
 def odd_toml(sound: bytes) -> Iterator[OddFile]:
@@ -206,10 +212,10 @@ def _texts(kind: str, sound: bytes, *, is_refused: bool = True) -> Iterator[OddF
     yield of_bytes(f"{kind} with a byte order mark", "UTF-8", b"\xef\xbb\xbf" + sound)
 
 
-def _values(document: Any, most: int) -> Iterator[tuple[str, str, bytes]]:
+def _values(document: Any, most: int) -> Iterator[tuple[str, str, Callable[[], bytes]]]:
     """Each value in a document removed, or another one in its place; in the order of a draw.
 
-    Kind, name and text of at most ``most`` of each of the two.
+    Kind, name and text of at most ``most`` of each of the two; the text is made when it is needed.
     """
     paths = places(document)[1:]
     texts = [*_LITERALS, *(json.dumps(value) for value in _VALUES)]
@@ -217,14 +223,22 @@ def _values(document: Any, most: int) -> Iterator[tuple[str, str, bytes]]:
     random = Random(1)
     random.shuffle(changes)
     for path in random.sample(paths, min(most, len(paths))):
-        found = deepcopy(document)
-        del _parent(found, path)[path[-1]]
-        yield "without a value", _dotted(path), json.dumps(found).encode()
+        yield "without a value", _dotted(path), partial(_without, document, path)
     for number, (path, text) in enumerate(changes[:most]):
-        found = deepcopy(document)
-        _parent(found, path)[path[-1]] = _NUMBER
-        data = json.dumps(found).replace(json.dumps(_NUMBER), text).encode()
-        yield "of another value", f"{number}: {_dotted(path)} = {text[:30]}", data
+        name = f"{number}: {_dotted(path)} = {text[:30]}"
+        yield "of another value", name, partial(_with_value, document, path, text)
+
+
+def _without(document: Any, path: tuple[Any, ...]) -> bytes:
+    changed = deepcopy(document)
+    del _parent(changed, path)[path[-1]]
+    return json.dumps(changed).encode()
+
+
+def _with_value(document: Any, path: tuple[Any, ...], text: str) -> bytes:
+    changed = deepcopy(document)
+    _parent(changed, path)[path[-1]] = _NUMBER
+    return json.dumps(changed).replace(json.dumps(_NUMBER), text).encode()
 
 
 def _parent(document: Any, path: tuple[Any, ...]) -> Any:

@@ -20,29 +20,44 @@ PROCESSES = len(os.sched_getaffinity(0))
 _REHEARSED = ("calibrate", "simulate", "simulate, another pose", "detectability", "changes", "pose")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SearchedSlot:
-    """A place that was given its odd files: how many, and what was wrong."""
+CASES_A_PART = 40
 
-    slot: Slot
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchedPart:
+    """Some cases of a place, counted from the sound file on, and what was wrong."""
+
+    slot: str
+    first: int
     cases: int
     faults: tuple[str, ...]
 
+    def __str__(self) -> str:
+        last = self.first + self.cases - 1
+        return f"{self.slot}: cases {self.first} to {last}, {len(self.faults)} faults"
 
-def search_commands(slots: Sequence[Slot], processes: int = PROCESSES) -> Iterator[SearchedSlot]:
-    """Give the commands every odd file at these places; yields those that are done."""
+
+def search_commands(slots: Sequence[Slot], processes: int = PROCESSES) -> Iterator[SearchedPart]:
+    """Give the commands every odd file at these places; yields what is done.
+
+    A case of each kind comes first, at every place, before the many that are alike.
+    """
     with TemporaryDirectory() as folder:
         root = Path(folder)
         (root / "sound").mkdir()
         make_sound_files(root / "sound")
+        parts = sorted(
+            (first, place, slot.name)
+            for place, slot in enumerate(slots)
+            for first in range(0, 1 + len(slot.odd_files(root / "sound")), CASES_A_PART)
+        )
         workers = ProcessPoolExecutor(
             processes, mp_context=get_context("spawn"), initializer=_start, initargs=(root,)
         )
         with workers:
-            searches = {workers.submit(_search, slot.name): slot for slot in slots}
+            searches = [workers.submit(_search, name, first) for first, _, name in parts]
             for done in as_completed(searches):
-                cases, faults = done.result()
-                yield SearchedSlot(slot=searches[done], cases=cases, faults=tuple(faults))
+                yield done.result()
 
 
 class _Worker:
@@ -64,12 +79,12 @@ def _slot(name: str) -> Slot:
     return slot
 
 
-def _search(name: str) -> tuple[int, list[str]]:
-    """Number of cases at a place, and the faults."""
+def _search(name: str, first: int) -> SearchedPart:
     slot, faults = _slot(name), []
     cases: list[OddFile | None] = [None, *slot.odd_files(_Worker.root / "sound")]
-    for odd in cases:
+    part = cases[first : first + CASES_A_PART]
+    for odd in part:
         case = "the sound file" if odd is None else f"{odd.kind}, {odd.name}"
         found = faults_of(_Worker.server, slot, odd, _Worker.root)
         faults += [f"{case}: {fault}" for fault in found]
-    return len(cases), faults
+    return SearchedPart(slot=name, first=first, cases=len(part), faults=tuple(faults))
