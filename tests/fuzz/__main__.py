@@ -1,11 +1,11 @@
 """The open search, by the clock: ``python -m tests.fuzz --minutes 30 [NAME...]``.
 
 First every command is given every odd file at every place of its command line, which is counted
-(``--no-commands`` leaves that out; ``--slot NAME`` does those places alone). Then, in each round,
-every reader is fed damaged input, and every property test gets examples that it has not seen. What
-is found is printed by Hypothesis, kept in ``.hypothesis`` and found again at once
-by the next run; it becomes a fixed case beside the test, as ``make test`` draws the same examples
-each time.
+(``--no-commands`` leaves that out; ``--slot NAME`` does those places alone; ``--after FILE`` goes
+on where the run ended whose output that is). Then, in each round, every reader is fed damaged
+input, and every property test gets examples that it has not seen. What is found is printed by
+Hypothesis, kept in ``.hypothesis`` and found again at once by the next run; it becomes a fixed case
+beside the test, as ``make test`` draws the same examples each time.
 """
 
 import argparse
@@ -23,7 +23,7 @@ import pytest
 from hypothesis import settings
 
 from tests.conftest import SEARCH_PROFILE
-from tests.fuzz.commands.search import search_commands
+from tests.fuzz.commands.search import parts_in, search_commands
 from tests.fuzz.commands.slots import SLOTS
 from tests.fuzz.target import FuzzTarget
 from tests.fuzz.test_fuzz import TARGETS
@@ -80,11 +80,15 @@ def properties_hold(module: str) -> bool:
     return False
 
 
-def commands_hold(names: list[str]) -> bool:
-    """Give the commands whose place has such a name, or all, every case; False if one fails."""
+def commands_hold(names: list[str], earlier: Path | None = None) -> bool:
+    """Give the commands whose place has such a name, or all, every case; False if one fails.
+
+    What the output of an earlier run says was done is left out.
+    """
+    done_before = parts_in("" if earlier is None else earlier.read_text("utf-8"))
     slots = [slot for slot in SLOTS if not names or slot.name in names]
     cases = faults = 0
-    for part in search_commands(slots):
+    for part in search_commands(slots, done_before):
         print(part, flush=True)
         for fault in part.faults:
             print(f"  {part.slot}: {fault}", flush=True)
@@ -99,11 +103,12 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help="part of a name")
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--slot", action="append", default=[], help="odd files at this place")
+    parser.add_argument("--after", type=Path, help="output of a run to go on with at its places")
     parser.add_argument("--no-commands", action="store_true", help="no odd files for commands")
     given = parser.parse_args()
     if given.slot:
-        return 0 if commands_hold(given.slot) else 1
-    is_sound = given.no_commands or bool(given.names) or commands_hold([])
+        return 0 if commands_hold(given.slot, given.after) else 1
+    is_sound = given.no_commands or bool(given.names) or commands_hold([], given.after)
     known = [*readers(), *property_tests()]
     searched = [s for s in known if not given.names or any(n in s.name for n in given.names)]
     if not searched:

@@ -1,6 +1,7 @@
 """Every odd file at every place, in several processes."""
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -37,7 +38,15 @@ class SearchedPart:
         return f"{self.slot}: cases {self.first} to {last}, {len(self.faults)} faults"
 
 
-def search_commands(slots: Sequence[Slot], processes: int = PROCESSES) -> Iterator[SearchedPart]:
+def parts_in(output: str) -> frozenset[tuple[str, int]]:
+    """Place and first case of the parts that an earlier run says were done."""
+    found = re.finditer(r"^(\S.*): cases (\d+) to \d+, \d+ faults$", output, re.MULTILINE)
+    return frozenset((one[1], int(one[2])) for one in found)
+
+
+def search_commands(
+    slots: Sequence[Slot], done_before: frozenset[tuple[str, int]] = frozenset()
+) -> Iterator[SearchedPart]:
     """Give the commands every odd file at these places; yields what is done.
 
     A case of each kind comes first, at every place, before the many that are alike.
@@ -50,9 +59,10 @@ def search_commands(slots: Sequence[Slot], processes: int = PROCESSES) -> Iterat
             (first, place, slot.name)
             for place, slot in enumerate(slots)
             for first in range(0, 1 + len(slot.odd_files(root / "sound")), CASES_A_PART)
+            if (slot.name, first) not in done_before
         )
         workers = ProcessPoolExecutor(
-            processes, mp_context=get_context("spawn"), initializer=_start, initargs=(root,)
+            PROCESSES, mp_context=get_context("spawn"), initializer=_start, initargs=(root,)
         )
         with workers:
             searches = [workers.submit(_search, name, first) for first, _, name in parts]
