@@ -47,8 +47,8 @@ def odd_json(sound: bytes) -> Iterator[OddFile]:
     twice = sound.rstrip()[:-1] + b", " + sound.lstrip()[1:]
     yield of_bytes("JSON with keys given twice", "all", twice)
     yield of_bytes("JSON with an unknown key", "all", json.dumps(document | {"more": 1}).encode())
-    for kind, name, data in _values(document, most=3 * CASES_LEAST):
-        yield made_of(f"JSON {kind}", name, data)
+    for kind, name, changed in _values(document, most=3 * CASES_LEAST):
+        yield made_of(f"JSON {kind}", name, changed)
 
 
 def odd_journal(sound: bytes) -> Iterator[OddFile]:
@@ -75,8 +75,8 @@ def odd_journal(sound: bytes) -> Iterator[OddFile]:
                 kind=f"chained event {kind}", name=f"line {index + 1}: {name}", make=chained
             )
         for kind, name, event in _values(json.loads(lines[index]), most=15):
-            changed = partial(_lines_with, event, lines, index)
-            yield made_of(f"event {kind}", f"line {index + 1}: {name}", changed)
+            altered = partial(_lines_with, event, lines, index)
+            yield made_of(f"event {kind}", f"line {index + 1}: {name}", altered)
 
 
 def _lines_with(event: Callable[[], bytes], lines: list[bytes], index: int) -> bytes:
