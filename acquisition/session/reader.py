@@ -114,6 +114,11 @@ class Session:
         return self._journal.events
 
     @property
+    def is_begun(self) -> bool:
+        """Whether the journal tells the start of a run; without one there are no captures."""
+        return any(event.kind == "start" for event in self.events)
+
+    @property
     def captures(self) -> tuple[SessionCapture, ...]:
         """Every journaled capture in order of time, marked superseded and excluded."""
         return self._captures

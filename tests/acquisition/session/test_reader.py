@@ -12,6 +12,7 @@ from acquisition.session.journal_chain import HEAD_NAME, JournalHead
 from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.notes import SessionNotes
 from acquisition.session.reader import Session
+from acquisition.session.repair import repair_session
 from acquisition.session.verification import FileCheck, verify
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.journals import chained_journal, cut_last_line
@@ -183,6 +184,20 @@ def test_a_journal_line_cut_short_is_a_remark_and_its_capture_does_not_exist(pat
     assert report.remarks == session.remarks
     assert "cut short" in report.remarks[0]
     assert [(c.file, c.state) for c in bad(path)] == [(records[-1].file, "unjournaled")]
+
+
+@pytest.mark.parametrize("rest", [b"", b"{"])
+def test_captures_without_a_line_in_the_journal_are_a_fault_and_can_be_repaired(
+    path: Path, rest: bytes
+) -> None:
+    whole_session(path)
+    (path / "journal.jsonl").write_bytes(rest)
+    (path / HEAD_NAME).unlink()
+    report = verify(path)
+    assert not report.is_ok
+    assert "journal.jsonl" in report.faults[0]
+    assert repair_session(path).recovered
+    assert verify(path).is_ok
 
 
 def test_raw_frames_are_verified_too(path: Path) -> None:
