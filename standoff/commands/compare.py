@@ -11,6 +11,7 @@ import typer
 from calibration.errors import CalibrationError
 from standoff.errors import ApplicationError
 from standoff.terminal import (
+    Force,
     Json,
     check_options,
     needs,
@@ -45,12 +46,13 @@ def compare(
     report: Annotated[
         Path | None, typer.Option(help="Also write a report on the history (HTML or PDF).")
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Test whether the PSF has changed between two calibrations, or show it over time."""
     check_options(context, _RULES)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
-    refuse_overwriting([report], files)
+    refuse_overwriting([report], files, force=force)
     if history:
         _show_history(files, report, json)
         return

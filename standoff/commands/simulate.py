@@ -22,6 +22,7 @@ from simulation.choices import (
 )
 from standoff.terminal import (
     EncodingName,
+    Force,
     Json,
     Mean,
     Option,
@@ -141,13 +142,14 @@ def simulate(
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
     check_options(context, _RULES)
-    refuse_overwriting([out, nearer], [image, psf, noise, homography, correct])
     refuse_suffix(out, "--out", {".tif", ".tiff"})
     refuse_suffix(nearer, "--nearer", {".png"})
+    refuse_overwriting([out, nearer], [image, psf, noise, homography, correct], force=force)
     from standoff.workflows import (
         FollowUpRequest,
         simulate_photograph,

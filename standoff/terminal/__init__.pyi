@@ -49,6 +49,7 @@ from .option_rules import (
 from .options import (
     BenchFile as BenchFile,
     BenchKeys as BenchKeys,
+    Force as Force,
     Json as Json,
     Threads as Threads,
     TransferForm as TransferForm,
@@ -111,6 +112,7 @@ __all__ = [
     "CurvesPath",
     "EncodingName",
     "ExpectZoom",
+    "Force",
     "Json",
     "ListedNumbers",
     "LiveLine",
