@@ -143,7 +143,10 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
     for section in history_sections(found):
         table = section.tables[0]
         print_table(
-            f"{section.title}, ± at 95 %", list(table.columns), [list(row) for row in table.rows]
+            f"{section.title}, ± at 95 %",
+            list(table.columns),
+            [list(row) for row in table.rows],
+            ends_in_words=table.ends_in_words,
         )
     if report is not None:
         say(f"wrote {report}")

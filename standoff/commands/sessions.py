@@ -11,7 +11,7 @@ import typer
 
 from acquisition.errors import SessionError
 from standoff.errors import ApplicationError
-from standoff.terminal import Json, note, print_json, print_table, say
+from standoff.terminal import Command, Json, note, print_json, print_table, say
 
 if TYPE_CHECKING:
     from acquisition.session import Session, SessionCapture, SessionNotes
@@ -218,11 +218,11 @@ def include(
     say(f"{directory}: capture {index} is used again")
 
 
-@session.command("set-height")
+@session.command("set-height", cls=Command)
 def set_height(
     indices: Annotated[
         list[int],
-        typer.Argument(help="Indices of the captures.", show_default=False, min=0, metavar="I..."),
+        typer.Argument(help="Indices of the captures.", show_default=False, min=0, metavar="I"),
     ],
     directory: Directory,
     height_mm: Annotated[float, typer.Option(help="The right height of the camera in mm.")],

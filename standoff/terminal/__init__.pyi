@@ -1,4 +1,9 @@
 from .app import application as application, run_application as run_application
+from .command_help import (
+    EXAMPLES as EXAMPLES,
+    Command as Command,
+    examples_text as examples_text,
+)
 from .compile_notice import when_compiling as when_compiling
 from .compiled_cache import drop_stale_code as drop_stale_code
 from .curve_options import (
@@ -100,11 +105,13 @@ from .validation_tables import print_validation as print_validation
 
 __all__ = [
     "ERRORS",
+    "EXAMPLES",
     "HINT_RULES",
     "LONGEST_ANSWER",
     "Bar",
     "BenchFile",
     "BenchKeys",
+    "Command",
     "CurveContrast",
     "CurveModel",
     "CurveNoise",
@@ -143,6 +150,7 @@ __all__ = [
     "drop_stale_code",
     "edge_csv",
     "exactly_one",
+    "examples_text",
     "excludes",
     "flicker_warnings",
     "frame_shape_of",
