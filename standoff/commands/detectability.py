@@ -24,6 +24,7 @@ from standoff.terminal import (
     Workers,
     checked_zoom,
     command_line,
+    is_same_command,
     note,
     number_list,
     photograph_inputs,
@@ -111,8 +112,8 @@ def detectability(
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
-    is_part = sweep.part[1] > 1  # which writes no curves
-    refuse_overwriting([out], [*images, psf, signal], force=force or is_part)
+    replaces = force or sweep.part[1] > 1 or _is_of_same_command(out)  # a part writes no curves
+    refuse_overwriting([out], [*images, psf, signal], force=replaces)
     table = Path(noise) if noises is None else None
     inputs = photograph_inputs(encoding, page, mean, files=(psf, table))
     change = _change(signal, signal_sigma, inputs)
@@ -130,7 +131,7 @@ def detectability(
         require_writable,
     )
 
-    refuse_overwriting(curve_figure_paths(out), force=force or is_part)
+    refuse_overwriting(curve_figure_paths(out), force=replaces)
     require_writable([out])
     request = CurvesRequest(
         images=each_image(images),
@@ -163,6 +164,20 @@ def detectability(
         _note_copies(measured)
         _write_curves(out, found, is_json=json)
     _refuse_refused(measured)
+
+
+def _is_of_same_command(out: Path) -> bool:
+    """Whether there are curves of the same command, which goes on with what it measured."""
+    from analysis.detectability import read_curves
+    from analysis.errors import ResultsFileError
+
+    if not out.is_file():
+        return False
+    try:
+        stored = read_curves(out).provenance
+    except ResultsFileError:
+        return False
+    return stored is not None and is_same_command(stored.command)
 
 
 def _write_curves(out: Path, found: DetectabilityCurves, *, is_json: bool) -> None:

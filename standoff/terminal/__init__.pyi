@@ -32,6 +32,7 @@ from .image_options import (
 )
 from .invocation import (
     command_line as command_line,
+    is_same_command as is_same_command,
     note_at_end as note_at_end,
     remarks_so_far as remarks_so_far,
 )
@@ -154,6 +155,7 @@ __all__ = [
     "excludes",
     "flicker_warnings",
     "frame_shape_of",
+    "is_same_command",
     "needs",
     "note",
     "note_at_end",
