@@ -212,7 +212,7 @@ def _without_orphans(
     captured: set[str] = set()
     for number, event in enumerate(events, start=1):
         about = event.facts.get("supersedes" if event.kind == "retake" else "capture")
-        is_decision = event.kind in ("retake", "exclude", "include")
+        is_decision = event.kind in ("retake", "exclude", "include", "height")
         if (is_decision and about not in captured) or event.uid in captured:
             orphans.append(LostLine(number=number, text=event.to_text(number).decode()))
             continue

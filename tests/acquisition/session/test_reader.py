@@ -266,6 +266,7 @@ def test_notes_make_no_session_where_there_is_none(path: Path) -> None:
     [
         ("exclude", {"capture": "nobody"}, "no capture", ()),
         ("retake", {"supersedes": ["a"]}, "no capture", ()),
+        ("height", {"capture": "nobody", "height_mm": 9.0}, "no capture", ()),
         ("capture", {}, "damaged", ("record",)),
         ("capture", {"record": {}}, "damaged", ("index",)),
     ],
@@ -280,6 +281,17 @@ def test_an_event_that_makes_no_sense_names_its_line(
         Session(path)
     assert (refused.value.fault, refused.value.line) == (fault, 9)
     assert refused.value.keys[:1] == first_key
+
+
+@pytest.mark.parametrize("height_mm", [None, "9", True, 10**400])
+def test_a_corrected_height_that_is_none_names_its_line(path: Path, height_mm: object) -> None:
+    records = whole_session(path)
+    with JournalWriter(path / "journal.jsonl") as journal:
+        journal.append("height", {"capture": records[0].uid, "height_mm": height_mm})
+    with pytest.raises(SessionError) as refused:
+        Session(path)
+    assert (refused.value.fault, refused.value.line) == ("damaged", 9)
+    assert refused.value.keys == ("height_mm",)
 
 
 def test_a_session_is_opened_by_a_path_in_either_form(path: Path) -> None:
