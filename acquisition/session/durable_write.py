@@ -11,6 +11,9 @@ from typing import BinaryIO
 PART_SUFFIX = ".part"
 """Suffix of a file that is still being written; a leftover one is worthless."""
 
+PROBE_BYTES = 2**16
+"""More than the blocks that a file system may still have for a file that it could not write."""
+
 
 def atomic_write(path: Path, data: bytes) -> None:
     """Write ``data`` to ``path`` through ``path.part``: fsync, rename, fsync of the directory.
@@ -59,13 +62,27 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
     part = path.with_name(path.name + PART_SUFFIX)
     try:
         with part.open("w+b") as file:
-            yield file
+            try:
+                yield file
+            except OSError as error:
+                if error.errno is None:
+                    _raise_reason(file, error)
+                raise
         part.replace(path)
     except BaseException:
         # On a full disk the half-written part takes the space that the error report needs.
         part.unlink(missing_ok=True)
         raise
     fsync_directory(path.parent)
+
+
+def _raise_reason(file: BinaryIO, error: OSError) -> None:
+    """Raise the system's reason for a write that failed: numpy tells how many items, not why."""
+    try:
+        os.write(file.fileno(), bytes(PROBE_BYTES))
+        os.fsync(file.fileno())
+    except OSError as reason:
+        raise reason from error
 
 
 def _make_durable(file: BinaryIO) -> None:

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 import pytest
 
 from acquisition.session.durable_write import atomic_write, atomic_write_hashed
@@ -79,4 +80,21 @@ def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(OSError) as refused:
         atomic_write_hashed(tmp_path / "a.bin", write)
     assert refused.value.errno == errno.ENOSPC
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_write_that_numpy_could_not_end_is_refused_with_the_systems_reason(
+    tmp_path: Path,
+) -> None:
+    # numpy says "10000 requested and 1000 written", and no more. A limit on the size of files is
+    # refused in the same place as a full disk.
+    resource = pytest.importorskip("resource", reason="a limit of POSIX systems")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8000, limits[1]))
+    try:
+        with pytest.raises(OSError) as refused:
+            atomic_write_hashed(tmp_path / "a", lambda file: np.zeros(10_000).tofile(file))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert refused.value.errno == errno.EFBIG
     assert list(tmp_path.iterdir()) == []
