@@ -9,11 +9,11 @@ from pathlib import Path
 from standoff.shipped_configs import shipped_config
 
 DISK_BYTES = 160 * 2**20
-CAPTURES = 60
+CAPTURES = 30
 PLAN = """
 schema = "standoff.plan/1"
 name = "faults"
-heights_mm = {start = 300.0, stop = 319.0, step = 1.0}
+heights_mm = {start = 300.0, stop = 309.0, step = 1.0}
 frames_per_capture = 2
 repeats = 3
 

@@ -211,7 +211,7 @@ def test_a_question_with_a_line_is_answered_by_it() -> None:
     assert not queue.answer(prompt.number + 1, "ok", "1")
     assert not queue.answer(prompt.number, "skip", "1")
     assert queue.answer(prompt.number, "ok", "251.5")
-    asking.join(30)
+    asking.join(DEADLINE_S)
     assert answers == ["251.5"]
     assert queue.current is None
 

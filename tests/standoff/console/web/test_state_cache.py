@@ -44,7 +44,7 @@ def test_the_state_is_made_once_for_all_pages_that_ask_within_its_interval(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_s = 50.0
-    monkeypatch.setattr(state_cache.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr("time.monotonic", lambda: now_s)
     cache = StateCache(hub)
     first = cache.state()
     hub.tell("the lamp was changed")
