@@ -177,7 +177,7 @@ def test_the_report_of_a_corrected_session_shows_what_was_measured(
     maps = maps_beside(tmp_path / "noise.json", np.ones((128, 160)))
     words = ("calibrate", "--session", session_dir, "--out", out, "--json")
     plain = json.loads(command(*words).out)
-    done = command(*words, "--correct", maps, "--report", page)
+    done = command(*words, "--correct", maps, "--report", page, "--force")
     assert done.status == 0, done.err
     assert json.loads(done.out)["sigma_x_px"] == pytest.approx(plain["sigma_x_px"], rel=1e-9)
     assert "<h2>From centre to corner</h2>" in page.read_text()

@@ -76,7 +76,7 @@ def test_without_a_board_the_scale_rests_on_the_bench_file_or_on_what_is_given(
     by_bench = command(*words)
     assert by_bench.status == 0, by_bench.err
     assert "(scale by the focal length and pixel pitch of the bench file" in by_bench.out
-    given = command(*words, "--scale", 2.5)
+    given = command(*words, "--scale", 2.5, "--force")
     assert given.status == 0, given.err
     assert "Heights (scale by the scale that was given)" in given.out
     row = next(line for line in given.out.splitlines() if line.startswith("│ 180 "))
