@@ -35,8 +35,8 @@ REPLY_S = 20.0
 FRAME_S = 20.0
 """No camera is so slow; but the first picture of a print is compiled and drawn, on any machine."""
 SILENCE_S = 0.3
-HEARTBEAT_MS = 60_000
 """Longer than anything that is under way needs to arrive."""
+HEARTBEAT_MS = 60_000
 
 
 @dataclass(frozen=True, kw_only=True)
