@@ -1,22 +1,19 @@
 """The frame thread of the simulated GigE camera: free-running, triggered, or a few frames."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from threading import Condition, RLock, Thread
 from time import monotonic
-
-import numpy as np
-from numpy.typing import NDArray
 
 from hil_mocks.camera import following_frame_id
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.frame_source import FrameRequest, FrameSource
 from hil_mocks.gige.gvsp import ImageLeader
 from hil_mocks.gige.pixels import PixelLayout, wire_bytes
+from hil_mocks.gige.processing import processed
 from hil_mocks.gige.registers import RegisterMap, StreamTarget
 from hil_mocks.gige.settings import CameraState, software_triggers, trigger_waits
 from hil_mocks.gige.stream import Block, StreamSender
-from hil_mocks.scene import ADC_MAX_DN
 
 CONTINUOUS, SINGLE_FRAME = 0, 1
 POLL_WHILE_STALLED_S = 0.02
@@ -31,7 +28,7 @@ class _Exposure:
     timestamp_ticks: int
     layout: PixelLayout
     region: tuple[slice, slice]
-    gamma: float | None
+    settings: Mapping[str, float]
     target: StreamTarget
     bandwidth_bps: float
 
@@ -100,17 +97,17 @@ class Acquisition:
         with self._changed:
             if self._state.is_acquiring:
                 return
-            mode = int(self._state.value("AcquisitionMode"))
+            mode = int(self._state.quantity("AcquisitionMode"))
             self._frames_left = None
             if mode != CONTINUOUS:
-                count = int(self._state.value("AcquisitionFrameCount"))
+                count = int(self._state.quantity("AcquisitionFrameCount"))
                 self._frames_left = 1 if mode == SINGLE_FRAME else count
             self._acquisitions += 1
             self._frames = 0
             self._triggers.clear()
             self._block_id = self.first_block_id
             self._sender.forget()
-            self._due_s = monotonic() + self._state.value("ExposureTimeAbs") * 1e-6
+            self._due_s = monotonic() + self._state.quantity("ExposureTimeAbs") * 1e-6
             self._state.is_acquiring = True
             self._changed.notify_all()
 
@@ -166,7 +163,7 @@ class Acquisition:
 
     @property
     def _exposure_s(self) -> float:
-        return self._state.value("ExposureTimeAbs") * 1e-6
+        return self._state.quantity("ExposureTimeAbs") * 1e-6
 
     def _expose(self) -> _Exposure:
         block_id = self._block_id
@@ -176,9 +173,9 @@ class Acquisition:
             timestamp_ticks=self._registers.ticks_at(self._exposed_s),
             layout=self._state.layout,
             region=self._state.region,
-            gamma=self._state.gamma,
+            settings=dict(self._state.values),
             target=self._registers.stream_target,
-            bandwidth_bps=self._state.value("StreamBytesPerSecond"),
+            bandwidth_bps=self._state.quantity("StreamBytesPerSecond"),
         )
         self._frames += 1
         self._block_id = following_frame_id(block_id)
@@ -195,8 +192,7 @@ class Acquisition:
         if self._state.is_automatic:
             with self._changed:
                 self._state.regulate(float(level_dn.mean()))
-        if exposure.gamma is not None:
-            level_dn = _gamma_table(exposure.gamma)[level_dn]
+        level_dn = processed(level_dn, exposure.settings)
         leader = ImageLeader(
             timestamp_ticks=exposure.timestamp_ticks,
             pixel_format=exposure.layout.code,
@@ -212,9 +208,3 @@ class Acquisition:
             exposure.target.packet_size_bytes,
         )
         self._sender.send_block(block, exposure.target, exposure.bandwidth_bps)
-
-
-def _gamma_table(gamma: float) -> NDArray[np.uint16]:
-    """Level after gamma for each level of 12 bits."""
-    levels = np.arange(ADC_MAX_DN + 1) / ADC_MAX_DN
-    return np.rint(ADC_MAX_DN * levels**gamma).astype(np.uint16)

@@ -55,7 +55,8 @@ def describe(features: Iterable[Feature], *, vendor: str, model: str) -> bytes:
         _add(node, "AccessMode", "RW" if name in WRITABLE_STRINGS else "RO")
         _add(node, "pPort", "Device")
     for feature in features:
-        _feature(root, feature)
+        selected = [other.name for other in features if other.selector == feature.name]
+        _feature(root, feature, selected)
         _register(root, feature)
     SubElement(root, "Port", Name="Device")
     document: bytes = tostring(root, encoding="utf-8")
@@ -75,7 +76,7 @@ def _categories(root: Element, features: tuple[Feature, ...]) -> None:
             _add(node, "pFeature", name)
 
 
-def _feature(root: Element, feature: Feature) -> None:
+def _feature(root: Element, feature: Feature, selected: list[str]) -> None:
     tag = {
         "integer": "Integer",
         "masked": "Integer",
@@ -92,6 +93,8 @@ def _feature(root: Element, feature: Feature) -> None:
     for name, value in feature.entries:
         entry = SubElement(node, "EnumEntry", Name=name)
         _add(entry, "Value", str(value))
+    for name in selected:
+        _add(node, "pSelected", name)
     if tag == "Boolean":
         _add(node, "pValue", f"{feature.name}Reg")
         _add(node, "OnValue", "1")

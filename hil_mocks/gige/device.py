@@ -41,7 +41,7 @@ class GigeDevice:
     address
         Address in 127.0.0.0/8; several cameras can run side by side on different addresses.
     identity
-        Its names.
+        Its names, and whose cameras it is like in the names, types and units of its features.
     bayer_order
         ``RG``, ``GR``, ``GB`` or ``BG`` for the colour model; must match that of the source.
     black_level_dn
@@ -72,13 +72,14 @@ class GigeDevice:
             )
         self._source = source
         self._bayer_order = bayer_order
+        self._identity = identity or Identity()
         self._link_mtu_bytes = link_mtu_bytes
         self._faults = GigeFaults()
         self._lock = RLock()
-        features = features_of(bayer_order, has_temperature=True)
+        features = features_of(bayer_order, has_temperature=True, maker=self._identity.maker)
         self._state = CameraState(features, shape=source.shape, black_level_dn=black_level_dn)
         self._registers = RegisterMap(
-            identity or Identity(),
+            self._identity,
             address,
             features,
             self._state,
@@ -136,10 +137,10 @@ class GigeDevice:
         """Starts of acquisition since power-up: what `FrameRequest` counts."""
         return self._acquisition.acquisitions
 
-    def value(self, feature: str) -> float:
-        """Value of a feature, as a client reads it."""
+    def value(self, quantity: str) -> float:
+        """Value of a quantity by its name and in its unit in a Manta, whoever the maker is."""
         with self._lock:
-            return self._state.value(feature)
+            return self._state.quantity(quantity)
 
     def open(self) -> None:
         """Bind the address and start to answer.
@@ -258,7 +259,11 @@ class GigeDevice:
 
     def _describe(self) -> None:
         self._registers.describe(
-            features_of(self._bayer_order, has_temperature=self._faults.temperature_present)
+            features_of(
+                self._bayer_order,
+                has_temperature=self._faults.temperature_present,
+                maker=self._identity.maker,
+            )
         )
 
 

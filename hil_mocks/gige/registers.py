@@ -21,7 +21,7 @@ from hil_mocks.gige.gvcp import READMEM_LIMIT_BYTES, GvcpError, GvcpStatus, Memo
 from hil_mocks.gige.settings import CameraState
 
 DESCRIPTION_ADDRESS = 0x20000
-DEVICE_PAGE_BYTES = 0x400
+DEVICE_PAGE_BYTES = 0x800
 USER_NAME_BYTES = 16
 DEFAULT_HEARTBEAT_MS = 3000
 SHORTEST_HEARTBEAT_MS = 500
