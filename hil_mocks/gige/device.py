@@ -14,7 +14,7 @@ from hil_mocks.gige.bootstrap import BootstrapAddress, Capability, Identity
 from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
-from hil_mocks.gige.frame_source import FrameSource
+from hil_mocks.gige.frame_source import FrameRequest, FrameSource
 from hil_mocks.gige.gvcp import GVCP_PORT, ResendRequest, encode_pending
 from hil_mocks.gige.pixels import BAYER_ORDERS
 from hil_mocks.gige.registers import CAPABILITIES, RegisterMap
@@ -131,6 +131,12 @@ class GigeDevice:
     def controller(self) -> tuple[str, int] | None:
         """Address and port of the client that holds control."""
         return self._control.controller
+
+    @property
+    def request(self) -> FrameRequest:
+        """Request for the first frame of the next acquisition with the present settings."""
+        with self._lock:
+            return self._state.request(self.acquisitions + 1, 0)
 
     @property
     def acquisitions(self) -> int:
