@@ -16,6 +16,12 @@ MAX_FRAMES = 10_000
 """Bound that keeps every sum of 16-bit levels exact: N 2^16 < 2^32 and N^2 2^32 < 2^64."""
 
 
+EXPOSURE_STEP_US = 1.0
+EXPOSURE_ROUNDING = 1e-3
+"""A frame's exposure may differ from the one read back by the larger of the two: some cameras
+state it in whole microseconds, others in rows of the sensor."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AveragedFrames:
     """The mean and temporal variance of N frames at one pose, and how the stream behaved.
@@ -49,9 +55,9 @@ def average_frames(
     """Stream until ``frames_asked`` good frames are averaged, never fewer.
 
     The first frame after the start is skipped (its exposure may have begun before). Incomplete
-    frames, repeated frame ids and frames of the wrong shape are replaced, up to three times
-    ``frames_asked`` frames in all and within 1 s + 4 (N + 1) frame periods. The stream is
-    stopped whatever happens.
+    frames, repeated frame ids, frames of the wrong shape and those for which the camera states
+    another exposure are replaced, up to three times ``frames_asked`` frames in all and within
+    1 s + 4 (N + 1) frame periods. The stream is stopped whatever happens.
 
     Parameters
     ----------
@@ -93,6 +99,8 @@ def average_frames(
                 tally.repeated += 1
             elif frame.image_dn.shape != sums.shape:
                 tally.misshapen += 1
+            elif not _is_exposed_for(frame, settings.exposure_us):
+                tally.otherwise_exposed += 1
             else:
                 seen_ids.add(frame.frame_id)
                 sums.add(frame)
@@ -112,6 +120,7 @@ class _Tally:
     incomplete: int = 0
     repeated: int = 0
     misshapen: int = 0
+    otherwise_exposed: int = 0
 
     def failure(self, reason: str) -> CaptureError:
         """Return the error that gives the count and the reason."""
@@ -119,6 +128,7 @@ class _Tally:
             "incomplete": self.incomplete,
             "with a repeated id": self.repeated,
             "of the wrong shape": self.misshapen,
+            "with another exposure": self.otherwise_exposed,
         }
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())
@@ -206,6 +216,14 @@ class _FrameSums:
             first_timestamp_ns=self._stamps_ns[0],
             last_timestamp_ns=self._stamps_ns[-1],
         )
+
+
+def _is_exposed_for(frame: Frame, exposure_us: float) -> bool:
+    """Whether nothing speaks against it: not every camera states a frame's exposure."""
+    if frame.exposure_us is None:
+        return True
+    tolerance_us = max(EXPOSURE_STEP_US, EXPOSURE_ROUNDING * exposure_us)
+    return abs(frame.exposure_us - exposure_us) <= tolerance_us
 
 
 def _read_only(image_dn: FrameImage) -> FrameImage:

@@ -62,12 +62,15 @@ class Frame:
     """One exposure as the camera delivered it.
 
     An incomplete frame (lost packets) has ``is_complete`` False and an empty image.
+    ``exposure_us`` is the exposure that the camera states for this very frame; None if it states
+    none.
     """
 
     image_dn: FrameImage
     frame_id: int
     timestamp_ns: int
     is_complete: bool = True
+    exposure_us: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

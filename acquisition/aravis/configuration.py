@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from acquisition.aravis.chunks import FrameChunks
 from acquisition.aravis.corrections import NeutralFeatures, neutralise
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
@@ -84,6 +85,10 @@ class CameraControls:
             settings=settings,
             warnings=(*warnings, *neutral.warnings, *_unscaled_warnings(settings)),
         )
+
+    def chunks(self) -> FrameChunks:
+        """Switch on what the camera states with each frame; before the stream is made."""
+        return FrameChunks(self._opened, self.features, self._name)
 
     def pixel_formats(self) -> tuple[str, ...]:
         """Those of the camera's pixel formats that can be decoded."""

@@ -56,7 +56,8 @@ class AravisConnection:
             self.settings = applied.settings
             self.warnings = (*applied.warnings, *_receive_buffer_warnings(opened))
             self.info = self._read_info()
-            self._stream = FrameStream(opened, self.settings)
+            chunks = self._controls.chunks() if config.chunk_data else None
+            self._stream = FrameStream(opened, self.settings, chunks)
         except BaseException:
             self.close()
             raise

@@ -41,6 +41,10 @@ class CameraFeatures:
         with translated_errors(self._opened.library, feature):
             return bool(self._opened.camera.is_feature_available(feature))
 
+    def is_described(self, feature: str) -> bool:
+        """Whether the camera's description has the feature, be it in frames only."""
+        return self._opened.device.get_feature(feature) is not None
+
     def first_of(self, names: Sequence[str]) -> str | None:
         """First of several names for the same feature that the camera knows."""
         return next((name for name in names if self.has(name)), None)

@@ -16,6 +16,7 @@ from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
 from hil_mocks.gige.frame_source import FrameRequest, FrameSource
 from hil_mocks.gige.gvcp import GVCP_PORT, ResendRequest, encode_pending
+from hil_mocks.gige.gvsp import PAYLOAD_TYPE_CHUNKS
 from hil_mocks.gige.pixels import BAYER_ORDERS
 from hil_mocks.gige.registers import CAPABILITIES, RegisterMap
 from hil_mocks.gige.settings import CameraState
@@ -77,6 +78,7 @@ class GigeDevice:
         self._faults = GigeFaults()
         self._lock = RLock()
         features = features_of(bayer_order, has_temperature=True, maker=self._identity.maker)
+        self._features = features
         self._state = CameraState(features, shape=source.shape, black_level_dn=black_level_dn)
         self._registers = RegisterMap(
             self._identity,
@@ -186,6 +188,8 @@ class GigeDevice:
             self._sender,
             lambda: self._faults,
         )
+        if self._identity.maker == "basler":
+            self._acquisition.payload_type_of_chunks = PAYLOAD_TYPE_CHUNKS
         self._closing.clear()
         self._acquisition.open()
         self._thread = Thread(
@@ -217,6 +221,11 @@ class GigeDevice:
         """Take control from the client that holds it."""
         with self._lock:
             self._control.drop()
+
+    def pulse_line(self, name: str) -> None:
+        """Pulse one of the camera's input lines, by the name that TriggerSource has for it."""
+        (source,) = (f for f in self._features if f.name == "TriggerSource")
+        self._acquisition.pulse(dict(source.entries)[name])
 
     def begin_blocks_at(self, block_id: int) -> None:
         """Let block ids begin at ``block_id`` instead of 1 from the next start on."""

@@ -66,6 +66,8 @@ class Feature:
         Its value at power-up; None for that of the quantity.
     selector
         Name of the feature that selects what it is about; empty if none does.
+    chunk_id
+        Id of the chunk that holds it, for what a frame carries instead of a register.
     """
 
     name: str
@@ -85,8 +87,9 @@ class Feature:
     conversion: Conversion = UNCHANGED
     power_up: float | None = None
     selector: str = ""
+    chunk_id: int | None = None
 
     @property
     def length(self) -> int:
         """Length of its register in bytes."""
-        return 8 if self.kind == "float" else 4
+        return 8 if self.kind == "float" or self.chunk_id is not None else 4

@@ -80,6 +80,7 @@ def _feature(row: dict[str, str], free_address: int) -> Feature:
         conversion=_conversion(row.get("conversion", "")),
         power_up=float(row["power_up"]) if row.get("power_up") else None,
         selector=row.get("selector", ""),
+        chunk_id=int(row["chunk"], 16) if row.get("chunk") else None,
     )
 
 

@@ -111,7 +111,7 @@ class RegisterMap:
         self._zero_ns = monotonic_ns()
         self._add_bootstrap_registers()
         for feature in features:
-            if feature.address >= DEVICE_PAGE:
+            if feature.address >= DEVICE_PAGE and feature.chunk_id is None:
                 self._add_feature(feature)
         self.power_up()
 

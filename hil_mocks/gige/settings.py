@@ -9,6 +9,7 @@ from hil_mocks.gige.gvcp import GvcpError, GvcpStatus
 from hil_mocks.gige.gvsp import (
     GVSP_HEADER_BYTES,
     IP_UDP_HEADER_BYTES,
+    chunked_bytes,
     payload_bytes_per_packet,
 )
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, PixelLayout
@@ -179,6 +180,17 @@ class CameraState:
         return PIXEL_LAYOUTS[PIXEL_NAME_OF_CODE[int(self._values["PixelFormat"])]]
 
     @property
+    def chunks(self) -> tuple[Feature, ...]:
+        """What each frame carries beside its picture."""
+        if not self._values.get("ChunkModeActive"):
+            return ()
+        return tuple(
+            feature
+            for feature in self._features.values()
+            if feature.chunk_id is not None and self._values.get(f"{feature.means[0][1]}Chunk")
+        )
+
+    @property
     def region(self) -> tuple[slice, slice]:
         """Rows and columns of the sensor that are sent."""
         x, y, width, height = (
@@ -227,7 +239,7 @@ class CameraState:
             return self._rows - self._values["OffsetY" if name == "HeightLimit" else "Height"]
         if name == "PayloadSize":
             pixels = self._values["Width"] * self._values["Height"]
-            return int(pixels * self.layout.bits_per_pixel) // 8
+            return chunked_bytes(int(pixels * self.layout.bits_per_pixel) // 8, len(self.chunks))
         if name == "AcquisitionActive":
             return int(self.is_acquiring)
         if name == "AcquisitionFrameRateLimit":
