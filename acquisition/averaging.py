@@ -32,7 +32,17 @@ TORN_REMEDY = (
     "check the network (cable, packet size, receive buffer, other traffic; `standoff doctor` says "
     "more) or lower camera.frame_rate_hz, then run again"
 )
+EXPOSURE_REMEDY = (
+    "the camera states another exposure than it was set to; switch its automatic exposure and "
+    "sequencer off, then run again"
+)
 SLOW_REMEDY = "end other programs or ask for fewer frames_per_capture, then run again"
+
+
+EXPOSURE_STEP_US = 1.0
+EXPOSURE_ROUNDING = 1e-3
+"""A frame's exposure may differ from the one read back by the larger of the two: some cameras
+state it in whole microseconds, others in rows of the sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,11 +78,11 @@ def average_frames(
     """Stream until ``frames_asked`` good frames are averaged, never fewer.
 
     The first frame after the start is skipped (its exposure may have begun before). Incomplete
-    frames, repeated frame ids and frames of the wrong shape are replaced as long as good ones
-    come: what counts is progress, not the frame rate. A capture fails that gets no good frame for
-    3 s (or 10 frame periods), that after this time has refused more than two frames for each one
-    asked for, or that takes 60 s and 20 frame periods for each frame. The stream is stopped
-    whatever happens.
+    frames, repeated frame ids, frames of the wrong shape and those for which the camera states
+    another exposure are replaced as long as good ones come: what counts is progress, not the frame
+    rate. A capture fails that gets no good frame for 3 s (or 10 frame periods), that after this
+    time has refused more than two frames for each one asked for, or that takes 60 s and 20 frame
+    periods for each frame. The stream is stopped whatever happens.
 
     Parameters
     ----------
@@ -111,6 +121,8 @@ def average_frames(
                 tally.repeated += 1
             elif frame.image_dn.shape != sums.shape:
                 tally.misshapen += 1
+            elif not _is_exposed_for(frame, settings.exposure_us):
+                tally.otherwise_exposed += 1
             else:
                 seen_ids.add(frame.frame_id)
                 sums.add(frame)
@@ -129,11 +141,18 @@ class _Tally:
     incomplete: int = 0
     repeated: int = 0
     misshapen: int = 0
+    otherwise_exposed: int = 0
 
     @property
     def refused(self) -> int:
         """Frames that did not go into the average."""
-        return self.incomplete + self.repeated + self.misshapen
+        return self.incomplete + self.repeated + self.misshapen + self.otherwise_exposed
+
+    @property
+    def remedy(self) -> str:
+        """What the operator can do about most of the frames that were refused."""
+        is_by_exposure = 2 * self.otherwise_exposed > self.refused
+        return EXPOSURE_REMEDY if is_by_exposure else TORN_REMEDY
 
     def failure(self, reason: str) -> CaptureError:
         """Return the error that gives the count and the reason."""
@@ -141,6 +160,7 @@ class _Tally:
             "incomplete": self.incomplete,
             "with a repeated id": self.repeated,
             "of the wrong shape": self.misshapen,
+            "with another exposure": self.otherwise_exposed,
         }
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())
@@ -180,9 +200,9 @@ class _Progress:
             raise tally.failure(f"not done within {self._ceiling_s:.0f} s; {SLOW_REMEDY}")
         in_a_row = tally.refused - self._refused_before
         if in_a_row >= TORN_IN_A_ROW and now_s - self._good_s > self.patience_s:
-            raise tally.failure(f"no good frame for {self.patience_s:.1f} s; {TORN_REMEDY}")
+            raise tally.failure(f"no good frame for {self.patience_s:.1f} s; {tally.remedy}")
         if tally.refused > 2 * tally.asked and taken_s > self.patience_s:
-            raise tally.failure(f"gave up after {taken_s:.1f} s; {TORN_REMEDY}")
+            raise tally.failure(f"gave up after {taken_s:.1f} s; {tally.remedy}")
 
     def stalled(self, error: DeviceTimeoutError) -> CaptureError:
         """Return the error of a camera that sends nothing."""
@@ -265,6 +285,14 @@ class _FrameSums:
             first_timestamp_ns=self._stamps_ns[0],
             last_timestamp_ns=self._stamps_ns[-1],
         )
+
+
+def _is_exposed_for(frame: Frame, exposure_us: float) -> bool:
+    """Whether nothing speaks against it: not every camera states a frame's exposure."""
+    if frame.exposure_us is None:
+        return True
+    tolerance_us = max(EXPOSURE_STEP_US, EXPOSURE_ROUNDING * exposure_us)
+    return abs(frame.exposure_us - exposure_us) <= tolerance_us
 
 
 def _read_only(image_dn: FrameImage) -> FrameImage:

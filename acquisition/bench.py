@@ -38,13 +38,31 @@ class CameraConfig(WrittenTable):
     """``[camera]``: which camera, and its settings."""
 
     driver: Literal["aravis", "simulated", "files"]
-    address: str | None = Field(
-        None, description="IP address or host name of a GigE Vision camera; aravis requires it"
+    address: str | None = Field(None, description="IP address or host name of a GigE Vision camera")
+    id: str | None = Field(
+        None,
+        min_length=1,
+        description="name by which Aravis finds a camera on any network or USB port, in place of "
+        "address; it broadcasts",
     )
     pixel_format: str = Field(description="GenICam PFNC name, such as Mono12")
     exposure_us: Positive
     gain_db: NonNegative
+    gain_counts: NonNegative | None = Field(
+        None,
+        description="gain of a camera that counts it without a scale in dB; gain_db is then 0",
+    )
     frame_rate_hz: Positive
+    trigger: str = Field(
+        "off",
+        min_length=1,
+        description='what starts a frame: "off" (the frame rate), "software", or a line such as '
+        "Line1, whose pulses come at frame_rate_hz",
+    )
+    trigger_edge: Literal["rising", "falling"] = "rising"
+    chunk_data: bool = Field(
+        True, description="whether a camera that can states exposure and counter in each frame"
+    )
     region_px: tuple[int, int, int, int] | None = Field(
         None, description="left, top, width, height on the sensor; default: the whole sensor"
     )
@@ -60,8 +78,16 @@ class CameraConfig(WrittenTable):
 
     @model_validator(mode="after")
     def _aravis_has_an_address(self) -> "CameraConfig":
-        if self.address is None and self.driver == "aravis":
-            raise ValueError("camera.address is missing; driver 'aravis' requires it")
+        if self.driver == "aravis" and (self.address is None) == (self.id is None):
+            trouble = "is missing" if self.address is None else "and camera.id are both given"
+            raise ValueError(
+                f"camera.address {trouble}; driver 'aravis' requires it, or camera.id instead"
+            )
+        if self.gain_counts is not None and self.gain_db != 0:
+            raise ValueError(
+                f"camera.gain_counts and camera.gain_db {self.gain_db:g} are both given; with "
+                "gain_counts, gain_db must be 0"
+            )
         fault = None if self.address is None else address_fault(self.address)
         if fault is not None:
             raise ValueError(f"camera.address: {fault}")

@@ -28,17 +28,24 @@ class DeviceInfo:
 class CameraSettings:
     """The settings a camera runs with, as read back from it.
 
-    ``features`` holds what else was read, under GenICam SFNC names
-    (``Gamma``, ``BinningHorizontal``, ``DeviceTemperature`` ...).
+    ``gain`` and ``black_level`` are as the camera states them, in ``gain_unit`` (dB, factor or
+    counts) and ``black_level_unit`` (DN of 12 bits, % or counts); None where it states nothing.
+    Counts have no known scale: ``gain_db`` is then None, ``black_level_dn`` 0. ``features`` holds
+    what else was read, under the camera's own names (``Gamma``, ``BinningHorizontal``,
+    ``DeviceTemperature`` ...).
     """
 
     width_px: int
     height_px: int
     pixel_format: str
     exposure_us: float
-    gain_db: float
+    gain_db: float | None
     frame_rate_hz: float
     black_level_dn: float
+    gain: float | None = None
+    gain_unit: str | None = None
+    black_level: float | None = None
+    black_level_unit: str | None = None
     features: dict[str, str | int | float | bool] = field(default_factory=dict)
 
     @property
@@ -55,12 +62,15 @@ class Frame:
     """One exposure as the camera delivered it.
 
     An incomplete frame (lost packets) has ``is_complete`` False and an empty image.
+    ``exposure_us`` is the exposure that the camera states for this very frame; None if it states
+    none.
     """
 
     image_dn: FrameImage
     frame_id: int
     timestamp_ns: int
     is_complete: bool = True
+    exposure_us: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +102,10 @@ class Camera(Protocol):
         ...
 
     def set_gain_db(self, gain_db: float) -> float:
-        """Set the gain and return the one read back, in dB."""
+        """Set the gain and return the one read back, in dB.
+
+        0 is also the lowest gain of a camera that counts gain without a scale.
+        """
         ...
 
     def start(self) -> None:

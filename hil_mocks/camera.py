@@ -124,15 +124,18 @@ class SimulatedCamera:
         self._is_open = True
         self._complete = 0
         self._incomplete = 0
+        self._gain_db = _stepped(config.gain_db, GAIN_RANGE_DB, GAIN_STEP_DB, "dB")
         self._settings = CameraSettings(
             width_px=shape[1],
             height_px=shape[0],
             pixel_format=config.pixel_format,
             exposure_us=_stepped(config.exposure_us, EXPOSURE_RANGE_US, EXPOSURE_STEP_US, "us"),
-            gain_db=_stepped(config.gain_db, GAIN_RANGE_DB, GAIN_STEP_DB, "dB"),
+            gain_db=self._gain_db,
             frame_rate_hz=config.frame_rate_hz,
             black_level_dn=sensor.black_level_dn
             / (2**MONO8_SHIFT if config.pixel_format == "Mono8" else 1),
+            gain=self._gain_db,
+            gain_unit="dB",
             features={"Gamma": 1.0, "BinningHorizontal": 1, "BinningVertical": 1},
         )
 
@@ -163,7 +166,8 @@ class SimulatedCamera:
         """See `Camera.set_gain_db`; whole decibels."""
         self._check_open()
         value = _stepped(gain_db, GAIN_RANGE_DB, GAIN_STEP_DB, "dB")
-        self._settings = replace(self._settings, gain_db=value)
+        self._gain_db = value
+        self._settings = replace(self._settings, gain_db=value, gain=value)
         return value
 
     def start(self) -> None:
@@ -236,7 +240,7 @@ class SimulatedCamera:
         rng = np.random.default_rng([self._seed, self._starts, index])
         return Frame(
             image_dn=self._sensor.expose(
-                electrons, self._settings.gain_db, self._settings.pixel_format, rng
+                electrons, self._gain_db, self._settings.pixel_format, rng
             ),
             frame_id=self._frame_id,
             timestamp_ns=self._clock.now_ns,

@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from acquisition.bench import BenchConfig
-from hil_mocks.gige import ETHERNET_MTU_BYTES, BenchFrameSource, GigeDevice
+from hil_mocks.gige import ETHERNET_MTU_BYTES, BenchFrameSource, GigeDevice, Maker, maker_identity
 from hil_mocks.scene import CameraPose
 from hil_mocks.target_bench import TargetBench
 
@@ -87,6 +87,8 @@ class PracticeBench(TargetBench):
         Colour filter of the camera, such as ``RG``; None for a monochrome one.
     link_mtu_bytes
         Largest packet that the link to the camera carries.
+    maker
+        Whose cameras it is like, in the names, types and units of its features.
 
     Raises
     ------
@@ -104,6 +106,7 @@ class PracticeBench(TargetBench):
         address: str = "127.0.0.1",
         bayer_order: str | None = None,
         link_mtu_bytes: int = ETHERNET_MTU_BYTES,
+        maker: Maker = "allied_vision",
     ) -> None:
         super().__init__(config)
         self._height_mm = height_mm
@@ -120,6 +123,7 @@ class PracticeBench(TargetBench):
             bayer_order=bayer_order,
             black_level_dn=self.truth.black_level_dn,
             link_mtu_bytes=link_mtu_bytes,
+            identity=maker_identity(maker),
         )
 
     @property

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from acquisition.aravis import (
+    COUNTS,
     SOCKET_BUFFER_BYTES,
     AravisLibrary,
     Bounds,
@@ -135,7 +136,7 @@ def check_mtu(route: NetworkRoute) -> Check:
 
 def check_camera(probe: CameraProbe) -> Check:
     """Whether this program may control the camera."""
-    who = f"{probe.vendor} {probe.model} at {probe.ip_address}"
+    who = f"{probe.vendor} {probe.model} at {probe.name}"
     if probe.is_controllable:
         return Check(name="camera", status="ok", found=who)
     return Check(
@@ -152,7 +153,7 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
     formats = ", ".join(probe.pixel_formats)
     return (
         _within("exposure", "camera.exposure_us", config.exposure_us, probe.exposure_us, "us"),
-        _within("gain", "camera.gain_db", config.gain_db, probe.gain_db, "dB"),
+        _check_gain(probe, config),
         Check(
             name="frame rate",
             status="ok",
@@ -237,19 +238,47 @@ def _network_and_camera(config: CameraConfig) -> list[Check]:
     checks: list[Check] = []
     name = "network"
     try:
-        route = route_to(resolve_address(config.address or ""))
-        checks += [check_route(route), check_mtu(route)]
+        if config.address is not None:
+            route = route_to(resolve_address(config.address))
+            checks += [check_route(route), check_mtu(route)]
         name = "camera"
-        probe = probe_camera(config.address or "")
+        probe = probe_camera(config)
     except DriverMissingError:
         return checks  # reported already by the check of the libraries
     except DeviceError as error:
         remedy = (
-            "check power, cable and firewall (UDP), and that camera.address is correct: "
-            "standoff cameras searches for cameras"
+            "check power, cable and firewall (UDP), and that camera.address or camera.id is "
+            "correct: standoff cameras searches for cameras"
         )
         return [*checks, Check(name=name, status="fail", found=str(error), remedy=remedy)]
     return [*checks, check_camera(probe), *check_camera_limits(probe, config)]
+
+
+def _check_gain(probe: CameraProbe, config: CameraConfig) -> Check:
+    """Whether the gain can be set, which cameras state in dB, as a factor, or in counts."""
+    low, high = probe.gain
+    if low.decibels is not None and high.decibels is not None and config.gain_counts is None:
+        bounds = Bounds(low=low.decibels, high=high.decibels)
+        return _within("gain", "camera.gain_db", config.gain_db, bounds, "dB")
+    if low.unit != COUNTS:
+        return Check(
+            name="gain",
+            status="fail",
+            found=f"{low.feature} is in {low.unit}; camera.gain_counts is set",
+            remedy="set camera.gain_db instead",
+        )
+    bounds = Bounds(low=low.value, high=high.value)
+    if config.gain_counts is not None:
+        return _within("gain", "camera.gain_counts", config.gain_counts, bounds, COUNTS)
+    found = f"{bounds.low:g} to {bounds.high:g} counts of {low.feature}, without a scale in dB"
+    if config.gain_db == 0:
+        return Check(name="gain", status="ok", found=f"{found}; camera.gain_db 0 is the lowest")
+    return Check(
+        name="gain",
+        status="fail",
+        found=f"{found}; camera.gain_db is {config.gain_db:g}",
+        remedy="set camera.gain_counts to one of these counts and camera.gain_db to 0",
+    )
 
 
 def _within(name: str, key: str, wanted: float, bounds: Bounds, unit: str) -> Check:

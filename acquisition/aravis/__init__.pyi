@@ -1,11 +1,12 @@
 from .camera import AravisCamera as AravisCamera
-from .configuration import Bounds as Bounds
 from .device import open_device as open_device
 from .discovery import (
     CameraProbe as CameraProbe,
     list_cameras as list_cameras,
     probe_camera as probe_camera,
 )
+from .features import Bounds as Bounds
+from .levels import COUNTS as COUNTS, StatedValue as StatedValue
 from .library import AravisLibrary as AravisLibrary, load_aravis as load_aravis
 from .route import (
     NetworkRoute as NetworkRoute,
@@ -15,12 +16,14 @@ from .route import (
 from .stream import SOCKET_BUFFER_BYTES as SOCKET_BUFFER_BYTES
 
 __all__ = [
+    "COUNTS",
     "SOCKET_BUFFER_BYTES",
     "AravisCamera",
     "AravisLibrary",
     "Bounds",
     "CameraProbe",
     "NetworkRoute",
+    "StatedValue",
     "list_cameras",
     "load_aravis",
     "open_device",

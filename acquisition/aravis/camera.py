@@ -1,10 +1,12 @@
-"""A GigE Vision camera through Aravis: the `Camera` contract, with a watchdog and reconnection."""
+"""A GenICam camera through Aravis: the `Camera` contract, with a watchdog and reconnection."""
 
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 
+from acquisition.aravis.configuration import NO_TRIGGER
 from acquisition.aravis.connection import AravisConnection, connect_camera
 from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
@@ -27,11 +29,16 @@ SFNC_NAMES = {
     "pixel_format": "PixelFormat",
     "exposure_us": "ExposureTime",
     "gain_db": "Gain",
+    "gain": "Gain as stated",
+    "gain_unit": "unit of Gain",
+    "black_level": "BlackLevel as stated",
+    "black_level_unit": "unit of BlackLevel",
     "frame_rate_hz": "AcquisitionFrameRate",
     "black_level_dn": "BlackLevel",
 }
 
 RELATIVE_ROUNDING = 1e-6
+SOFTWARE = "software"
 
 
 def require_same_camera(
@@ -60,15 +67,12 @@ def require_same_camera(
 
 
 def _named(facts: DeviceInfo | CameraSettings) -> dict[str, object]:
-    return dict(_names_and_values(facts))
-
-
-def _names_and_values(facts: DeviceInfo | CameraSettings) -> Iterator[tuple[str, object]]:
-    for field, value in asdict(facts).items():
-        if field == "features":
-            yield from value.items()
-        else:
-            yield SFNC_NAMES.get(field, field), value
+    # A feature that has the name of a fact states the same in the camera's own unit.
+    named = asdict(facts)
+    return {
+        **named.pop("features", {}),
+        **{SFNC_NAMES.get(field, field): value for field, value in named.items()},
+    }
 
 
 def _is_same(was: object, found: object) -> bool:
@@ -88,12 +92,15 @@ RECONNECT_PAUSE_S = 0.1
 
 
 class AravisCamera:
-    """A GigE Vision camera that has been opened; `open` makes one.
+    """A camera that has been opened; `open` makes one.
 
     A stream that stalls, or whose control channel ends, raises `StreamInterruptedError`. The
     next `start` then drops every Aravis object, reopens the camera within
     ``reconnect_timeout_s``, configures it again and compares all settings with those from before.
     Nothing is reopened mid-stream, so no series mixes frames from before and after.
+
+    With a software trigger each `next_frame` takes one frame, no sooner than a frame period after
+    the last. With a line as the trigger a silent line is no stall: only the time limit ends.
 
     Parameters
     ----------
@@ -130,13 +137,15 @@ class AravisCamera:
         self._is_streaming = False
         self._is_interrupted = False
         self._waited_s = 0.0
+        self._is_triggered = False
+        self._triggered_s = -math.inf
         self._counted_before = StreamStatistics(
             complete_frames=0, incomplete_frames=0, resent_packets=0, missing_packets=0
         )
 
     @classmethod
     def open(cls, config: CameraConfig) -> "AravisCamera":
-        """Open the camera at the configured address and apply its settings.
+        """Open the camera that the bench file names and apply its settings.
 
         Raises
         ------
@@ -173,10 +182,12 @@ class AravisCamera:
         return self._settings.exposure_us
 
     def set_gain_db(self, gain_db: float) -> float:
-        """See `Camera.set_gain_db`."""
+        """See `Camera.set_gain_db`; the lowest gain of one that is counted returns 0."""
         self._settings = self._open_connection().set_gain_db(gain_db)
-        self._config = self._config.model_copy(update={"gain_db": self._settings.gain_db})
-        return self._settings.gain_db
+        found_db = gain_db if self._settings.gain_db is None else self._settings.gain_db
+        update = {"gain_db": found_db, "gain_counts": None}
+        self._config = self._config.model_copy(update=update)
+        return found_db
 
     def start(self) -> None:
         """See `Camera.start`; a lost camera is reopened first.
@@ -199,6 +210,7 @@ class AravisCamera:
             self._open_connection().stream.start()
         self._is_streaming = True
         self._waited_s = 0.0
+        self._is_triggered = False
 
     def next_frame(self, timeout_s: float) -> Frame:
         """See `Camera.next_frame`.
@@ -211,8 +223,12 @@ class AravisCamera:
         connection = self._open_connection()
         if not self._is_streaming:
             raise DeviceError("the camera has not been started")
-        stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
         deadline_s = self._clock() + timeout_s
+        stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
+        if self._config.trigger.casefold() == SOFTWARE:
+            self._trigger(connection)
+        elif self._config.trigger != NO_TRIGGER:
+            stall_s = math.inf
         while True:
             wait_s = min(deadline_s - self._clock(), stall_s - self._waited_s, WAIT_SLICE_S)
             frame = connection.stream.pop(wait_s)
@@ -222,6 +238,7 @@ class AravisCamera:
                 )
             if frame is not None:
                 self._waited_s = 0.0
+                self._is_triggered = False
                 return frame
             # The wait that was asked for, not the time that passed: while this program is not
             # scheduled, what receives its frames is not either.
@@ -265,6 +282,17 @@ class AravisCamera:
             self.stop()
         self._is_closed = True
         self._drop_connection()
+
+    def _trigger(self, connection: AravisConnection) -> None:
+        """Take one frame, unless one that was asked for has not come yet."""
+        if self._is_triggered:
+            return
+        ready_s = self._triggered_s + self._period_s()
+        self._sleep(max(0.0, ready_s - self._clock()))
+        connection.trigger()
+        self._is_triggered = True
+        self._triggered_s = self._clock()
+        self._waited_s = 0.0
 
     def _period_s(self) -> float:
         return max(1 / self._settings.frame_rate_hz, 1e-6 * self._settings.exposure_us)

@@ -1,54 +1,25 @@
-"""Configure a GigE Vision camera from the bench file and read its settings back."""
+"""Configure a camera from the bench file and read its settings back."""
 
 from dataclasses import dataclass, replace
 
+from acquisition.aravis.chunks import FrameChunks
+from acquisition.aravis.corrections import NeutralFeatures, neutralise
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.feature_names import names_for
 from acquisition.aravis.features import CameraFeatures, FeatureValue
-from acquisition.aravis.library import AravisObject
-from acquisition.aravis.packet_size import SAFE_PACKET_BYTES, largest_packet
+from acquisition.aravis.frame_start import FrameRate, set_trigger
+from acquisition.aravis.levels import COUNTS, LevelControls, StatedValue
+from acquisition.aravis.packet_size import PACKET_SIZE, set_packet_size
 from acquisition.aravis.pixel_decoding import can_decode
-from acquisition.aravis.route import route_to
 from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings
-from acquisition.errors import CameraFeatureError, DeviceError
+from acquisition.errors import CameraFeatureError
 
-EXPOSURE_NAMES = ("ExposureTime", "ExposureTimeAbs")
-GAIN_NAMES = ("Gain", "GainRaw", "GainAbs")
-FRAME_RATE_NAMES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
-BANDWIDTH_NAMES = ("StreamBytesPerSecond", "DeviceLinkThroughputLimit")
-"""The SFNC name first, then the older vendor name, as in Allied Vision's Manta."""
+NO_TRIGGER = "off"
 
-FRAME_RATE_LIMIT = "AcquisitionFrameRateLimit"
-
-UNPROCESSED: tuple[tuple[str, FeatureValue], ...] = (
-    ("AcquisitionMode", "Continuous"),
-    ("ExposureMode", "Timed"),
-    ("ExposureAuto", "Off"),
-    ("GainAuto", "Off"),
-    ("BalanceWhiteAuto", "Off"),
-    ("GammaEnable", False),
-    ("Gamma", 1.0),
-    ("LUTEnable", False),
-    ("BinningHorizontal", 1),
-    ("BinningVertical", 1),
-    ("DecimationHorizontal", 1),
-    ("DecimationVertical", 1),
-)
-"""Processing that must be off in a measurement, for the features that a camera has."""
-
-PACKET_SIZE = "GevSCPSPacketSize"
-
-BLACK_LEVEL_SCALE = 4096
-"""``BlackLevel`` counts in DN of the 12 bits of the converter, whatever the pixel format."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
-    """Smallest and largest value that a camera accepts at present."""
-
-    low: float
-    high: float
+MOST_PIXELS = 100_000
+"""No sensor is as wide; a description without a limit says 2**31 and more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,13 +37,19 @@ class CameraControls:
     ----------
     opened
         The camera; everything but the bounds needs control of it.
+    frame_rate_asked_hz
+        Frame rate of the bench file.
     """
 
-    def __init__(self, opened: OpenedDevice) -> None:
+    def __init__(self, opened: OpenedDevice, frame_rate_asked_hz: float) -> None:
         self._opened = opened
         self.features = CameraFeatures(opened)
         # Without it, values out of range reach the camera, which clips some and accepts others.
         opened.camera.set_range_check_policy(opened.library.api.RangeCheckPolicy.ENABLE)
+        with translated_errors(opened.library, "its identity"):
+            self._name = f"{opened.camera.get_vendor_name()} {opened.camera.get_model_name()}"
+        self.levels = LevelControls(self.features, self._name)
+        self.frame_rate = FrameRate(self.features, self._name, frame_rate_asked_hz)
 
     def configure(self, config: CameraConfig) -> AppliedConfiguration:
         """Apply all settings of the bench file.
@@ -87,122 +64,71 @@ class CameraControls:
         with translated_errors(self._opened.library, "AcquisitionStop"):
             # A program that was killed may have left it streaming, with its settings locked.
             self._opened.camera.stop_acquisition()
-        for feature, value in UNPROCESSED:
-            if self.features.has(feature):
-                self.features.write(feature, value)
-        with translated_errors(self._opened.library, "TriggerMode"):
-            self._opened.camera.clear_triggers()
         self._set_pixel_format(config.pixel_format)
+        neutral = neutralise(self.features, self._name)
+        self.levels.select_master_gain()
         self._set_region(config.region_px)
-        warnings = self._set_packet_size(config.packet_size_bytes)
-        self._set_bandwidth(config.bandwidth_limit_bytes_per_s)
-        self.set_exposure_us(config.exposure_us)
-        self.set_gain_db(config.gain_db)
-        warnings += self._set_frame_rate(config.frame_rate_hz)
-        return AppliedConfiguration(settings=self.read_settings(), warnings=warnings)
-
-    def set_exposure_us(self, exposure_us: float) -> float:
-        """Set the exposure and return the one read back, in us."""
-        name = self._name(EXPOSURE_NAMES)
-        with translated_errors(self._opened.library, name):
-            self._opened.camera.set_exposure_time(exposure_us)
-            found = float(self._opened.camera.get_exposure_time())
-        self._require_kept(name, exposure_us, found)
-        return found
-
-    def raise_frame_rate(self, frame_rate_hz: float) -> float:
-        """Return to the frame rate of the bench file, as far as the present exposure allows.
-
-        Returns
-        -------
-        float
-            The frame rate, in Hz.
-        """
-        wanted_hz = min(frame_rate_hz, self.frame_rate_bounds_hz().high)
-        if self.frame_rate_hz() < 0.99 * wanted_hz:
-            self._set_frame_rate(wanted_hz)
-        return self.frame_rate_hz()
-
-    def set_gain_db(self, gain_db: float) -> float:
-        """Set the gain and return the one read back, in dB."""
-        name = self._name(GAIN_NAMES)
-        with translated_errors(self._opened.library, name):
-            self._opened.camera.set_gain(gain_db)
-            found = float(self._opened.camera.get_gain())
-        self._require_kept(name, gain_db, found)
-        return found
-
-    def frame_rate_hz(self) -> float:
-        """Present frame rate, which long exposures lower."""
-        name = self._name(FRAME_RATE_NAMES)
-        with translated_errors(self._opened.library, name):
-            return min(
-                float(self._opened.camera.get_frame_rate()), self.frame_rate_bounds_hz().high
-            )
-
-    def exposure_bounds_us(self) -> Bounds:
-        """Exposures that the camera accepts, in us."""
-        with translated_errors(self._opened.library, self._name(EXPOSURE_NAMES)):
-            return _bounds(self._opened.camera.get_exposure_time_bounds())
-
-    def gain_bounds_db(self) -> Bounds:
-        """Gains that the camera accepts, in dB."""
-        with translated_errors(self._opened.library, self._name(GAIN_NAMES)):
-            return _bounds(self._opened.camera.get_gain_bounds())
-
-    def frame_rate_bounds_hz(self) -> Bounds:
-        """Frame rates at the present exposure, region, packet size and bandwidth."""
-        with translated_errors(self._opened.library, self._name(FRAME_RATE_NAMES)):
-            bounds = _bounds(self._opened.camera.get_frame_rate_bounds())
-        if not self.features.has(FRAME_RATE_LIMIT):
-            return bounds
-        limit_hz = float(self.features.read(FRAME_RATE_LIMIT, float))
-        return Bounds(low=bounds.low, high=min(bounds.high, limit_hz))
-
-    def read_settings(self) -> CameraSettings:
-        """Read back everything that a session records."""
-        with translated_errors(self._opened.library, "the settings"):
-            region = self._opened.camera.get_region()
-            pixel_format = str(self._opened.camera.get_pixel_format_as_string())
-            exposure_us = float(self._opened.camera.get_exposure_time())
-            gain_db = float(self._opened.camera.get_gain())
-            packet_size_bytes = int(self._opened.camera.gv_get_packet_size())
-        features: dict[str, FeatureValue] = {
-            "OffsetX": int(region.x),
-            "OffsetY": int(region.y),
-            PACKET_SIZE: packet_size_bytes,
-        }
-        for feature, value in UNPROCESSED:
-            if self.features.has(feature):
-                features[feature] = self.features.read(feature, type(value))
-        if self.features.has("TriggerMode"):
-            features["TriggerMode"] = self.features.read("TriggerMode", str)
-        bandwidth = self.features.first_of(BANDWIDTH_NAMES)
-        if bandwidth is not None:
-            features[bandwidth] = self.features.read(bandwidth, int)
-        settings = CameraSettings(
-            width_px=int(region.width),
-            height_px=int(region.height),
-            pixel_format=pixel_format,
-            exposure_us=exposure_us,
-            gain_db=gain_db,
-            frame_rate_hz=self.frame_rate_hz(),
-            black_level_dn=0.0,
-            features=features,
+        warnings: tuple[str, ...] = ()
+        if self._opened.is_gige:
+            warnings = set_packet_size(self._opened, self.features, config.packet_size_bytes)
+        self._set_throughput(config.bandwidth_limit_bytes_per_s)
+        self.levels.set_exposure_us(config.exposure_us)
+        if config.gain_counts is None:
+            self.levels.set_gain_db(config.gain_db)
+        else:
+            self.levels.set_gain_counts(config.gain_counts)
+        warnings += self.frame_rate.set()
+        if config.trigger != NO_TRIGGER:
+            neutral.values |= set_trigger(self.features, config.trigger, config.trigger_edge)
+        settings = self._read_settings(neutral)
+        return AppliedConfiguration(
+            settings=settings,
+            warnings=(*warnings, *neutral.warnings, *_unscaled_warnings(settings)),
         )
-        scale = (settings.max_level_dn + 1) / BLACK_LEVEL_SCALE
-        return replace(settings, black_level_dn=self._black_level() * scale)
 
-    def _black_level(self) -> float:
-        with translated_errors(self._opened.library, "BlackLevel"):
-            if not self._opened.camera.is_black_level_available():
-                return 0.0
-            return float(self._opened.camera.get_black_level())
+    def chunks(self) -> FrameChunks:
+        """Switch on what the camera states with each frame; before the stream is made."""
+        return FrameChunks(self._opened, self.features, self._name)
 
-    def _set_pixel_format(self, pixel_format: str) -> None:
+    def pixel_formats(self) -> tuple[str, ...]:
+        """Those of the camera's pixel formats that can be decoded."""
         with translated_errors(self._opened.library, "PixelFormat"):
             offered = list(self._opened.camera.dup_available_pixel_formats_as_strings())
-        usable = [name for name in offered if can_decode(name)]
+        return tuple(name for name in offered if can_decode(name))
+
+    def _read_settings(self, neutral: NeutralFeatures) -> CameraSettings:
+        """Read back everything that a session records."""
+        features: dict[str, FeatureValue] = {
+            name: self.features.read(name)
+            for name in ("OffsetX", "OffsetY", PACKET_SIZE)
+            if self.features.has(name)
+        }
+        features |= neutral.values
+        throughput = self._first("throughput")
+        if throughput is not None:
+            features[throughput] = self.features.read(throughput)
+        gain, black_level = self.levels.gain(), self.levels.black_level()
+        for stated in (gain, black_level):
+            if stated is not None:
+                features[stated.feature] = stated.value
+        with translated_errors(self._opened.library, "PixelFormat"):
+            pixel_format = str(self._opened.camera.get_pixel_format_as_string())
+        settings = CameraSettings(
+            width_px=round(self.features.number("Width")),
+            height_px=round(self.features.number("Height")),
+            pixel_format=pixel_format,
+            exposure_us=self.levels.exposure_us(),
+            gain_db=gain.decibels,
+            frame_rate_hz=self.frame_rate.hz(),
+            black_level_dn=0.0,
+            gain=gain.value,
+            gain_unit=gain.unit,
+            features=features,
+        )
+        return _with_black_level(settings, black_level)
+
+    def _set_pixel_format(self, pixel_format: str) -> None:
+        usable = self.pixel_formats()
         if pixel_format not in usable:
             raise CameraFeatureError(
                 f"PixelFormat (camera.pixel_format) {pixel_format!r} is not available; this "
@@ -212,110 +138,91 @@ class CameraControls:
         with translated_errors(self._opened.library, "PixelFormat"):
             self._opened.camera.set_pixel_format_from_string(pixel_format)
             found = str(self._opened.camera.get_pixel_format_as_string())
-        _require_equal("PixelFormat", pixel_format, found)
+        if found != pixel_format:
+            raise CameraFeatureError(
+                f"the camera does not keep PixelFormat: set to {pixel_format}, it reads {found}",
+                feature="PixelFormat",
+            )
 
     def _set_region(self, region_px: tuple[int, int, int, int] | None) -> None:
-        with translated_errors(self._opened.library, "Width, Height, OffsetX, OffsetY"):
-            if region_px is None:
-                sensor = self._opened.camera.get_sensor_size()
-                region_px = (0, 0, int(sensor.width), int(sensor.height))
-            self._opened.camera.set_region(*region_px)
-            found = self._opened.camera.get_region()
-        for name, wanted, read in zip(
-            ("OffsetX", "OffsetY", "Width", "Height"),
-            region_px,
-            (found.x, found.y, found.width, found.height),
-            strict=True,
-        ):
-            _require_equal(name, wanted, int(read))
+        """Set the region, or the largest one: that is how cameras without SensorWidth tell it."""
+        for offset in ("OffsetX", "OffsetY"):
+            if self.features.has(offset):
+                self.features.write(offset, 0)
+        sizes = {}
+        for size, place in (("Width", 2), ("Height", 3)):
+            asked = None if region_px is None else region_px[place]
+            sizes[size] = self._fitting(size, asked)
+        for size, value in sizes.items():
+            self.features.write(size, value)
+        if region_px is None:
+            return
+        for offset, value in (("OffsetX", region_px[0]), ("OffsetY", region_px[1])):
+            if value or self.features.has(offset):
+                self.features.write(offset, self._fitting(offset, value))
 
-    def _set_packet_size(self, packet_size_bytes: int | None) -> tuple[str, ...]:
-        warnings: tuple[str, ...] = ()
-        with translated_errors(self._opened.library, PACKET_SIZE):
-            # Making a stream would negotiate, unasked. A Manta's packet size at power-up is above
-            # its own maximum; Aravis 0.8.26 then ends the process with an assertion.
-            self._opened.camera.gv_set_packet_size_adjustment(
-                self._opened.library.api.GvPacketSizeAdjustment.NEVER
+    def _fitting(self, feature: str, asked: int | None) -> int:
+        """The size or offset asked for, or the largest one.
+
+        Raises
+        ------
+        CameraFeatureError
+            If the camera does not have it; the error names the step and the nearest that it has.
+        """
+        bounds, step = self.features.bounds(feature), round(self.features.step(feature))
+        low, steps = round(bounds.low), int(bounds.high - bounds.low) // step
+        high = low + steps * step
+        if high > MOST_PIXELS:
+            raise CameraFeatureError(
+                f"the camera does not tell how large its sensor is ({feature} up to {high}); set "
+                "camera.region_px to left, top, width, height",
+                feature=feature,
             )
-            if packet_size_bytes is None:
-                bounds = self._opened.camera.get_integer_bounds(PACKET_SIZE)
-                route = route_to(self._opened.ip_address)
-                packet_size_bytes = largest_packet(
-                    self._opened,
-                    own_address=route.own_address,
-                    mtu_bytes=route.mtu_bytes,
-                    low=int(bounds.min),
-                    high=int(bounds.max),
-                    step=self._packet_size_step(),
-                )
-            if packet_size_bytes is None:
-                packet_size_bytes = SAFE_PACKET_BYTES
-                warnings = (
-                    "no test packet arrived from the camera: a firewall blocks its stream, or it "
-                    f"sends none; the packet size is set to {SAFE_PACKET_BYTES} bytes",
-                )
-            self._opened.camera.gv_set_packet_size(packet_size_bytes)
-            found = int(self._opened.camera.gv_get_packet_size())
-        _require_equal(PACKET_SIZE, packet_size_bytes, found)
-        return warnings
+        if asked is None:
+            return high
+        if low <= asked <= high and (asked - low) % step == 0:
+            return asked
+        below = min(max(low + (asked - low) // step * step, low), high)
+        nearest = sorted({below, min(below + step, high)})
+        raise CameraFeatureError(
+            f"camera.region_px: {feature} {asked} is not possible: it goes from {low} to {high} "
+            f"in steps of {step}; the nearest: {' and '.join(map(str, nearest))}",
+            feature=feature,
+        )
 
-    def _packet_size_step(self) -> int:
-        try:
-            return max(1, int(self._opened.camera.get_integer_increment(PACKET_SIZE)))
-        except self._opened.library.glib.Error:
-            return 1
-
-    def _set_bandwidth(self, limit_bytes_per_s: int | None) -> None:
+    def _set_throughput(self, limit_bytes_per_s: int | None) -> None:
         if limit_bytes_per_s is None:
             return
-        feature = self.features.first_of(BANDWIDTH_NAMES)
+        feature = self._first("throughput")
         if feature is None:
             raise CameraFeatureError(
                 "camera.bandwidth_limit_bytes_per_s: this camera has no such limit",
-                feature=BANDWIDTH_NAMES[0],
+                feature=names_for("throughput", self._name)[0].name,
             )
+        switch = self._first("throughput switch")
+        if switch is not None:
+            self.features.write(switch, "On")
         self.features.write(feature, limit_bytes_per_s)
 
-    def _set_frame_rate(self, frame_rate_hz: float) -> tuple[str, ...]:
-        name = self._name(FRAME_RATE_NAMES)
-        high_hz = self.frame_rate_bounds_hz().high
-        wanted_hz = min(frame_rate_hz, high_hz)
-        with translated_errors(self._opened.library, name):
-            self._opened.camera.set_frame_rate(wanted_hz)
-            found_hz = float(self._opened.camera.get_frame_rate())
-        if not abs(found_hz - wanted_hz) <= 0.01 * wanted_hz:
-            raise CameraFeatureError(
-                f"the camera does not keep {name}: set to {wanted_hz:g}, it reads {found_hz:g}",
-                feature=name,
-            )
-        if wanted_hz == frame_rate_hz:
-            return ()
-        return (
-            f"camera.frame_rate_hz {frame_rate_hz:g} is beyond what the camera can do at this "
-            f"exposure, region and packet size; it runs at {found_hz:.2f}",
-        )
-
-    def _require_kept(self, feature: str, wanted: float, found: float) -> None:
-        if not abs(found - wanted) <= max(self.features.step(feature), 0.001 * wanted):
-            raise CameraFeatureError(
-                f"the camera does not keep {feature}: set to {wanted:g}, it reads {found:g}",
-                feature=feature,
-            )
-
-    def _name(self, names: tuple[str, ...]) -> str:
-        found = self.features.first_of(names)
-        if found is None:
-            raise DeviceError(f"the camera has no feature {' or '.join(names)}; it cannot be used")
-        return found
+    def _first(self, purpose: str) -> str | None:
+        return self.features.first_of([row.name for row in names_for(purpose, self._name)])
 
 
-def _bounds(pair: AravisObject) -> Bounds:
-    return Bounds(low=float(pair.min), high=float(pair.max))
+def _with_black_level(settings: CameraSettings, stated: StatedValue | None) -> CameraSettings:
+    if stated is None:
+        return settings
+    return replace(
+        settings,
+        black_level_dn=stated.levels_dn(settings.max_level_dn) or 0.0,
+        black_level=stated.value,
+        black_level_unit=stated.unit,
+    )
 
 
-def _require_equal(feature: str, wanted: FeatureValue, found: FeatureValue) -> None:
-    if found != wanted:
-        raise CameraFeatureError(
-            f"the camera does not keep {feature}: set to {wanted}, it reads {found}",
-            feature=feature,
-        )
+def _unscaled_warnings(settings: CameraSettings) -> tuple[str, ...]:
+    if settings.black_level_unit != COUNTS or not settings.black_level:
+        return ()
+    return (
+        f"the camera's black level is {settings.black_level:g} counts of unknown scale; it is "
+        "recorded as 0 DN beside its counts, and captures of kind dark tell it in DN",
+    )

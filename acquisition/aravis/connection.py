@@ -1,9 +1,9 @@
-"""An opened and configured GigE Vision camera with its stream, made and dropped as a whole."""
+"""An opened and configured camera with its stream, made and dropped as a whole."""
 
 from dataclasses import replace
 
 from acquisition.aravis.configuration import CameraControls
-from acquisition.aravis.device import OpenedDevice, open_device
+from acquisition.aravis.device import OpenedDevice, open_camera
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.route import receive_buffer_limit_bytes
 from acquisition.aravis.stream import SOCKET_BUFFER_BYTES, FrameStream
@@ -21,11 +21,9 @@ def connect_camera(config: CameraConfig) -> "AravisConnection":
     Raises
     ------
     DeviceError
-        As for `open_device` and `AravisConnection`.
+        As for `open_camera` and `AravisConnection`.
     """
-    if config.address is None:
-        raise DeviceError("camera.address is missing; driver 'aravis' needs it")
-    return AravisConnection(open_device(config.address), config)
+    return AravisConnection(open_camera(config), config)
 
 
 class AravisConnection:
@@ -50,16 +48,16 @@ class AravisConnection:
 
     def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
         self._opened = opened
-        self._frame_rate_asked_hz = config.frame_rate_hz
         self._stream: FrameStream | None = None
         try:
             self._require_control()
-            self._controls = CameraControls(opened)
+            self._controls = CameraControls(opened, config.frame_rate_hz)
             applied = self._controls.configure(config)
             self.settings = applied.settings
-            self.warnings = (*applied.warnings, *_receive_buffer_warnings())
+            self.warnings = (*applied.warnings, *_receive_buffer_warnings(opened))
             self.info = self._read_info()
-            self._stream = FrameStream(opened, self.settings)
+            chunks = self._controls.chunks() if config.chunk_data else None
+            self._stream = FrameStream(opened, self.settings, chunks)
         except BaseException:
             self.close()
             raise
@@ -85,15 +83,25 @@ class AravisConnection:
         """Set the exposure and return all settings: the frame rate may change with it."""
         self.settings = replace(
             self.settings,
-            exposure_us=self._controls.set_exposure_us(exposure_us),
-            frame_rate_hz=self._controls.raise_frame_rate(self._frame_rate_asked_hz),
+            exposure_us=self._controls.levels.set_exposure_us(exposure_us),
+            frame_rate_hz=self._controls.frame_rate.restore(),
         )
         return self.settings
 
     def set_gain_db(self, gain_db: float) -> CameraSettings:
         """Set the gain and return all settings."""
-        self.settings = replace(self.settings, gain_db=self._controls.set_gain_db(gain_db))
+        gain = self._controls.levels.set_gain_db(gain_db)
+        self.settings = replace(
+            self.settings,
+            gain_db=gain.decibels,
+            gain=gain.value,
+            features={**self.settings.features, gain.feature: gain.value},
+        )
         return self.settings
+
+    def trigger(self) -> None:
+        """Take one frame, of a camera that waits for the software trigger."""
+        self._controls.features.execute("TriggerSoftware")
 
     def close(self) -> None:
         """Drop stream, camera and device, and with them threads, sockets and control.
@@ -107,7 +115,7 @@ class AravisConnection:
     def _require_control(self) -> None:
         if not self._opened.is_controller:
             raise DeviceInUseError(
-                f"the camera at {self._opened.ip_address} is in use by another program; close "
+                f"the camera at {self._opened.name} is in use by another program; close "
                 "that program (one that was killed holds the camera for a few more seconds)"
             )
 
@@ -120,16 +128,18 @@ class AravisConnection:
                 vendor=str(self._opened.camera.get_vendor_name()),
                 model=str(self._opened.camera.get_model_name()),
                 serial_number=(
-                    str(features.read(serial_number, str))
+                    str(features.read(serial_number))
                     if serial_number is not None
                     else str(self._opened.camera.get_device_serial_number())
                 ),
-                firmware="" if firmware is None else str(features.read(firmware, str)),
+                firmware="" if firmware is None else str(features.read(firmware)),
                 driver="aravis",
             )
 
 
-def _receive_buffer_warnings() -> tuple[str, ...]:
+def _receive_buffer_warnings(opened: OpenedDevice) -> tuple[str, ...]:
+    if not opened.is_gige:
+        return ()
     limit_bytes = receive_buffer_limit_bytes()
     if limit_bytes is None or limit_bytes >= SOCKET_BUFFER_BYTES:
         return ()

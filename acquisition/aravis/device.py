@@ -1,10 +1,10 @@
-"""Opening and releasing a GigE Vision device at one address."""
+"""Opening and releasing a camera: a GigE Vision device at an address, or any camera by its id."""
 
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.library import AravisLibrary, AravisObject, load_aravis
 from acquisition.aravis.route import route_to
-from acquisition.bench import resolve_address
-from acquisition.errors import DeviceDisconnectedError
+from acquisition.bench import CameraConfig, resolve_address
+from acquisition.errors import DeviceDisconnectedError, DeviceError
 
 
 class OpenedDevice:
@@ -17,10 +17,10 @@ class OpenedDevice:
     ----------
     library
         The Aravis modules.
-    ip_address
-        Address at which it was opened.
+    name
+        Its IP address, or the id of a camera that is not on the network.
     device
-        An ``Aravis.GvDevice``.
+        An ``Aravis.Device``.
     camera
         The ``Aravis.Camera`` of that device.
     """
@@ -29,18 +29,19 @@ class OpenedDevice:
         self,
         library: AravisLibrary,
         *,
-        ip_address: str,
+        name: str,
         device: AravisObject,
         camera: AravisObject,
     ) -> None:
         self.library = library
-        self.ip_address = ip_address
+        self.name = name
+        self.is_gige = bool(camera.is_gv_device())
         self._device = device
         self._camera = camera
 
     @property
     def device(self) -> AravisObject:
-        """The ``Aravis.GvDevice``."""
+        """The ``Aravis.Device``."""
         if self._device is None:
             raise DeviceDisconnectedError("the connection to the camera is closed")
         return self._device
@@ -54,13 +55,31 @@ class OpenedDevice:
 
     @property
     def is_controller(self) -> bool:
-        """Whether we control the camera; otherwise another program does."""
-        return bool(self.device.is_controller())
+        """Whether we control the camera; otherwise another program does.
+
+        Only GigE Vision tells: whoever has opened another camera has it alone.
+        """
+        return bool(self.device.is_controller()) if self.is_gige else True
 
     def close(self) -> None:
         """Release the camera; closing twice is harmless."""
         self._camera = None
         self._device = None
+
+
+def open_camera(config: CameraConfig) -> OpenedDevice:
+    """Open the camera that a bench file names.
+
+    Raises
+    ------
+    DeviceError
+        As for `open_device` and `open_by_id`.
+    """
+    if config.address is not None:
+        return open_device(config.address)
+    if config.id is not None:
+        return open_by_id(config.id)
+    raise DeviceError("camera.address is missing; driver 'aravis' needs it, or camera.id")
 
 
 def open_device(address: str) -> OpenedDevice:
@@ -88,7 +107,48 @@ def open_device(address: str) -> OpenedDevice:
         try:
             return OpenedDevice(
                 library,
-                ip_address=ip_address,
+                name=ip_address,
+                device=device,
+                camera=library.api.Camera.new_with_device(device),
+            )
+        finally:
+            del device  # see `OpenedDevice`
+
+
+def open_by_id(camera_id: str) -> OpenedDevice:
+    """Open any camera that Aravis finds; this BROADCASTS on every network interface.
+
+    Raises
+    ------
+    DriverMissingError
+        If Aravis or PyGObject is not installed.
+    DeviceDisconnectedError
+        If there is no such camera, or it does not answer.
+    """
+    library = load_aravis()
+    library.api.update_device_list()
+    ids = [str(library.api.get_device_id(i)) for i in range(library.api.get_n_devices())]
+    device = None
+    # Every name that Aravis knows a camera by: with a serial number, an address, a user's name.
+    with translated_errors(library, f"opening {camera_id!r}"):
+        try:
+            device = library.api.open_device(camera_id)
+        except library.glib.Error as error:
+            if not ids:
+                raise
+            raise DeviceDisconnectedError(
+                f"camera.id {camera_id!r} is none of the cameras found: {', '.join(sorted(ids))}"
+                f" ({error.message})"
+            ) from error
+        if device is None:
+            raise DeviceDisconnectedError(f"camera.id {camera_id!r}: no such camera was found")
+        name = camera_id
+        if isinstance(device, library.api.GvDevice):
+            name = str(device.get_device_address().get_address().to_string())
+        try:
+            return OpenedDevice(
+                library,
+                name=name,
                 device=device,
                 camera=library.api.Camera.new_with_device(device),
             )

@@ -1,15 +1,18 @@
-"""Find the GigE Vision cameras on the network, and report what one of them can do.
+"""Find the cameras on the network and on USB, and report what one of them can do.
 
-Nothing else in the driver broadcasts.
+Only this broadcasts, and opening a camera by its id.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from acquisition.aravis.configuration import Bounds, CameraControls
-from acquisition.aravis.device import open_device
+from acquisition.aravis.configuration import CameraControls
+from acquisition.aravis.device import open_camera
 from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.features import Bounds
+from acquisition.aravis.levels import StatedValue
 from acquisition.aravis.library import AravisLibrary, load_aravis
+from acquisition.bench import CameraConfig
 
 TEMPERATURE = "DeviceTemperature"
 GIGE_VISION = "GigEVision"
@@ -17,36 +20,40 @@ GIGE_VISION = "GigEVision"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundCamera:
-    """A camera that answered, and its address."""
+    """A camera that answered: its address, empty on USB, and its id, which opens it too."""
 
     address: str
     vendor: str
     model: str
     serial_number: str
     hardware_address: str
+    id: str = ""
+    transport: str = GIGE_VISION
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraProbe:
     """The present state of one camera; the limits are those at its present settings.
 
-    ``temperature_c`` is None where the camera has no such feature.
+    ``gain`` is its lowest and highest, as the camera states them. ``pixel_formats`` are those that
+    can be decoded. ``temperature_c`` is None where the camera has no such feature,
+    ``packet_size_bytes`` where it is not on a network.
     """
 
     vendor: str
     model: str
-    ip_address: str
+    name: str
     is_controllable: bool
     exposure_us: Bounds
-    gain_db: Bounds
+    gain: tuple[StatedValue, StatedValue]
     frame_rate_hz: Bounds
     pixel_formats: tuple[str, ...]
-    packet_size_bytes: int
+    packet_size_bytes: int | None
     temperature_c: float | None
 
 
 def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[FoundCamera, ...]:
-    """List the cameras that answer a broadcast on any network interface; takes about a second.
+    """List the cameras that answer on any network interface or USB port; takes about a second.
 
     Raises
     ------
@@ -57,44 +64,49 @@ def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[Found
     api.update_device_list()
     found = [
         FoundCamera(
-            address=str(api.get_device_address(index)),
+            address=(
+                str(api.get_device_address(index))
+                if api.get_device_protocol(index) == GIGE_VISION
+                else ""
+            ),
             vendor=str(api.get_device_vendor(index)),
             model=str(api.get_device_model(index)),
             serial_number=str(api.get_device_serial_nbr(index)),
             hardware_address=str(api.get_device_physical_id(index)),
+            id=str(api.get_device_id(index)),
+            transport=str(api.get_device_protocol(index)),
         )
         for index in range(api.get_n_devices())
-        if api.get_device_protocol(index) == GIGE_VISION
     ]
-    return tuple(sorted(found, key=lambda camera: camera.address))
+    return tuple(sorted(found, key=lambda camera: (camera.address, camera.id)))
 
 
-def probe_camera(address: str) -> CameraProbe:
-    """Open the camera at one address, query it and release it.
+def probe_camera(config: CameraConfig) -> CameraProbe:
+    """Open the camera of a bench file, query it and release it.
 
     Raises
     ------
     DeviceError
         If it cannot be opened, or does not answer.
     """
-    opened = open_device(address)
+    opened = open_camera(config)
     try:
-        controls = CameraControls(opened)
+        controls = CameraControls(opened, config.frame_rate_hz)
         has_temperature = controls.features.has(TEMPERATURE)
         with translated_errors(opened.library, "its identity"):
             return CameraProbe(
                 vendor=str(opened.camera.get_vendor_name()),
                 model=str(opened.camera.get_model_name()),
-                ip_address=opened.ip_address,
+                name=opened.name,
                 is_controllable=opened.is_controller,
-                exposure_us=controls.exposure_bounds_us(),
-                gain_db=controls.gain_bounds_db(),
-                frame_rate_hz=controls.frame_rate_bounds_hz(),
-                pixel_formats=tuple(opened.camera.dup_available_pixel_formats_as_strings()),
-                packet_size_bytes=int(opened.camera.gv_get_packet_size()),
-                temperature_c=(
-                    float(controls.features.read(TEMPERATURE, float)) if has_temperature else None
+                exposure_us=controls.levels.exposure_bounds_us(),
+                gain=controls.levels.gain_bounds(),
+                frame_rate_hz=controls.frame_rate.bounds_hz(),
+                pixel_formats=controls.pixel_formats(),
+                packet_size_bytes=(
+                    int(opened.camera.gv_get_packet_size()) if opened.is_gige else None
                 ),
+                temperature_c=controls.features.number(TEMPERATURE) if has_temperature else None,
             )
     finally:
         opened.close()

@@ -13,6 +13,11 @@ import time
 
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.features import CameraFeatures
+from acquisition.aravis.route import route_to
+from acquisition.errors import CameraFeatureError
+
+PACKET_SIZE = "GevSCPSPacketSize"
 
 SAFE_PACKET_BYTES = 1500
 """Packet size that Ethernet carries without any configuration."""
@@ -31,6 +36,48 @@ USUAL_SIZES = (16000, 9000, 8228, 8000, 6000, 4000, 3000, 2000, SAFE_PACKET_BYTE
 
 TRIES = 3
 WAIT_S = 0.02
+
+
+def set_packet_size(
+    opened: OpenedDevice, features: CameraFeatures, packet_size_bytes: int | None
+) -> tuple[str, ...]:
+    """Set a packet size, or the largest that gets through; return warnings.
+
+    Raises
+    ------
+    CameraFeatureError
+        If the camera does not keep it.
+    """
+    warnings: tuple[str, ...] = ()
+    with translated_errors(opened.library, PACKET_SIZE):
+        # Making a stream would negotiate, unasked. A Manta's packet size at power-up is above
+        # its own maximum; Aravis 0.8.26 then ends the process with an assertion.
+        opened.camera.gv_set_packet_size_adjustment(opened.library.api.GvPacketSizeAdjustment.NEVER)
+        if packet_size_bytes is None:
+            bounds = features.bounds(PACKET_SIZE)
+            route = route_to(opened.name)
+            packet_size_bytes = largest_packet(
+                opened,
+                own_address=route.own_address,
+                mtu_bytes=route.mtu_bytes,
+                low=round(bounds.low),
+                high=round(bounds.high),
+                step=max(1, round(features.step(PACKET_SIZE))),
+            )
+        if packet_size_bytes is None:
+            packet_size_bytes = SAFE_PACKET_BYTES
+            warnings = (
+                "no test packet arrived from the camera: a firewall blocks its stream, or it "
+                f"sends none; the packet size is set to {SAFE_PACKET_BYTES} bytes",
+            )
+        opened.camera.gv_set_packet_size(packet_size_bytes)
+        found = int(opened.camera.gv_get_packet_size())
+    if found != packet_size_bytes:
+        raise CameraFeatureError(
+            f"the camera does not keep {PACKET_SIZE}: set to {packet_size_bytes}, it reads {found}",
+            feature=PACKET_SIZE,
+        )
+    return warnings
 
 
 def largest_packet(
@@ -87,6 +134,6 @@ def _arrives(opened: OpenedDevice, receiver: socket.socket, size: int) -> bool:
             except TimeoutError:
                 break
             # A late packet of another trial, or from another sender, does not count.
-            if sender[0] == opened.ip_address and len(datagram) == size - IP_AND_UDP_HEADER_BYTES:
+            if sender[0] == opened.name and len(datagram) == size - IP_AND_UDP_HEADER_BYTES:
                 return True
     return False

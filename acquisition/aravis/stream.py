@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from acquisition.aravis.chunks import FrameChunks, FrameFacts
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.library import AravisObject
@@ -28,27 +29,41 @@ class FrameStream:
         The camera, configured.
     settings
         Its settings.
+    chunks
+        What it states with each frame; None if it is not asked to.
     """
 
-    def __init__(self, opened: OpenedDevice, settings: CameraSettings) -> None:
+    def __init__(
+        self, opened: OpenedDevice, settings: CameraSettings, chunks: FrameChunks | None = None
+    ) -> None:
         self._opened = opened
+        self._chunks = chunks
+        self._shape = (settings.height_px, settings.width_px)
         library = opened.library
         self._format_name = settings.pixel_format
         # After a leader that it cannot read, Aravis 0.8.26 delivers the buffer as a success with
         # what an earlier frame left in it. Time stamps ascend: such a frame is not newer.
         self._newest_ns = -1
+        # The counter and time stamp inside the frame, where the camera has them, change as well.
+        self._newest_facts = FrameFacts()
         # Compiled before the stream runs: the first time takes a second, and no frame waits.
         decode_pixels(bytes(encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
         self._success = library.api.BufferStatus.SUCCESS
-        self._image_payload = library.api.BufferPayloadType.IMAGE
+        payloads = library.api.BufferPayloadType
+        self._image_payload = payloads.IMAGE
+        self._chunk_payload = payloads.CHUNK_DATA
         with translated_errors(library, "the stream channel"):
             self._format_code = int(opened.camera.get_pixel_format())
             payload_bytes = int(opened.camera.get_payload())
-            # As root, Aravis reads a packet socket and so hides that the receive buffer is small.
-            opened.camera.gv_set_stream_options(library.api.GvStreamOption.PACKET_SOCKET_DISABLED)
+            if opened.is_gige:
+                # As root, Aravis reads a packet socket: that hides a small receive buffer.
+                opened.camera.gv_set_stream_options(
+                    library.api.GvStreamOption.PACKET_SOCKET_DISABLED
+                )
             self._made: AravisObject = opened.camera.create_stream(None, None)
-        self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
-        self._stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
+        if opened.is_gige:
+            self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
+            self._stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
         wanted = math.ceil(BUFFERED_S * settings.frame_rate_hz)
         for _ in range(min(max(wanted, MIN_BUFFERS), MAX_BUFFERS)):
             self._stream.push_buffer(library.api.Buffer.new_allocate(payload_bytes))
@@ -66,6 +81,7 @@ class FrameStream:
         # a short series would cost the next one its first frames: a new thread starts afresh.
         self._stream.stop_thread(False)
         self._drain()
+        self._newest_facts = FrameFacts()  # some cameras count from the start of the series
         self._stream.start_thread()
         with translated_errors(self._opened.library, "AcquisitionStart"):
             self._opened.camera.start_acquisition()
@@ -90,6 +106,13 @@ class FrameStream:
         # The instance's get_statistics() is GObject's, with another meaning; Aravis' takes the
         # stream as an argument. Its third figure, "underruns", counts packets, not frames.
         complete, incomplete, _ = self._opened.library.api.Stream.get_statistics(self._stream)
+        if not self._opened.is_gige:
+            return StreamStatistics(
+                complete_frames=int(complete),
+                incomplete_frames=int(incomplete),
+                resent_packets=0,
+                missing_packets=0,
+            )
         return StreamStatistics(
             complete_frames=int(complete),
             incomplete_frames=int(incomplete),
@@ -103,6 +126,8 @@ class FrameStream:
         This writes to the camera, so close the device only afterwards, and make no other stream
         of the camera before: its port would be cleared (Aravis 0.8.26).
         """
+        if self._chunks is not None:
+            self._chunks.close()
         self._made = None
 
     def _drain(self) -> None:
@@ -113,19 +138,25 @@ class FrameStream:
     def _frame(self, buffer: AravisObject) -> Frame:
         frame_id, timestamp_ns = int(buffer.get_frame_id()), int(buffer.get_timestamp())
         # The state comes first: an incomplete buffer has no bytes, and no picture to ask about.
-        if (
-            buffer.get_status() == self._success
-            and self._is_picture(buffer)
-            and timestamp_ns > self._newest_ns
-        ):
-            shape = (int(buffer.get_image_height()), int(buffer.get_image_width()))
-            data: bytes = buffer.get_data()
-            if len(data) >= encoded_bytes(self._format_name, shape):
+        if buffer.get_status() == self._success and timestamp_ns > self._newest_ns:
+            shape = self._shape_of(buffer)
+            data: bytes = b"" if shape is None else buffer.get_data()
+            facts: FrameFacts | None = FrameFacts()
+            if shape is not None and self._chunks is not None:
+                facts = self._chunks.read(buffer)
+            if (
+                shape is not None
+                and facts is not None
+                and len(data) >= encoded_bytes(self._format_name, shape)
+                and self._is_newer(facts)
+            ):
                 self._newest_ns = timestamp_ns
+                self._newest_facts = facts
                 return Frame(
                     image_dn=decode_pixels(data, self._format_name, shape),
                     frame_id=frame_id,
                     timestamp_ns=timestamp_ns,
+                    exposure_us=facts.exposure_us,
                 )
         return Frame(
             image_dn=np.empty((0, 0), np.uint16),
@@ -134,8 +165,23 @@ class FrameStream:
             is_complete=False,
         )
 
-    def _is_picture(self, buffer: AravisObject) -> bool:
-        return (
-            buffer.get_payload_type() == self._image_payload
-            and int(buffer.get_image_pixel_format()) == self._format_code
+    def _shape_of(self, buffer: AravisObject) -> tuple[int, int] | None:
+        """``(rows, cols)`` of a picture in the format that was set; None if it is none."""
+        payload = buffer.get_payload_type()
+        if payload == self._chunk_payload and self._chunks is not None:
+            return self._shape  # the leader of such a block tells neither size nor format
+        if (
+            payload != self._image_payload
+            or int(buffer.get_image_pixel_format()) != self._format_code
+        ):
+            return None
+        return int(buffer.get_image_height()), int(buffer.get_image_width())
+
+    def _is_newer(self, facts: FrameFacts) -> bool:
+        """Whether the camera's own counter and time stamp say so too, where it states them."""
+        before = self._newest_facts
+        pairs = (
+            (before.counter, facts.counter),
+            (before.timestamp_ticks, facts.timestamp_ticks),
         )
+        return all(old is None or new is None or new != old for old, new in pairs)

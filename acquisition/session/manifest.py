@@ -21,7 +21,7 @@ _IDENTITY_KEYS = ("driver", "DeviceVendorName", "DeviceModelName", "DeviceSerial
 _MEASURE_KEYS = ("Width", "Height", "limits_mm")
 """Sensor and travel: compared where both runs tell them."""
 
-_CONNECTION_KEYS = (("stage", "port"), ("camera", "address"))
+_CONNECTION_KEYS = (("stage", "port"), ("camera", "address"), ("camera", "id"))
 """Keys of the bench under which a device is plugged in today; they do not tell which it is."""
 _KEYS = ("schema", "uid", "created_utc", "operator", "plan", "bench", "devices", "software")
 
@@ -122,10 +122,12 @@ def camera_snapshot(camera: Camera) -> dict[str, Any]:
     """Identity and settings of the camera, as read back from it.
 
     Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us,
-    ``Gain`` in dB, ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
+    ``Gain`` in dB (null if it is in counts), ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
+    What the camera itself states is under ``stated``.
     """
     settings = camera.settings
     return {
+        **settings.features,
         **_identity(camera.info),
         "Width": settings.width_px,
         "Height": settings.height_px,
@@ -134,7 +136,12 @@ def camera_snapshot(camera: Camera) -> dict[str, Any]:
         "Gain": settings.gain_db,
         "AcquisitionFrameRate": settings.frame_rate_hz,
         "BlackLevel": settings.black_level_dn,
-        **settings.features,
+        "stated": {
+            "gain": settings.gain,
+            "gain_unit": settings.gain_unit,
+            "black_level": settings.black_level,
+            "black_level_unit": settings.black_level_unit,
+        },
     }
 
 

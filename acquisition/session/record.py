@@ -26,6 +26,9 @@ class CaptureRecord:
     ``_utc`` texts are the computer's clock around the capture, the ``_timestamp_ns`` the
     camera's own of the first and last frame used. ``focus_value`` is None for flat and dark
     captures. What an imported photograph does not state is None too: exposure, gain, time stamps.
+    ``gain`` and ``black_level`` are as the camera states them, in their units; ``gain_db`` is None
+    and ``black_level_dn`` 0 where the unit is counts, whose scale the camera does not tell. Records
+    of earlier versions have neither.
     ``file`` and ``frames_file`` are relative to the session, with forward slashes. ``sha256``
     is None inside the file itself.
     """
@@ -58,6 +61,10 @@ class CaptureRecord:
     frames_file: str | None
     frames_sha256: str | None
     sha256: str | None
+    gain: float | None = None
+    gain_unit: str | None = None
+    black_level: float | None = None
+    black_level_unit: str | None = None
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
 

@@ -166,6 +166,10 @@ class SessionWriter:
             focus_value=take.focus_value,
             scale_px_per_mm=take.scale_px_per_mm,
             frames_file=self._file(entry, "frames") if take.raw_frames else None,
+            gain=settings.gain,
+            gain_unit=settings.gain_unit,
+            black_level=settings.black_level,
+            black_level_unit=settings.black_level_unit,
         )
         return self._store(record, averaged.mean_dn, averaged.variance_dn2, take.raw_frames)
 

@@ -1,11 +1,12 @@
-from .bootstrap import BootstrapAddress as BootstrapAddress
+from .bootstrap import BootstrapAddress as BootstrapAddress, maker_identity as maker_identity
 from .device import (
     ETHERNET_MTU_BYTES as ETHERNET_MTU_BYTES,
     GigeDevice as GigeDevice,
     checked_loopback_address as checked_loopback_address,
 )
 from .faults import GigeFaults as GigeFaults
-from .features import features_of as features_of
+from .feature import Maker as Maker
+from .features import MAKERS as MAKERS, features_of as features_of
 from .frame_source import (
     BenchFrameSource as BenchFrameSource,
     FrameRequest as FrameRequest,
@@ -22,6 +23,7 @@ from .pixels import PIXEL_LAYOUTS as PIXEL_LAYOUTS, wire_bytes as wire_bytes
 __all__ = [
     "ETHERNET_MTU_BYTES",
     "GVCP_PORT",
+    "MAKERS",
     "PIXEL_LAYOUTS",
     "BenchFrameSource",
     "BootstrapAddress",
@@ -30,9 +32,11 @@ __all__ = [
     "FrameSource",
     "GigeDevice",
     "GigeFaults",
+    "Maker",
     "PacketFormat",
     "RegisterWrite",
     "checked_loopback_address",
     "features_of",
+    "maker_identity",
     "wire_bytes",
 ]

@@ -1,22 +1,28 @@
 """The frame thread of the simulated GigE camera: free-running, triggered, or a few frames."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from threading import Condition, RLock, Thread
 from time import monotonic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil_mocks.camera import following_frame_id
 from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.feature import Feature
 from hil_mocks.gige.frame_source import FrameRequest, FrameSource
-from hil_mocks.gige.gvsp import ImageLeader
+from hil_mocks.gige.gvsp import (
+    PAYLOAD_TYPE_IMAGE,
+    PAYLOAD_TYPE_IMAGE_AND_CHUNKS,
+    ImageLeader,
+    encode_chunks,
+)
 from hil_mocks.gige.pixels import PixelLayout, wire_bytes
+from hil_mocks.gige.processing import processed
 from hil_mocks.gige.registers import RegisterMap, StreamTarget
 from hil_mocks.gige.settings import CameraState, software_triggers, trigger_waits
 from hil_mocks.gige.stream import Block, StreamSender
-from hil_mocks.scene import ADC_MAX_DN
 
 CONTINUOUS, SINGLE_FRAME = 0, 1
 POLL_WHILE_STALLED_S = 0.02
@@ -31,7 +37,9 @@ class _Exposure:
     timestamp_ticks: int
     layout: PixelLayout
     region: tuple[slice, slice]
-    gamma: float | None
+    settings: Mapping[str, float]
+    chunks: tuple[Feature, ...]
+    counter: int
     target: StreamTarget
     bandwidth_bps: float
 
@@ -62,6 +70,7 @@ class Acquisition:
         sender: StreamSender,
         faults: Callable[[], GigeFaults],
     ) -> None:
+        self.payload_type_of_chunks = PAYLOAD_TYPE_IMAGE_AND_CHUNKS
         self._source = source
         self._state = state
         self._registers = registers
@@ -71,6 +80,8 @@ class Acquisition:
         self._is_closing = False
         self._acquisitions = 0
         self._frames = 0
+        self._counter = 0
+        self._exposure_us = self._exposure_before_us = state.quantity("ExposureTimeAbs")
         self._frames_left: int | None = None
         self._triggers: list[float] = []
         self._due_s = 0.0
@@ -100,17 +111,19 @@ class Acquisition:
         with self._changed:
             if self._state.is_acquiring:
                 return
-            mode = int(self._state.value("AcquisitionMode"))
+            mode = int(self._state.quantity("AcquisitionMode"))
             self._frames_left = None
             if mode != CONTINUOUS:
-                count = int(self._state.value("AcquisitionFrameCount"))
+                count = int(self._state.quantity("AcquisitionFrameCount"))
                 self._frames_left = 1 if mode == SINGLE_FRAME else count
             self._acquisitions += 1
             self._frames = 0
+            self._exposure_before_us = self._exposure_us
+            self._exposure_us = self._state.quantity("ExposureTimeAbs")
             self._triggers.clear()
             self._block_id = self.first_block_id
             self._sender.forget()
-            self._due_s = monotonic() + self._state.value("ExposureTimeAbs") * 1e-6
+            self._due_s = monotonic() + self._state.quantity("ExposureTimeAbs") * 1e-6
             self._state.is_acquiring = True
             self._changed.notify_all()
 
@@ -123,10 +136,18 @@ class Acquisition:
     def trigger(self) -> None:
         """Take one frame, if frames wait for the software trigger and none is being exposed."""
         with self._changed:
-            takes = self._state.is_acquiring and software_triggers(self._state.values)
-            if takes and not self._triggers:
-                self._triggers.append(monotonic())
-                self._changed.notify_all()
+            self._take_one(software_triggers(self._state.values))
+
+    def pulse(self, line: int) -> None:
+        """Take one frame, if frames wait for this line and none is being exposed."""
+        with self._changed:
+            values = self._state.values
+            self._take_one(bool(values["TriggerMode"]) and values["TriggerSource"] == line)
+
+    def _take_one(self, is_awaited: bool) -> None:
+        if is_awaited and self._state.is_acquiring and not self._triggers:
+            self._triggers.append(monotonic())
+            self._changed.notify_all()
 
     def _run(self) -> None:
         while True:
@@ -166,19 +187,25 @@ class Acquisition:
 
     @property
     def _exposure_s(self) -> float:
-        return self._state.value("ExposureTimeAbs") * 1e-6
+        return self._state.quantity("ExposureTimeAbs") * 1e-6
 
     def _expose(self) -> _Exposure:
         block_id = self._block_id
+        request = self._state.request(self._acquisitions, self._frames)
+        if self._frames < self._faults().late_exposure_frames:
+            request = replace(request, exposure_us=self._exposure_before_us)
+        self._counter += 1
         exposure = _Exposure(
-            request=self._state.request(self._acquisitions, self._frames),
+            request=request,
             block_id=block_id,
             timestamp_ticks=self._registers.ticks_at(self._exposed_s),
             layout=self._state.layout,
             region=self._state.region,
-            gamma=self._state.gamma,
+            settings=dict(self._state.values),
+            chunks=self._state.chunks,
+            counter=self._counter,
             target=self._registers.stream_target,
-            bandwidth_bps=self._state.value("StreamBytesPerSecond"),
+            bandwidth_bps=self._state.quantity("StreamBytesPerSecond"),
         )
         self._frames += 1
         self._block_id = following_frame_id(block_id)
@@ -195,8 +222,7 @@ class Acquisition:
         if self._state.is_automatic:
             with self._changed:
                 self._state.regulate(float(level_dn.mean()))
-        if exposure.gamma is not None:
-            level_dn = _gamma_table(exposure.gamma)[level_dn]
+        level_dn = processed(level_dn, exposure.settings)
         leader = ImageLeader(
             timestamp_ticks=exposure.timestamp_ticks,
             pixel_format=exposure.layout.code,
@@ -204,17 +230,27 @@ class Acquisition:
             height=level_dn.shape[0],
             offset_x=cols.start,
             offset_y=rows.start,
+            payload_type=self.payload_type_of_chunks if exposure.chunks else PAYLOAD_TYPE_IMAGE,
         )
+        image_bytes = wire_bytes(level_dn, exposure.layout)
+        if exposure.chunks:
+            chunks = {chunk.chunk_id or 0: _chunk(chunk, exposure) for chunk in exposure.chunks}
+            image_bytes = np.frombuffer(encode_chunks(image_bytes.tobytes(), chunks), np.uint8)
         block = Block.of_image(
             exposure.block_id,
             leader,
-            wire_bytes(level_dn, exposure.layout),
+            image_bytes,
             exposure.target.packet_size_bytes,
         )
         self._sender.send_block(block, exposure.target, exposure.bandwidth_bps)
 
 
-def _gamma_table(gamma: float) -> NDArray[np.uint16]:
-    """Level after gamma for each level of 12 bits."""
-    levels = np.arange(ADC_MAX_DN + 1) / ADC_MAX_DN
-    return np.rint(ADC_MAX_DN * levels**gamma).astype(np.uint16)
+def _chunk(chunk: Feature, exposure: _Exposure) -> bytes:
+    """What a chunk says of a frame; integers and floats take eight bytes."""
+    quantities = {
+        "ExposureTimeAbs": exposure.request.exposure_us,
+        "Timestamp": exposure.timestamp_ticks,
+        "FrameCounter": exposure.counter,
+    }
+    value = quantities[chunk.means[0][1]]
+    return struct.pack(">d", value) if chunk.kind == "float" else struct.pack(">Q", int(value))

@@ -11,6 +11,8 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
+from hil_mocks.gige.feature import Maker
+
 BOOTSTRAP_BYTES = 0x1000
 DISCOVERY_BYTES = 0xF8
 """The discovery acknowledge consists of the registers up to the user-defined name."""
@@ -61,12 +63,33 @@ class Capability(IntFlag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """Names that a device gives itself; the registers hold 31, 31, 31 and 15 bytes of them."""
+    """Names that a device gives itself; the registers hold 31, 31, 31 and 15 bytes of them.
+
+    ``maker`` is whose cameras it is like, which no register tells.
+    """
 
     vendor: str = "standoff"
     model: str = "Simulated Manta G-046B"
     version: str = "1"
     serial_number: str = "SIM-1"
+    maker: Maker = "allied_vision"
+
+
+_VENDOR_NAMES: dict[Maker, str] = {
+    "basler": "Basler",
+    "flir": "Point Grey Research",
+    "teledyne_dalsa": "Teledyne DALSA",
+    "hikrobot": "Hikrobot",
+    "ids": "IDS Imaging Development Systems",
+}
+"""What cameras of these makers name as theirs."""
+
+
+def maker_identity(maker: Maker) -> Identity:
+    """The names of a simulated camera of this maker."""
+    if maker == "allied_vision":
+        return Identity()
+    return Identity(vendor=_VENDOR_NAMES[maker], model=f"Simulated {maker}", maker=maker)
 
 
 def bootstrap_page(identity: Identity, address: str, url: str) -> bytearray:

@@ -55,8 +55,11 @@ def describe(features: Iterable[Feature], *, vendor: str, model: str) -> bytes:
         _add(node, "AccessMode", "RW" if name in WRITABLE_STRINGS else "RO")
         _add(node, "pPort", "Device")
     for feature in features:
-        _feature(root, feature)
+        selected = [other.name for other in features if other.selector == feature.name]
+        _feature(root, feature, selected)
         _register(root, feature)
+        if feature.chunk_id is not None:
+            _add(SubElement(root, "Port", Name=_port(feature)), "ChunkID", f"{feature.chunk_id:x}")
     SubElement(root, "Port", Name="Device")
     document: bytes = tostring(root, encoding="utf-8")
     return b'<?xml version="1.0" encoding="utf-8"?>\n' + document
@@ -75,7 +78,7 @@ def _categories(root: Element, features: tuple[Feature, ...]) -> None:
             _add(node, "pFeature", name)
 
 
-def _feature(root: Element, feature: Feature) -> None:
+def _feature(root: Element, feature: Feature, selected: list[str]) -> None:
     tag = {
         "integer": "Integer",
         "masked": "Integer",
@@ -92,6 +95,8 @@ def _feature(root: Element, feature: Feature) -> None:
     for name, value in feature.entries:
         entry = SubElement(node, "EnumEntry", Name=name)
         _add(entry, "Value", str(value))
+    for name in selected:
+        _add(node, "pSelected", name)
     if tag == "Boolean":
         _add(node, "pValue", f"{feature.name}Reg")
         _add(node, "OnValue", "1")
@@ -117,10 +122,10 @@ def _register(root: Element, feature: Feature) -> None:
     if feature.bits is not None:
         tag = "MaskedIntReg"
     node = SubElement(root, tag, Name=f"{feature.name}Reg")
-    _add(node, "Address", f"{feature.address:#x}")
+    _add(node, "Address", "0" if feature.chunk_id is not None else f"{feature.address:#x}")
     _add(node, "Length", str(feature.length))
     _add(node, "AccessMode", feature.access)
-    _add(node, "pPort", "Device")
+    _add(node, "pPort", _port(feature))
     _add(node, "Cachable", "NoCache")
     if feature.bits is not None:
         lsb, msb = feature.bits
@@ -132,6 +137,10 @@ def _register(root: Element, feature: Feature) -> None:
     if tag != "FloatReg":
         _add(node, "Sign", "Unsigned")
     _add(node, "Endianess", "BigEndian")
+
+
+def _port(feature: Feature) -> str:
+    return "Device" if feature.chunk_id is None else f"{feature.name}Port"
 
 
 def _add(node: Element, tag: str, text: str) -> None:

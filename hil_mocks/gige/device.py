@@ -14,8 +14,9 @@ from hil_mocks.gige.bootstrap import BootstrapAddress, Capability, Identity
 from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
-from hil_mocks.gige.frame_source import FrameSource
+from hil_mocks.gige.frame_source import FrameRequest, FrameSource
 from hil_mocks.gige.gvcp import GVCP_PORT, ResendRequest, encode_pending
+from hil_mocks.gige.gvsp import PAYLOAD_TYPE_CHUNKS
 from hil_mocks.gige.pixels import BAYER_ORDERS
 from hil_mocks.gige.registers import CAPABILITIES, RegisterMap
 from hil_mocks.gige.settings import CameraState
@@ -41,7 +42,7 @@ class GigeDevice:
     address
         Address in 127.0.0.0/8; several cameras can run side by side on different addresses.
     identity
-        Its names.
+        Its names, and whose cameras it is like in the names, types and units of its features.
     bayer_order
         ``RG``, ``GR``, ``GB`` or ``BG`` for the colour model; must match that of the source.
     black_level_dn
@@ -72,13 +73,15 @@ class GigeDevice:
             )
         self._source = source
         self._bayer_order = bayer_order
+        self._identity = identity or Identity()
         self._link_mtu_bytes = link_mtu_bytes
         self._faults = GigeFaults()
         self._lock = RLock()
-        features = features_of(bayer_order, has_temperature=True)
+        features = features_of(bayer_order, has_temperature=True, maker=self._identity.maker)
+        self._features = features
         self._state = CameraState(features, shape=source.shape, black_level_dn=black_level_dn)
         self._registers = RegisterMap(
-            identity or Identity(),
+            self._identity,
             address,
             features,
             self._state,
@@ -132,14 +135,20 @@ class GigeDevice:
         return self._control.controller
 
     @property
+    def request(self) -> FrameRequest:
+        """Request for the first frame of the next acquisition with the present settings."""
+        with self._lock:
+            return self._state.request(self.acquisitions + 1, 0)
+
+    @property
     def acquisitions(self) -> int:
         """Starts of acquisition since power-up: what `FrameRequest` counts."""
         return self._acquisition.acquisitions
 
-    def value(self, feature: str) -> float:
-        """Value of a feature, as a client reads it."""
+    def value(self, quantity: str) -> float:
+        """Value of a quantity by its name and in its unit in a Manta, whoever the maker is."""
         with self._lock:
-            return self._state.value(feature)
+            return self._state.quantity(quantity)
 
     def open(self) -> None:
         """Bind the address and start to answer.
@@ -179,6 +188,8 @@ class GigeDevice:
             self._sender,
             lambda: self._faults,
         )
+        if self._identity.maker == "basler":
+            self._acquisition.payload_type_of_chunks = PAYLOAD_TYPE_CHUNKS
         self._closing.clear()
         self._acquisition.open()
         self._thread = Thread(
@@ -210,6 +221,11 @@ class GigeDevice:
         """Take control from the client that holds it."""
         with self._lock:
             self._control.drop()
+
+    def pulse_line(self, name: str) -> None:
+        """Pulse one of the camera's input lines, by the name that TriggerSource has for it."""
+        (source,) = (f for f in self._features if f.name == "TriggerSource")
+        self._acquisition.pulse(dict(source.entries)[name])
 
     def begin_blocks_at(self, block_id: int) -> None:
         """Let block ids begin at ``block_id`` instead of 1 from the next start on."""
@@ -258,7 +274,11 @@ class GigeDevice:
 
     def _describe(self) -> None:
         self._registers.describe(
-            features_of(self._bayer_order, has_temperature=self._faults.temperature_present)
+            features_of(
+                self._bayer_order,
+                has_temperature=self._faults.temperature_present,
+                maker=self._identity.maker,
+            )
         )
 
 

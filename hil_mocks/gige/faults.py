@@ -31,6 +31,8 @@ class GigeFaults:
         Leaders have a payload type that does not exist.
     missing_rows
         The image has this many rows fewer than was set.
+    late_exposure_frames
+        So many frames after a start are still exposed as in the acquisition before.
     refused_registers
         Names of features whose registers refuse every write.
     slow_writes_s
@@ -49,6 +51,7 @@ class GigeFaults:
     heartbeat_lost: bool = False
     corrupt_leader: bool = False
     missing_rows: int = 0
+    late_exposure_frames: int = 0
     refused_registers: frozenset[str] = frozenset()
     slow_writes_s: float = 0.0
     temperature_present: bool = False
@@ -57,7 +60,7 @@ class GigeFaults:
         for name in RATES:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be from 0 to 1, got {getattr(self, name)}")
-        for name in ("seed", "missing_rows", "slow_writes_s"):
+        for name in ("seed", "missing_rows", "late_exposure_frames", "slow_writes_s"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 

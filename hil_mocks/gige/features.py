@@ -1,7 +1,11 @@
 """The features of the simulated GigE camera, for its registers and its description.
 
-``features.csv`` beside this module is the table. Names are those of a Manta (vendor names beside
-SFNC ones); the addresses are our own. A limit may be the name of the feature that holds it.
+``features.csv`` beside this module has what all cameras share, and ``makers`` a file for each
+maker with the rest: the public names, types and units of that maker's cameras, in words and at
+addresses of our own (``docs/camera-features.md`` names the sources). A limit may be the name of
+the feature that holds it. ``means`` is the quantity that a feature stands for, by the name that a
+Manta has for it, where that is not its own name; with ``ENTRY=QUANTITY`` for each entry of its
+selector.
 
 References
 ----------
@@ -9,34 +13,48 @@ GenICam Standard Features Naming Convention (SFNC) 2.7, EMVA, 2021.
 """
 
 import csv
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
+from typing import get_args
 
-from hil_mocks.gige.feature import Feature
+from hil_mocks.gige.feature import UNCHANGED, Conversion, Feature, Maker
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, pixel_formats_of
+
+MAKERS: tuple[Maker, ...] = get_args(Maker)
 
 DEVICE_PAGE = 0xA000
 """Start of the device's own registers (GigE Vision 2.0, section 28)."""
 
+MAKERS_PAGE = 0xA400
+"""Features without an address of their own lie from here on."""
 
-def features_of(bayer_order: str | None, *, has_temperature: bool) -> tuple[Feature, ...]:
+
+def features_of(
+    bayer_order: str | None, *, has_temperature: bool, maker: Maker = "allied_vision"
+) -> tuple[Feature, ...]:
     """The features of a camera, in the order of its description."""
     formats = tuple((name, PIXEL_LAYOUTS[name].code) for name in pixel_formats_of(bayer_order))
     return tuple(
         replace(feature, entries=formats) if feature.name == "PixelFormat" else feature
-        for feature in _table()
+        for feature in _table(maker)
         if has_temperature or feature.name != "DeviceTemperature"
     )
 
 
 @cache
-def _table() -> tuple[Feature, ...]:
-    text = files("hil_mocks.gige").joinpath("features.csv").read_text("utf-8")
-    return tuple(_feature(row) for row in csv.DictReader(text.splitlines()))
+def _table(maker: Maker) -> tuple[Feature, ...]:
+    rows = [*_rows(f"makers/{maker}.csv"), *_rows("features.csv")]
+    return tuple(_feature(row, MAKERS_PAGE + 8 * place) for place, row in enumerate(rows))
 
 
-def _feature(row: dict[str, str]) -> Feature:
+def _rows(name: str) -> Iterator[dict[str, str]]:
+    text = files("hil_mocks.gige").joinpath(name).read_text("utf-8")
+    return iter(csv.DictReader(text.splitlines()))
+
+
+def _feature(row: dict[str, str], free_address: int) -> Feature:
     number = float if row["kind"] == "float" else int
     limits = [
         text if text[:1].isalpha() else number(text) if text else None
@@ -48,7 +66,7 @@ def _feature(row: dict[str, str]) -> Feature:
         name=row["name"],
         category=row["category"],
         kind=row["kind"],  # type: ignore[arg-type]  # the table's own word
-        address=int(row["address"], 16),
+        address=int(row["address"], 16) if row["address"] else free_address,
         description=row["description"],
         access=row["access"],  # type: ignore[arg-type]  # the table's own word
         minimum=limits[0],
@@ -58,4 +76,27 @@ def _feature(row: dict[str, str]) -> Feature:
         entries=tuple((name, int(value)) for name, value in entries),
         bits=(int(lsb), int(msb)) if msb else None,
         is_locked_while_acquiring=row["lock"] == "locked",
+        means=_meanings(row),
+        conversion=_conversion(row.get("conversion", "")),
+        power_up=float(row["power_up"]) if row.get("power_up") else None,
+        selector=row.get("selector", ""),
+        chunk_id=int(row["chunk"], 16) if row.get("chunk") else None,
     )
+
+
+def _meanings(row: dict[str, str]) -> tuple[tuple[str, str], ...]:
+    text = row.get("means") or row["name"]
+    if "=" not in text:
+        return (("", text),)
+    return tuple(
+        (entry, quantity) for entry, _, quantity in (t.partition("=") for t in text.split())
+    )
+
+
+def _conversion(text: str) -> Conversion:
+    if text == "ratio":
+        return Conversion(is_ratio=True)
+    if not text:
+        return UNCHANGED
+    factor, offset = text.split()
+    return Conversion(factor=float(factor), offset=float(offset))

@@ -10,6 +10,7 @@ sections 23 to 25.
 """
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -21,6 +22,15 @@ IP_UDP_HEADER_BYTES = 28
 
 GVSP_HEADER_BYTES = 8
 PAYLOAD_TYPE_IMAGE = 0x0001
+PAYLOAD_TYPE_CHUNKS = 0x0004
+"""Its leader tells only the time stamp: the picture is one of the chunks."""
+
+PAYLOAD_TYPE_IMAGE_AND_CHUNKS = 0x4001
+"""An image with the flag that chunks follow it: its leader is that of an image."""
+
+IMAGE_CHUNK_ID = 0x0001
+CHUNK_TRAILER = struct.Struct(">II")
+CHUNK_VALUE_BYTES = 8
 LEADER_BODY = struct.Struct(">HHIIIIIIIHH")
 TRAILER_BODY = struct.Struct(">HHI")
 
@@ -53,6 +63,23 @@ class ImageLeader:
     height: int
     offset_x: int = 0
     offset_y: int = 0
+    payload_type: int = PAYLOAD_TYPE_IMAGE
+
+
+def chunked_bytes(image_bytes: int, chunks: int) -> int:
+    """Bytes of an image with so many chunks beside it; the same without any."""
+    if not chunks:
+        return image_bytes
+    whole_words = -(-image_bytes // 4) * 4
+    return whole_words + chunks * CHUNK_VALUE_BYTES + (1 + chunks) * CHUNK_TRAILER.size
+
+
+def encode_chunks(image_bytes: bytes, chunks: Mapping[int, bytes]) -> bytes:
+    """Lay out an image and what it carries: data before its id and length, in whole words."""
+    parts = {IMAGE_CHUNK_ID: image_bytes.ljust(-(-len(image_bytes) // 4) * 4, b"\0"), **chunks}
+    return b"".join(
+        data + CHUNK_TRAILER.pack(chunk_id, len(data)) for chunk_id, data in parts.items()
+    )
 
 
 def payload_bytes_per_packet(packet_size_bytes: int) -> int:
@@ -73,25 +100,30 @@ def encode_header(header: GvspHeader) -> bytes:
 def encode_leader(block_id: int, leader: ImageLeader) -> bytes:
     """Return the leader packet of an image."""
     header = GvspHeader(block_id=block_id, packet_format=PacketFormat.LEADER, packet_id=0)
-    return encode_header(header) + LEADER_BODY.pack(
-        0,
-        PAYLOAD_TYPE_IMAGE,
-        leader.timestamp_ticks >> 32 & 0xFFFFFFFF,
-        leader.timestamp_ticks & 0xFFFFFFFF,
+    picture = (
         leader.pixel_format,
         leader.width,
         leader.height,
         leader.offset_x,
         leader.offset_y,
+    )
+    if leader.payload_type == PAYLOAD_TYPE_CHUNKS:
+        picture = (0, 0, 0, 0, 0)
+    return encode_header(header) + LEADER_BODY.pack(
+        0,
+        leader.payload_type,
+        leader.timestamp_ticks >> 32 & 0xFFFFFFFF,
+        leader.timestamp_ticks & 0xFFFFFFFF,
+        *picture,
         0,
         0,
     )
 
 
-def encode_trailer(block_id: int, packet_id: int, height: int) -> bytes:
-    """Return the trailer packet of an image of ``height`` rows."""
+def encode_trailer(block_id: int, packet_id: int, leader: ImageLeader) -> bytes:
+    """Return the trailer packet of an image."""
     header = GvspHeader(block_id=block_id, packet_format=PacketFormat.TRAILER, packet_id=packet_id)
-    return encode_header(header) + TRAILER_BODY.pack(0, PAYLOAD_TYPE_IMAGE, height)
+    return encode_header(header) + TRAILER_BODY.pack(0, leader.payload_type, leader.height)
 
 
 def encode_payload_packets(

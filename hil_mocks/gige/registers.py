@@ -21,7 +21,7 @@ from hil_mocks.gige.gvcp import READMEM_LIMIT_BYTES, GvcpError, GvcpStatus, Memo
 from hil_mocks.gige.settings import CameraState
 
 DESCRIPTION_ADDRESS = 0x20000
-DEVICE_PAGE_BYTES = 0x400
+DEVICE_PAGE_BYTES = 0x800
 USER_NAME_BYTES = 16
 DEFAULT_HEARTBEAT_MS = 3000
 SHORTEST_HEARTBEAT_MS = 500
@@ -111,7 +111,7 @@ class RegisterMap:
         self._zero_ns = monotonic_ns()
         self._add_bootstrap_registers()
         for feature in features:
-            if feature.address >= DEVICE_PAGE:
+            if feature.address >= DEVICE_PAGE and feature.chunk_id is None:
                 self._add_feature(feature)
         self.power_up()
 

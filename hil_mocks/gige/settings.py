@@ -9,6 +9,7 @@ from hil_mocks.gige.gvcp import GvcpError, GvcpStatus
 from hil_mocks.gige.gvsp import (
     GVSP_HEADER_BYTES,
     IP_UDP_HEADER_BYTES,
+    chunked_bytes,
     payload_bytes_per_packet,
 )
 from hil_mocks.gige.pixels import PIXEL_LAYOUTS, PixelLayout
@@ -27,6 +28,18 @@ ETHERNET_OVERHEAD_BYTES = 38
 PIXEL_NAME_OF_CODE = {layout.code: name for name, layout in PIXEL_LAYOUTS.items()}
 MIDDLING_DN = 1500.0
 """Target mean level of automatic exposure and gain (our choice)."""
+
+PROCESSING = (
+    "LUTEnable",
+    "LUTEnableRed",
+    "Sharpness",
+    "DefectCorrection",
+    "TestPattern",
+    "DigitalShift",
+    "ReverseX",
+    "ReverseY",
+)
+"""What changes the picture if it is switched on; see `processing`."""
 
 SOFTWARE_TRIGGER = 6
 LINE_TRIGGERS = (1, 2)
@@ -48,7 +61,8 @@ def trigger_waits(values: Mapping[str, float]) -> bool:
 class CameraState:
     """The values of all features, checked when they are set.
 
-    It has no lock: the device locks it.
+    Behind them are the quantities that the camera works with, by the names and in the units of a
+    Manta: `quantity`. It has no lock: the device locks it.
 
     Parameters
     ----------
@@ -68,6 +82,7 @@ class CameraState:
         black_level_dn: float,
     ) -> None:
         self._features = {feature.name: feature for feature in features}
+        self._meant = {quantity for feature in features for _, quantity in feature.means}
         # Packed formats need an even number of pixels, so the region has even steps.
         self._rows, self._cols = (size - size % 2 for size in shape)
         self._black_level_dn = black_level_dn
@@ -97,23 +112,37 @@ class CameraState:
             "Gain": 0.0,
             "GainAuto": 0,
             "BlackLevel": self._black_level_dn,
+            **dict.fromkeys(PROCESSING, 0),
             "Gamma": 1.0,
-            "GammaEnable": 0,
-            "LUTEnable": 0,
+            "GammaEnable": int("GammaEnable" not in self._meant),
+            "DigitalGain": 0.0,
+            "AcquisitionFrameRateEnable": 1,
             "StreamBytesPerSecond": POWER_UP_BANDWIDTH_BPS,
             "DeviceTemperature": 41.5,
             "GevSCPSPacketSize": POWER_UP_PACKET_BYTES,
         }
+        for feature in self._features.values():
+            if feature.power_up is not None:
+                for _, quantity in feature.means:
+                    self._values[quantity] = feature.conversion.quantity(feature.power_up)
 
     def value(self, name: str) -> float:
-        """Present value of a feature."""
+        """Present value of a feature, as a client reads it."""
+        feature = self._features.get(name)
+        if feature is None:
+            return self.quantity(name)
+        number = feature.conversion.number(self.quantity(self._meaning(feature)))
+        return number if feature.kind == "float" else round(number)
+
+    def quantity(self, name: str) -> float:
+        """Present value of a quantity by its name and in its unit in a Manta."""
         if name in self._values:
             return self._values[name]
         return self._derived(name)
 
     @property
     def values(self) -> Mapping[str, float]:
-        """The values that can be set."""
+        """The quantities that can be set."""
         return self._values
 
     def set_value(self, name: str, value: float) -> None:
@@ -143,12 +172,23 @@ class CameraState:
             if feature.kind != "float" and steps * feature.increment != value:
                 raise self._refused(name, value)
             value = steps * feature.increment
-        self._values[name] = value
+        self._values[self._meaning(feature)] = feature.conversion.quantity(value)
 
     @property
     def layout(self) -> PixelLayout:
         """How pixels are sent."""
         return PIXEL_LAYOUTS[PIXEL_NAME_OF_CODE[int(self._values["PixelFormat"])]]
+
+    @property
+    def chunks(self) -> tuple[Feature, ...]:
+        """What each frame carries beside its picture."""
+        if not self._values.get("ChunkModeActive"):
+            return ()
+        return tuple(
+            feature
+            for feature in self._features.values()
+            if feature.chunk_id is not None and self._values.get(f"{feature.means[0][1]}Chunk")
+        )
 
     @property
     def region(self) -> tuple[slice, slice]:
@@ -161,16 +201,7 @@ class CameraState:
     @property
     def frame_period_s(self) -> float:
         """Time between frames: the set rate, or the limit if that is lower."""
-        limit = self._derived("AcquisitionFrameRateLimit")
-        is_free = self._values["TriggerMode"] == 1 and self._values["TriggerSource"] == 0
-        rate = limit if is_free else min(self._values["AcquisitionFrameRateAbs"], limit)
-        return 1 / rate
-
-    @property
-    def gamma(self) -> float | None:
-        """Exponent applied to the levels, or None if inactive."""
-        is_on = self._values["GammaEnable"] == 1 and self._values["Gamma"] != 1.0
-        return self._values["Gamma"] if is_on else None
+        return 1 / self._derived("ResultingFrameRate")
 
     def request(self, acquisition: int, index: int) -> FrameRequest:
         """Request for a frame with the present settings."""
@@ -178,7 +209,7 @@ class CameraState:
             acquisition=acquisition,
             index=index,
             exposure_us=self._values["ExposureTimeAbs"],
-            gain_db=self._values["Gain"],
+            gain_db=self._values["Gain"] + self._values["DigitalGain"],
             black_level_dn=self._values["BlackLevel"],
         )
 
@@ -208,12 +239,31 @@ class CameraState:
             return self._rows - self._values["OffsetY" if name == "HeightLimit" else "Height"]
         if name == "PayloadSize":
             pixels = self._values["Width"] * self._values["Height"]
-            return int(pixels * self.layout.bits_per_pixel) // 8
+            return chunked_bytes(int(pixels * self.layout.bits_per_pixel) // 8, len(self.chunks))
         if name == "AcquisitionActive":
             return int(self.is_acquiring)
         if name == "AcquisitionFrameRateLimit":
             return self._frame_rate_limit()
+        if name == "ResultingFrameRate":
+            return self._frame_rate()
+        if name in self._meant:
+            return 0.0
         raise GvcpError(f"{name} has no value", status=GvcpStatus.INVALID_ADDRESS)
+
+    def _meaning(self, feature: Feature) -> str:
+        """The quantity that a feature stands for, as its selector is set."""
+        selector = self._features.get(feature.selector)
+        if selector is None or len(feature.means) < 2:
+            return feature.means[0][1] if feature.means else feature.name
+        selected = next(e for e, code in selector.entries if code == self.value(selector.name))
+        return dict(feature.means)[selected]
+
+    def _frame_rate(self) -> float:
+        limit = self._frame_rate_limit()
+        is_free = self._values["TriggerMode"] == 1 and self._values["TriggerSource"] == 0
+        if is_free or not self._values["AcquisitionFrameRateEnable"]:
+            return limit
+        return min(self._values["AcquisitionFrameRateAbs"], limit)
 
     def _frame_rate_limit(self) -> float:
         share = 1 - ROW_SHARE + ROW_SHARE * (self._values["Height"] / self._rows)

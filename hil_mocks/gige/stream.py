@@ -85,7 +85,7 @@ class Block:
             leader=encode_leader(block_id, leader),
             payload=encode_payload_packets(block_id, image_bytes, payload_bytes),
             stride=payload_bytes + GVSP_HEADER_BYTES,
-            trailer=encode_trailer(block_id, count + 1, leader.height),
+            trailer=encode_trailer(block_id, count + 1, leader),
         )
 
 

@@ -51,7 +51,7 @@ def doctor(
 
 
 def cameras(*, json: Json = False) -> None:
-    """Search for GigE cameras; this BROADCASTS on every network interface of this computer."""
+    """Search for cameras; this BROADCASTS on every network interface of this computer."""
     from acquisition.aravis import list_cameras
 
     found = list_cameras()
@@ -66,6 +66,6 @@ def cameras(*, json: Json = False) -> None:
         return
     print_table(
         f"{len(found)} cameras",
-        ["address", "vendor", "model", "serial number", "hardware address"],
-        [[c.address, c.vendor, c.model, c.serial_number, c.hardware_address] for c in found],
+        ["address", "vendor", "model", "serial number", "hardware address", "id"],
+        [[c.address, c.vendor, c.model, c.serial_number, c.hardware_address, c.id] for c in found],
     )

@@ -21,11 +21,10 @@ from standoff.doctor import (
 def bench_checks(hub: BenchHub) -> tuple[Check, ...]:
     """Run all checks; camera and stage as the console sees them, since only it may open them."""
     bench = hub.bench
-    is_gige = bench.camera.driver == "aravis"
-    checks = [check_libraries(needed=is_gige), check_receive_buffer()]
-    if is_gige:
+    checks = [check_libraries(needed=bench.camera.driver == "aravis"), check_receive_buffer()]
+    if bench.camera.driver == "aravis" and bench.camera.address is not None:
         try:
-            route = route_to(resolve_address(bench.camera.address or ""))
+            route = route_to(resolve_address(bench.camera.address))
         except DeviceError as error:
             remedy = "correct camera.address in the bench file"
             checks.append(Check(name="network", status="fail", found=str(error), remedy=remedy))

@@ -61,7 +61,7 @@ def sent_image(
             acquisition=bench.camera.acquisitions,
             index=frame.frame_id - 1,
             exposure_us=settings.exposure_us,
-            gain_db=settings.gain_db,
+            gain_db=bench.camera.value("Gain"),
             black_level_dn=bench.camera.value("BlackLevel"),
         )
     )

@@ -36,6 +36,10 @@ RECORD = CaptureRecord(
     frames_file="frames/0007_edge-090_h0123.400mm.tif",
     frames_sha256="ab" * 32,
     sha256="cd" * 32,
+    gain=0.0,
+    gain_unit="dB",
+    black_level=1.5625,
+    black_level_unit="%",
 )
 
 PHOTOGRAPH = replace(
@@ -43,6 +47,10 @@ PHOTOGRAPH = replace(
     frames_used=1,
     exposure_us=None,
     gain_db=None,
+    gain=None,
+    gain_unit=None,
+    black_level=None,
+    black_level_unit=None,
     first_timestamp_ns=None,
     last_timestamp_ns=None,
     focus_value=None,

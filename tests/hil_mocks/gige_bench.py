@@ -13,6 +13,7 @@ from contextlib import contextmanager
 
 from acquisition.errors import DeviceError
 from hil_mocks.gige.device import ETHERNET_MTU_BYTES
+from hil_mocks.gige.feature import Maker
 from hil_mocks.practice_bench import PracticeBench
 from tests.hil_mocks.benches import bench_config
 
@@ -34,6 +35,7 @@ def gige_bench(
     height_mm: float | Callable[[], float] = HEIGHT_MM,
     bayer_order: str | None = None,
     link_mtu_bytes: int = ETHERNET_MTU_BYTES,
+    maker: Maker = "allied_vision",
     **keys: object,
 ) -> Iterator[PracticeBench]:
     """Serve a small bench (96 x 64 px) as a GigE camera on a free address.
@@ -50,6 +52,7 @@ def gige_bench(
             address=address,
             bayer_order=bayer_order,
             link_mtu_bytes=link_mtu_bytes,
+            maker=maker,
         )
         try:
             bench.camera.open()

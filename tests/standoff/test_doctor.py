@@ -10,8 +10,9 @@ import pytest
 import acquisition.aravis
 import standoff.doctor
 from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.configuration import Bounds
 from acquisition.aravis.discovery import CameraProbe, FoundCamera
+from acquisition.aravis.features import Bounds
+from acquisition.aravis.levels import StatedValue
 from acquisition.aravis.library import AravisLibrary
 from acquisition.aravis.route import NetworkRoute
 from acquisition.bench import BenchConfig
@@ -37,10 +38,13 @@ from tests.standoff.conftest import Command
 PROBE = CameraProbe(
     vendor="Allied Vision",
     model="Manta G-046B",
-    ip_address="192.168.10.46",
+    name="192.168.10.46",
     is_controllable=True,
     exposure_us=Bounds(low=21.0, high=6e7),
-    gain_db=Bounds(low=0.0, high=31.0),
+    gain=(
+        StatedValue(feature="Gain", value=0.0, unit="dB"),
+        StatedValue(feature="Gain", value=31.0, unit="dB"),
+    ),
     frame_rate_hz=Bounds(low=0.1, high=67.5),
     pixel_formats=("Mono8", "Mono12"),
     packet_size_bytes=1500,
@@ -133,6 +137,27 @@ def test_what_the_bench_asks_for_beyond_the_camera_fails_and_names_the_key() -> 
     assert "camera.gain_db" in bad["gain"].remedy
     assert "camera.pixel_format" in bad["pixel formats"].remedy
     assert {bad[name].status for name in ("exposure", "gain", "pixel formats")} == {"fail"}
+
+
+@pytest.mark.parametrize(
+    ("unit", "keys", "status"),
+    [
+        ("counts", {"gain_db": 0.0}, "ok"),
+        ("counts", {"gain_db": 3.0}, "fail"),
+        ("counts", {"gain_db": 0.0, "gain_counts": 100}, "ok"),
+        ("counts", {"gain_db": 0.0, "gain_counts": 600}, "fail"),
+        ("factor", {"gain_db": 54.0}, "ok"),
+        ("factor", {"gain_db": 55.0}, "fail"),
+        ("dB", {"gain_db": 0.0, "gain_counts": 100}, "fail"),
+    ],
+)
+def test_a_gain_is_judged_in_the_unit_that_the_camera_states_it_in(
+    unit: str, keys: dict[str, float], status: str
+) -> None:
+    low, high = (StatedValue(feature="G", value=value, unit=unit) for value in (1.0, 512.0))
+    asked = camera_config("192.168.10.46", **keys)
+    checks = check_camera_limits(replace(PROBE, gain=(low, high)), asked)
+    assert status_of(checks, "gain") == status  # 512 times is 54.2 dB
 
 
 def test_a_stage_port_is_there_and_may_be_opened(tmp_path: Path) -> None:

@@ -95,6 +95,8 @@ def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig
         If there is a session that cannot be read.
     """
     exposure_us, gain_db = camera.settings.exposure_us, camera.settings.gain_db
+    if gain_db is None:  # it is in counts, which only the bench file sets
+        gain_db = bench.camera.gain_db
     if (path / MANIFEST_NAME).is_file():
         begun = Session(path).bench.get("camera", {})
         exposure_us = begun.get("exposure_us", exposure_us)
@@ -241,7 +243,7 @@ class SessionRun:
             bench = session_bench(path, self._bench, camera)
             if camera.settings.exposure_us != bench.camera.exposure_us:
                 camera.set_exposure_us(bench.camera.exposure_us)
-            if camera.settings.gain_db != bench.camera.gain_db:
+            if camera.settings.gain_db not in (None, bench.camera.gain_db):
                 camera.set_gain_db(bench.camera.gain_db)
             try:
                 summary = run_plan(

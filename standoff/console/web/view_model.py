@@ -87,7 +87,9 @@ def camera_document(
         **_status(status),
         "name": name,
         "exposure_us": None if settings is None else round(settings.exposure_us, 1),
-        "gain_db": None if settings is None else round(settings.gain_db, 2),
+        "gain_db": (
+            None if settings is None or settings.gain_db is None else round(settings.gain_db, 2)
+        ),
         "format": "" if settings is None else _format(settings),
         "rate": f"{counts.rate_hz:.1f}",
         "complete": counts.complete,

@@ -42,7 +42,12 @@ def test_it_is_opened_under_its_vendor_names_and_streams() -> None:
         assert (camera.info.vendor, camera.info.serial_number) == ("Aravis", "GV01")
         assert (camera.settings.width_px, camera.settings.height_px) == (128, 64)
         assert camera.set_exposure_us(2000.0) == 2000.0  # ExposureTimeAbs
-        assert camera.set_gain_db(2.0) == 2.0  # GainRaw
+        # Its GainRaw states no unit: 0 dB is the lowest, and no other count is taken for decibels.
+        assert camera.set_gain_db(0.0) == 0.0
+        assert camera.settings.gain_db is None
+        assert (camera.settings.gain, camera.settings.gain_unit) == (0.0, "counts")
+        with pytest.raises(CameraFeatureError):
+            camera.set_gain_db(2.0)
         averaged = average_frames(camera, 5)
         assert averaged.frames_used == 5
         assert averaged.mean_dn.shape == (64, 128)
@@ -68,8 +73,9 @@ def test_a_format_that_it_has_but_nobody_decodes_is_refused() -> None:
 @pytest.mark.usefixtures("fake_camera")
 def test_a_probe_tells_the_limits_and_whether_another_program_has_control() -> None:
     with closing(AravisCamera.open(camera_config(ADDRESS, **KEYS))):
-        assert not probe_camera(ADDRESS).is_controllable
-    probe = probe_camera(ADDRESS)
+        assert not probe_camera(camera_config(ADDRESS)).is_controllable
+    probe = probe_camera(camera_config(ADDRESS))
     assert probe.is_controllable
     assert (probe.exposure_us.low, probe.exposure_us.high) == (10.0, 1e7)  # its XML
     assert probe.temperature_c is None
+    assert "RGB8" not in probe.pixel_formats

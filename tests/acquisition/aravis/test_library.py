@@ -59,10 +59,10 @@ def test_importing_the_driver_does_not_import_gi() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_found_cameras_are_listed_by_address_and_other_devices_left_out() -> None:
+def test_found_cameras_are_listed_by_address_and_those_on_usb_by_the_id_that_opens_them() -> None:
     devices = [
         ("10.0.0.9", "Allied Vision", "Manta G-046B", "S2", "00:0f:31:00:00:02", "GigEVision"),
-        ("usb", "Other", "Stick", "S3", "", "USB3Vision"),
+        ("bus 3", "Other", "Stick", "S3", "", "USB3Vision"),
         ("10.0.0.7", "Allied Vision", "Manta G-046C", "S1", "00:0f:31:00:00:01", "GigEVision"),
     ]
     searched: list[str] = []
@@ -79,17 +79,20 @@ def test_found_cameras_are_listed_by_address_and_other_devices_left_out() -> Non
         get_device_serial_nbr=column(3),
         get_device_physical_id=column(4),
         get_device_protocol=column(5),
+        get_device_id=lambda index: f"{devices[index][1]}-{devices[index][3]}",
     )
     library = AravisLibrary(
         api=api, gio=None, glib=None, aravis_version="0.8", pygobject_version="3.50"
     )
     found = list_cameras(lambda: library)
     assert searched == ["broadcast"]
-    assert [camera.address for camera in found] == ["10.0.0.7", "10.0.0.9"]
-    assert found[0] == FoundCamera(
+    assert [camera.address for camera in found] == ["", "10.0.0.7", "10.0.0.9"]
+    assert (found[0].id, found[0].transport) == ("Other-S3", "USB3Vision")
+    assert found[1] == FoundCamera(
         address="10.0.0.7",
         vendor="Allied Vision",
         model="Manta G-046C",
         serial_number="S1",
         hardware_address="00:0f:31:00:00:01",
+        id="Allied Vision-S1",
     )

@@ -42,7 +42,20 @@ def test_a_record_that_is_not_one_names_the_key(changed: dict[str, object], key:
     assert str(refused.value).startswith("line 3: ")
 
 
-@pytest.mark.parametrize("key", list(RECORD.to_json()))
+STATED_SINCE = ("gain", "gain_unit", "black_level", "black_level_unit")
+"""Keys that the records of earlier versions lack."""
+
+
+def test_a_record_of_before_the_units_were_recorded_is_read() -> None:
+    document = RECORD.to_json()
+    for key in STATED_SINCE:
+        del document[key]
+    assert CaptureRecord.from_json(document) == replace(
+        RECORD, gain=None, gain_unit=None, black_level=None, black_level_unit=None
+    )
+
+
+@pytest.mark.parametrize("key", [key for key in RECORD.to_json() if key not in STATED_SINCE])
 def test_no_key_may_be_missing(key: str) -> None:
     document = RECORD.to_json()
     del document[key]

@@ -1,11 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from hil_mocks.gige.gvsp import (
+    PAYLOAD_TYPE_CHUNKS,
     GvspHeader,
     ImageLeader,
     PacketFormat,
+    chunked_bytes,
+    encode_chunks,
     encode_header,
     encode_leader,
     encode_payload_packets,
@@ -33,7 +38,22 @@ def test_a_leader_is_laid_out_as_the_standard_says() -> None:
 
 
 def test_a_trailer_is_laid_out_as_the_standard_says() -> None:
-    assert encode_trailer(5, 0x1234, 580) == bytes.fromhex("0000 0005 02001234 0000 0001 00000244")
+    assert encode_trailer(5, 0x1234, LEADER) == bytes.fromhex(
+        "0000 0005 02001234 0000 0001 00000244"
+    )
+
+
+def test_chunks_follow_the_image_each_before_its_id_and_length() -> None:
+    data = encode_chunks(b"\x01\x02\x03", {0x1001: b"exposure"})
+    assert data == bytes.fromhex("01020300 00000001 00000004") + b"exposure" + bytes.fromhex(
+        "00001001 00000008"
+    )
+    assert len(data) == chunked_bytes(3, 1)
+
+
+def test_the_leader_of_a_chunk_block_tells_its_type_and_time_only() -> None:
+    leader = encode_leader(5, replace(LEADER, payload_type=PAYLOAD_TYPE_CHUNKS))
+    assert leader == bytes.fromhex("0000 0005 01000000 0000 0004 01234567 89ABCDEF" + 24 * "00")
 
 
 def test_a_packet_of_1500_bytes_holds_1464_bytes_of_the_image() -> None:
@@ -44,7 +64,7 @@ def test_leader_and_trailer_come_back_as_they_went() -> None:
     packet = parse_packet(encode_leader(5, LEADER))
     assert packet.header == GvspHeader(block_id=5, packet_format=PacketFormat.LEADER, packet_id=0)
     assert parse_leader(packet.body) == LEADER
-    assert parse_trailer(parse_packet(encode_trailer(5, 9, 580)).body) == 580
+    assert parse_trailer(parse_packet(encode_trailer(5, 9, LEADER)).body) == 580
 
 
 @given(

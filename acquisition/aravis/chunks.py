@@ -1,0 +1,107 @@
+"""What a camera states with each frame: exposure, counter and time stamp, where it has them."""
+
+from dataclasses import dataclass
+
+from acquisition.aravis.device import OpenedDevice
+from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.feature_names import FeatureName, names_for
+from acquisition.aravis.features import CameraFeatures
+from acquisition.aravis.levels import US_PER_UNIT
+from acquisition.aravis.library import AravisObject
+
+CHUNK_MODE = "ChunkModeActive"
+CHUNK_SELECTOR, CHUNK_ENABLE = "ChunkSelector", "ChunkEnable"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFacts:
+    """What a frame says of itself; None where the camera does not state it."""
+
+    exposure_us: float | None = None
+    counter: int | None = None
+    timestamp_ticks: int | None = None
+
+
+class FrameChunks:
+    """The chunks of one camera.
+
+    Parameters
+    ----------
+    opened
+        The camera; its payload grows by the chunks that are switched on here.
+    features
+        Its features.
+    camera
+        Vendor and model, as the camera names them.
+
+    Raises
+    ------
+    CameraFeatureError
+        If the camera has chunks and does not switch them on.
+    """
+
+    def __init__(self, opened: OpenedDevice, features: CameraFeatures, camera: str) -> None:
+        self._opened = opened
+        self._parser: AravisObject | None = None
+        self._rows: dict[str, tuple[FeatureName, float]] = {}
+        if not features.has(CHUNK_MODE):
+            return
+        features.write(CHUNK_MODE, True)
+        for purpose in ("chunk exposure", "chunk counter", "chunk timestamp"):
+            row = next((r for r in names_for(purpose, camera) if _enable(features, r)), None)
+            if row is not None:
+                unit = features.unit_of(row.name) or row.unit
+                self._rows[purpose] = (row, US_PER_UNIT.get(unit, 1.0))
+        if not self._rows:
+            features.write(CHUNK_MODE, False)
+            return
+        self._is_float = {
+            row.name: features.type_of(row.name) == "float" for row, _ in self._rows.values()
+        }
+        with translated_errors(opened.library, CHUNK_MODE):
+            self._parser = opened.camera.create_chunk_parser()
+
+    def read(self, buffer: AravisObject) -> FrameFacts | None:
+        """What a complete frame says of itself; None if it lacks what was switched on."""
+        if self._rows and not buffer.has_chunks():
+            return None
+        try:
+            exposure = self._number(buffer, "chunk exposure")
+            counter = self._number(buffer, "chunk counter")
+            ticks = self._number(buffer, "chunk timestamp")
+        except self._opened.library.glib.Error:
+            return None
+        return FrameFacts(
+            exposure_us=exposure,
+            counter=None if counter is None else int(counter),
+            timestamp_ticks=None if ticks is None else int(ticks),
+        )
+
+    def close(self) -> None:
+        """Drop the parser; closing twice is harmless."""
+        self._parser = None
+        self._rows = {}
+
+    def _number(self, buffer: AravisObject, purpose: str) -> float | None:
+        if purpose not in self._rows or self._parser is None:
+            return None
+        row, scale = self._rows[purpose]
+        if self._is_float[row.name]:
+            return float(self._parser.get_float_value(buffer, row.name)) * scale
+        return int(self._parser.get_integer_value(buffer, row.name)) * round(scale)
+
+
+def _enable(features: CameraFeatures, row: FeatureName) -> bool:
+    """Switch a chunk on; False if the camera does not have it."""
+    if not features.is_described(row.name):
+        return False
+    if not features.has(CHUNK_SELECTOR):
+        return True  # the chunks of such a camera come all together
+    entries = features.entries(CHUNK_SELECTOR)
+    entry = next((name for name in row.selector.split(";") if name in entries), None)
+    if entry is None:
+        return False
+    with features.selected(CHUNK_SELECTOR, entry):
+        if features.has(CHUNK_ENABLE):
+            features.write(CHUNK_ENABLE, True)
+    return True

@@ -1,0 +1,90 @@
+"""Cameras by their id: Aravis' own fake device, which is on no network, and those of a network.
+
+Aravis' fake device shares no code with ours and speaks neither GigE nor USB3 Vision, so that
+nothing of either is needed of a camera. The search on a network is made where there is none but
+this computer's own.
+"""
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.discovery import list_cameras, probe_camera
+from acquisition.aravis.library import load_aravis
+from acquisition.averaging import average_frames
+from acquisition.bench import CameraConfig
+from acquisition.errors import CameraFeatureError, DeviceDisconnectedError
+from tests.acquisition.aravis_bench import needs_aravis
+
+pytestmark = needs_aravis
+
+NETWORKS = ("GigEVision", "USB3Vision")
+
+
+@pytest.fixture
+def _only_the_fake_device() -> Iterator[None]:
+    """Aravis finds its fake device alone, and sends nothing to find it."""
+    api = load_aravis().api
+    for name in NETWORKS:
+        api.disable_interface(name)
+    api.enable_interface("Fake")
+    yield
+    api.disable_interface("Fake")
+    for name in NETWORKS:
+        api.enable_interface(name)
+
+
+def config(camera_id: str, **keys: object) -> CameraConfig:
+    return CameraConfig.model_validate(
+        {
+            "driver": "aravis",
+            "id": camera_id,
+            "pixel_format": "Mono8",
+            "exposure_us": 4000.0,
+            "gain_db": 0.0,
+            "frame_rate_hz": 50.0,
+            "region_px": (0, 0, 128, 64),
+            **keys,
+        }
+    )
+
+
+@pytest.mark.usefixtures("_only_the_fake_device")
+def test_a_camera_that_is_on_no_network_is_opened_by_its_id_and_captures() -> None:
+    with closing(AravisCamera.open(config("Fake_1"))) as camera:
+        assert camera.info.vendor == "Aravis"
+        assert camera.set_exposure_us(2000.0) == 2000.0
+        averaged = average_frames(camera, 3)
+        assert averaged.mean_dn.shape == (64, 128)
+        assert np.ptp(averaged.mean_dn) > 0
+        assert camera.statistics().complete_frames >= 4
+
+
+@pytest.mark.usefixtures("_only_the_fake_device")
+def test_the_limits_of_a_camera_on_no_network_have_no_packet_size() -> None:
+    probe = probe_camera(config("Fake_1"))
+    assert probe.name == "Fake_1"
+    assert probe.packet_size_bytes is None
+    assert [(camera.id, camera.address) for camera in list_cameras()] == [("Fake_1", "")]
+
+
+@pytest.mark.usefixtures("_only_the_fake_device")
+def test_an_id_that_no_camera_has_is_refused_with_those_found() -> None:
+    with pytest.raises(DeviceDisconnectedError, match="Fake_1"):
+        AravisCamera.open(config("Nobody"))
+
+
+@pytest.mark.usefixtures("_only_the_fake_device")
+def test_what_a_camera_by_id_lacks_is_named() -> None:
+    with pytest.raises(CameraFeatureError) as refused:
+        AravisCamera.open(config("Fake_1", bandwidth_limit_bytes_per_s=1_000_000))
+    assert refused.value.feature == "StreamBytesPerSecond"
+
+
+def test_a_camera_is_named_by_its_address_or_its_id_but_not_by_both() -> None:
+    for keys in ({"id": None}, {"address": "192.168.1.2"}):
+        with pytest.raises(ValueError, match=r"camera\.id"):
+            config("Fake_1", **keys)
