@@ -34,6 +34,7 @@ from .focus_runs import (
     SweepRequest as SweepRequest,
     opened_camera as opened_camera,
     run_sweep as run_sweep,
+    sweep_bench as sweep_bench,
     watch_focus as watch_focus,
 )
 from .followup import (
@@ -183,6 +184,7 @@ __all__ = [
     "run_validation",
     "short_bench",
     "simulate_photograph",
+    "sweep_bench",
     "verdict_display",
     "verdict_facts",
     "watch_focus",
