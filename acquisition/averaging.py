@@ -9,11 +9,30 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from acquisition.devices import Camera, Frame, FrameImage
+from acquisition.devices import Camera, CameraSettings, Frame, FrameImage
 from acquisition.errors import CaptureError, DeviceError, DeviceTimeoutError
 
 MAX_FRAMES = 10_000
 """Bound that keeps every sum of 16-bit levels exact: N 2^16 < 2^32 and N^2 2^32 < 2^64."""
+
+PATIENCE_S, PATIENCE_PERIODS = 3.0, 10
+"""A capture without a good frame for the longer of these two times has failed. A busy machine that
+fetches 60 frames a second at 5 is far from it; no fault that ends by itself lasts as long."""
+
+TORN_IN_A_ROW = 3
+"""Fewest refused frames without a good one between them that end a capture: a machine that was
+suspended for longer than `PATIENCE_S` finds the frame on the wire torn, and the next one whole."""
+
+CEILING_S, CEILING_PERIODS = 60.0, 20
+"""A capture may take this long, and this many frame periods for each frame: beyond it the light has
+changed more than any average is worth."""
+
+STALLED_REMEDY = "check the camera's power, cable and trigger, then run again"
+TORN_REMEDY = (
+    "check the network (cable, packet size, receive buffer, other traffic; `standoff doctor` says "
+    "more) or lower camera.frame_rate_hz, then run again"
+)
+SLOW_REMEDY = "end other programs or ask for fewer frames_per_capture, then run again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,9 +68,11 @@ def average_frames(
     """Stream until ``frames_asked`` good frames are averaged, never fewer.
 
     The first frame after the start is skipped (its exposure may have begun before). Incomplete
-    frames, repeated frame ids and frames of the wrong shape are replaced, up to three times
-    ``frames_asked`` frames in all and within 1 s + 4 (N + 1) frame periods. The stream is
-    stopped whatever happens.
+    frames, repeated frame ids and frames of the wrong shape are replaced as long as good ones
+    come: what counts is progress, not the frame rate. A capture fails that gets no good frame for
+    3 s (or 10 frame periods), that after this time has refused more than two frames for each one
+    asked for, or that takes 60 s and 20 frame periods for each frame. The stream is stopped
+    whatever happens.
 
     Parameters
     ----------
@@ -75,18 +96,15 @@ def average_frames(
     if not 2 <= frames_asked <= MAX_FRAMES:
         raise ValueError(f"frames_asked must be from 2 to {MAX_FRAMES}, got {frames_asked}")
     settings = camera.settings
-    limit_s = 1.0 + 4.0 * (frames_asked + 1) / settings.frame_rate_hz
     resent_before = camera.statistics().resent_packets
     tally = _Tally(frames_asked)
     sums = _FrameSums((settings.height_px, settings.width_px), settings.max_level_dn)
-    deadline_s = clock() + limit_s
     with _streaming(camera):
-        seen_ids = {_next_frame(camera, deadline_s, limit_s, clock, tally).frame_id}
+        progress = _Progress(settings, tally, clock)
+        seen_ids = {_next_frame(camera, progress).frame_id}
         while tally.good < frames_asked:
-            if tally.frames == 3 * frames_asked:
-                raise tally.failure(f"gave up after {tally.frames} frames")
-            frame = _next_frame(camera, deadline_s, limit_s, clock, tally)
-            tally.frames += 1
+            progress.require()
+            frame = _next_frame(camera, progress)
             if not frame.is_complete:
                 tally.incomplete += 1
             elif frame.frame_id in seen_ids:
@@ -107,11 +125,15 @@ class _Tally:
     """What the stream has delivered after the skipped frame."""
 
     asked: int
-    frames: int = 0
     good: int = 0
     incomplete: int = 0
     repeated: int = 0
     misshapen: int = 0
+
+    @property
+    def refused(self) -> int:
+        """Frames that did not go into the average."""
+        return self.incomplete + self.repeated + self.misshapen
 
     def failure(self, reason: str) -> CaptureError:
         """Return the error that gives the count and the reason."""
@@ -123,11 +145,48 @@ class _Tally:
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())
         return CaptureError(
-            f"only {self.good} of {self.asked} frames: {reason}" + (f" ({faults})" * bool(faults)),
+            f"only {self.good} of {self.asked} frames"
+            + (f" ({faults})" * bool(faults))
+            + f": {reason}",
             frames_complete=self.good,
             frames_asked=self.asked,
             frames_refused=refused,
         )
+
+
+class _Progress:
+    """Whether a capture advances; nothing is judged before a frame that waits was fetched.
+
+    Time alone ends nothing but the ceiling: a process that was not scheduled for seconds finds
+    its frames in the driver's queue.
+    """
+
+    def __init__(self, settings: CameraSettings, tally: _Tally, clock: Callable[[], float]) -> None:
+        period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)
+        self.patience_s = max(PATIENCE_S, PATIENCE_PERIODS * period_s)
+        self._ceiling_s = CEILING_S + CEILING_PERIODS * (tally.asked + 1) * period_s
+        self._tally = tally
+        self._clock = clock
+        self._began_s = self._good_s = clock()
+        self._good = self._refused_before = 0
+
+    def require(self) -> None:
+        """Raise the `CaptureError` of a capture that no longer advances."""
+        tally, now_s = self._tally, self._clock()
+        taken_s = now_s - self._began_s
+        if tally.good > self._good:
+            self._good, self._good_s, self._refused_before = tally.good, now_s, tally.refused
+        if taken_s > self._ceiling_s:
+            raise tally.failure(f"not done within {self._ceiling_s:.0f} s; {SLOW_REMEDY}")
+        in_a_row = tally.refused - self._refused_before
+        if in_a_row >= TORN_IN_A_ROW and now_s - self._good_s > self.patience_s:
+            raise tally.failure(f"no good frame for {self.patience_s:.1f} s; {TORN_REMEDY}")
+        if tally.refused > 2 * tally.asked and taken_s > self.patience_s:
+            raise tally.failure(f"gave up after {taken_s:.1f} s; {TORN_REMEDY}")
+
+    def stalled(self, error: DeviceTimeoutError) -> CaptureError:
+        """Return the error of a camera that sends nothing."""
+        return self._tally.failure(f"the camera stalled ({error}); {STALLED_REMEDY}")
 
 
 class _FrameSums:
@@ -248,21 +307,11 @@ def _mean_and_variance(
         variance_dn2[i] = np.float64(np.uint64(count) * total_dn2 - total_dn * total_dn) / divisor
 
 
-def _next_frame(
-    camera: Camera,
-    deadline_s: float,
-    limit_s: float,
-    clock: Callable[[], float],
-    tally: _Tally,
-) -> Frame:
-    remaining_s = deadline_s - clock()
-    late = f"the time limit of {limit_s:.1f} s passed"
-    if remaining_s <= 0:
-        raise tally.failure(late)
+def _next_frame(camera: Camera, progress: _Progress) -> Frame:
     try:
-        return camera.next_frame(remaining_s)
+        return camera.next_frame(progress.patience_s)
     except DeviceTimeoutError as error:
-        raise tally.failure(f"the camera stalled ({error})") from error
+        raise progress.stalled(error) from error
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from http.client import HTTPConnection
 from pathlib import Path
@@ -59,7 +59,8 @@ class Operator:
     """A page that is open all the time, reads what it is sent, and stops the stage."""
 
     def __init__(self, address: Address, cookie: str) -> None:
-        self._page = watching(address, cookie, name="Ada")
+        self._opened = ExitStack()
+        self._page = self._opened.enter_context(watching(address, cookie, name="Ada"))
         self.state: dict[str, object] = {}
         self._reader = Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -75,7 +76,7 @@ class Operator:
 
     def close(self) -> None:
         """Leave."""
-        self._page.close()
+        self._opened.close()
 
     def _read(self) -> None:
         with suppress(WebSocketException, OSError):

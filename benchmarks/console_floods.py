@@ -8,8 +8,8 @@ import json
 import random
 import socket
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from http.client import HTTPConnection, HTTPException
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
@@ -162,15 +162,16 @@ def ask(
         connection.close()
 
 
-def watching(address: Address, cookie: str, name: str = "") -> ClientConnection:
+@contextmanager
+def watching(address: Address, cookie: str, name: str = "") -> Iterator[ClientConnection]:
     """Open the websocket of a page that is in, and ask for pictures."""
     host = f"{address[0]}:{address[1]}"
-    page = connect(
+    with connect(
         f"ws://{host}/live",
         origin=Origin(f"http://{host}"),
         additional_headers={"Cookie": cookie},
         open_timeout=30,
-    )
-    viewer = f"{random.getrandbits(128):032x}"
-    page.send(json.dumps({"do": "hello", "viewer": viewer, "name": name, "pictures": True}))
-    return page
+    ) as page:
+        viewer = f"{random.getrandbits(128):032x}"
+        page.send(json.dumps({"do": "hello", "viewer": viewer, "name": name, "pictures": True}))
+        yield page

@@ -30,6 +30,7 @@ from unittest.mock import patch
 from acquisition.bench import BenchConfig, load_bench
 from acquisition.errors import DeviceError, DeviceTimeoutError, SessionError, StageAlarmError
 from acquisition.session import MANIFEST_NAME, Session, verify
+from benchmarks.disk_faults import HEADING as DISK_HEADING
 from benchmarks.soak_bench import SENSOR
 from benchmarks.soak_run import ADDRESS, ENDED_BY_FAULT, run_once, soak_config
 from benchmarks.soak_tally import Holdings, Tally
@@ -238,7 +239,10 @@ def main() -> int:
     page = tally.page()
     print(page)
     if given.page is not None:
-        given.page.write_text(page, encoding="utf-8")
+        # What other programs measured stands below.
+        old = given.page.read_text(encoding="utf-8") if given.page.exists() else ""
+        _, heading, rest = old.partition(f"\n{DISK_HEADING}")
+        given.page.write_text(f"{page}{heading}{rest}", encoding="utf-8")
     return 1 if tally.lost or tally.wrong else 0
 
 

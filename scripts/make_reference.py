@@ -56,7 +56,7 @@ from calibration.psf import (
     Transfer2d,
 )
 from calibration.sharpness import LimitVerdict, SharpnessLimits, SharpnessVerdict
-from standoff.terminal import application
+from standoff.terminal import EXAMPLES, application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
 MADE = "Made from the code by `python -m scripts.make_reference`; do not edit.\n"
@@ -78,6 +78,9 @@ def _command(name: str, command: Any) -> list[str]:  # noqa: ANN401 - typer's ow
         parts += ["| | takes | default | |", "| --- | --- | --- | --- |"]
         parts += [_parameter(parameter) for parameter in shown]
         parts.append("")
+    if name.removeprefix("standoff ") in EXAMPLES:
+        lines = EXAMPLES[name.removeprefix("standoff ")]
+        parts += ["```sh", *lines, "```", ""]
     for inner, other in sorted(getattr(command, "commands", {}).items()):
         parts += _command(f"{name} {inner}", other)
     return parts

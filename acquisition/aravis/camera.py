@@ -79,7 +79,7 @@ def _is_same(was: object, found: object) -> bool:
 
 STALL_S = 1.0
 STALL_PERIODS = 5
-"""A stream has stalled if no frame comes for the longer of these two times."""
+"""A stream has stalled if no frame comes in the longer of these two times spent waiting for one."""
 
 WAIT_SLICE_S = 0.1
 """Longest wait inside Aravis, where neither Ctrl-C nor a lost control channel is noticed."""
@@ -129,7 +129,7 @@ class AravisCamera:
         self._is_closed = False
         self._is_streaming = False
         self._is_interrupted = False
-        self._last_frame_s = 0.0
+        self._waited_s = 0.0
         self._counted_before = StreamStatistics(
             complete_frames=0, incomplete_frames=0, resent_packets=0, missing_packets=0
         )
@@ -198,7 +198,7 @@ class AravisCamera:
             self._reconnect(deadline_s)
             self._open_connection().stream.start()
         self._is_streaming = True
-        self._last_frame_s = self._clock()
+        self._waited_s = 0.0
 
     def next_frame(self, timeout_s: float) -> Frame:
         """See `Camera.next_frame`.
@@ -212,26 +212,26 @@ class AravisCamera:
         if not self._is_streaming:
             raise DeviceError("the camera has not been started")
         stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
-        begin_s = self._clock()
-        deadline_s = begin_s + timeout_s
+        deadline_s = self._clock() + timeout_s
         while True:
-            now_s = self._clock()
-            stalled_s = self._last_frame_s + stall_s
-            frame = connection.stream.pop(min(deadline_s, stalled_s, now_s + WAIT_SLICE_S) - now_s)
-            now_s = self._clock()
+            wait_s = min(deadline_s - self._clock(), stall_s - self._waited_s, WAIT_SLICE_S)
+            frame = connection.stream.pop(wait_s)
             if connection.is_lost:
                 raise self._interrupted(
                     "the control channel to the camera was lost (cable, power or another program)"
                 )
             if frame is not None:
-                self._last_frame_s = now_s
+                self._waited_s = 0.0
                 return frame
-            if now_s >= stalled_s:
+            # The wait that was asked for, not the time that passed: while this program is not
+            # scheduled, what receives its frames is not either.
+            self._waited_s += max(wait_s, 0.0)
+            if self._waited_s >= stall_s:
                 raise self._interrupted(
                     f"the camera sent no frame for {stall_s:.1f} s (cable, power, firewall, or "
                     "packets too large for the network)"
                 )
-            if now_s >= deadline_s:
+            if self._clock() >= deadline_s:
                 raise DeviceTimeoutError(
                     f"no frame from the camera within {timeout_s:g} s", timeout_s=timeout_s
                 )

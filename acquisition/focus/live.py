@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.averaging import average_frames
+from acquisition.averaging import PATIENCE_PERIODS, PATIENCE_S, average_frames
 from acquisition.bench import BenchDevices
 from acquisition.choices import FocusMeasure
 from acquisition.devices import Camera, Frame, FrameImage
@@ -17,7 +17,6 @@ from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterrupte
 from acquisition.focus.measures import Region, focus_value
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
 
-_FRAME_PERIODS = 5.0
 _WAITING_S = 1e-3
 _WAITING_FRAMES = 64
 """As many frames as a driver may queue; a camera faster than this loop cannot block it."""
@@ -232,7 +231,8 @@ def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float)
 
 def _frame_timeout_s(camera: Camera) -> float:
     settings = camera.settings
-    return max(1.0, _FRAME_PERIODS / settings.frame_rate_hz, 3e-6 * settings.exposure_us)
+    period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)
+    return max(PATIENCE_S, PATIENCE_PERIODS * period_s)
 
 
 def _newest(camera: Camera, timeout_s: float) -> Frame:

@@ -10,9 +10,11 @@ from types import TracebackType
 from typing import Any, Self
 
 from acquisition.errors import SessionError
+from acquisition.regular_files import size_text
 from acquisition.session.durable_write import PART_SUFFIX, fsync_both, fsync_directory
 from acquisition.session.journal_chain import (
     HEAD_NAME,
+    LARGEST_LINE_BYTES,
     NO_LINES,
     ChainedLine,
     JournalHead,
@@ -21,6 +23,9 @@ from acquisition.session.journal_chain import (
 from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.journal_reading import JournalReading, read_journal_file
 from acquisition.session.record import utc_text
+
+_QUOTED_BYTES = LARGEST_LINE_BYTES // 8
+"""Of a torn tail: the text of a byte takes up to six in JSON."""
 
 try:
     import fcntl
@@ -85,7 +90,7 @@ class JournalWriter:
         Raises
         ------
         SessionError
-            If it cannot be written; the journal is then as it was before.
+            If it is too long or cannot be written; the journal is then as it was before.
         """
         event = JournalEvent(
             kind=kind,
@@ -97,10 +102,17 @@ class JournalWriter:
             self._mend()  # the append before this one was interrupted
         number = len(self.events) + 1
         text = event.to_text(number)
-        line = ChainedLine(text=text, chain=chain_after(self._chain, text))
-        self._write(line.to_bytes(), JournalHead(lines=number, chain=line.chain))
+        link = ChainedLine(text=text, chain=chain_after(self._chain, text))
+        line = link.to_bytes()
+        if len(line) > LARGEST_LINE_BYTES:
+            raise SessionError(
+                f"journal {self._path}: a {kind} of {size_text(len(line))}, at most "
+                f"{size_text(LARGEST_LINE_BYTES)} are written; keep it in a file and name that",
+                path=self._path,
+            )
+        self._write(line, JournalHead(lines=number, chain=link.chain))
         self.events = (*self.events, event)
-        self._chain = line.chain
+        self._chain = link.chain
         return event
 
     def close(self) -> None:
@@ -143,7 +155,7 @@ class JournalWriter:
         self.events, self._chain = mended.events, mended.chain
         self._size = os.fstat(self._descriptor).st_size
         if reading.torn_tail:
-            text = reading.torn_tail.decode(errors="backslashreplace")
+            text = reading.torn_tail[:_QUOTED_BYTES].decode(errors="backslashreplace")
             self.append("note", {"text": reading.remarks[0], "cut_short": text})
         if reading.is_head_missing:
             self.append("note", {"text": f"{HEAD_NAME} was missing; lines may be, at the end"})

@@ -20,6 +20,9 @@ HEAD_NAME = "journal.head"
 NO_LINES = hashlib.sha256().hexdigest()
 """Chain before the first line."""
 
+LARGEST_LINE_BYTES = 1 << 20
+"""Of what is appended; a capture takes 1 kB, and a note fits into a command line of 128 kB."""
+
 _SCHEMA = "standoff.journal-head/1"
 _TAIL = re.compile(rb', "chain": "([0-9a-f]{64})"\}')
 _TAIL_BYTES = len(b', "chain": ""}') + 64

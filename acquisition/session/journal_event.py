@@ -18,6 +18,7 @@ EventKind = Literal[
     "retake",
     "exclude",
     "include",
+    "height",
     "note",
 ]
 

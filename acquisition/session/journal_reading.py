@@ -9,6 +9,7 @@ from acquisition.errors import SessionError
 from acquisition.regular_files import LARGEST_JOURNAL_BYTES, read_regular_file
 from acquisition.session.journal_chain import (
     HEAD_NAME,
+    LARGEST_LINE_BYTES,
     NO_LINES,
     ChainedLine,
     JournalHead,
@@ -84,8 +85,9 @@ def read_journal(
 
     Every line was made durable before the next was begun, and the head only after it. A power cut
     can thus affect only a last line that the head does not count: if that is no event, it was cut
-    short and is ignored. No event's text is the beginning of another's, so a last line that parses
-    is complete even without its ``\n``. Anything else is damage.
+    short and is ignored, unless it is longer than any that is appended. No event's text is the
+    beginning of another's, so a last line that parses is complete even without its ``\n``.
+    Anything else is damage.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def read_journal(
             sound.add(line)
         except ValueError as error:
             is_counted = head is not None and head.lines >= number
-            if number == len(lines) and not (is_counted or _is_whole(line)):
+            if number == len(lines) and not is_counted and _may_be_torn(line):
                 break
             raise _damaged(source, number, str(error)) from error
         sound_bytes += len(line)
@@ -139,9 +141,10 @@ def read_journal_file(path: Path) -> JournalReading:
     return read_journal(data, head=head, source=str(path))
 
 
-def _is_whole(line: bytes) -> bool:
-    """Whether a line was written to its end, whatever has become of it since."""
-    return line.endswith(b"\n") and ChainedLine.parse(line) is not None
+def _may_be_torn(line: bytes) -> bool:
+    """Whether the writing of a line was cut short, for all that it tells."""
+    is_whole = line.endswith(b"\n") and ChainedLine.parse(line) is not None
+    return not is_whole and len(line) <= LARGEST_LINE_BYTES
 
 
 class _SoundLines:

@@ -1,5 +1,10 @@
-"""An operator's decisions about a session: exclude, include or retake a capture, or note."""
+"""An operator's decisions about a session: exclude, include or retake a capture, or note.
 
+Of imported photographs also the height, which nothing has measured.
+"""
+
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from acquisition.errors import SessionError
@@ -41,6 +46,45 @@ class SessionNotes:
     def retake(self, index: int, reason: str) -> JournalEvent:
         """Void the capture of an entry; the next run captures it again."""
         return self._decide("retake", index, reason)
+
+    def correct_height(
+        self, indices: Sequence[int], height_mm: float, reason: str
+    ) -> tuple[JournalEvent, ...]:
+        """State another height of imported photographs; their captures keep what they recorded.
+
+        Raises
+        ------
+        SessionError
+            Besides, if a stage read the heights back. Then nothing is journaled.
+        ValueError
+            If the height is not a finite number.
+        """
+        if not math.isfinite(height_mm):
+            raise ValueError(f"a height must be a finite number, got {height_mm}")
+        if Session(self._path).bench:
+            raise SessionError(
+                f"{self._path} has heights that its stage read back; exclude a capture whose "
+                "height is wrong, or retake it",
+                fault="made otherwise",
+                path=self._path,
+            )
+        with self._open() as journal:
+            captures = captures_of(journal.events, source=str(self._path / JOURNAL_NAME))
+            found = [current_capture(captures, index, self._path) for index in indices]
+            return tuple(
+                journal.append(
+                    "height",
+                    {
+                        "index": capture.record.index,
+                        "capture": capture.record.uid,
+                        "height_mm": float(height_mm),
+                        "was_mm": capture.record.height_mm,
+                        "reason": reason,
+                        "operator": self._operator,
+                    },
+                )
+                for capture in found
+            )
 
     def note(self, text: str) -> JournalEvent:
         """Record a note for later readers."""

@@ -1,9 +1,10 @@
 """Read a capture session: what was planned and captured, and whether the files are intact."""
 
 import hashlib
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
 from pathlib import Path
@@ -30,12 +31,14 @@ class SessionCapture:
     """A journaled capture and the decisions about it since.
 
     It is superseded once it is to be retaken or its entry is captured again, and excluded for as
-    long as ``excluded_because`` gives a reason.
+    long as ``excluded_because`` gives a reason. ``record`` has the corrected height, if there is
+    one; ``uncorrected_height_mm`` is then the one that was recorded with the capture.
     """
 
     record: CaptureRecord
     is_superseded: bool = False
     excluded_because: str | None = None
+    uncorrected_height_mm: float | None = None
 
     @property
     def is_used(self) -> bool:
@@ -114,6 +117,11 @@ class Session:
         return self._journal.events
 
     @property
+    def is_begun(self) -> bool:
+        """Whether the journal tells the start of a run; without one there are no captures."""
+        return any(event.kind == "start" for event in self.events)
+
+    @property
     def captures(self) -> tuple[SessionCapture, ...]:
         """Every journaled capture in order of time, marked superseded and excluded."""
         return self._captures
@@ -184,17 +192,18 @@ class Session:
 
 
 def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[SessionCapture, ...]:
-    """Replay a journal: its captures in order of time, marked superseded and excluded.
+    """Replay a journal: its captures in order of time, with the decisions about them.
 
     Raises
     ------
     SessionError
-        If an event names a capture that does not exist, or has no valid record.
+        If an event names a capture that does not exist, or has no valid record or height.
     """
     records: dict[str, CaptureRecord] = {}
     superseded: set[str] = set()
     excluded: dict[str, str] = {}
     latest: dict[int, str] = {}
+    uncorrected_mm: dict[str, float] = {}
     for number, event in enumerate(events, start=1):
         here = f"{source}, line {number}"
         if event.kind == "capture":
@@ -209,7 +218,7 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
                 superseded.add(latest[record.index])
             latest[record.index] = record.uid
             records[record.uid] = record
-        elif event.kind in ("retake", "exclude", "include"):
+        elif event.kind in ("retake", "exclude", "include", "height"):
             uid = str(event.facts.get("supersedes" if event.kind == "retake" else "capture"))
             if uid not in records:
                 raise SessionError(
@@ -221,11 +230,17 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
                 superseded.add(uid)
             elif event.kind == "exclude":
                 excluded[uid] = str(event.facts.get("reason", ""))
-            else:
+            elif event.kind == "include":
                 excluded.pop(uid, None)
+            else:
+                uncorrected_mm.setdefault(uid, records[uid].height_mm)
+                records[uid] = replace(records[uid], height_mm=_height_mm(event, here, number))
     return tuple(
         SessionCapture(
-            record=record, is_superseded=uid in superseded, excluded_because=excluded.get(uid)
+            record=record,
+            is_superseded=uid in superseded,
+            excluded_because=excluded.get(uid),
+            uncorrected_height_mm=uncorrected_mm.get(uid),
         )
         for uid, record in records.items()
     )
@@ -257,6 +272,18 @@ def _record(event: JournalEvent, here: str, number: int) -> CaptureRecord:
         return CaptureRecord.from_json(document, source=here)
     except SessionError as error:
         raise SessionError(str(error), fault="damaged", line=number, keys=error.keys) from error
+
+
+def _height_mm(event: JournalEvent, here: str, number: int) -> float:
+    height_mm = event.facts.get("height_mm")
+    if not (isinstance(height_mm, float) and math.isfinite(height_mm)):
+        raise SessionError(
+            f"{here}: height_mm {height_mm!r} is not a height in mm",
+            fault="damaged",
+            line=number,
+            keys=("height_mm",),
+        )
+    return height_mm
 
 
 def _read(path: Path, most_bytes: int) -> bytes:

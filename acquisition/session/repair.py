@@ -22,7 +22,6 @@ from acquisition.session.journal_chain import (
     chain_after,
 )
 from acquisition.session.journal_event import JournalEvent
-from acquisition.session.journal_reading import read_journal_file
 from acquisition.session.manifest import MANIFEST_NAME, Manifest
 from acquisition.session.reader import JOURNAL_NAME, Session
 from acquisition.session.record import CaptureRecord, utc_text
@@ -135,8 +134,7 @@ def _is_sound(path: Path) -> bool:
         session = Session(path)
     except SessionError:
         return False
-    has_start = any(event.kind == "start" for event in session.events)
-    return has_start and not read_journal_file(path / JOURNAL_NAME).is_head_missing
+    return session.is_begun and not session.is_journal_head_missing
 
 
 def _head_lines(journal: Path) -> int:
@@ -214,7 +212,7 @@ def _without_orphans(
     captured: set[str] = set()
     for number, event in enumerate(events, start=1):
         about = event.facts.get("supersedes" if event.kind == "retake" else "capture")
-        is_decision = event.kind in ("retake", "exclude", "include")
+        is_decision = event.kind in ("retake", "exclude", "include", "height")
         if (is_decision and about not in captured) or event.uid in captured:
             orphans.append(LostLine(number=number, text=event.to_text(number).decode()))
             continue

@@ -93,6 +93,11 @@ def verify(path: Path) -> VerifyReport:
             if one is not None
         ]
     known = {check.file for check in checks}
+    if not session.is_begun and any((path / "captures").glob("*.tif")):
+        faults.append(
+            f"{JOURNAL_NAME} holds no start of a run, yet there are captures; restore it from a "
+            "copy, or see what `standoff verify --repair` can bring back"
+        )
     found = sorted(
         file.relative_to(path).as_posix()
         for folder in ("captures", "frames")

@@ -1,6 +1,7 @@
 """Create or reopen a session and add captures, so that a kill at any byte loses nothing."""
 
 import hashlib
+import os
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -76,6 +77,7 @@ class SessionWriter:
         self.entries = plan_entries(plan)
         self._stamps = stamps
         _prepare_directory(path)
+        self._require_start(is_begun=_has_text(path / JOURNAL_NAME))
         self._journal = JournalWriter(path / JOURNAL_NAME, stamps)
         try:
             self._takes = Counter(capture.record.index for capture in self.captures)
@@ -241,7 +243,9 @@ class SessionWriter:
                     path=self.path,
                     keys=tuple(differences),
                 )
-            self._require_start()
+            self._require_start(
+                is_begun=any(event.kind == "start" for event in self._journal.events)
+            )
         else:
             if self._journal.events:
                 raise SessionError(
@@ -272,9 +276,8 @@ class SessionWriter:
             self._journal.append("start", {**facts, "session_sha256": digest})
             self._journal.append("plan", {"name": self.plan.name, "captures": len(self.entries)})
 
-    def _require_start(self) -> None:
+    def _require_start(self, *, is_begun: bool) -> None:
         """Refuse to begin anew where captures lie: a run is journaled before the first of them."""
-        is_begun = any(event.kind == "start" for event in self._journal.events)
         if not is_begun and any((self.path / "captures").glob("*.tif")):
             raise SessionError(
                 f"session {self.path} has captures, but its {JOURNAL_NAME} is empty or missing; "
@@ -323,6 +326,11 @@ class SessionWriter:
         self._journal.append("capture", {"record": record.to_json()}, uid=record.uid)
         self._takes[record.index] += 1
         return record
+
+
+def _has_text(journal: Path) -> bool:
+    """Whether there is more than an empty file, whatever it is; nothing is created."""
+    return os.path.lexists(journal) and not (journal.is_file() and journal.stat().st_size == 0)
 
 
 def _prepare_directory(path: Path) -> None:

@@ -8,7 +8,13 @@ import numpy as np
 
 from calibration.errors import GeometryError
 from calibration.geometry.bundle_adjustment import Adjustment
-from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil, height_outlier
+from calibration.geometry.pupil import (
+    PupilFit,
+    SeriesDistances,
+    counts_downwards,
+    fit_pupil,
+    height_outlier,
+)
 from calibration.geometry.series import Exclusion, Series
 
 _MOVED_SIGMAS = 6.0
@@ -17,6 +23,10 @@ _MOVED_MIN_MM = 0.5
 _TURNED_MIN_RAD = float(np.deg2rad(0.5))
 _LIFTED_MIN_MM = 0.1
 _DISAGREEMENT_SIGMAS = 4.0
+_UPWARDS = (
+    "set stage.direction, or read the scale, so that heights grow as the camera rises, and capture "
+    "it again, or exclude its captures"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -46,6 +56,7 @@ def without_outliers(adjustment: Adjustment) -> ConsistentSeries:
     GeometryError
         If the distances do not grow with the heights, or no target is left at two heights.
     """
+    _refuse_falling_heights(adjustment)
     exclusions: list[Exclusion] = []
     notes: list[str] = []
     while True:
@@ -65,6 +76,24 @@ def without_outliers(adjustment: Adjustment) -> ConsistentSeries:
         adjustment = adjustment.without([one.capture for one in found.exclusions])
 
 
+def _refuse_falling_heights(adjustment: Adjustment) -> None:
+    # One such series among others would not stop the fit, but scatter it by 100 mm.
+    distances = SeriesDistances.of(adjustment)
+    for number, series in enumerate(adjustment.series):
+        own = distances.only(distances.series == number)
+        if not counts_downwards(own):
+            continue
+        low, high = int(np.argmin(own.heights_mm)), int(np.argmax(own.heights_mm))
+        larger = exp(own.log_distances[low] - own.log_distances[high])
+        raise GeometryError(
+            f"{series.target}: its heights count downwards: at {own.heights_mm[high]:g} mm the "
+            f"image is {larger:.3g} times as large as at {own.heights_mm[low]:g} mm; "
+            f"{_UPWARDS}",
+            reason="heights_reversed",
+            subject=series.target,
+        )
+
+
 def _pupil(adjustment: Adjustment) -> PupilFit:
     # Each series has its own unit, so series of one height determine nothing, however many.
     if all(len(set(series.heights_mm)) < 2 for series in adjustment.series):
@@ -80,7 +109,7 @@ def _pupil(adjustment: Adjustment) -> PupilFit:
     except ValueError as error:
         target = adjustment.series[0].target
         raise GeometryError(
-            f"{target}: {error}; set stage.direction and the heights so that they grow upwards",
+            f"{target}: {error}; {_UPWARDS}",
             reason="heights_reversed",
             subject=target,
         ) from error

@@ -24,6 +24,8 @@ _ITERATIONS = 50
 _OUTLIER_SIGMAS = 6.0
 _OUTLIER_MIN_MM = 0.02
 """Two motor steps or so: less is the normal error of a stage, not a mistake."""
+_REVERSED = -0.5
+"""Rank correlation: -1 where all heights fall, -1/3 where one of three is wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -160,6 +162,23 @@ def fit_pupil(distances: SeriesDistances) -> PupilFit:
         )
         fit, _ = _weighted_fit(distances, start_mm, scatter_mm)
     return fit
+
+
+def counts_downwards(distances: SeriesDistances) -> bool:
+    """Whether the heights of one series fall as the camera rises, according to the images.
+
+    Judged by Kendall's rank correlation, which one wrong height does not turn round: by pairs of
+    captures whose heights and distances both differ by more than their errors.
+    """
+    first, second = np.triu_indices(len(distances.heights_mm), k=1)
+    rise_mm = distances.heights_mm[second] - distances.heights_mm[first]
+    growth = distances.log_distances[second] - distances.log_distances[first]
+    own = np.diag(distances.covariance)
+    variance = own[first] + own[second] - 2 * distances.covariance[first, second]
+    told = (np.abs(rise_mm) > _OUTLIER_MIN_MM) & (growth**2 > _OUTLIER_SIGMAS**2 * variance)
+    if not told.any():
+        return False
+    return bool(np.mean(np.sign(rise_mm[told] * growth[told])) <= _REVERSED)
 
 
 def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:

@@ -13,6 +13,7 @@ from acquisition.printable import on_one_line
 from calibration.choices import CalibrationMethod, Channel, Pattern, TargetChoice
 from standoff.terminal import (
     EncodingName,
+    Force,
     Json,
     Mean,
     Option,
@@ -143,11 +144,12 @@ def calibrate(
         Path | None,
         typer.Option(help="Limits for pass and fail (TOML); the exit status stays 0."),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure the camera's PSF from photographs of straight edges, at any angle."""
     check_options(context, _RULES)
-    refuse_overwriting([out, csv, report], [*(images or []), noise, correct, limits])
+    refuse_overwriting([out, csv, report], [*(images or []), noise, correct, limits], force=force)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     rule = _region_rule(region)
     _refuse_wrong_count(images or [], session, method, zoom)

@@ -13,6 +13,7 @@ from standoff.terminal import (
     HINT_RULES,
     EncodingName,
     ExpectZoom,
+    Force,
     Json,
     Mask,
     Mean,
@@ -120,6 +121,7 @@ def changes(
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Find what changed between two photographs that their poses do not explain.
@@ -128,16 +130,21 @@ def changes(
     """
     check_options(context, _RULES)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
-    refuse_overwriting([report], [reference, *followup, psf, noise, homography, points, mask])
+    inputs_given = [reference, *followup, psf, noise, homography, points, mask]
+    refuse_overwriting([report], inputs_given, force=force)
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
     _refuse_folder_of_references(reference, followup)
     from analysis.changes import ChangeOptions
     from calibration.files import read_noise
     from standoff.workflows import (
+        CHANGE_FILES,
+        CHANGES_TABLE,
+        FILES_OF_SERIES,
         ComparisonRequest,
         HintFiles,
         SeriesRequest,
         find_changes_of_series,
+        holds_series,
         is_series,
         read_hints,
         require_writable,
@@ -168,9 +175,12 @@ def changes(
     if reference.is_dir() or is_series(followup):
         if points is not None:
             raise typer.BadParameter("points are of one follow-up; give one", param_hint="--points")
+        if not holds_series(out, CHANGES_TABLE):
+            refuse_overwriting([out / name for name in FILES_OF_SERIES], force=force)
         _show_series(request, find_changes_of_series(request, comparison), json=json)
         return
     refuse_sweep_of_one(sweep)
+    refuse_overwriting([out / name for name in CHANGE_FILES], inputs_given, force=force)
     _compare_one(request, comparison, json=json)
 
 
@@ -191,7 +201,13 @@ def _refuse_folder_of_references(reference: Path, followups: list[Path]) -> None
 
 def _compare_one(request: SeriesRequest, comparison: ComparisonRequest, *, json: bool) -> None:
     from acquisition.printable import on_one_line
-    from standoff.workflows import find_changes_of_files, make_folder, write_changes, write_page
+    from standoff.workflows import (
+        find_changes_of_files,
+        make_folder,
+        write_changes,
+        write_page,
+        written_together,
+    )
 
     inputs, followup = request.inputs, request.followups[0]
     pair = find_changes_of_files(request.reference, followup, comparison, inputs)
@@ -205,7 +221,8 @@ def _compare_one(request: SeriesRequest, comparison: ComparisonRequest, *, json:
     )
     if request.report is not None:
         write_page(request.report, pair.page(summary))
-    write_changes(request.out, pair, summary)
+    with written_together(request.out / "changes.json") as folder:
+        write_changes(folder, pair, summary)
     _show_one(request.out, summary, json=json)
 
 

@@ -11,6 +11,7 @@ import typer
 from calibration.errors import CalibrationError
 from standoff.errors import ApplicationError
 from standoff.terminal import (
+    Force,
     Json,
     check_options,
     needs,
@@ -45,12 +46,13 @@ def compare(
     report: Annotated[
         Path | None, typer.Option(help="Also write a report on the history (HTML or PDF).")
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Test whether the PSF has changed between two calibrations, or show it over time."""
     check_options(context, _RULES)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
-    refuse_overwriting([report], files)
+    refuse_overwriting([report], files, force=force)
     if history:
         _show_history(files, report, json)
         return
@@ -141,7 +143,10 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
     for section in history_sections(found):
         table = section.tables[0]
         print_table(
-            f"{section.title}, ± at 95 %", list(table.columns), [list(row) for row in table.rows]
+            f"{section.title}, ± at 95 %",
+            list(table.columns),
+            [list(row) for row in table.rows],
+            ends_in_words=table.ends_in_words,
         )
     if report is not None:
         say(f"wrote {report}")

@@ -9,7 +9,16 @@ import typer
 
 from simulation.choices import MODELS
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import BenchKeys, Json, print_json, print_table, read_bench, say
+from standoff.terminal import (
+    BenchKeys,
+    Force,
+    Json,
+    print_json,
+    print_table,
+    read_bench,
+    refuse_overwriting,
+    say,
+)
 
 if TYPE_CHECKING:
     from standoff.workflows import DemoResult
@@ -18,12 +27,16 @@ if TYPE_CHECKING:
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("standoff-demo"),
     settings: BenchKeys = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Run the whole chain on the simulated bench, and compare the results with its truth."""
     from acquisition.plan import load_plan
-    from standoff.workflows import run_demo
+    from acquisition.session import MANIFEST_NAME
+    from standoff.workflows import DEMO_FILES, run_demo
 
+    if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
+        refuse_overwriting([out / name for name in DEMO_FILES], force=force)
     config = read_bench(shipped_config("demo_bench.toml"), settings)
     result = run_demo(out, config, load_plan(shipped_config("demo_plan.toml")))
     if json:

@@ -12,6 +12,7 @@ from simulation.choices import MODELS, Model
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     EncodingName,
+    Force,
     Json,
     ListedNumbers,
     Mean,
@@ -23,6 +24,7 @@ from standoff.terminal import (
     Workers,
     checked_zoom,
     command_line,
+    is_same_command,
     note,
     number_list,
     photograph_inputs,
@@ -98,11 +100,11 @@ def detectability(
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure how well a change can be detected, at best, from different distances."""
     refuse_suffix(out, "--out", {".json"})
-    refuse_overwriting([out], [*images, psf, signal])
     zoom_list, contrasts = number_list(zooms, _ZOOMS), number_list(contrast, _CONTRASTS)
     observers = tuple(_chosen(observer, "--observer", OBSERVERS))
     models = tuple(_chosen(model, "--model", MODELS))
@@ -110,6 +112,8 @@ def detectability(
     if psf is None and set(models) != {"bicubic"}:
         raise typer.BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
+    replaces = force or sweep.part[1] > 1 or _is_of_same_command(out)  # a part writes no curves
+    refuse_overwriting([out], [*images, psf, signal], force=replaces)
     table = Path(noise) if noises is None else None
     inputs = photograph_inputs(encoding, page, mean, files=(psf, table))
     change = _change(signal, signal_sigma, inputs)
@@ -121,11 +125,13 @@ def detectability(
     from calibration.files import read_noise
     from standoff.workflows import (
         CurvesRequest,
+        curve_figure_paths,
         each_image,
         measure_curves,
         require_writable,
     )
 
+    refuse_overwriting(curve_figure_paths(out), force=replaces)
     require_writable([out])
     request = CurvesRequest(
         images=each_image(images),
@@ -160,15 +166,31 @@ def detectability(
     _refuse_refused(measured)
 
 
+def _is_of_same_command(out: Path) -> bool:
+    """Whether there are curves of the same command, which goes on with what it measured."""
+    from analysis.detectability import read_curves
+    from analysis.errors import ResultsFileError
+
+    if not out.is_file():
+        return False
+    try:
+        stored = read_curves(out).provenance
+    except ResultsFileError:
+        return False
+    return stored is not None and is_same_command(stored.command)
+
+
 def _write_curves(out: Path, found: DetectabilityCurves, *, is_json: bool) -> None:
     """Write the document and its figures, and show the curves of the first contrast."""
     from analysis.results_file import write_results
     from calibration.documents import json_object
-    from standoff.workflows import curve_figures
+    from standoff.workflows import curve_figure_paths, write_curve_figures, written_together
 
     contrast_dn = found.curves[0].contrast_dn
-    write_results(out, found)
-    figures = curve_figures(out, found.curves, contrast_dn)
+    with written_together(out) as folder:
+        write_results(folder / out.name, found)
+        write_curve_figures(folder / out.name, found.curves, contrast_dn)
+    figures = curve_figure_paths(out)
     if is_json:
         files = [str(path) for path in figures]
         print_json({"out": str(out), "figures": files, **json_object(found)})

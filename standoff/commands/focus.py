@@ -12,6 +12,7 @@ from standoff.errors import ApplicationError
 from standoff.terminal import (
     BenchFile,
     BenchKeys,
+    Force,
     Json,
     Option,
     check_options,
@@ -21,6 +22,7 @@ from standoff.terminal import (
     place_target,
     print_json,
     read_bench,
+    refuse_overwriting,
     refuse_suffix,
     region_corner_and_size,
     say,
@@ -92,6 +94,7 @@ def focus(
         str | None, typer.Option(help="Target under a simulated camera; edge by default.")
     ] = None,
     settings: BenchKeys = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Show how sharp the picture is, live, or find the height of best focus by a sweep.
@@ -100,6 +103,7 @@ def focus(
     """
     check_options(context, _RULES)
     refuse_suffix(out, "--out", {".png"})
+    refuse_overwriting([out], [bench, noise], force=force)
     if from_mm is not None and to_mm is not None and not from_mm < to_mm:
         raise typer.BadParameter("--from must be below --to")
     from standoff.workflows import (

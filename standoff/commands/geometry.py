@@ -10,6 +10,7 @@ import typer
 
 from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff.terminal import (
+    Force,
     Json,
     note,
     print_json,
@@ -56,10 +57,11 @@ def geometry(
         ),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Also write a report (HTML).")] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
-    refuse_overwriting([out, report], [])
+    refuse_overwriting([out, report], force=force)
     from acquisition.session import Session
     from calibration.documents import json_object
     from calibration.files import write_geometry

@@ -15,6 +15,7 @@ from standoff.terminal import (
     CurveNoise,
     CurveObserver,
     CurvesPath,
+    Force,
     Json,
     MinDprime,
     check_options,
@@ -86,12 +87,13 @@ def limits(
     observer: CurveObserver = None,
     noise: CurveNoise = None,
     contrast: CurveContrast = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Find the largest distance ratio, tilt and shift that can keep d' above a threshold."""
     check_options(context, _RULES)
     refuse_suffix(plot, "--plot", {".png", ".svg"})
-    refuse_overwriting([plot], [curves, geometry])
+    refuse_overwriting([plot], [curves, geometry], force=force)
     from analysis.pose import FollowupPose, contrast_found_at, pose_limits
     from analysis.reports import plot_limits
     from standoff.workflows import require_writable, write_figure

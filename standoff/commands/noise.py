@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from standoff.terminal import (
+    Force,
     Json,
     note,
     print_json,
@@ -31,6 +32,7 @@ def noise(
         Path, typer.Option(help="Where to write noise.json; the maps are written beside it.")
     ],
     report: Annotated[Path | None, typer.Option(help="Also write a report (HTML or PDF).")] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
@@ -39,17 +41,23 @@ def noise(
     from calibration.documents import json_object
     from calibration.files import write_noise
     from calibration.noise import map_paths, measure_noise, noise_records
-    from standoff.workflows import provenance_of, require_writable, write_page
+    from standoff.workflows import (
+        provenance_of,
+        require_writable,
+        write_page,
+        written_together,
+    )
 
-    refuse_overwriting([out, report, *map_paths(out).values()], [])
     refuse_suffix(out, "--out", {".json"})
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
+    refuse_overwriting([out, *map_paths(out).values(), report], force=force)
     require_writable([out, report])
     opened = Session(session)
     with progress_bar("reading captures", 2 * len(noise_records(opened))) as bar:
         found = measure_noise(opened, bar.advance_to)
     found = found.with_provenance(provenance_of(opened))
-    written = write_noise(out, found)
+    with written_together(out) as folder:
+        written = write_noise(folder / out.name, found)
     for text in found.transfer.notes:
         note(text)
     if report is not None:

@@ -8,7 +8,16 @@ import typer
 
 from analysis.choices import PAPER_TRAINING_STEPS
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import BenchKeys, Json, chosen_models, print_json, read_bench, say
+from standoff.terminal import (
+    BenchKeys,
+    Force,
+    Json,
+    chosen_models,
+    print_json,
+    read_bench,
+    refuse_overwriting,
+    say,
+)
 
 _SHORT_STEPS = 25
 
@@ -30,15 +39,19 @@ def paper(
         int, typer.Option(min=1, max=1024, help="Worker processes that train kernels.")
     ] = 2,
     settings: BenchKeys = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Repeat the paper's experiment on the simulated bench: Tables I and II, Figures 2 and 3."""
     from acquisition.plan import load_plan
+    from acquisition.session import MANIFEST_NAME
     from analysis.validation import KernelBook, ValidationSettings
     from calibration.documents import json_object
     from standoff.terminal import print_validation
-    from standoff.workflows import default_models, run_paper, short_bench
+    from standoff.workflows import VALIDATION_FILES, default_models, run_paper, short_bench
 
+    if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
+        refuse_overwriting([out / name for name in VALIDATION_FILES], force=force)
     config = read_bench(shipped_config("paper_bench.toml"), settings)
     plan = "paper_validation_short.toml" if short else "paper_validation.toml"
     chosen = default_models() if models is None else chosen_models(models)

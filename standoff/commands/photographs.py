@@ -30,8 +30,8 @@ def import_photographs(
     height_mm: Annotated[
         float,
         typer.Option(
-            help="Height of the camera in mm, which stays as it is recorded. 0 if nobody knows it: "
-            "a PSF needs no height, geometry and validate do."
+            help="Height of the camera in mm, corrected by session set-height. 0 if nobody knows "
+            "it: a PSF needs no height, geometry and validate do."
         ),
     ],
     scale: Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +21,7 @@ from standoff.terminal import (
     CurvesPath,
     EncodingName,
     ExpectZoom,
+    Force,
     Json,
     Mask,
     Mean,
@@ -146,6 +147,7 @@ def pose(
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Accept or reject a follow-up's pose by the d' that it allows over the frame.
@@ -156,12 +158,16 @@ def pose(
     check_options(context, _RULES)
     refuse_suffix(picture, "--picture", {".png", ".svg"})
     followups = tuple(followup or ())
-    refuse_overwriting([picture], [reference, *followups, curves, psf, homography, points, mask])
+    inputs_given = [reference, *followups, curves, psf, homography, points, mask]
+    refuse_overwriting([picture], inputs_given, force=force)
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
     from standoff.workflows import (
+        FILES_OF_POSE_SERIES,
+        POSES_TABLE,
         HintFiles,
         PoseDemand,
         SeriesRequest,
+        holds_series,
         is_series,
         judge_series,
         read_camera_psf,
@@ -187,28 +193,42 @@ def pose(
             inputs=inputs,
             sweep=sweep,
         )
+        if not holds_series(request.out, POSES_TABLE):
+            refuse_overwriting(
+                [request.out / name for name in FILES_OF_POSE_SERIES], inputs_given, force=force
+            )
         _show_series(request, judge_series(request, demand), json=json)
         return
     if followups:
         refuse_sweep_of_one(sweep)
         _judge_one(reference, followups[0], demand, inputs, picture, json=json)
         return
+    source = _frames(stream, inputs, bench, settings, target, is_watched=watch)
+    _judge_live(reference, source, demand, inputs, frames, is_bench=bench is not None, json=json)
+
+
+def _judge_live(
+    reference: Path,
+    source: AbstractContextManager[Iterator[NamedFrame]],
+    demand: PoseDemand,
+    inputs: Inputs,
+    count: int | None,
+    *,
+    is_bench: bool,
+    json: bool,
+) -> None:
     from analysis.pose import PoseTracker
     from standoff.workflows import StreamSummary, judge_stream, verdict_display
 
     near = inputs.grey(reference)
     try:
-        tracker = PoseTracker(near, demand.curve, min_dprime, criterion)
+        tracker = PoseTracker(near, demand.curve, demand.min_d_prime, demand.criterion)
     except (CalibrationError, ValueError) as error:
         raise CalibrationError(f"{reference}: {error}") from error
     summary = StreamSummary()
-    is_bench = bench is not None
     try:
-        with (
-            _frames(stream, inputs, bench, settings, target, is_watched=watch) as source,
-            verdict_display(is_live=is_bench, is_silent=json) as show,
-        ):
-            judge_stream(source, tracker, summary, show, count=frames, is_kept=not is_bench)
+        with source as frames, verdict_display(is_live=is_bench, is_silent=json) as show:
+            judge_stream(frames, tracker, summary, show, count=count, is_kept=not is_bench)
     finally:
         # Ctrl-C is the normal way to end this: the summary is shown then, too.
         if summary.frames:

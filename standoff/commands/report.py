@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from standoff.terminal import Json, note, print_json, refuse_suffix, say
+from standoff.terminal import Force, Json, note, print_json, refuse_overwriting, refuse_suffix, say
 
 
 def report(
@@ -17,6 +17,7 @@ def report(
             help="Report to write (HTML or PDF); DIRECTORY/results/report.html by default."
         ),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write a report on a session and the results obtained from it so far."""
@@ -29,6 +30,7 @@ def report(
     )
 
     refuse_suffix(out, "--out", {".html", ".htm", ".pdf"})
+    refuse_overwriting([out], force=force)
     session = Session(directory)
     results = make_folder(directory / RESULTS_FOLDER)
     page = out or results / "report.html"

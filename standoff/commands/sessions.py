@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import getpass
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,7 @@ import typer
 
 from acquisition.errors import SessionError
 from standoff.errors import ApplicationError
-from standoff.terminal import Json, note, print_json, print_table, say
+from standoff.terminal import Command, Json, note, print_json, print_table, say
 
 if TYPE_CHECKING:
     from acquisition.session import Session, SessionCapture, SessionNotes
@@ -27,7 +28,7 @@ _QUOTED = 300
 """Characters of a lost line that the terminal shows."""
 
 session = typer.Typer(
-    name="session", help="Manage capture sessions: list, show, exclude, include, note."
+    name="session", help="Manage capture sessions: list, show, exclude, include, set-height, note."
 )
 
 
@@ -170,6 +171,7 @@ def show(directory: Directory, json: Json = False) -> None:
                         **capture.record.to_json(),
                         "superseded": capture.is_superseded,
                         "excluded_because": capture.excluded_because,
+                        "uncorrected_height_mm": capture.uncorrected_height_mm,
                     }
                     for capture in captures
                 ],
@@ -216,6 +218,27 @@ def include(
     say(f"{directory}: capture {index} is used again")
 
 
+@session.command("set-height", cls=Command)
+def set_height(
+    indices: Annotated[
+        list[int],
+        typer.Argument(help="Indices of the captures.", show_default=False, min=0, metavar="I"),
+    ],
+    directory: Directory,
+    height_mm: Annotated[float, typer.Option(help="The right height of the camera in mm.")],
+    reason: Reason,
+    who: Who = None,
+) -> None:
+    """Correct the height of imported photographs; what was recorded before is kept."""
+    if not math.isfinite(height_mm):
+        raise typer.BadParameter(f"a height must be a finite number, got {height_mm}")
+    for event in _notes(directory, who).correct_height(indices, height_mm, reason):
+        say(
+            f"{directory}: capture {event.facts['index']} is at {height_mm:g} mm "
+            f"(was {event.facts['was_mm']:g} mm): {reason}"
+        )
+
+
 @session.command("note")
 def write_note(
     text: Annotated[str, typer.Argument(help="Text of the note.", show_default=False)],
@@ -256,6 +279,8 @@ def _cells(capture: SessionCapture) -> list[str]:
         state = "superseded"
     elif capture.excluded_because is not None:
         state = f"excluded: {capture.excluded_because}"
+    if capture.uncorrected_height_mm is not None:
+        state += f", recorded at {capture.uncorrected_height_mm:.3f} mm"
     return [
         str(record.index),
         f"{record.kind} {record.target}",

@@ -22,6 +22,7 @@ from simulation.choices import (
 )
 from standoff.terminal import (
     EncodingName,
+    Force,
     Json,
     Mean,
     Option,
@@ -47,6 +48,9 @@ if TYPE_CHECKING:
 AnyModel = Literal[Model, KernelModel]
 
 _SHARPENING_SIGMA_PX = 1.0
+
+_POSE, _MODEL = "The other pose", "The model"
+_CAMERA, _KERNELGAN = "Effects of the camera", "KernelGAN"
 
 _SHAPES: dict[PsfForm, str] = {
     "gaussian": "Gaussian",
@@ -82,72 +86,111 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Where to write the follow-up (float32 TIFF).")],
     zoom: Annotated[
         float | None,
-        typer.Option(help="Distance ratio, at least 1.", callback=checked_zoom),
+        typer.Option(
+            help="Distance ratio, at least 1.", callback=checked_zoom, rich_help_panel=_POSE
+        ),
     ] = None,
     homography: Annotated[
-        Path | None, typer.Option(help="H.json of another pose, instead of --zoom.")
+        Path | None,
+        typer.Option(help="H.json of another pose, instead of --zoom.", rich_help_panel=_POSE),
     ] = None,
     nearer: Annotated[
         Path | None,
-        typer.Option(help="Also write a mask (PNG) of pixels sharper than the reference."),
+        typer.Option(
+            help="Also write a mask (PNG) of pixels sharper than the reference.",
+            rich_help_panel=_POSE,
+        ),
     ] = None,
-    psf: Annotated[Path | None, typer.Option(help="psf.json of the camera.")] = None,
-    model: Annotated[AnyModel, typer.Option(help="Capture model.")] = DEFAULT_MODEL,
+    psf: Annotated[
+        Path | None, typer.Option(help="psf.json of the camera.", rich_help_panel=_MODEL)
+    ] = None,
+    model: Annotated[
+        AnyModel, typer.Option(help="Capture model.", rich_help_panel=_MODEL)
+    ] = DEFAULT_MODEL,
     transfer: TransferForm = "best",
     gaussian: Annotated[
         GaussianForm,
-        typer.Option(help="Blur by the exact transfer function, or by sampled weights (paper)."),
+        typer.Option(
+            help="Blur by the exact transfer function, or by sampled weights (paper).",
+            rich_help_panel=_MODEL,
+        ),
     ] = "transfer",
     sharpen: Annotated[
-        str | None, typer.Option(help="Sharpen as a camera does: AMOUNT or AMOUNT,SIGMA_PX.")
+        str | None,
+        typer.Option(
+            help="Sharpen as a camera does: AMOUNT or AMOUNT,SIGMA_PX.", rich_help_panel=_CAMERA
+        ),
     ] = None,
     exposure: Annotated[
-        float, typer.Option(min=0, help="Exposure relative to the reference.")
+        float,
+        typer.Option(min=0, help="Exposure relative to the reference.", rich_help_panel=_CAMERA),
     ] = 1.0,
     vignetting: Annotated[
-        float, typer.Option(help="Relative loss of light at the follow-up's corners.")
+        float,
+        typer.Option(
+            help="Relative loss of light at the follow-up's corners.", rich_help_panel=_CAMERA
+        ),
     ] = 0.0,
     noise: Annotated[
-        Path | None, typer.Option(help="noise.json of the camera, to add the noise of a capture.")
+        Path | None,
+        typer.Option(
+            help="noise.json of the camera, to add the noise of a capture.", rich_help_panel=_CAMERA
+        ),
     ] = None,
     correct: Annotated[
         Path | None,
-        typer.Option(help="noise.json whose dark, flat and defect maps are applied first."),
+        typer.Option(
+            help="noise.json whose dark, flat and defect maps are applied first.",
+            rich_help_panel=_CAMERA,
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed for the noise and for training.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(min=0, help="Seed for the noise and for training.", rich_help_panel=_CAMERA),
+    ] = 0,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, help=f"Training steps (kernelgan); {TRAINING_STEPS} by default."),
+        typer.Option(
+            min=1,
+            help=f"Training steps (kernelgan); {TRAINING_STEPS} by default.",
+            rich_help_panel=_KERNELGAN,
+        ),
     ] = None,
     centre_crop: Annotated[
         bool,
         typer.Option(
-            "--centre-crop", "--center-crop", help="Train on the central half only (kernelgan)."
+            "--centre-crop",
+            "--center-crop",
+            help="Train on the central half only (kernelgan).",
+            rich_help_panel=_KERNELGAN,
         ),
     ] = False,
     sampler: Annotated[
         Sampler | None,
         typer.Option(
-            help="Sample at exact grid points or nearest pixels (kernelgan); exact by default."
+            help="Sample at exact grid points or nearest pixels (kernelgan); exact by default.",
+            rich_help_panel=_KERNELGAN,
         ),
     ] = None,
     kernel_cache: Annotated[
         Path | None,
         typer.Option(
-            help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
+            help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default.",
+            rich_help_panel=_KERNELGAN,
         ),
     ] = None,
     threads: Threads = 1,
     encoding: EncodingName = "auto",
     page: Page = None,
     mean: Mean = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
     check_options(context, _RULES)
-    refuse_overwriting([out, nearer], [image, psf, noise, homography, correct])
     refuse_suffix(out, "--out", {".tif", ".tiff"})
     refuse_suffix(nearer, "--nearer", {".png"})
+    refuse_overwriting([out, nearer], [image, psf, noise, homography, correct], force=force)
     from standoff.workflows import (
         FollowUpRequest,
         simulate_photograph,

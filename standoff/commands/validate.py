@@ -6,7 +6,15 @@ from typing import Annotated
 import typer
 
 from analysis.choices import CACHE_VARIABLE, PAPER_TRAINING_STEPS, VALIDATION_MODELS
-from standoff.terminal import Json, TransferForm, chosen_models, print_json, say
+from standoff.terminal import (
+    Force,
+    Json,
+    TransferForm,
+    chosen_models,
+    print_json,
+    refuse_overwriting,
+    say,
+)
 
 
 def validate(
@@ -44,6 +52,7 @@ def validate(
             help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
         ),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure how well each model predicts the captured follow-ups of a session."""
@@ -57,6 +66,7 @@ def validate(
     from calibration.documents import json_object
     from standoff.terminal import print_validation
     from standoff.workflows import (
+        VALIDATION_FILES,
         default_models,
         read_camera_psf,
         run_validation,
@@ -65,6 +75,7 @@ def validate(
     chosen = default_models() if models is None else chosen_models(models)
     if not any(map(is_learned, chosen)) and (steps is not None or seed or kernel_cache):
         raise typer.BadParameter("--steps, --seed and --kernel-cache need a learned model")
+    refuse_overwriting([out / name for name in VALIDATION_FILES], [psf], force=force)
     camera = read_camera_psf(psf, transfer)
     settings = ValidationSettings(
         models=chosen,

@@ -1,4 +1,9 @@
 from .app import application as application, run_application as run_application
+from .command_help import (
+    EXAMPLES as EXAMPLES,
+    Command as Command,
+    examples_text as examples_text,
+)
 from .compile_notice import when_compiling as when_compiling
 from .compiled_cache import drop_stale_code as drop_stale_code
 from .curve_options import (
@@ -27,6 +32,7 @@ from .image_options import (
 )
 from .invocation import (
     command_line as command_line,
+    is_same_command as is_same_command,
     note_at_end as note_at_end,
     remarks_so_far as remarks_so_far,
 )
@@ -49,6 +55,7 @@ from .option_rules import (
 from .options import (
     BenchFile as BenchFile,
     BenchKeys as BenchKeys,
+    Force as Force,
     Json as Json,
     Threads as Threads,
     TransferForm as TransferForm,
@@ -99,11 +106,13 @@ from .validation_tables import print_validation as print_validation
 
 __all__ = [
     "ERRORS",
+    "EXAMPLES",
     "HINT_RULES",
     "LONGEST_ANSWER",
     "Bar",
     "BenchFile",
     "BenchKeys",
+    "Command",
     "CurveContrast",
     "CurveModel",
     "CurveNoise",
@@ -111,6 +120,7 @@ __all__ = [
     "CurvesPath",
     "EncodingName",
     "ExpectZoom",
+    "Force",
     "Json",
     "ListedNumbers",
     "LiveLine",
@@ -141,9 +151,11 @@ __all__ = [
     "drop_stale_code",
     "edge_csv",
     "exactly_one",
+    "examples_text",
     "excludes",
     "flicker_warnings",
     "frame_shape_of",
+    "is_same_command",
     "needs",
     "note",
     "note_at_end",

@@ -12,6 +12,7 @@ from typer.exceptions import TyperException
 from acquisition.spelling import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS
+from standoff.terminal.command_help import Command, examples_text
 from standoff.terminal.invocation import invocation
 from standoff.terminal.output import say_error
 
@@ -68,9 +69,9 @@ def application(arguments: list[str]) -> typer.Typer:
     for name in _needed(arguments):
         command = _imported(COMMANDS[name])
         if isinstance(command, typer.Typer):
-            app.add_typer(command)
+            app.add_typer(command, epilog=examples_text(name))
         else:
-            app.command(name)(command)
+            app.command(name, cls=Command, epilog=examples_text(name))(command)
     return app
 
 

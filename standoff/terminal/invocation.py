@@ -16,6 +16,9 @@ class _Invocation:
     remarks: list[str] = field(default_factory=list)
 
 
+_SHARED_OUT = {"--workers", "--scheduler", "--shard"}
+_TOLD = {"--json", "--strict", "--force"}
+
 _CURRENT: ContextVar[_Invocation | None] = ContextVar("_CURRENT", default=None)
 
 
@@ -37,6 +40,24 @@ def command_line() -> str:
     """Return the command that runs, quoted for a POSIX shell."""
     current = _CURRENT.get()
     return shlex.join(("standoff", *(current.arguments if current else ())))
+
+
+def is_same_command(line: str) -> bool:
+    """Whether a command line of before asks for what the command that runs does.
+
+    How the work is shared out and told does not count.
+    """
+    return _asked(line) == _asked(command_line())
+
+
+def _asked(line: str) -> list[str]:
+    asked, words = [], iter(shlex.split(line))
+    for word in words:
+        if word in _SHARED_OUT:
+            next(words, None)
+        elif word not in _TOLD and word.partition("=")[0] not in _SHARED_OUT:
+            asked.append(word)
+    return asked
 
 
 def note_at_end(text: str) -> None:

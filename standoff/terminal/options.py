@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from os.path import realpath
+from os.path import lexists, realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +15,7 @@ from acquisition.spelling import decimal_comma_remedy
 from acquisition.units import UnknownUnitError
 from analysis.choices import VALIDATION_MODELS, ValidationModel
 from simulation.choices import PsfShape
+from standoff.errors import ApplicationError
 
 if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
@@ -34,6 +35,7 @@ TransferForm = Annotated[
 Threads = Annotated[
     int, typer.Option("--threads", min=1, help="Threads that share the rows of an image.")
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace results that are already there.")]
 BenchFile = Annotated[Path, typer.Option("--bench", help="Bench file (TOML).")]
 BenchKeys = Annotated[
     list[str] | None,
@@ -129,16 +131,43 @@ def region_corner_and_size(text: str, expected: str) -> tuple[int, int, int, int
     return x, y, width, height
 
 
-def refuse_overwriting(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
-    """Refuse a result that would overwrite an input or another result."""
+def refuse_overwriting(
+    outputs: Sequence[Path | None], inputs: Sequence[Path | None] = (), *, force: bool
+) -> None:
+    """Refuse, before any work, a result that would overwrite something.
+
+    Parameters
+    ----------
+    outputs
+        Every file that the command will write; None for what is not asked for.
+    inputs
+        The files that it reads.
+    force
+        Whether results that are already there may be replaced. Inputs never may.
+
+    Raises
+    ------
+    typer.BadParameter
+        If a result is an input or another result.
+    ApplicationError
+        If there is a file at its place already; the message names it.
+    """
     # Path.resolve raises where symbolic links form a loop; the reader names that better.
     taken = {realpath(path) for path in inputs if path is not None}
-    for path in outputs:
-        if path is None:
-            continue
+    results = [path for path in outputs if path is not None]
+    for path in results:
         if realpath(path) in taken:
             raise typer.BadParameter(f"{path} is already an input or output; name another file")
         taken.add(realpath(path))
+    for path in results:
+        if path.is_dir():
+            raise ApplicationError(f"cannot write {path}: it is a folder")
+        if path.exists() and not path.is_file():
+            raise ApplicationError(f"cannot write {path}: it is not a regular file")
+        if lexists(path) and not force:
+            raise ApplicationError(
+                f"{path} exists already; --force replaces it, or name another file"
+            )
 
 
 def refuse_suffix(path: Path | None, option: str, suffixes: set[str]) -> None:

@@ -31,6 +31,7 @@ NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
 _PLAIN_EVERY_S = 30.0
 _WITHOUT_A_TERMINAL = 10_000
 _LONGEST_ERROR = 4000
+_WIDEST_TEXT = 120
 _RESULTS = Console(
     soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else _WITHOUT_A_TERMINAL
 )
@@ -130,13 +131,21 @@ def say_error(text: object) -> None:
     ERRORS.print(f"standoff: {line}", markup=False)
 
 
-def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
-    """Print a table; the first column is text and wraps if space is short, the others numbers."""
+def print_table(
+    title: str, columns: list[str], rows: list[list[str]], *, ends_in_words: bool = False
+) -> None:
+    """Print a table; the first column is text and wraps if space is short, the others numbers.
+
+    With ``ends_in_words`` the last column is text, too. Then everything wraps, at the width of the
+    terminal, elsewhere at 120 characters.
+    """
     # Names of files and folders may contain brackets, which are not markup.
     table = Table(title=Text(on_one_line(title)), title_justify="left", title_style="bold")
     for index, column in enumerate(columns):
-        if index == 0:
+        if index == 0 or (ends_in_words and index == len(columns) - 1):
             table.add_column(Text(column), justify="left", overflow="fold")
+        elif ends_in_words:
+            table.add_column(Text(column), justify="right", overflow="fold")
         else:
             widest = max((len(row[index]) for row in rows), default=0)
             table.add_column(
@@ -144,4 +153,4 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
             )
     for row in rows:
         table.add_row(*(Text(on_one_line(cell)) for cell in row))
-    _RESULTS.print(table)
+    _RESULTS.print(table, width=min(_RESULTS.width, _WIDEST_TEXT) if ends_in_words else None)

@@ -3,6 +3,7 @@ from .camera_calibration import (
     calibrate_camera as calibrate_camera,
 )
 from .comparison import (
+    CHANGE_FILES as CHANGE_FILES,
     AlignmentHints as AlignmentHints,
     ComparedPair as ComparedPair,
     ComparisonRequest as ComparisonRequest,
@@ -11,12 +12,17 @@ from .comparison import (
     read_hints as read_hints,
     write_changes as write_changes,
 )
-from .demo import DemoResult as DemoResult, run_demo as run_demo
+from .demo import (
+    DEMO_FILES as DEMO_FILES,
+    DemoResult as DemoResult,
+    run_demo as run_demo,
+)
 from .detectability_run import (
     CurvesRequest as CurvesRequest,
     MeasuredCurves as MeasuredCurves,
-    curve_figures as curve_figures,
+    curve_figure_paths as curve_figure_paths,
     measure_curves as measure_curves,
+    write_curve_figures as write_curve_figures,
 )
 from .devices import (
     OpenBench as OpenBench,
@@ -43,12 +49,17 @@ from .followup import (
     zoomed_out as zoomed_out,
 )
 from .followup_series import (
+    CHANGES_TABLE as CHANGES_TABLE,
+    FILES_OF_POSE_SERIES as FILES_OF_POSE_SERIES,
+    FILES_OF_SERIES as FILES_OF_SERIES,
+    POSES_TABLE as POSES_TABLE,
     PoseDemand as PoseDemand,
     RegisteredPose as RegisteredPose,
     SeriesRequest as SeriesRequest,
     SeriesResult as SeriesResult,
     beyond_curve_sentence as beyond_curve_sentence,
     find_changes_of_series as find_changes_of_series,
+    holds_series as holds_series,
     is_series as is_series,
     judge_series as judge_series,
     judged_pose as judged_pose,
@@ -64,6 +75,7 @@ from .output_files import (
     make_folder as make_folder,
     require_writable as require_writable,
     write_file as write_file,
+    written_together as written_together,
 )
 from .paper import (
     place_errors_px as place_errors_px,
@@ -111,12 +123,20 @@ from .sr_dataset import (
     write_sr_dataset as write_sr_dataset,
 )
 from .validation_run import (
+    VALIDATION_FILES as VALIDATION_FILES,
     default_models as default_models,
     run_validation as run_validation,
 )
 
 __all__ = [
+    "CHANGES_TABLE",
+    "CHANGE_FILES",
+    "DEMO_FILES",
+    "FILES_OF_POSE_SERIES",
+    "FILES_OF_SERIES",
+    "POSES_TABLE",
     "RESULTS_FOLDER",
+    "VALIDATION_FILES",
     "AlignmentHints",
     "CalibrationRequest",
     "CaptureOptions",
@@ -151,7 +171,7 @@ __all__ = [
     "beyond_curve_sentence",
     "calibrate_camera",
     "camera_frames",
-    "curve_figures",
+    "curve_figure_paths",
     "default_models",
     "each_image",
     "edge_image",
@@ -159,6 +179,7 @@ __all__ = [
     "find_changes_of_files",
     "find_changes_of_series",
     "folder_frames",
+    "holds_series",
     "import_into_session",
     "is_series",
     "judge_series",
@@ -190,6 +211,7 @@ __all__ = [
     "watch_focus",
     "write_calibration_report",
     "write_changes",
+    "write_curve_figures",
     "write_figure",
     "write_file",
     "write_float_tiff",
@@ -198,5 +220,6 @@ __all__ = [
     "write_page",
     "write_session_report",
     "write_sr_dataset",
+    "written_together",
     "zoomed_out",
 ]

@@ -22,6 +22,9 @@ from standoff.workflows.session_report import write_session_report
 from standoff.workflows.simulated_session import capture_simulated
 from standoff.workflows.validation_run import session_validation
 
+DEMO_FILES = _PAGE, _PICTURE = "report.html", "comparison.png"
+"""What ``run_demo`` writes beside its session."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthRow:
@@ -103,10 +106,10 @@ def run_demo(out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
     name = str(psf_path)
     psf = calibration.best_psf(name)
     validation = session_validation(session, psf, name)
-    report = out / "report.html"
+    report = out / _PAGE
     write_session_report(session, report)
     furthest = furthest_pair(session, validation, psf)
-    write_file(out / "comparison.png", png_bytes(plot_furthest(furthest)))
+    write_file(out / _PICTURE, png_bytes(plot_furthest(furthest)))
     truth = BenchTruth(config)
     return DemoResult(
         session=session_path,

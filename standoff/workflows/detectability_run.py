@@ -165,9 +165,18 @@ def _of_one_content(lines: Iterable[bytes]) -> Iterator[list[bytes]]:
             yield found
 
 
-def curve_figures(
+def curve_figure_paths(out: Path) -> list[Path]:
+    """Paths of the figures beside the curves ``out``: by noise and by contrast, PNG and SVG."""
+    return [
+        out.with_name(f"{out.stem}-{name}{suffix}")
+        for name in ("noise", "contrast")
+        for suffix in (".png", ".svg")
+    ]
+
+
+def write_curve_figures(
     out: Path, curves: Sequence[DetectabilityCurve], contrast_dn: float
-) -> list[Path]:
+) -> None:
     """Draw the curves beside ``out``: by noise at one contrast, by contrast at the middle noise.
 
     Raises
@@ -177,15 +186,12 @@ def curve_figures(
     """
     noises_dn = sorted({curve.noise_dn for curve in curves})
     middle_dn = noises_dn[len(noises_dn) // 2]
-    by_noise = [curve for curve in curves if curve.contrast_dn == contrast_dn]
-    by_contrast = [curve for curve in curves if curve.noise_dn == middle_dn]
-    written = []
-    for name, figure in (
-        ("noise", plot_detectability(by_noise, "noise_dn")),
-        ("contrast", plot_detectability(by_contrast, "contrast_dn")),
-    ):
-        for suffix in (".png", ".svg"):
-            path = out.with_name(f"{out.stem}-{name}{suffix}")
-            write_figure(path, figure)
-            written.append(path)
-    return written
+    by_noise = plot_detectability(
+        [curve for curve in curves if curve.contrast_dn == contrast_dn], "noise_dn"
+    )
+    by_contrast = plot_detectability(
+        [curve for curve in curves if curve.noise_dn == middle_dn], "contrast_dn"
+    )
+    figures = (by_noise, by_noise, by_contrast, by_contrast)
+    for path, figure in zip(curve_figure_paths(out), figures, strict=True):
+        write_figure(path, figure)

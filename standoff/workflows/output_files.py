@@ -3,10 +3,12 @@
 Apart from the reports, whose plots and templates take half a second to load.
 """
 
-from collections.abc import Iterable
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from acquisition.session import MANIFEST_NAME, atomic_write
+from acquisition.session import MANIFEST_NAME, atomic_write, fsync_directory
 from standoff.errors import ApplicationError
 
 RESULTS_FOLDER = "results"
@@ -61,6 +63,39 @@ def write_file(path: Path, data: bytes) -> None:
         atomic_write(path, data)
     except OSError as error:
         raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
+
+
+@contextmanager
+def written_together(document: Path) -> Iterator[Path]:
+    """Give a folder for the files of one result; at the end they take the place of an earlier one.
+
+    What fails before the end leaves the earlier result as it was. The document goes first and
+    comes last: a kill in between leaves none, never one beside the files of another.
+
+    Parameters
+    ----------
+    document
+        The file that names the others of the result. They lie beside it, under the names that they
+        have in the folder given.
+
+    Raises
+    ------
+    ApplicationError
+        If a file cannot be moved to its place.
+    """
+    part = document.with_name(f".{document.name}.part")
+    try:
+        shutil.rmtree(part, ignore_errors=True)  # of a run that was killed
+        make_folder(part)
+        yield part
+        document.unlink(missing_ok=True)
+        for file in sorted(part.iterdir(), key=lambda file: (file.name == document.name, file)):
+            file.replace(document.with_name(file.name))
+        fsync_directory(document.parent)
+    except OSError as error:
+        raise ApplicationError(f"cannot write {document}: {error.strerror}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def require_pdf() -> None:

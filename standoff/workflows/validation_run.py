@@ -24,11 +24,26 @@ from analysis.validation import (
 from simulation import Psf
 from standoff.errors import ApplicationError
 from standoff.terminal import note, progress_bar
-from standoff.workflows.output_files import RESULTS_FOLDER, make_folder, write_file
+from standoff.workflows.output_files import (
+    RESULTS_FOLDER,
+    make_folder,
+    write_file,
+    written_together,
+)
 from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import write_page
 
 _FILE = "validation.json"
+_PAGE = "report.html"
+_TABLES = "table_1", "table_2"
+VALIDATION_FILES = (
+    _FILE,
+    _PAGE,
+    "curves.csv",
+    *(f"{name}{suffix}" for name in _TABLES for suffix in (".txt", ".csv", ".tex")),
+    *(f"{name}{suffix}" for name in ("figure_2", "figure_3") for suffix in (".png", ".svg")),
+)
+"""What ``run_validation`` writes into its folder."""
 
 
 def default_models() -> tuple[ValidationModel, ...]:
@@ -62,17 +77,17 @@ def run_validation(
         )
     make_folder(out)
     validation = _validated(session, psf, psf_name, settings)
-    _write_tables(out, validation)
     shown = shown_pairs(session, validation, psf, settings.kernels)
-    for name, figure in (
-        ("figure_2", plot_images(shown)),
-        ("figure_3", plot_curves(validation)),
-    ):
-        write_file(out / f"{name}.png", png_bytes(figure))
-        write_file(out / f"{name}.svg", svg_bytes(figure))
-    write_page(out / "report.html", render_validation(session, validation, shown))
-    # Last, so that if it exists, so do the others.
-    write_results(out / _FILE, validation)
+    with written_together(out / _FILE) as folder:
+        _write_tables(folder, validation)
+        for name, figure in (
+            ("figure_2", plot_images(shown)),
+            ("figure_3", plot_curves(validation)),
+        ):
+            write_file(folder / f"{name}.png", png_bytes(figure))
+            write_file(folder / f"{name}.svg", svg_bytes(figure))
+        write_page(folder / _PAGE, render_validation(session, validation, shown))
+        write_results(folder / _FILE, validation)
     return validation
 
 

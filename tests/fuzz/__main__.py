@@ -1,11 +1,11 @@
 """The open search, by the clock: ``python -m tests.fuzz --minutes 30 [NAME...]``.
 
 First every command is given every odd file at every place of its command line, which is counted
-(``--no-commands`` leaves that out; ``--slot NAME`` does those places alone). Then, in each round,
-every reader is fed damaged input, and every property test gets examples that it has not seen. What
-is found is printed by Hypothesis, kept in ``.hypothesis`` and found again at once
-by the next run; it becomes a fixed case beside the test, as ``make test`` draws the same examples
-each time.
+(``--no-commands`` leaves that out; ``--slot NAME`` does those places alone; ``--after FILE`` goes
+on where the run ended whose output that is). Then, in each round, every reader is fed damaged
+input, and every property test gets examples that it has not seen. What is found is printed by
+Hypothesis, kept in ``.hypothesis`` and found again at once by the next run; it becomes a fixed case
+beside the test, as ``make test`` draws the same examples each time.
 """
 
 import argparse
@@ -18,17 +18,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import settings
 
 from tests.conftest import SEARCH_PROFILE
-from tests.fuzz.commands.odd_file import OddFile
-from tests.fuzz.commands.server import CommandServer
-from tests.fuzz.commands.slots import SLOTS, Slot
-from tests.fuzz.commands.sound_files import make_sound_files
-from tests.fuzz.commands.verdict import faults_of
+from tests.fuzz.commands.search import parts_in, search_commands
+from tests.fuzz.commands.slots import SLOTS
 from tests.fuzz.target import FuzzTarget
 from tests.fuzz.test_fuzz import TARGETS
 
@@ -84,30 +80,22 @@ def properties_hold(module: str) -> bool:
     return False
 
 
-def commands_hold(names: list[str]) -> bool:
-    """Give the commands whose place has such a name, or all, every case; False if one fails."""
+def commands_hold(names: list[str], earlier: Path | None = None) -> bool:
+    """Give the commands whose place has such a name, or all, every case; False if one fails.
+
+    What the output of an earlier run says was done is left out.
+    """
+    done_before = parts_in("" if earlier is None else earlier.read_text("utf-8"))
     slots = [slot for slot in SLOTS if not names or slot.name in names]
-    count = failed = 0
-    with TemporaryDirectory() as folder, CommandServer() as server:
-        root = Path(folder)
-        (root / "sound").mkdir()
-        make_sound_files(root / "sound")
-        for slot in slots:
-            cases: list[OddFile | None] = [None, *slot.odd_files(root / "sound")]
-            found = 0
-            for odd in cases:
-                for fault in faults_of(server, slot, odd, root):
-                    case = "the sound file" if odd is None else f"{odd.kind}, {odd.name}"
-                    print(f"  {slot.name}: {case}: {fault}", flush=True)
-                    found += 1
-            count, failed = count + len(cases), failed + found
-            print(f"{slot.name}: {len(cases)} cases, {found} faults", flush=True)
-    print(f"{count} cases at {len(slots)} places of {_commands(slots)} commands; {failed} faults")
-    return failed == 0
-
-
-def _commands(slots: list[Slot]) -> int:
-    return len({slot.arguments[0] for slot in slots})
+    cases = faults = 0
+    for part in search_commands(slots, done_before):
+        print(part, flush=True)
+        for fault in part.faults:
+            print(f"  {part.slot}: {fault}", flush=True)
+        cases, faults = cases + part.cases, faults + len(part.faults)
+    commands = len({slot.arguments[0] for slot in slots})
+    print(f"{cases} cases at {len(slots)} places of {commands} commands; {faults} faults")
+    return faults == 0
 
 
 def main() -> int:
@@ -115,11 +103,12 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help="part of a name")
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--slot", action="append", default=[], help="odd files at this place")
+    parser.add_argument("--after", type=Path, help="output of a run to go on with at its places")
     parser.add_argument("--no-commands", action="store_true", help="no odd files for commands")
     given = parser.parse_args()
     if given.slot:
-        return 0 if commands_hold(given.slot) else 1
-    is_sound = given.no_commands or bool(given.names) or commands_hold([])
+        return 0 if commands_hold(given.slot, given.after) else 1
+    is_sound = given.no_commands or bool(given.names) or commands_hold([], given.after)
     known = [*readers(), *property_tests()]
     searched = [s for s in known if not given.names or any(n in s.name for n in given.names)]
     if not searched:

@@ -35,6 +35,7 @@ REPLY_S = 20.0
 FRAME_S = 20.0
 """No camera is so slow; but the first picture of a print is compiled and drawn, on any machine."""
 SILENCE_S = 0.3
+HEARTBEAT_MS = 60_000
 """Longer than anything that is under way needs to arrive."""
 
 
@@ -123,7 +124,7 @@ class RawClient:
         self.control.settimeout(timeout_s)
         return parse_acknowledge(self.control.recv(2000))
 
-    def is_answered(self, timeout_s: float = SILENCE_S) -> bool:
+    def is_answered(self, timeout_s: float = REPLY_S) -> bool:
         try:
             self._ask_once(CommandCode.DISCOVERY, b"", timeout_s)
         except TimeoutError:
@@ -175,6 +176,8 @@ class RawClient:
     def start(self, packet_size_bytes: int = 1500, **features: float) -> None:
         """Take control, set features, open the stream and start."""
         assert self.take_control() == GvcpStatus.SUCCESS
+        # A client that waits for a frame says nothing meanwhile, and a machine may be busy.
+        assert self.write(BootstrapAddress.HEARTBEAT_TIMEOUT, HEARTBEAT_MS) == GvcpStatus.SUCCESS
         for name, value in {"ExposureTimeAbs": 8000.0, **features}.items():
             assert self.set(name, value) == GvcpStatus.SUCCESS, name
         self.open_stream(packet_size_bytes)
@@ -200,6 +203,13 @@ class RawClient:
         except TimeoutError:
             return
 
+    def packets_of_all(self) -> list[GvspPacket]:
+        """Every packet of an acquisition that ends by itself."""
+        packets = list(self.packets())
+        while self.get("AcquisitionActive"):
+            packets += self.packets()
+        return packets
+
     def block(self) -> Block:
         """The next frame, from whatever comes first to its trailer."""
         packets = [self.packet()]
@@ -215,7 +225,7 @@ class RawClient:
         return True
 
 
-def wait_for(condition: Callable[[], bool], within_s: float = 20.0) -> None:
+def wait_for(condition: Callable[[], bool], within_s: float = 60.0) -> None:
     """Return as soon as the condition holds."""
     end_s = monotonic() + within_s
     while not condition():

@@ -20,7 +20,7 @@ def run(name: str, *arguments: object) -> str:
         capture_output=True,
         text=True,
         check=True,
-        timeout=300,
+        timeout=1200,
     )
     return done.stdout
 

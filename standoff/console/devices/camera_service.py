@@ -192,23 +192,28 @@ class CameraService:
         camera.start()
         self.began(camera)
         try:
-            last_s = asked_s = self._clock()
+            asked_s = self._clock()
+            waited_s = 0.0
             while not (self._is_wished.is_set() or self._is_closing.is_set()):
                 self._apply_requests(camera)
                 settings = camera.settings
                 period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)
+                timeout_s = max(0.25, 2 * period_s)
                 try:
-                    frame = camera.next_frame(max(0.25, 2 * period_s))
+                    frame = camera.next_frame(timeout_s)
                 except StreamInterruptedError:
                     raise
                 except DeviceTimeoutError:
-                    if self._clock() - last_s > max(STALL_S, STALL_PERIODS * period_s):
+                    # The waits asked for: a machine that pauses this thread pauses the stream too.
+                    waited_s += timeout_s
+                    if waited_s >= max(STALL_S, STALL_PERIODS * period_s):
                         raise
                     continue
+                waited_s = 0.0
                 self.saw(frame, camera)
-                last_s = self._clock()
-                if last_s - asked_s > STATISTICS_S:
-                    asked_s, self._statistics = last_s, camera.statistics()
+                now_s = self._clock()
+                if now_s - asked_s > STATISTICS_S:
+                    asked_s, self._statistics = now_s, camera.statistics()
         except BaseException as error:
             try:
                 camera.stop()

@@ -36,9 +36,12 @@ from standoff.workflows.image_files import each_image
 from standoff.workflows.psf_files import psf_and_field
 
 SUMMARY_NAME = "summary.json"
-_CHANGES_TABLE, _POSES_TABLE = "changes.csv", "poses.csv"
-FILES_OF_SERIES = (SUMMARY_NAME, _CHANGES_TABLE, TIME_LINE_NAME, PAGE_NAME)
+CHANGES_TABLE, POSES_TABLE = "changes.csv", "poses.csv"
+FILES_OF_SERIES = (SUMMARY_NAME, CHANGES_TABLE, TIME_LINE_NAME, PAGE_NAME)
 """Written at the end, in the folder that holds those of the follow-ups."""
+
+FILES_OF_POSE_SERIES = (SUMMARY_NAME, POSES_TABLE)
+"""The same, where poses are judged."""
 
 _SHOWN_WHOLE, _SHOWN_OF_MANY = 20, 5
 
@@ -110,6 +113,12 @@ class _Tables(Generic[Document, Listed]):
     finish: Callable[[CommittedRows, Document], None] = lambda rows, document: None
 
 
+def holds_series(out: Path, table: str) -> bool:
+    """Whether a folder holds a series of the kind of ``table``, which a run goes on with."""
+    others = {CHANGES_TABLE, POSES_TABLE} - {table}
+    return (out / STATE_NAME).is_dir() and not any((out / other).exists() for other in others)
+
+
 def is_series(followups: Iterable[Path]) -> bool:
     """Whether follow-ups are several, or a folder of them.
 
@@ -174,7 +183,7 @@ def find_changes_of_series(
             )
 
         tables = _Tables(
-            table=_CHANGES_TABLE,
+            table=CHANGES_TABLE,
             columns=tuple(ComparedFollowup.model_fields),
             listed=ComparedFollowup.model_validate,
             badness=lambda row: row["changed_px"],
@@ -221,7 +230,7 @@ def judge_series(
             )
 
         tables = _Tables(
-            table=_POSES_TABLE,
+            table=POSES_TABLE,
             columns=tuple(name for name in JudgedFollowup.model_fields if name != "homography"),
             listed=JudgedFollowup.model_validate,
             badness=lambda row: -row["dprime_decisive"],

@@ -89,3 +89,17 @@ def test_two_files_are_durable_together_and_a_failure_of_either_is_told(
         monkeypatch.setattr(os, "fsync", fails)
         with pytest.raises(OSError, match="Input/output"):
             fsync_both(3, 4)
+
+
+def test_a_write_that_does_not_fit_is_refused_with_the_systems_reason(tmp_path: Path) -> None:
+    # A limit on the size of files is refused in the same place as a full disk.
+    resource = pytest.importorskip("resource", reason="a limit of POSIX systems")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8000, limits[1]))
+    try:
+        with pytest.raises(OSError) as refused:
+            atomic_write_hashed(tmp_path / "a", bytes(80_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert refused.value.errno == errno.EFBIG
+    assert list(tmp_path.iterdir()) == []

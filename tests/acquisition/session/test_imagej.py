@@ -62,7 +62,7 @@ def test_imagej_reads_the_pixels_the_scale_and_the_record(tmp_path: Path) -> Non
         ],
         check=True,
         capture_output=True,
-        timeout=120,
+        timeout=600,
     )
     layout, scale, *pages = values.read_text(encoding="utf-8").splitlines()
     rows, cols = stored.mean_dn.shape

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from acquisition.errors import SessionError
 from acquisition.session.journal import JournalWriter, Stamps
-from acquisition.session.journal_chain import HEAD_NAME, JournalHead
+from acquisition.session.journal_chain import HEAD_NAME, LARGEST_LINE_BYTES, JournalHead
 from acquisition.session.journal_event import JournalEvent
 from acquisition.session.journal_reading import read_journal, read_journal_file
 from tests.acquisition.fakes import FakeUids, FakeUtc
@@ -86,6 +86,30 @@ def test_whatever_a_power_cut_leaves_at_the_end_is_ignored_and_reported(
     assert reading.events == EVENTS
     assert reading.torn_tail == tail
     assert any("cut short" in remark for remark in reading.remarks) == bool(tail)
+
+
+@pytest.mark.parametrize("byte", [b"a", b"\0", b"\xff"])
+def test_an_end_longer_than_any_line_that_is_written_is_damage(path: Path, byte: bytes) -> None:
+    longest = JOURNAL + byte * LARGEST_LINE_BYTES
+    assert read_journal(longest).torn_tail == longest[len(JOURNAL) :]
+    with pytest.raises(SessionError, match=f"line {len(EVENTS) + 1}: damaged"):
+        read_journal(longest + byte)
+    path.write_bytes(longest)
+    with writer(path) as journal:
+        note = journal.events[len(EVENTS)]
+    assert byte.decode(errors="backslashreplace") * 1000 in note.facts["cut_short"]
+    assert read_journal_file(path).events[len(EVENTS)] == note
+
+
+def test_a_note_longer_than_a_line_is_refused_and_nothing_is_written(path: Path) -> None:
+    with writer(path) as journal:
+        journal.append("note", {"text": "short"})
+        before = path.read_bytes()
+        with pytest.raises(SessionError, match="at most 1 MiB"):
+            journal.append("note", {"text": "a" * LARGEST_LINE_BYTES})
+        assert path.read_bytes() == before
+        journal.append("note", {"text": "short"})
+    assert len(read_journal_file(path).events) == 2
 
 
 def test_a_remark_names_the_line() -> None:

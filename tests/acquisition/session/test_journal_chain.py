@@ -23,6 +23,7 @@ EVENTS = (
     JournalEvent(kind="capture", utc=UTC, uid="u7", facts={"record": RECORD.to_json()}),
     JournalEvent(kind="exclude", utc=UTC, uid="d", facts={"capture": "u7", "reason": "dust"}),
     JournalEvent(kind="include", utc=UTC, uid="e", facts={"capture": "u7", "reason": ""}),
+    JournalEvent(kind="height", utc=UTC, uid="i", facts={"capture": "u7", "height_mm": 9.0}),
     JournalEvent(kind="retake", utc=UTC, uid="f", facts={"supersedes": "u7", "index": 7}),
     JournalEvent(kind="note", utc=UTC, uid="g", facts={"text": "seen"}),
     JournalEvent(kind="stop", utc=UTC, uid="h", facts={}),

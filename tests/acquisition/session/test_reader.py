@@ -12,6 +12,7 @@ from acquisition.session.journal_chain import HEAD_NAME, JournalHead
 from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.notes import SessionNotes
 from acquisition.session.reader import Session
+from acquisition.session.repair import repair_session
 from acquisition.session.verification import FileCheck, verify
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.journals import chained_journal, cut_last_line
@@ -185,6 +186,20 @@ def test_a_journal_line_cut_short_is_a_remark_and_its_capture_does_not_exist(pat
     assert [(c.file, c.state) for c in bad(path)] == [(records[-1].file, "unjournaled")]
 
 
+@pytest.mark.parametrize("rest", [b"", b"{"])
+def test_captures_without_a_line_in_the_journal_are_a_fault_and_can_be_repaired(
+    path: Path, rest: bytes
+) -> None:
+    whole_session(path)
+    (path / "journal.jsonl").write_bytes(rest)
+    (path / HEAD_NAME).unlink()
+    report = verify(path)
+    assert not report.is_ok
+    assert "journal.jsonl" in report.faults[0]
+    assert repair_session(path).recovered
+    assert verify(path).is_ok
+
+
 def test_raw_frames_are_verified_too(path: Path) -> None:
     frames = (np.full((4, 6), 7, np.uint16), np.full((4, 6), 9, np.uint16))
     with writer(path) as session:
@@ -251,6 +266,7 @@ def test_notes_make_no_session_where_there_is_none(path: Path) -> None:
     [
         ("exclude", {"capture": "nobody"}, "no capture", ()),
         ("retake", {"supersedes": ["a"]}, "no capture", ()),
+        ("height", {"capture": "nobody", "height_mm": 9.0}, "no capture", ()),
         ("capture", {}, "damaged", ("record",)),
         ("capture", {"record": {}}, "damaged", ("index",)),
     ],
@@ -265,6 +281,17 @@ def test_an_event_that_makes_no_sense_names_its_line(
         Session(path)
     assert (refused.value.fault, refused.value.line) == (fault, 9)
     assert refused.value.keys[:1] == first_key
+
+
+@pytest.mark.parametrize("height_mm", [None, "9", True, 10**400])
+def test_a_corrected_height_that_is_none_names_its_line(path: Path, height_mm: object) -> None:
+    records = whole_session(path)
+    with JournalWriter(path / "journal.jsonl") as journal:
+        journal.append("height", {"capture": records[0].uid, "height_mm": height_mm})
+    with pytest.raises(SessionError) as refused:
+        Session(path)
+    assert (refused.value.fault, refused.value.line) == ("damaged", 9)
+    assert refused.value.keys == ("height_mm",)
 
 
 def test_a_session_is_opened_by_a_path_in_either_form(path: Path) -> None:

@@ -81,6 +81,34 @@ def test_a_stage_that_counts_downwards_is_refused_with_the_remedy() -> None:
     assert (refused.value.reason, refused.value.subject) == ("heights_reversed", "brick")
 
 
+@pytest.mark.parametrize("count", [2, 3, 4, 5])
+@pytest.mark.parametrize("is_first", [True, False])
+def test_one_target_whose_heights_count_downwards_is_named_however_the_others_count(
+    count: int, is_first: bool
+) -> None:
+    falling = [600.0 - height for height in HEIGHTS_MM[:count]]
+    survey = Survey()
+    if not is_first:
+        survey.add("brick", poses_over(HEIGHTS_MM))
+    survey.add("grass", poses_over(HEIGHTS_MM[:count]), heights_mm=falling)
+    if is_first:
+        survey.add("brick", poses_over(HEIGHTS_MM))
+    with pytest.raises(GeometryError) as refused:
+        consistent(survey)
+    assert (refused.value.reason, refused.value.subject) == ("heights_reversed", "grass")
+    times = (HEIGHTS_MM[count - 1] + PUPIL_MM) / (HEIGHTS_MM[0] + PUPIL_MM)
+    assert f"at 420 mm the image is {times:.3g} times as large as at {falling[-1]:g} mm" in str(
+        refused.value
+    )
+
+
+def test_one_wrong_height_is_not_taken_for_a_stage_that_counts_downwards() -> None:
+    read = [*HEIGHTS_MM[:4], 43.0]  # for 430
+    found, excluded = consistent(Survey().add("brick", poses_over(HEIGHTS_MM), heights_mm=read))
+    assert list(excluded) == ["brick-0-4.tif"]
+    assert found.pupil.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.2)
+
+
 def test_a_texture_whose_other_captures_are_left_out_goes_with_them() -> None:
     survey = Survey().add("brick", poses_over(HEIGHTS_MM)).add("grass", poses_over(HEIGHTS_MM[:2]))
     left = survey.adjusted().without([survey.captures[6]])

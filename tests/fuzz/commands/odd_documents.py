@@ -4,11 +4,19 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from copy import deepcopy
-from itertools import count, islice
+from functools import partial
+from pathlib import Path
 from random import Random
 from typing import Any
 
-from tests.fuzz.commands.odd_file import OddFile, cut_short, of_bytes, with_flipped_bits
+from acquisition.session.journal_chain import (
+    HEAD_NAME,
+    NO_LINES,
+    ChainedLine,
+    JournalHead,
+    chain_after,
+)
+from tests.fuzz.commands.odd_file import OddFile, cut_short, made_of, of_bytes, with_flipped_bits
 from tests.fuzz.damage import DEEP, places
 
 CASES_LEAST = 200
@@ -39,42 +47,74 @@ def odd_json(sound: bytes) -> Iterator[OddFile]:
     twice = sound.rstrip()[:-1] + b", " + sound.lstrip()[1:]
     yield of_bytes("JSON with keys given twice", "all", twice)
     yield of_bytes("JSON with an unknown key", "all", json.dumps(document | {"more": 1}).encode())
-    yield from _with_values("JSON", document)
+    for kind, name, changed in _values(document, most=3 * CASES_LEAST):
+        yield made_of(f"JSON {kind}", name, changed)
 
 
 def odd_journal(sound: bytes) -> Iterator[OddFile]:
-    """Cases for a journal: events on a line each."""
+    """Cases for a journal: events on a line each, in a chain that is broken or made anew."""
     # A last line that is none was cut short by a power cut.
     yield from _texts("journal", sound, is_refused=False)
     lines = sound.splitlines(keepends=True)
     for index in range(len(lines)):
-        rest = lines[:index] + lines[index + 1 :]
-        yield of_bytes("journal without a line", f"line {index + 1}", b"".join(rest))
-        yield of_bytes(
-            "journal with a line twice",
-            f"line {index + 1}",
-            b"".join([*lines[: index + 1], *lines[index:]]),
-        )
         cut = lines[index][: len(lines[index]) // 2] + b"\n"
         torn = b"".join([*lines[:index], cut, *lines[index + 1 :]])
         yield of_bytes("journal with half a line", f"line {index + 1}", torn)
-    yield of_bytes("journal in another order", "reversed", b"".join(reversed(lines)))
     yield of_bytes("journal without line ends", "all", sound.replace(b"\n", b" "))
     yield of_bytes("journal of a million empty lines", "all", b"\n" * 1_000_000)
-    documents = [json.loads(line) for line in lines]
-    for index in sorted({0, 1, len(documents) // 2, len(documents) - 1}):
-        for damaged in _with_values("event of a journal", documents[index], most=60):
-            yield _in_line(damaged, lines, index)
+    for kind, name, changed in _rearranged(lines):
+        yield of_bytes(kind, name, b"".join(changed))
+    texts = [_text_of(line) for line in lines]
+    for kind, name, changed in _rearranged(texts):
+        numbered = [_numbered(text, place) for place, text in enumerate(changed, start=1)]
+        yield OddFile(kind=f"chained {kind}", name=name, make=partial(_write_chained, numbered))
+    for index in sorted({0, 1, len(texts) // 2, len(texts) - 1}):
+        for kind, name, event in _values(json.loads(texts[index]), most=60):
+            chained = partial(_chain_with, event, texts, index)
+            yield OddFile(
+                kind=f"chained event {kind}", name=f"line {index + 1}: {name}", make=chained
+            )
+        for kind, name, event in _values(json.loads(lines[index]), most=15):
+            altered = partial(_lines_with, event, lines, index)
+            yield made_of(f"event {kind}", f"line {index + 1}: {name}", altered)
 
 
-def _in_line(event: OddFile, lines: list[bytes], index: int) -> OddFile:
-    before, after = b"".join(lines[:index]), b"".join(lines[index + 1 :])
+def _lines_with(event: Callable[[], bytes], lines: list[bytes], index: int) -> bytes:
+    return b"".join([*lines[:index], event() + b"\n", *lines[index + 1 :]])
 
-    def make(path: Any) -> None:
-        event.make(path)
-        path.write_bytes(before + path.read_bytes() + b"\n" + after)
 
-    return OddFile(kind=event.kind, name=f"line {index + 1}: {event.name}", make=make)
+def _chain_with(event: Callable[[], bytes], texts: list[bytes], index: int, path: Path) -> None:
+    _write_chained([*texts[:index], event(), *texts[index + 1 :]], path)
+
+
+def _rearranged(lines: list[bytes]) -> Iterator[tuple[str, str, list[bytes]]]:
+    """Kind, name and lines of a journal with a line too few, too many, or in the wrong place."""
+    for index in range(len(lines)):
+        name = f"line {index + 1}"
+        yield "journal without a line", name, lines[:index] + lines[index + 1 :]
+        yield "journal with a line twice", name, [*lines[: index + 1], *lines[index:]]
+    yield "journal in another order", "reversed", lines[::-1]
+
+
+def _text_of(line: bytes) -> bytes:
+    link = ChainedLine.parse(line)
+    assert link is not None
+    return link.text
+
+
+def _numbered(text: bytes, number: int) -> bytes:
+    return re.sub(rb'^\{"seq": \d+', b'{"seq": %d' % number, text)
+
+
+def _write_chained(texts: list[bytes], path: Path) -> None:
+    """Write a journal of these lines as if it had been written so, with its head."""
+    chain, written = NO_LINES, b""
+    for text in texts:
+        chain = chain_after(chain, text)
+        written += ChainedLine(text=text, chain=chain).to_bytes()
+    path.write_bytes(written)
+    head = JournalHead(lines=len(texts), chain=chain)
+    path.with_name(HEAD_NAME).write_bytes(head.to_bytes())
 
 
 def odd_toml(sound: bytes) -> Iterator[OddFile]:
@@ -172,21 +212,33 @@ def _texts(kind: str, sound: bytes, *, is_refused: bool = True) -> Iterator[OddF
     yield of_bytes(f"{kind} with a byte order mark", "UTF-8", b"\xef\xbb\xbf" + sound)
 
 
-def _with_values(kind: str, document: Any, most: int | None = None) -> Iterator[OddFile]:
-    """Each value in a document removed, or another one in its place; in the order of a draw."""
+def _values(document: Any, most: int) -> Iterator[tuple[str, str, Callable[[], bytes]]]:
+    """Each value in a document removed, or another one in its place; in the order of a draw.
+
+    Kind, name and text of at most ``most`` of each of the two; the text is made when it is needed.
+    """
     paths = places(document)[1:]
     texts = [*_LITERALS, *(json.dumps(value) for value in _VALUES)]
     changes = [(path, text) for path in paths for text in texts]
-    Random(1).shuffle(changes)
-    for path in paths[:most]:
-        found = deepcopy(document)
-        del _parent(found, path)[path[-1]]
-        yield of_bytes(f"{kind} without a value", _dotted(path), json.dumps(found).encode())
-    for number, (path, text) in zip(count(), islice(changes, most or 3 * CASES_LEAST)):
-        found = deepcopy(document)
-        _parent(found, path)[path[-1]] = _NUMBER
-        data = json.dumps(found).replace(json.dumps(_NUMBER), text).encode()
-        yield of_bytes(f"{kind} of another value", f"{number}: {_dotted(path)} = {text[:30]}", data)
+    random = Random(1)
+    random.shuffle(changes)
+    for path in random.sample(paths, min(most, len(paths))):
+        yield "without a value", _dotted(path), partial(_without, document, path)
+    for number, (path, text) in enumerate(changes[:most]):
+        name = f"{number}: {_dotted(path)} = {text[:30]}"
+        yield "of another value", name, partial(_with_value, document, path, text)
+
+
+def _without(document: Any, path: tuple[Any, ...]) -> bytes:
+    changed = deepcopy(document)
+    del _parent(changed, path)[path[-1]]
+    return json.dumps(changed).encode()
+
+
+def _with_value(document: Any, path: tuple[Any, ...], text: str) -> bytes:
+    changed = deepcopy(document)
+    _parent(changed, path)[path[-1]] = _NUMBER
+    return json.dumps(changed).replace(json.dumps(_NUMBER), text).encode()
 
 
 def _parent(document: Any, path: tuple[Any, ...]) -> Any:

@@ -29,6 +29,11 @@ def of_bytes(kind: str, name: str, data: bytes, *, is_refused: bool = False) -> 
     )
 
 
+def made_of(kind: str, name: str, data: Callable[[], bytes]) -> OddFile:
+    """A case of the bytes that this returns."""
+    return OddFile(kind=kind, name=name, make=lambda path: path.write_bytes(data()))
+
+
 def cut_short(kind: str, name: str, data: bytes, count: int) -> Iterator[OddFile]:
     """A sound file that ends too early, at ``count`` places."""
     for part in range(count):

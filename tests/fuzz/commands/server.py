@@ -17,8 +17,8 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 from tempfile import TemporaryFile
-from types import TracebackType
-from typing import Self
+from typing import Any
+from unittest.mock import patch
 
 HANGS_AFTER_S = 120
 """Clock time at which a command is killed; a busy machine stretches what takes seconds."""
@@ -58,21 +58,26 @@ class CommandServer:
 
     def run(self, arguments: list[str], folder: Path) -> Ended:
         """Run a command in a folder."""
+        return Ended(**self._ask({"run": arguments, "folder": str(folder)}))
+
+    def rehearse(self, arguments: list[str], folder: Path) -> None:
+        """Run a sound command in the process that forks.
+
+        What is loaded or compiled when it is first needed is then there for all that follow.
+        """
+        status = self._ask({"rehearse": arguments, "folder": str(folder)})
+        if status != 0:
+            raise RuntimeError(f"{arguments} ended with status {status}")
+
+    def _ask(self, request: dict[str, Any]) -> Any:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(json.dumps({"run": arguments, "folder": str(folder)}) + "\n")
+        self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
-        return Ended(**json.loads(self._process.stdout.readline()))
+        return json.loads(self._process.stdout.readline())
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End the process."""
         self._process.communicate()
 
 
@@ -83,8 +88,11 @@ def serve() -> None:
     _load_everything()
     for line in sys.stdin:
         request = json.loads(line)
-        ended = _in_a_child(request["run"], request["folder"])
-        answers.write(json.dumps(asdict(ended)) + "\n")
+        if "rehearse" in request:
+            answer: object = _in_this_process(request["rehearse"], request["folder"])
+        else:
+            answer = asdict(_in_a_child(request["run"], request["folder"]))
+        answers.write(json.dumps(answer) + "\n")
         answers.flush()
 
 
@@ -94,8 +102,27 @@ def _load_everything() -> None:
         for module in walk_packages([package], f"{package}."):
             if not any(part in _NOT_LOADED for part in module.name.split(".")):
                 import_module(module.name)
+    # Most of the time that figures take goes into their pixels, which nobody looks at here.
+    patch("analysis.reports.page._PNG_DPI", 20).start()
     gc.collect()
     gc.freeze()
+
+
+def _in_this_process(arguments: list[str], folder: str) -> int:
+    streams, silence = (os.dup(1), os.dup(2)), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)
+    os.dup2(silence, 2)
+    os.chdir(folder)
+    try:
+        return _status_of(arguments)
+    finally:
+        os.chdir(ROOT)
+        for number, stream in enumerate(streams, start=1):
+            os.dup2(stream, number)
+            os.close(stream)
+        os.close(silence)
+        gc.collect()
+        gc.freeze()
 
 
 def _in_a_child(arguments: list[str], folder: str) -> Ended:

@@ -38,10 +38,12 @@ class Slot:
         What is wrong with the odd file, given the sound one.
     beside
         Sound files that lie in the same folder as the odd one.
-    keeps_results
-        Whether a refusal leaves results: of the other files of a folder, or of a session.
+    leaves
+        Beginnings of what a refusal may leave: the results of the other files of a folder, say.
+    alters
+        Beginnings of what may have changed when the command has done its work.
     notes_odd_files
-        Whether the command goes on without an odd file, after a note, or begins anew.
+        Whether the command goes on without an odd file, after a note.
     """
 
     name: str
@@ -49,7 +51,8 @@ class Slot:
     file: str
     cases: Cases
     beside: tuple[str, ...] = ()
-    keeps_results: bool = False
+    leaves: tuple[str, ...] = ()
+    alters: tuple[str, ...] = ()
     notes_odd_files: bool = False
 
     def odd_files(self, sound: Path) -> list[OddFile]:
@@ -109,19 +112,34 @@ def _journal(sound: bytes) -> Iterator[OddFile]:
     return at_least(odd_journal, sound)
 
 
-# A session without a journal may be one that a power cut ended at its very start.
-_GO_ON = ("session list", "compare --history", "capture, journal", "import, journal")
+# They list many, and are there to show which of them cannot be read.
+_LISTS = ("session list", "compare --history of a folder")
+
+_LEAVES = {
+    "detectability": ("out.sweep/",),
+    "detectability of a folder": ("out",),
+    "sr-pairs": ("out/",),
+    "report": ("series/results/validation.json",),
+}
+_ALTERS = {
+    "session exclude": ("taken/journal.",),
+    "session note": ("taken/journal.",),
+    "capture": ("taken/journal.",),
+    "import": ("imported/journal.",),
+}
 
 
-def _slot(name: str, file: str, cases: Cases, line: str, *beside: str, keeps: bool = False) -> Slot:
+def _slot(name: str, file: str, cases: Cases, line: str, *beside: str) -> Slot:
+    command = name.partition(",")[0]
     return Slot(
         name=name,
         arguments=tuple(line.split()),
         file=file,
         cases=cases,
         beside=beside,
-        keeps_results=keeps,
-        notes_odd_files=name.startswith(_GO_ON),
+        leaves=_LEAVES.get(command, ()),
+        alters=_ALTERS.get(command, ()),
+        notes_odd_files=command in _LISTS,
     )
 
 
@@ -141,10 +159,9 @@ IMAGE_SLOTS = (
           "simulate BAD --zoom 2 --model bicubic --correct @noise.json --out out.tif"),
     _slot("simulate, another pose", "scene.tif", images,
           "simulate BAD --homography @H.json --model matched --psf @psf.json --out out.tif"),
-    _slot("detectability", "near.tif", images, f"detectability BAD --psf @psf.json {_DETECT}",
-          keeps=True),
+    _slot("detectability", "near.tif", images, f"detectability BAD --psf @psf.json {_DETECT}"),
     _slot("detectability of a folder", "photographs/near.tif", images,
-          f"detectability photographs --psf @psf.json {_DETECT}", keeps=True),
+          f"detectability photographs --psf @psf.json {_DETECT}"),
     _slot("detectability --signal", "patch.tif", images,
           f"detectability @near.tif --signal BAD --psf @psf.json "
           f"{_DETECT.replace('--signal-sigma 1 ', '')}"),
@@ -156,9 +173,9 @@ IMAGE_SLOTS = (
           "pose BAD @far.tif --curves @curves.json --min-dprime 2"),
     _slot("pose --mask", "mask.png", images, f"{_POSE} --mask BAD"),
     _slot("sr-pairs", "scene.tif", images,
-          "sr-pairs BAD --psf @psf.json --zoom 2 --crop 32 --out out", keeps=True),
+          "sr-pairs BAD --psf @psf.json --zoom 2 --crop 32 --out out"),
     _slot("verify, a capture", "taken/captures/0000_edge-005_h0180.000mm.tif", images,
-          "verify taken", keeps=True),
+          "verify taken"),
     _slot("calibrate, a capture", "edges/captures/0000_edge-006_h0100.000mm.tif", images,
           "calibrate --session edges --out out.json"),
     _slot("map of a noise.json", "noise_dark.tif", images,
@@ -184,10 +201,11 @@ DOCUMENT_SLOTS = (
     _slot("detectability --noise", "noise.json", _json,
           f"detectability @near.tif --noise BAD --psf @psf.json {_DETECT}"),
     _slot("sr-pairs --psf", "psf.json", _json,
-          "sr-pairs @scene.tif --psf BAD --zoom 2 --crop 32 --out out", keeps=True),
+          "sr-pairs @scene.tif --psf BAD --zoom 2 --crop 32 --out out"),
     _slot("compare", "psf.json", _json, "compare BAD @other-psf.json"),
     _slot("compare --history", "psf.json", _json,
           "compare BAD @other-psf.json --history --report out.html"),
+    _slot("compare --history of a folder", "lens/psf.json", _json, "compare lens --history"),
     _slot("limits", "curves.json", _json,
           "limits --curves BAD --min-dprime 2 --focal-length-px 900 --image-size 780x580"),
     _slot("limits --geometry", "geometry.json", _json,
@@ -210,7 +228,7 @@ DOCUMENT_SLOTS = (
     _slot("validate --psf", "psf.json", _json,
           "validate --session @series --psf BAD --models bicubic --out out"),
     *(
-        _slot(f"report, {name}", f"series/results/{name}.json", _json, "report series", keeps=True)
+        _slot(f"report, {name}", f"series/results/{name}.json", _json, "report series")
         for name in ("psf", "changes", "pose")
     ),
 )  # fmt: skip
@@ -234,9 +252,12 @@ _ON_SESSIONS = {
 }
 
 SESSION_SLOTS = tuple(
-    _slot(f"{name}, {file}", f"{folder}/{file}", cases, line, keeps=True)
+    _slot(f"{name}, {file}", f"{folder}/{file}", cases, line)
     for name, (folder, line) in _ON_SESSIONS.items()
     for file, cases in (("session.json", _json), ("journal.jsonl", _journal))
+) + tuple(
+    _slot(f"{name}, journal.head", "taken/journal.head", _json, _ON_SESSIONS[name][1])
+    for name in ("verify", "session note", "capture")
 )
 
 SLOTS = (*IMAGE_SLOTS, *DOCUMENT_SLOTS, *SESSION_SLOTS)

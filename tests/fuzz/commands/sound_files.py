@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,9 @@ def make_sound_files(folder: Path) -> None:
         "noise": NOISE | {"maps": _maps(folder)},
     }.items():
         (folder / f"{name}.json").write_text(json.dumps(document))
+    (folder / "lens").mkdir()
+    for name in ("psf.json", "other-psf.json"):
+        shutil.copy(folder / name, folder / "lens" / name)
     (folder / "points.csv").write_text(_points())
     (folder / "limits.toml").write_bytes(shipped_config("limits.toml").read_bytes())
     (folder / "bench.toml").write_text(SMALL_BENCH)

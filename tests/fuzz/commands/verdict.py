@@ -1,6 +1,7 @@
 """Whether a command that was given an odd file ended as it must."""
 
 import hashlib
+import os
 import re
 import stat
 from collections.abc import Iterator
@@ -25,9 +26,7 @@ def faults_of(server: CommandServer, slot: Slot, odd: OddFile | None, root: Path
 
     ``root`` holds the folder ``sound``; the command runs in a folder beside it, which is emptied.
     """
-    work = root / "work"
-    rmtree(work, ignore_errors=True)
-    work.mkdir()
+    work = emptied_folder(root)
     arguments = slot.command(odd, root / "sound", work)
     before = _tree(work)
     ended = server.run(arguments, work)
@@ -37,12 +36,23 @@ def faults_of(server: CommandServer, slot: Slot, odd: OddFile | None, root: Path
     faults = list(_faults(ended, is_refused=odd.is_refused and not slot.notes_odd_files))
     new = [name for name, (mode, *_) in after.items() if name not in before and stat.S_ISREG(mode)]
     faults += [f"left {name}" for name in new if name.endswith(".part")]
-    if ended.status in REFUSALS and not slot.keeps_results:
-        faults += [f"refused, yet wrote {name}" for name in new]
-    if ended.status in REFUSALS or not slot.keeps_results:
-        changed = [name for name in before if before[name] != after.get(name)]
-        faults += [f"altered {name}" for name in changed if stat.S_ISREG(before[name][0])]
+    if ended.status in REFUSALS:
+        faults += [f"refused, yet wrote {name}" for name in new if not name.startswith(slot.leaves)]
+    may_change = () if ended.status in REFUSALS else slot.alters
+    faults += [
+        f"altered {name}"
+        for name, was in before.items()
+        if stat.S_ISREG(was[0]) and was != after.get(name) and not name.startswith(may_change)
+    ]
     return faults
+
+
+def emptied_folder(root: Path) -> Path:
+    """A folder beside the sound files for the commands of this process."""
+    work = root / f"work-{os.getpid()}"
+    rmtree(work, ignore_errors=True)
+    work.mkdir()
+    return work
 
 
 def _faults(ended: Ended, *, is_refused: bool) -> Iterator[str]:

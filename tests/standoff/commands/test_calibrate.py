@@ -43,7 +43,9 @@ def test_srgb_photographs_are_linearised(command: Command, tmp_path: Path) -> No
     widths = {}
     psf = tmp_path / "p.json"
     for option in ("--srgb", "--linear"):
-        done = command("calibrate", tmp_path / "srgb.tif", option, "--out", psf, "--json")
+        done = command(
+            "calibrate", tmp_path / "srgb.tif", option, "--out", psf, "--force", "--json"
+        )
         widths[option] = json.loads(done.out)["sigma_x_px"]
     assert widths["--srgb"] == pytest.approx(0.8, rel=1e-3)
     assert widths["--linear"] != pytest.approx(0.8, rel=0.02)
@@ -67,7 +69,7 @@ def test_colour_is_read_as_luma_with_a_note_and_a_channel_by_name(
         "red",
         "--linear",
         "--out",
-        tmp_path / "p.json",
+        tmp_path / "red.json",
         "--json",
     )
     assert "Rec. 601 luma" not in only_red.err

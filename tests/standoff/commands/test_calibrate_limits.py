@@ -79,7 +79,7 @@ def test_the_pixel_pitch_comes_from_exif_and_the_command_line_overrides_it(
     stated = json.loads(command(*arguments).out)
     assert stated["pixel_pitch_um"] == pytest.approx(6.35)
     assert stated["pixel_pitch_from"] == "EXIF"
-    given = json.loads(command(*arguments, "--pixel-pitch-um", "3 um").out)
+    given = json.loads(command(*arguments, "--pixel-pitch-um", "3 um", "--force").out)
     assert (given["pixel_pitch_um"], given["pixel_pitch_from"]) == (3.0, "--pixel-pitch-um")
 
 

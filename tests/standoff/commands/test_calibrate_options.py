@@ -58,7 +58,9 @@ def test_a_mosaic_gives_every_colour_and_green_by_default(command: Command, tmp_
         assert document["channels"][colour]["optical_sigma_x_px"] == pytest.approx(sigma, rel=0.006)
     assert document["sigma_x_px"] == document["channels"]["green"]["sigma_x_px"]
     assert "Widths by colour of the mosaic" in page.read_text()
-    blue = command("calibrate", *paths, "--bayer", "GRBG", "--channel", "blue", "--out", out)
+    blue = command(
+        "calibrate", *paths, "--bayer", "GRBG", "--channel", "blue", "--out", out, "--force"
+    )
     assert "Colours" in blue.out
     assert json.loads(out.read_text())["optical_sigma_y_px"] == pytest.approx(0.9, rel=0.006)
 

@@ -46,7 +46,9 @@ def test_a_raw_mosaic_has_a_psf_for_each_colour(
     for colour in document["channels"].values():
         assert colour["sigma_x_px"] == pytest.approx(0.8, rel=0.005)
     assert document["channel"] == "green"
-    red = json.loads(command("calibrate", raw, "--channel", "red", "--out", out, "--json").out)
+    red = json.loads(
+        command("calibrate", raw, "--channel", "red", "--out", out, "--force", "--json").out
+    )
     assert red["channel"] == "red"
 
 

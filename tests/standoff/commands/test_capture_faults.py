@@ -158,7 +158,7 @@ def test_ctrl_c_in_the_first_moments_is_one_line_and_status_130() -> None:
                 assert process.stdout.read(1) == "x"
                 time.sleep(delay_s)
                 process.send_signal(signal.SIGINT)
-                _, err = process.communicate(timeout=60)
+                _, err = process.communicate(timeout=300)
             finally:
                 process.kill()
         assert process.returncode == 130
@@ -210,7 +210,7 @@ def test_at_a_terminal_the_operator_answers_pauses_and_goes_on(
                 paused += 1
                 time.sleep(0.05)
                 os.write(controller, b"\n")
-        assert process.wait(60) == 0
+        assert process.wait(300) == 0
     os.close(controller)
     assert answered == 3
     assert paused == 1

@@ -1,9 +1,12 @@
 import json
+from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from calibration.psf.document import PSF_SCHEMA
+from standoff.terminal import output
 from tests.standoff.conftest import Command
 
 
@@ -120,3 +123,32 @@ def test_a_history_of_files_is_a_table_alone(command: Command, tmp_path: Path) -
     refused = command("compare", "--history", a, tmp_path / "broken.json")
     assert refused.status == 1  # a file that was named is not left out
     assert "broken.json" in refused.err
+
+
+@pytest.mark.parametrize("width", [80, 100, 10_000])
+def test_a_history_is_no_wider_than_its_terminal_and_120_characters_in_a_pipe(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    # 10,000 is what the console of the results takes where there is no terminal.
+    printed = StringIO()
+    monkeypatch.setattr(
+        output, "_RESULTS", Console(file=printed, width=width, soft_wrap=True, highlight=False)
+    )
+    folder = tmp_path / "a-folder-with-a-rather-long-name-of-which-nothing-is-to-be-lost"
+    folder.mkdir()
+    a = psf_file(folder / "a.json", 0.80, captured_utc="2025-01-02T03:04:05Z")
+    b = psf_file(folder / "b.json", 0.84, captured_utc="2025-02-02T03:04:05Z")
+    done = command("compare", "--history", a, b)
+    assert done.status == 0, done.err
+    lines = printed.getvalue().splitlines()
+    assert max(map(len, lines)) <= min(width, 120)
+    # Column by column, wrapped as it is, everything is there.
+    rows = [line.split("│")[1:-1] for line in lines if line.startswith("│")]
+    columns = ["".join(cell.strip() for cell in column) for column in zip(*rows, strict=True)]
+    assert columns[0] == f"{a}{b}"
+    assert columns[1].replace(" ", "") == "2025-01-0203:04:052025-02-0203:04:05"
+    assert "0.8400 ±" in columns[2]
+    change = json.loads(command("compare", "--history", a, b, "--json").out)
+    [known] = change["cameras"]
+    said = "".join(one["change"] or "first" for one in known["calibrations"])
+    assert columns[5].replace(" ", "") == said.replace(" ", "")

@@ -122,6 +122,6 @@ def test_it_serves_until_it_is_told_to_end(tmp_path: Path, number: signal.Signal
         with urllib.request.urlopen(url) as answer:
             assert b"STOP" in answer.read()
         process.send_signal(number)
-        assert process.wait(60) == 0
+        assert process.wait(300) == 0
     assert (tmp_path / "console.err").read_text() == ""
     assert json.dumps(sorted(tmp_path.iterdir(), key=str), default=str).count("sessions") == 0

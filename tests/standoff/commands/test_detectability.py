@@ -66,6 +66,11 @@ def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
     again = json.loads(out.read_text())
     assert again | {"provenance": None} == first | {"provenance": None}
     assert {path: path.stat().st_mtime_ns for path in sums} == sums
+    # The same question goes on; another one does not take its place.
+    other = command(*asked, "--noise", "2,4", "--contrast", "24", "--out", out)
+    assert (other.status, other.err.count("\n")) == (1, 1)
+    assert f"{out} exists already; --force replaces it" in other.err
+    assert json.loads(out.read_text()) == again
 
 
 @pytest.mark.slow

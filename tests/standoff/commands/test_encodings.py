@@ -87,7 +87,9 @@ def test_white_stays_white_in_what_is_simulated(
     out = tmp_path / "far.tif"
     for level, expected in ((255, 255.0), (188, 128.2)):
         image = tmp_path / f"{level}.png"
-        done = command("simulate", image, "--zoom", 2, "--psf", psf_file, "--out", out, "--json")
+        done = command(
+            "simulate", image, "--zoom", 2, "--psf", psf_file, "--out", out, "--force", "--json"
+        )
         assert done.status == 0, done.err
         assert tifffile.imread(out).mean() == pytest.approx(expected, abs=0.1)
         assert_provenance(json.loads(done.out), "simulate", psf_file, image, encoding="srgb")
@@ -125,7 +127,7 @@ def test_a_mean_of_frames_brings_the_noise_of_the_edges(command: Command, tmp_pa
     frames = np.rint(edge + rng.normal(0, 8.0, (12, *edge.shape))).astype(np.uint16)
     stack = tmp_path / "stack.tif"
     tifffile.imwrite(stack, frames, photometric="minisblack")
-    asked = ("calibrate", stack, "--out", tmp_path / "psf.json", "--json")
+    asked = ("calibrate", stack, "--out", tmp_path / "psf.json", "--force", "--json")
     refused = command(*asked)
     assert (refused.status, refused.err.count("\n")) == (1, 1)
     assert re.search(r"12 pages.*--page.*--mean", refused.err)

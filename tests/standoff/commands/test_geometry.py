@@ -51,14 +51,15 @@ def test_a_board_session_gives_its_geometry_and_a_report(command: Command, tmp_p
     assert "Squareness" in text
     assert 'src="http' not in text
 
-    table = command("geometry", "--session", session, "--out", out)
+    table = command("geometry", "--session", session, "--out", out, "--force")
     assert table.status == 0
     low, high = document["pupil_offset_interval_95_mm"]
     [line] = [line for line in table.out.splitlines() if "entrance pupil" in line]
     assert line.split("│")[3].strip() == f"{0.5 * (high - low):.3f}"
     assert "± at 95 %" in table.out
 
-    wrong = command("geometry", "--session", session, "--out", out, "--board", "5x5:12:9:5X5_50")
+    words = ("geometry", "--session", session, "--out", tmp_path / "g2.json")
+    wrong = command(*words, "--board", "5x5:12:9:5X5_50")
     assert wrong.status == 1
     assert wrong.err.count("\n") == 1
     assert "corners" in wrong.err

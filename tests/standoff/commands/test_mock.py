@@ -20,7 +20,7 @@ from tests.hil_mocks.gige_client import RawClient
 from tests.standoff.conftest import Command
 
 MOCK = [sys.executable, "-c", "from standoff.cli import main; main()", "mock"]
-ENDS_WITHIN_S = 20
+ENDS_WITHIN_S = 120
 FRAME = FrameRequest(acquisition=1, index=0, exposure_us=8000.0, gain_db=0.0, black_level_dn=64.0)
 
 

@@ -69,7 +69,7 @@ def test_mock_serves_a_stage_on_a_port(command: Command) -> None:
         assert shown["info"]["vendor"] == "Zaber"
         assert not shown["is_homed"]
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=30)
+        _, err = process.communicate(timeout=120)
     finally:
         process.kill()
         process.wait()

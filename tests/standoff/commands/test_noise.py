@@ -76,7 +76,7 @@ def test_a_session_gives_the_benchs_noise_its_maps_and_a_report(
     assert maps.response[64, 80] > 1.1 * maps.response[0, 0]  # 20 % of vignetting
     assert tifffile.imread(tmp_path / "noise_defects.tif").dtype == np.uint8
 
-    table = command("noise", "--session", session, "--out", out).out
+    table = command("noise", "--session", session, "--out", out, "--force").out
     assert "± at 95 %" in table
     half = f"{1.959964 * document['gain_e_per_dn_err']:.4f}"
     assert re.search(rf"gain / \(e/DN\) +│ +{document['gain_e_per_dn']:.4f} │ +{half} ", table)
@@ -90,7 +90,7 @@ def test_a_session_gives_the_benchs_noise_its_maps_and_a_report(
     photograph = tmp_path / "edge.tif"
     capture = next(iter(sorted((session / "captures").glob("*edge*"))))
     tifffile.imwrite(photograph, tifffile.imread(capture, key=0).astype(np.float32))
-    done = command("calibrate", photograph, "--out", psf, "--noise", out, "--json")
+    done = command("calibrate", photograph, "--out", psf, "--noise", out, "--force", "--json")
     assert done.status == 0, done.err
     assert json.loads(done.out)["edges"][0]["chi2_reduced"] is not None
 

@@ -102,3 +102,65 @@ def test_a_float_photograph_tells_no_level_at_which_it_clips(
     [record] = Session(tmp_path / "s").records
     assert record.saturated_pixels == 0
     assert record.max_level_dn > 0.75
+
+
+def test_a_wrong_height_is_corrected_in_place(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.tif"
+    other.write_bytes(edge_file.read_bytes())
+    out = tmp_path / "s"
+    words = ("import", edge_file, other, "--kind", "edge", "--height-mm", 0, "--out", out)
+    assert command(*words).status == 0
+    files = {path: path.read_bytes() for path in (out / "captures").iterdir()}
+    correct = ("session", "set-height", 1, out, "--reason", "wrong scale", "--operator", "Ada")
+    assert command(*correct, "--height-mm", 260).status == 0
+    done = command(*correct, "--height-mm", 250.5)
+    assert done.out == f"{out}: capture 1 is at 250.5 mm (was 260 mm): wrong scale\n"
+    # The first capture stays, what was recorded is told, and nothing but the journal has grown.
+    assert [record.height_mm for record in Session(out).records] == [0.0, 250.5]
+    shown = json.loads(command("session", "show", out, "--json").out)["captures"]
+    heights = [(one["height_mm"], one["uncorrected_height_mm"]) for one in shown]
+    assert heights == [(0.0, None), (250.5, 0.0)]
+    assert "250.500  " in (listing := command("session", "show", out).out).replace("│", " ")
+    assert "recorded at 0.000 mm" in listing
+    assert files == {path: path.read_bytes() for path in (out / "captures").iterdir()}
+    assert command("verify", out).status == 0
+    # Used by what comes after, and the import goes on as before.
+    psf = tmp_path / "psf.json"
+    assert command("calibrate", "--session", out, "--out", psf).status == 0
+    edges = json.loads(psf.read_text())["edges"]
+    assert sorted(edge["height_mm"] for edge in edges) == [0.0, 250.5]
+    assert command(*words, "--json").status == 0
+    assert [record.height_mm for record in Session(out).records] == [0.0, 250.5]
+
+
+def test_several_heights_are_corrected_or_none(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.tif"
+    other.write_bytes(edge_file.read_bytes())
+    out = tmp_path / "s"
+    words = ("import", edge_file, other, "--kind", "edge", "--height-mm", 0, "--out", out)
+    assert command(*words).status == 0
+    given = ("--height-mm", 9, "--reason", "r")
+    refused = command("session", "set-height", 0, 2, out, *given)
+    assert (refused.status, "no capture with index 2" in refused.err) == (1, True)
+    assert [record.height_mm for record in Session(out).records] == [0.0, 0.0]
+    assert command("session", "set-height", 0, 1, out, *given).status == 0
+    assert [record.height_mm for record in Session(out).records] == [9.0, 9.0]
+    assert command("session", "set-height", 0, out, "--height-mm", "nan").status == 2
+    # After a repair, too.
+    (out / "journal.head").unlink()
+    assert command("verify", "--repair", out).status == 0
+    assert [record.height_mm for record in Session(out).records] == [9.0, 9.0]
+
+
+def test_a_height_that_a_stage_read_back_is_not_corrected(
+    command: Command, session_dir: Path
+) -> None:
+    before = [record.height_mm for record in Session(session_dir).records]
+    done = command("session", "set-height", 0, session_dir, "--height-mm", 9, "--reason", "r")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "exclude a capture whose height is wrong, or retake it" in done.err
+    assert [record.height_mm for record in Session(session_dir).records] == before

@@ -42,7 +42,7 @@ TRUTH = (
     "simulated.width_px=480",
     "simulated.height_px=360",
 )
-ENDS_WITHIN_S = 120
+ENDS_WITHIN_S = 300
 
 
 @contextmanager

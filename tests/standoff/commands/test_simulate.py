@@ -88,7 +88,16 @@ def test_capture_options_act_in_the_order_light_noise_sharpening(
     def simulated(*options: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
         out = tmp_path / "far.tif"
         done = command(
-            "simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", out, *options
+            "simulate",
+            image_file,
+            "--zoom",
+            2,
+            "--psf",
+            psf_file,
+            "--out",
+            out,
+            "--force",
+            *options,
         )
         assert done.status == 0, done.err
         return np.asarray(tifffile.imread(out))
@@ -111,7 +120,7 @@ def test_noise_is_that_of_a_capture_and_follows_the_seed(
         out = tmp_path / "far.tif"
         done = command(
             "simulate", flat, "--zoom", 2, "--psf", psf_file, "--noise", noise_file,
-            "--seed", seed, "--out", out,
+            "--seed", seed, "--out", out, "--force",
         )  # fmt: skip
         assert done.status == 0, done.err
         return np.asarray(tifffile.imread(out))
@@ -208,7 +217,7 @@ def test_a_fixed_pattern_is_taken_off_before_the_reference_is_zoomed_out(
     assert done.status == 0, done.err
     # By hand: dark + response * 936 is an even 1000 DN once both maps are off.
     np.testing.assert_allclose(tifffile.imread(out), 1000.0, atol=0.01)
-    assert command(*words).status == 0
+    assert command(*words, "--force").status == 0
     assert tifffile.imread(out).std() > 5
 
 

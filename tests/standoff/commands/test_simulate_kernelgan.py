@@ -25,7 +25,7 @@ def image_file(tmp_path: Path) -> Path:
 def _arguments(image: Path, tmp_path: Path, *more: object) -> tuple[object, ...]:
     return (
         "simulate", image, "--zoom", 2, "--model", MODEL, "--out", tmp_path / "far.tif",
-        "--kernel-cache", tmp_path / "kernels", *more,
+        "--kernel-cache", tmp_path / "kernels", "--force", *more,
     )  # fmt: skip
 
 

@@ -44,7 +44,17 @@ def test_the_field_of_a_psf_file_is_used_where_it_fits(
     def simulate(source: Path, psf: Path, *options: object) -> tuple[bool, str, NDArray[Any]]:
         out = tmp_path / "far.tif"
         done = command(
-            "simulate", source, "--zoom", 1.5, "--psf", psf, "--out", out, "--json", *options
+            "simulate",
+            source,
+            "--zoom",
+            1.5,
+            "--psf",
+            psf,
+            "--out",
+            out,
+            "--force",
+            "--json",
+            *options,
         )
         assert done.status == 0, done.err
         return json.loads(done.out)["psf_field"], done.err, tifffile.imread(out)
@@ -84,7 +94,7 @@ def test_the_measured_transfer_takes_the_place_of_the_gaussian(
         for transfer, form in (("gaussian", "gaussian"), ("measured", "separable")):
             out = tmp_path / f"{transfer}.tif"
             arguments = ("--zoom", "1.5", "--psf", psf, "--model", model, "--transfer", transfer)
-            done = command("simulate", image, *arguments, "--out", out, "--json")
+            done = command("simulate", image, *arguments, "--out", out, "--force", "--json")
             assert json.loads(done.out)["transfer"] == transfer
             assert json.loads(done.out)["psf_form"] == form
             outputs[transfer] = tifffile.imread(out)
@@ -147,7 +157,7 @@ def test_the_papers_mode_is_its_equation_whether_a_correlation_is_known_or_not(
     for rho in (None, 0.4):
         psf.write_text(json.dumps({**known, "rho": rho}))
         out = tmp_path / "far.tif"
-        words = ("--zoom", 2, "--psf", psf, "--model", "paper", "--out", out, "--json")
+        words = ("--zoom", 2, "--psf", psf, "--model", "paper", "--out", out, "--force", "--json")
         done = command("simulate", image, *words)
         assert done.status == 0, done.err
         assert json.loads(done.out)["psf_form"] == "gaussian"

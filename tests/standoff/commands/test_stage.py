@@ -20,7 +20,7 @@ from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command, Outcome
 
 FASTER = 20.0
-START_TIMEOUT_S = 30.0
+START_TIMEOUT_S = 120.0
 
 StageCommand = Callable[..., Outcome]
 

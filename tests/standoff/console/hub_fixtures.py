@@ -10,7 +10,7 @@ from standoff.console.bench_hub import BenchHub
 from standoff.console.drivers import bench_drivers
 from standoff.shipped_configs import shipped_config
 
-DEADLINE_S = 60.0
+DEADLINE_S = 300.0
 
 PLAN = """
 schema = "standoff.plan/1"

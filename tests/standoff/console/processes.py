@@ -34,7 +34,7 @@ def standoff_process(*arguments: object, cwd: Path) -> Iterator[subprocess.Popen
         finally:
             process.send_signal(signal.SIGINT)
             try:
-                process.wait(20)
+                process.wait(120)
             except subprocess.TimeoutExpired:
                 process.kill()
 

@@ -31,6 +31,8 @@ from standoff.photographs.reader import read_image
 from tests.standoff.photographs.made import GREY, directory, grey_tags, pillow, png, tiff
 
 LONGEST_S = 10.0
+"""Of processor time: what a machine does beside it is no matter."""
+
 MOST_BYTES = 1 << 30
 
 IN_A_CHILD = """
@@ -40,7 +42,7 @@ from standoff.errors import ImageFileError
 from standoff.photographs import ReadOptions, read_image
 for path in json.loads(sys.stdin.read()):
     for options in (ReadOptions(), ReadOptions(page=1), ReadOptions(is_mean=True)):
-        begun = time.monotonic()
+        begun = time.process_time()
         try:
             read_image(Path(os.fsdecode(path.encode("latin-1"))), options)
             said = ""
@@ -48,7 +50,7 @@ for path in json.loads(sys.stdin.read()):
             said = str(error)
         status = Path("/proc/self/status").read_text()  # getrusage counts the parent's memory
         peak = 1024 * int(status.partition("VmHWM:")[2].split()[0])
-        print(json.dumps([path, said, time.monotonic() - begun, peak]), flush=True)
+        print(json.dumps([path, said, time.process_time() - begun, peak]), flush=True)
 """
 
 
@@ -67,7 +69,7 @@ def read_in_a_child(*paths: Path) -> dict[str, list[Reading]]:
         input=json.dumps(names),
         capture_output=True,
         text=True,
-        timeout=3 * LONGEST_S * len(paths),
+        timeout=30 * LONGEST_S * len(paths),
         check=False,
     )
     assert done.returncode == 0, done.stderr

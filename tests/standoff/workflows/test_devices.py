@@ -38,7 +38,7 @@ def test_a_bench_of_real_devices_lives_in_real_time_and_gives_them_back() -> Non
         )
         with open_bench(config) as devices:
             assert devices.simulated is None
-            assert devices.clock() == pytest.approx(time.monotonic(), abs=1.0)
+            assert time.monotonic() <= devices.clock() <= time.monotonic()
             assert "camera.frame_rate_hz" in devices.warnings[0]
         assert practice.camera.controller is None
 

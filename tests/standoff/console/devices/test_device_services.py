@@ -274,7 +274,7 @@ def test_a_stop_from_another_thread_ends_a_move_as_a_stop(
     wait_for(lambda: (service.view.height_mm or 0.0) > 150.0, "under way")
     stop.set()
     service.stop()
-    mover.join(30)
+    mover.join(300)
     assert isinstance(ended[0], OperatorStopError)
     height_mm = service.view.height_mm
     assert height_mm is not None

@@ -22,6 +22,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from standoff.console.bench_hub import BenchHub
+from standoff.console.web import application
 from standoff.console.web.application import REPLACED, console_app
 from standoff.console.web.server import open_socket, server_of
 from standoff.console.web.state_cache import StateCache
@@ -129,6 +130,24 @@ def test_what_is_not_understood_is_told_to_that_page_alone(hub: BenchHub) -> Non
         assert "You are not in control" in received(theirs, "refused")["text"]
         theirs.send_json({"do": "stop"})  # from anybody
         wait_for(lambda: bool(hub.notices), "the stop")
+
+
+def test_a_page_that_sends_faster_than_it_may_is_read_at_the_pace_it_may(
+    hub: BenchHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(application, "MESSAGES_AT_ONCE", 2)
+    monkeypatch.setattr(application, "MESSAGE_PERIOD_S", 3600.0)
+    with client_of(hub) as client, live(client) as hasty, live(client) as other:
+        for socket, viewer in ((hasty, PAGE), (other, OTHER)):
+            socket.send_json({"do": "hello", "viewer": viewer})
+        for _ in range(6):
+            hasty.send_json({"do": "jump"})
+        for _ in range(2):
+            received(hasty, "refused")
+        # Others are not kept waiting, and the hasty one still sees what happens.
+        other.send_json({"do": "stop"})
+        wait_for(lambda: bool(hub.notices), "the stop")
+        assert "refused" not in {hasty.receive_json()["type"] for _ in range(4)}
 
 
 def test_levels_and_picture_come_with_the_first_frame(hub: BenchHub) -> None:

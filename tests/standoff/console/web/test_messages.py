@@ -94,7 +94,7 @@ def test_no_message_of_the_holder_raises_anything_unexpected(
         job = hub.jobs.current
         if job is not None:
             hub.stop()
-            assert job.ended.wait(30)
+            assert job.ended.wait(300)
 
 
 def answer_to(socket: WebSocketTestSession) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import NoReturn
 from urllib.parse import quote
 
@@ -25,11 +25,20 @@ from standoff.console.devices.pose_reference import tracker_maker
 from standoff.console.drivers import bench_drivers
 from standoff.console.jobs.prompt_queue import PromptQueue
 from standoff.console.plan_library import PlanLibrary
+from standoff.console.web import application
 from standoff.console.web.application import console_app
 from standoff.errors import ApplicationError
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.analysis.detectability.test_curves import curve
-from tests.standoff.console.hub_fixtures import PLAN, idle_hub, running_hub, small_bench, wait_for
+from tests.standoff.console.hub_fixtures import (
+    DEADLINE_S,
+    PLAN,
+    idle_hub,
+    running_hub,
+    small_bench,
+    wait_for,
+)
+from tests.standoff.console.served import answer_of, sent, served
 from tests.standoff.console.test_bench_hub import Operator
 
 
@@ -70,6 +79,46 @@ def test_a_session_has_a_page_with_its_captures_and_its_psf(hub: BenchHub) -> No
     assert "0.7000 ± 0.0020 px" in shown
     assert 'data-reference="0"' in shown
     assert 'data-reference="1"' not in shown
+
+
+def test_more_pages_than_can_wait_are_refused_at_once_and_the_others_are_served(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(application, "PAGES_AT_ONCE", 1)
+    monkeypatch.setattr(application, "PAGES_WAITING", 2)
+    idle, go_on = idle_hub(tmp_path), Event()
+    at_work: list[int] = []
+    most = 0
+
+    def slow_summaries() -> tuple[()]:
+        nonlocal most
+        at_work.append(1)
+        most = max(most, len(at_work))
+        assert go_on.wait(DEADLINE_S)
+        at_work.pop()
+        return ()
+
+    monkeypatch.setattr(idle.sessions, "summaries", slow_summaries)
+    answers: list[bytes] = []
+    with served(idle) as address:
+
+        def ask() -> None:
+            with sent(address, b"GET /sessions HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n") as wire:
+                answers.append(answer_of(wire))
+
+        askers = [Thread(target=ask) for _ in range(5)]
+        for asker in askers:
+            asker.start()
+        try:
+            wait_for(lambda: len(answers) == 2, "two refusals")
+            assert all(b"503" in answer.splitlines()[0] for answer in answers)
+            assert all(b"retry-after: 1\r\n" in answer for answer in answers)
+        finally:
+            go_on.set()
+            for asker in askers:
+                asker.join()
+    assert [b"200 OK" in answer.splitlines()[0] for answer in answers[2:]] == [True] * 3
+    assert most == 1
 
 
 def test_a_damaged_session_is_shown_as_such(hub: BenchHub) -> None:
@@ -162,7 +211,7 @@ def test_a_question_with_a_line_is_answered_by_it() -> None:
     assert not queue.answer(prompt.number + 1, "ok", "1")
     assert not queue.answer(prompt.number, "skip", "1")
     assert queue.answer(prompt.number, "ok", "251.5")
-    asking.join(30)
+    asking.join(DEADLINE_S)
     assert answers == ["251.5"]
     assert queue.current is None
 
