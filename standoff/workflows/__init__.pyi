@@ -109,6 +109,12 @@ from .reports import (
     write_geometry_report as write_geometry_report,
     write_page as write_page,
 )
+from .session_export import (
+    ExportRequest as ExportRequest,
+    ExportSummary as ExportSummary,
+    export_session as export_session,
+    require_exporter as require_exporter,
+)
 from .session_report import write_session_report as write_session_report
 from .simulated_photograph import (
     FollowUpRequest as FollowUpRequest,
@@ -144,6 +150,8 @@ __all__ = [
     "ComparisonRequest",
     "CurvesRequest",
     "DemoResult",
+    "ExportRequest",
+    "ExportSummary",
     "FocusSweep",
     "FollowUp",
     "FollowUpRequest",
@@ -176,6 +184,7 @@ __all__ = [
     "each_image",
     "edge_image",
     "expanded_images",
+    "export_session",
     "find_changes_of_files",
     "find_changes_of_series",
     "folder_frames",
@@ -198,6 +207,7 @@ __all__ = [
     "read_camera_psf",
     "read_hints",
     "refuse_half_simulated",
+    "require_exporter",
     "require_writable",
     "run_demo",
     "run_paper",
