@@ -17,7 +17,7 @@ from standoff.terminal import (
     refuse_overwriting,
     say,
 )
-from standoff.workflows.session_export.choices import ENDINGS, ExportFormat
+from standoff.workflows import EXPORT_ENDINGS, ExportFormat
 
 
 def export(
@@ -86,7 +86,7 @@ def export(
 
 
 def _refuse_name(format_: ExportFormat, out: Path) -> None:
-    endings = ENDINGS[format_]
+    endings = EXPORT_ENDINGS[format_]
     if not out.name.lower().endswith(endings):
         raise typer.BadParameter(f"{out} must end in {' or '.join(endings)}", param_hint="--out")
 

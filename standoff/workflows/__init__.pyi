@@ -110,6 +110,8 @@ from .reports import (
     write_page as write_page,
 )
 from .session_export import (
+    EXPORT_ENDINGS as EXPORT_ENDINGS,
+    ExportFormat as ExportFormat,
     ExportRequest as ExportRequest,
     ExportSummary as ExportSummary,
     export_session as export_session,
@@ -138,6 +140,7 @@ __all__ = [
     "CHANGES_TABLE",
     "CHANGE_FILES",
     "DEMO_FILES",
+    "EXPORT_ENDINGS",
     "FILES_OF_POSE_SERIES",
     "FILES_OF_SERIES",
     "POSES_TABLE",
@@ -150,6 +153,7 @@ __all__ = [
     "ComparisonRequest",
     "CurvesRequest",
     "DemoResult",
+    "ExportFormat",
     "ExportRequest",
     "ExportSummary",
     "FocusSweep",

@@ -1,4 +1,4 @@
-from .choices import ENDINGS as ENDINGS, ExportFormat as ExportFormat
+from .choices import EXPORT_ENDINGS as EXPORT_ENDINGS, ExportFormat as ExportFormat
 from .export import (
     ExportRequest as ExportRequest,
     ExportSummary as ExportSummary,
@@ -7,7 +7,7 @@ from .export import (
 )
 
 __all__ = [
-    "ENDINGS",
+    "EXPORT_ENDINGS",
     "ExportFormat",
     "ExportRequest",
     "ExportSummary",

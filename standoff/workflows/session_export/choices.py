@@ -4,7 +4,7 @@ from typing import Literal
 
 ExportFormat = Literal["ome-zarr", "ome-tiff", "nexus"]
 
-ENDINGS: dict[ExportFormat, tuple[str, ...]] = {
+EXPORT_ENDINGS: dict[ExportFormat, tuple[str, ...]] = {
     "ome-zarr": (".ome.zarr", ".zarr"),
     "ome-tiff": (".ome.tif", ".ome.tiff"),
     "nexus": (".nxs", ".nx", ".h5", ".hdf5"),
