@@ -100,7 +100,9 @@ def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
         If it cannot be read, or a page is cut short.
     """
     try:
-        with tifffile.TiffFile(BytesIO(data)) as tiff:
+        # The reader's objects refer to each other: without closing it, they would keep the file's
+        # bytes until the next collection of garbage.
+        with BytesIO(data) as file, tifffile.TiffFile(file) as tiff:
             info = (tiff.imagej_metadata or {}).get("Info")
             pages = [tiff.pages[0]] if first_alone else list(tiff.pages)
             images = tuple(_pixels(page, len(data)) for page in pages)

@@ -67,6 +67,7 @@ WORDED = {
 READ_BY_HAND = {
     # The GPL is that of an Emacs mode, which the wheel does not hold.
     "docutils": "BSD-2-Clause AND LicenseRef-Public-Domain",
+    "historydict": "BSD-3-Clause",  # LICENSE
     "openexr": "BSD-3-Clause",  # LICENSE.md
     "pyphen": "GPL-2.0-or-later OR LGPL-2.1-or-later OR MPL-1.1",  # the choice is ours
 }

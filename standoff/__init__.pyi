@@ -1,3 +1,4 @@
+from .library.bench import Bench as Bench
 from .library.comparison import (
     FeatureMatches as FeatureMatches,
     RegistrationHints as RegistrationHints,
@@ -21,6 +22,7 @@ from .library.psfs import (
 )
 
 __all__ = [
+    "Bench",
     "DetectionTask",
     "FeatureMatches",
     "GaussianPsf",

@@ -8,9 +8,11 @@ from .runner import (
     Verdict as Verdict,
     run_plan as run_plan,
 )
+from .step import CaptureStep as CaptureStep
 
 __all__ = [
     "CaptureProgress",
+    "CaptureStep",
     "Placement",
     "QualityFinding",
     "RunOperator",

@@ -64,6 +64,16 @@ class CaptureStep:
             capture is kept.
         """
         self._approach(entry.height_mm)
+        return self.capture_here(entry, exposure_us)
+
+    def capture_here(self, entry: PlanEntry, exposure_us: float | None) -> Take:
+        """Capture an entry as ``capture`` does, with a stage that is at its height already.
+
+        Raises
+        ------
+        DeviceError
+            As ``capture``.
+        """
         self._require_still()
         if exposure_us is None:
             self._find_exposure()

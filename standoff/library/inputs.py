@@ -14,10 +14,11 @@ from simulation import GaussianPsf, MeasuredPsf, Model, Psf, PsfField, Separable
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from simulation.choices import POSE_MODELS
+from standoff.library.bench_capture import BenchCapture
 from standoff.photographs import Photograph, read_image
 
 FilePath: TypeAlias = str | PathLike[str]
-ImageLike: TypeAlias = NDArray[Any] | Photograph | FilePath
+ImageLike: TypeAlias = NDArray[Any] | Photograph | BenchCapture | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""
 
 PsfLike: TypeAlias = GaussianPsf | MeasuredPsf | SeparablePsf | PsfCalibration | FilePath
@@ -52,6 +53,8 @@ def photograph(image: ImageLike, name: str = "image") -> Photograph:
     """
     if isinstance(image, Photograph):
         return image
+    if isinstance(image, BenchCapture):
+        return image.photograph
     if isinstance(image, np.ndarray):
         return Photograph.of_array(name, image)
     if isinstance(image, str | PathLike):
@@ -74,7 +77,7 @@ def listed_images(images: object) -> list[ImageLike]:
 
     A three-dimensional array is one colour image; pass several images as a list.
     """
-    if isinstance(images, np.ndarray | Photograph | str | PathLike):
+    if isinstance(images, np.ndarray | Photograph | BenchCapture | str | PathLike):
         return [images]
     if isinstance(images, Mapping) or not isinstance(images, Iterable):
         raise TypeError(f"images: expected arrays or paths of images, got {_kind(images)}")

@@ -26,6 +26,7 @@ COMMANDS = {
     "session": "sessions:session",
     "verify": "sessions:verify",
     "import": "photographs:import_photographs",
+    "export": "export:export",
     "calibrate": "calibrate:calibrate",
     "compare": "compare:compare",
     "focus": "focus:focus",

@@ -17,6 +17,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "verify": ("standoff verify session",),
     "import": ("standoff import edge-*.tif --kind edge --height-mm 250 --out session",),
+    "export": (
+        "standoff export session --format ome-tiff --out session.ome.tif",
+        "standoff export session --format nexus --out session.nxs --geometry geometry.json",
+    ),
     "calibrate": (
         "standoff calibrate edge-*.tif --out psf.json --report psf.html",
         "standoff calibrate --session session --out session/results/psf.json",

@@ -40,6 +40,7 @@ from .focus_runs import (
     SweepRequest as SweepRequest,
     opened_camera as opened_camera,
     run_sweep as run_sweep,
+    sweep_bench as sweep_bench,
     watch_focus as watch_focus,
 )
 from .followup import (
@@ -108,6 +109,14 @@ from .reports import (
     write_geometry_report as write_geometry_report,
     write_page as write_page,
 )
+from .session_export import (
+    EXPORT_ENDINGS as EXPORT_ENDINGS,
+    ExportFormat as ExportFormat,
+    ExportRequest as ExportRequest,
+    ExportSummary as ExportSummary,
+    export_session as export_session,
+    require_exporter as require_exporter,
+)
 from .session_report import write_session_report as write_session_report
 from .simulated_photograph import (
     FollowUpRequest as FollowUpRequest,
@@ -131,6 +140,7 @@ __all__ = [
     "CHANGES_TABLE",
     "CHANGE_FILES",
     "DEMO_FILES",
+    "EXPORT_ENDINGS",
     "FILES_OF_POSE_SERIES",
     "FILES_OF_SERIES",
     "POSES_TABLE",
@@ -143,6 +153,9 @@ __all__ = [
     "ComparisonRequest",
     "CurvesRequest",
     "DemoResult",
+    "ExportFormat",
+    "ExportRequest",
+    "ExportSummary",
     "FocusSweep",
     "FollowUp",
     "FollowUpRequest",
@@ -175,6 +188,7 @@ __all__ = [
     "each_image",
     "edge_image",
     "expanded_images",
+    "export_session",
     "find_changes_of_files",
     "find_changes_of_series",
     "folder_frames",
@@ -197,6 +211,7 @@ __all__ = [
     "read_camera_psf",
     "read_hints",
     "refuse_half_simulated",
+    "require_exporter",
     "require_writable",
     "run_demo",
     "run_paper",
@@ -204,6 +219,7 @@ __all__ = [
     "run_validation",
     "short_bench",
     "simulate_photograph",
+    "sweep_bench",
     "verdict_display",
     "verdict_facts",
     "watch_focus",

@@ -133,6 +133,30 @@ def _reading_text(reading: FocusReading) -> str:
 def run_sweep(
     opened: OpenBench, config: BenchConfig, options: FocusOptions, request: SweepRequest
 ) -> FocusSweep:
+    """Sweep as ``sweep_bench`` does, with a progress bar."""
+    with progress_bar("sweeping", positions_of(request)) as bar:
+        done = 0
+
+        def show(point: FocusPoint) -> None:
+            nonlocal done
+            done += 1
+            bar.advance_to(done, f"{point.height_mm:.2f} mm: {point.value:.4g}")
+
+        return sweep_bench(opened, config, options, request, show)
+
+
+def positions_of(request: SweepRequest) -> int:
+    """How many positions a sweep has: the whole travel is swept coarsely, then finely."""
+    return request.steps * (1 if request.heights_mm is not None else 2)
+
+
+def sweep_bench(
+    opened: OpenBench,
+    config: BenchConfig,
+    options: FocusOptions,
+    request: SweepRequest,
+    progress: Callable[[FocusPoint], None],
+) -> FocusSweep:
     """Sweep between two heights; without them, the whole travel, then the range about the best.
 
     Raises
@@ -141,28 +165,19 @@ def run_sweep(
         If a device fails or a height is outside the travel.
     """
     low_mm, high_mm = request.heights_mm or opened.stage.limits_mm
-    passes = 1 if request.heights_mm is not None else 2
-    with progress_bar("sweeping", passes * request.steps) as bar:
-        done = 0
-
-        def show(point: FocusPoint) -> None:
-            nonlocal done
-            done += 1
-            bar.advance_to(done, f"{point.height_mm:.2f} mm: {point.value:.4g}")
-
-        points: tuple[FocusPoint, ...] = ()
-        for _ in range(passes):
-            if points:
-                low_mm, high_mm = _about_the_best(points)
-            points = sweep_focus(
-                BenchDevices(
-                    config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock
-                ),
-                _positions(config, low_mm, high_mm, request.steps),
-                options,
-                frames=request.frames,
-                progress=show,
-            )
+    points: tuple[FocusPoint, ...] = ()
+    for _ in range(positions_of(request) // request.steps):
+        if points:
+            low_mm, high_mm = _about_the_best(points)
+        points = sweep_focus(
+            BenchDevices(
+                config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock
+            ),
+            _positions(config, low_mm, high_mm, request.steps),
+            options,
+            frames=request.frames,
+            progress=progress,
+        )
     found = FocusSweep(points=points, peak=None, why_not=None)
     try:
         peak = fit_focus_peak(*found.columns())

@@ -23,6 +23,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("p.json", "e.csv", "r.html"),
     ),
     "compare": (("--history", "a.json", "--report", "r.html"), ("r.html",)),
+    "export": (("s", "--format", "ome-tiff", "--out", "s.ome.tif"), ("s.ome.tif",)),
     "focus": (("--bench", "b.toml", "--sweep", "--out", "f.png"), ("f.png",)),
     "geometry": (
         ("--session", "s", "--out", "g.json", "--report", "r.html"),

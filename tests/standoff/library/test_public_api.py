@@ -20,6 +20,7 @@ ZOOM = 1.3
 SPOT = (90, 140)  # row and column of the follow-up
 PSF = standoff.GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
 NAMES = {
+    "Bench",
     "DetectionTask",
     "FeatureMatches",
     "GaussianPsf",
