@@ -8,6 +8,10 @@ from numpy.typing import ArrayLike
 from simulation.arrays import FloatArray
 
 
+LARGEST_SIDE_PX = 1_000_000
+"""No sensor has more; squares of larger numbers leave too few digits for an angle."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowupPose:
     """Where a follow-up is taken from, relative to its reference; both look at the plane's origin.
@@ -35,7 +39,7 @@ class ViewingCamera:
     Raises
     ------
     ValueError
-        If the focal length or the size is not positive.
+        If the focal length is not positive, or a side is not 16 to 1,000,000 px.
     """
 
     focal_length_px: float
@@ -45,9 +49,10 @@ class ViewingCamera:
     def __post_init__(self) -> None:
         if not (self.focal_length_px > 0 and np.isfinite(self.focal_length_px)):
             raise ValueError(f"focal_length_px must be positive, got {self.focal_length_px}")
-        if self.width_px < 16 or self.height_px < 16:
+        if not all(16 <= side_px <= LARGEST_SIDE_PX for side_px in self.size):
             raise ValueError(
-                f"a frame of at least 16 x 16 px is needed, got {self.width_px} x {self.height_px}"
+                f"a frame of 16 to {LARGEST_SIDE_PX:,} px a side is needed, got {self.width_px} x "
+                f"{self.height_px}"
             )
 
     @property

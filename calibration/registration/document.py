@@ -18,6 +18,8 @@ def _matrix(value: object) -> FloatArray:
         raise ValueError("expected 3 x 3 numbers") from error
     if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
         raise ValueError("expected 3 x 3 finite numbers")
+    if np.linalg.det(matrix) == 0:
+        raise ValueError("expected a matrix that can be inverted")
     matrix.setflags(write=False)
     return matrix
 

@@ -1,5 +1,6 @@
 """The camera as a detector of Bluesky: every trigger is a capture of one of our sessions."""
 
+import math
 from datetime import UTC, datetime
 from threading import Lock
 from typing import Any
@@ -185,7 +186,7 @@ class SessionCamera:
                 f"{self.name}_pixel_format": settings.pixel_format,
                 f"{self.name}_width_px": settings.width_px,
                 f"{self.name}_height_px": settings.height_px,
-                f"{self.name}_gain_db": settings.gain_db,
+                f"{self.name}_gain_db": math.nan if settings.gain_db is None else settings.gain_db,
                 f"{self.name}_black_level_dn": settings.black_level_dn,
             }
         )

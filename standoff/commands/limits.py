@@ -151,7 +151,10 @@ def _camera(
                 f"{geometry}: the focal length or the frame is not determined; give "
                 "--focal-length-px and --image-size"
             )
-        return ViewingCamera(focal_length_px=focal, width_px=width, height_px=height)
+        try:
+            return ViewingCamera(focal_length_px=focal, width_px=width, height_px=height)
+        except ValueError as error:
+            raise ApplicationError(f"{geometry}: {error}") from error
     assert focal_length_px is not None
     assert image_size is not None
     size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", image_size.strip().lower(), re.ASCII)

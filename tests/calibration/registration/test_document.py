@@ -49,6 +49,7 @@ def stored(folder: Path, change: dict[str, Any]) -> Path:
         ("matrix", [[1, 0], [0, 1]]),
         ("matrix", "unit"),
         ("matrix", [[1, 0, 0], [0, 1, 0], [0, 0, 10**400]]),
+        ("matrix", [[1, 0, 0], [0, 0, 5], [0, 0, 1]]),
         ("size", 30),
         ("size.1", [30]),
         ("size.0", [0, 20]),

@@ -220,6 +220,10 @@ def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_pa
     done = command(*asked, "--geometry", path)
     assert done.status == 1
     assert "the focal length or the frame is not determined" in done.err
+    path.write_text(json.dumps(stored | {"height_px": 2**63}))
+    done = command(*asked, "--geometry", path)
+    assert done.status == 1
+    assert f"{path}: a frame of 16 to 1,000,000 px a side is needed" in done.err
 
 
 @pytest.mark.parametrize(
@@ -260,7 +264,7 @@ def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
         ("8", "640x480", "divided by the pixel pitch"),
         ("800,5", "640x480", "write 800.5"),
         ("8 mm", "640x480", "'mm' is not one of its units"),
-        ("800", "8x8", "a frame of at least 16 x 16 px"),
+        ("800", "8x8", "a frame of 16 to 1,000,000 px a side"),
     ],
 )
 def test_a_camera_that_cannot_be_is_wrong_usage(
