@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 
 from simulation.arrays import FloatArray
 
-
 LARGEST_SIDE_PX = 1_000_000
 """No sensor has more; squares of larger numbers leave too few digits for an angle."""
 
