@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-
-import numpy as np
+from math import isfinite
 
 from acquisition.session import CaptureImages, CaptureRecord, Session
 from calibration.geometry import GeometryCalibration
@@ -50,19 +49,22 @@ class ExportSource:
         It is inversely proportional to the distance from the entrance pupil, and taken over from
         the nearest height of the geometry; beyond its heights there is none.
         """
-        if record.scale_px_per_mm is not None:
-            return record.scale_px_per_mm
-        if self.geometry is None or self.geometry.scale_px_per_mm is None:
-            return None
-        heights_mm = np.array(self.geometry.heights_mm)
-        low_mm, high_mm = heights_mm.min() - _BEYOND_MM, heights_mm.max() + _BEYOND_MM
-        if not low_mm <= record.height_mm <= high_mm:
-            return None
-        nearest = int(np.argmin(np.abs(heights_mm - record.height_mm)))
-        pupil_mm = self.geometry.pupil_offset_mm
-        ratio = (heights_mm[nearest] + pupil_mm) / (record.height_mm + pupil_mm)
-        return float(self.geometry.scale_px_per_mm[nearest] * ratio)
+        found = record.scale_px_per_mm
+        if found is None and self.geometry is not None:
+            found = _scale_at(record.height_mm, self.geometry)
+        return found if found is not None and isfinite(found) and found > 0 else None
 
 
 _BEYOND_MM = 0.1
 """Heights read back scatter by the tolerance of the stage, which is less."""
+
+
+def _scale_at(height_mm: float, geometry: GeometryCalibration) -> float | None:
+    known = list(zip(geometry.heights_mm, geometry.scale_px_per_mm or (), strict=False))
+    distance_mm = height_mm + geometry.pupil_offset_mm
+    if not known or distance_mm <= 0:
+        return None
+    if not min(known)[0] - _BEYOND_MM <= height_mm <= max(known)[0] + _BEYOND_MM:
+        return None
+    at_mm, scale = min(known, key=lambda pair: abs(pair[0] - height_mm))
+    return scale * (at_mm + geometry.pupil_offset_mm) / distance_mm

@@ -3,6 +3,7 @@
 import json
 import sys
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -185,3 +186,24 @@ def test_a_session_without_captures_is_refused(tmp_path: Path) -> None:
         export_session(
             Session(tmp_path / "session"), request_of("ome-tiff", tmp_path / "x.ome.tif")
         )
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"heights_mm": (), "scale_px_per_mm": ()},
+        {"scale_px_per_mm": None},
+        {"scale_px_per_mm": (0.0, -1.0)},
+        {"pupil_offset_mm": -500.0},  # the camera would be inside the target
+        {"heights_mm": (300.0, 310.0)},
+    ],
+)
+def test_a_geometry_that_does_not_tell_the_scale_gives_none(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    session = exported_session(tmp_path / "session")
+    request = request_of("ome-tiff", tmp_path / "x.ome.tif")
+    assert request.geometry is not None
+    other = replace(request, geometry=request.geometry.model_copy(update=changes))
+    assert export_session(session, other).with_scale == 0
+    assert export_session(session, request).with_scale == 5
