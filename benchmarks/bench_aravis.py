@@ -1,19 +1,18 @@
 """The Aravis driver beside a bare loop over Aravis buffers, on the same simulated camera.
 
-Run with ``python -m benchmarks.bench_aravis [--seconds 60]``. Cameras, bare loop and driver are
-processes of their own, so that each client's processor time is the kernel's figure for the whole
-process: imports, threads of Aravis and all. Both clients run at the same time, each on a camera
-of its own, so that what else the machine does falls on both.
+Run with ``python -m benchmarks.bench_aravis [--seconds 60]``. The cameras are a process of their
+own. Bare loop and driver take turns in another, each on its camera: processor time is the kernel's
+figure for that process and all its threads, between the first frame and the last, without imports
+and compiling.
 """
 
 import json
-import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +20,13 @@ from numpy.typing import NDArray
 from acquisition.aravis import AravisCamera, load_aravis, open_device
 from acquisition.averaging import average_frames
 from acquisition.bench import CameraConfig
-from acquisition.devices import Frame
 from benchmarks.harness import Recorder, bench_parser
 from hil_mocks.gige import FrameRequest, GigeDevice
 
 BARE_ADDRESS, DRIVER_ADDRESS = "127.201.7.2", "127.201.7.3"
 ROWS, COLS, RATE_HZ = 580, 780, 67.5
 EXPOSURE_US = 5000.0
-SECONDS = 60
+SECONDS, ROUNDS = 60, 6
 AVERAGES, FRAMES_PER_AVERAGE = 50, 10
 CLIENT_TIMEOUT_S = 300
 
@@ -75,54 +73,58 @@ def config() -> CameraConfig:
     )
 
 
-def run_bare(frames: int) -> dict[str, float]:
+class BareLoop:
     """Pop, copy, push back: what any program that uses Aravis has to do."""
-    opened = open_device(BARE_ADDRESS)
-    api, camera = load_aravis().api, opened.camera
-    camera.set_pixel_format_from_string("Mono12")
-    camera.set_region(0, 0, COLS, ROWS)
-    camera.gv_set_packet_size(1500)
-    camera.set_exposure_time(EXPOSURE_US)
-    camera.set_frame_rate(RATE_HZ)
-    camera.gv_set_stream_options(api.GvStreamOption.PACKET_SOCKET_DISABLED)
-    stream = camera.create_stream(None, None)
-    stream.set_property("socket-buffer", api.GvStreamSocketBuffer.FIXED)
-    stream.set_property("socket-buffer-size", 4 * 2**20)
-    payload_bytes = camera.get_payload()
-    for _ in range(21):
-        stream.push_buffer(api.Buffer.new_allocate(payload_bytes))
-    camera.start_acquisition()
-    complete = 0
-    begin_s = time.monotonic()
-    for _ in range(frames + 1):
-        buffer = stream.timeout_pop_buffer(2_000_000)
-        if buffer.get_status() == api.BufferStatus.SUCCESS:
-            np.frombuffer(buffer.get_data(), np.uint16)
-            complete += 1
-        stream.push_buffer(buffer)
-    elapsed_s = time.monotonic() - begin_s
-    camera.stop_acquisition()
-    return {"complete": complete, "lost": frames + 1 - complete, "elapsed_s": elapsed_s}
+
+    def __init__(self) -> None:
+        opened = open_device(BARE_ADDRESS)
+        self._api, self._camera = load_aravis().api, opened.camera
+        camera = self._camera
+        camera.set_pixel_format_from_string("Mono12")
+        camera.set_region(0, 0, COLS, ROWS)
+        camera.gv_set_packet_size(1500)
+        camera.set_exposure_time(EXPOSURE_US)
+        camera.set_frame_rate(RATE_HZ)
+        camera.gv_set_stream_options(self._api.GvStreamOption.PACKET_SOCKET_DISABLED)
+        self._stream = camera.create_stream(None, None)
+        self._stream.set_property("socket-buffer", self._api.GvStreamSocketBuffer.FIXED)
+        self._stream.set_property("socket-buffer-size", 4 * 2**20)
+        payload_bytes = camera.get_payload()
+        for _ in range(21):
+            self._stream.push_buffer(self._api.Buffer.new_allocate(payload_bytes))
+
+    def run(self, frames: int) -> int:
+        """Take as many frames and one more; the number that was not complete."""
+        self._camera.start_acquisition()
+        lost = 0
+        for _ in range(frames + 1):
+            buffer = self._stream.timeout_pop_buffer(2_000_000)
+            if buffer.get_status() == self._api.BufferStatus.SUCCESS:
+                np.frombuffer(buffer.get_data(), np.uint16)
+            else:
+                lost += 1
+            self._stream.push_buffer(buffer)
+        self._camera.stop_acquisition()
+        return lost
 
 
-def run_driver(frames: int) -> dict[str, float]:
-    """Average as many frames through the driver."""
-    camera = AravisCamera.open(config())
-    deliver, last_id = camera.next_frame, 0
-
-    def next_frame(timeout_s: float) -> Frame:
-        nonlocal last_id
-        frame = deliver(timeout_s)
-        last_id = frame.frame_id
-        return frame
-
-    camera.next_frame = next_frame  # type: ignore[method-assign]  # observed, not changed
-    begin_s = time.monotonic()
-    averaged = average_frames(camera, frames)
-    elapsed_s = time.monotonic() - begin_s
+def run_turns(rounds: int, frames: int) -> dict[str, list[float]]:
+    """Let both take as many frames in turns: processor seconds, and frames lost, of each turn."""
+    bare, camera = BareLoop(), AravisCamera.open(config())
+    average_frames(camera, FRAMES_PER_AVERAGE)
+    bare.run(FRAMES_PER_AVERAGE)
+    figures: dict[str, list[float]] = {
+        name: [] for name in ("bare_s", "bare_lost", "driver_s", "driver_lost")
+    }
+    for _ in range(rounds):
+        begin_s = time.process_time()
+        figures["bare_lost"].append(bare.run(frames))
+        figures["bare_s"].append(time.process_time() - begin_s)
+        begin_s = time.process_time()
+        figures["driver_lost"].append(average_frames(camera, frames).incomplete_frames)
+        figures["driver_s"].append(time.process_time() - begin_s)
     camera.close()
-    complete = averaged.frames_used + 1
-    return {"complete": complete, "lost": last_id - complete, "elapsed_s": elapsed_s}
+    return figures
 
 
 def run_latency(frames: int) -> dict[str, float]:
@@ -151,42 +153,42 @@ def camera_process() -> Iterator[None]:
         server.stdin.close()
 
 
-def client(what: str, frames: int) -> dict[str, float]:
-    """Run one client in a process of its own; its figures, with user and system time."""
+def client(what: str, *numbers: int) -> dict[str, Any]:
+    """Run one client in a process of its own; its figures."""
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.bench_aravis", what, str(frames)],
+        [sys.executable, "-m", "benchmarks.bench_aravis", what, *map(str, numbers)],
         capture_output=True,
         text=True,
         check=True,
         timeout=CLIENT_TIMEOUT_S,
     )
-    result: dict[str, float] = json.loads(done.stdout)
+    result: dict[str, Any] = json.loads(done.stdout)
     return result
 
 
 def compare(record: Recorder, seconds: float) -> None:
-    """Run both clients at once, then the driver's short averages."""
-    frames = round(seconds * RATE_HZ)
-
+    """Let bare loop and driver take turns, then measure the driver's short averages."""
+    frames = round(seconds * RATE_HZ / ROUNDS)
     with camera_process():
-        client("driver", FRAMES_PER_AVERAGE)  # compiles what is not compiled yet
-        with ThreadPoolExecutor(max_workers=2) as clients_at_once:
-            bare, driver = clients_at_once.map(client, ("bare", "driver"), (frames, frames))
+        turns = client("turns", ROUNDS, frames)
         latency = client("latency", FRAMES_PER_AVERAGE)
-    for name, figures in (("bare Aravis loop", bare), ("driver and average", driver)):
+    bare_ms, driver_ms = (1e3 * np.median(turns[key]) / frames for key in ("bare_s", "driver_s"))
+    for name, milliseconds, lost in (
+        ("bare Aravis loop", bare_ms, turns["bare_lost"]),
+        ("driver and average", driver_ms, turns["driver_lost"]),
+    ):
         record.say(
-            f"{name:20s} {figures['processor_s']:6.2f} s of processor time "
-            f"({figures['user_s']:.2f} user, {figures['system_s']:.2f} system) for {frames} "
-            f"frames in {figures['elapsed_s']:.1f} s, {figures['lost']:.0f} lost"
+            f"{name:20s} {milliseconds:6.3f} ms of processor time a frame; "
+            f"{frames * ROUNDS - sum(lost)} of {frames * ROUNDS} frames"
         )
     record.figure(
-        f"processor time of {frames} frames through driver and average",
-        driver["processor_s"],
-        "s",
+        "processor time of a frame through driver and average",
+        driver_ms,
+        "ms",
         peer="a bare loop over Aravis",
-        peer_value=bare["processor_s"],
+        peer_value=bare_ms,
     )
-    record.say(f"ratio of processor times {driver['processor_s'] / bare['processor_s']:.2f}")
+    record.say(f"ratio of processor times {driver_ms / bare_ms:.2f}")
     ideal_s = (FRAMES_PER_AVERAGE + 1) / RATE_HZ
     record.figure(
         f"average of {FRAMES_PER_AVERAGE} frames, start to stop",
@@ -218,17 +220,10 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    clients = {"bare": run_bare, "driver": run_driver, "latency": run_latency}
+    clients: dict[str, Callable[..., dict[str, Any]]] = {"turns": run_turns, "latency": run_latency}
     if sys.argv[1:2] == ["serve"]:
         serve()
     elif sys.argv[1:2] and sys.argv[1] in clients:
-        outcome = clients[sys.argv[1]](int(sys.argv[2]))
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        outcome |= {
-            "processor_s": used.ru_utime + used.ru_stime,
-            "user_s": used.ru_utime,
-            "system_s": used.ru_stime,
-        }
-        print(json.dumps(outcome))
+        print(json.dumps(clients[sys.argv[1]](*map(int, sys.argv[2:]))))
     else:
         main()
