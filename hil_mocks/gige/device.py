@@ -15,7 +15,7 @@ from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
 from hil_mocks.gige.frame_source import FrameSource
-from hil_mocks.gige.gvcp import GVCP_PORT, ResendRequest, encode_pending
+from hil_mocks.gige.gvcp import GVCP_PORT, ResendRequest, encode_pending, is_discovery
 from hil_mocks.gige.pixels import BAYER_ORDERS
 from hil_mocks.gige.registers import CAPABILITIES, RegisterMap
 from hil_mocks.gige.settings import CameraState
@@ -23,6 +23,7 @@ from hil_mocks.gige.stream import StreamSender
 
 ETHERNET_MTU_BYTES = 1500
 LARGEST_DATAGRAM = 65536
+BROADCAST_ADDRESS = "255.255.255.255"
 PATIENCE_MS = 100
 LONGEST_PENDING_MS = 65535
 STREAM_BUFFER_BYTES = 4 << 20
@@ -32,7 +33,8 @@ class GigeDevice:
     """A GigE Vision camera on a loopback address, which any GigE Vision client can open.
 
     It opens with `open` or as a context manager, in its own threads; only an open one has
-    acquisitions, can be restarted or lose its client. It sends only to loopback addresses.
+    acquisitions, can be restarted or lose its client. It sends only to loopback addresses, and
+    answers discovery at its own address and, from this computer, by broadcast.
 
     Parameters
     ----------
@@ -160,6 +162,7 @@ class GigeDevice:
                     f"no camera can be served at {self._address}, UDP port {GVCP_PORT}: "
                     f"{error.strerror}"
                 ) from error
+            broadcast = _broadcast_port(stack)
             stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, STREAM_BUFFER_BYTES)
             awake, self._wake = socket.socketpair()
             stack.enter_context(awake)
@@ -182,7 +185,10 @@ class GigeDevice:
         self._closing.clear()
         self._acquisition.open()
         self._thread = Thread(
-            target=self._serve, args=(control, awake), name="gige-control", daemon=True
+            target=self._serve,
+            args=(control, broadcast, awake),
+            name="gige-control",
+            daemon=True,
         )
         self._thread.start()
 
@@ -227,9 +233,14 @@ class GigeDevice:
     ) -> None:
         self.close()
 
-    def _serve(self, port: socket.socket, awake: socket.socket) -> None:
+    def _serve(
+        self, port: socket.socket, broadcast: socket.socket | None, awake: socket.socket
+    ) -> None:
+        sources = [source for source in (port, broadcast, awake) if source is not None]
         while not self._closing.is_set():
-            ready, _, _ = select([port, awake], [], [], self._control.seconds_to_expiry)
+            ready, _, _ = select(sources, [], [], self._control.seconds_to_expiry)
+            if broadcast in ready and broadcast is not None:
+                self._introduce(port, *broadcast.recvfrom(LARGEST_DATAGRAM))
             if port in ready:
                 datagram, peer = port.recvfrom(LARGEST_DATAGRAM)
                 answer = self._answer(port, datagram, peer)
@@ -249,6 +260,14 @@ class GigeDevice:
         with self._lock:
             return self._control.answer(datagram, peer)
 
+    def _introduce(self, port: socket.socket, datagram: bytes, peer: tuple[str, int]) -> None:
+        """Answer a discovery that was broadcast, from this computer only."""
+        if not ipaddress.IPv4Address(peer[0]).is_loopback or not is_discovery(datagram):
+            return
+        answer = self._answer(port, datagram, peer)
+        if answer is not None:
+            _reply(port, answer, peer)
+
     def _resend(self, request: ResendRequest) -> None:
         self._sender.send_again(request, self._registers.stream_target)
 
@@ -260,6 +279,20 @@ class GigeDevice:
         self._registers.describe(
             features_of(self._bayer_order, has_temperature=self._faults.temperature_present)
         )
+
+
+def _broadcast_port(stack: ExitStack) -> socket.socket | None:
+    """Open the port to which clients broadcast discovery; None where the system has no such port.
+
+    Every camera of this computer opens it, and each receives every broadcast.
+    """
+    port = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    try:
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        port.bind((BROADCAST_ADDRESS, GVCP_PORT))
+    except OSError:  # as on macOS and Windows: there it is found at its own address only
+        return None
+    return port
 
 
 def _reply(port: socket.socket, datagram: bytes, peer: tuple[str, int]) -> None:

@@ -201,26 +201,31 @@ class RegisterMap:
         GvcpError
             If one of them does not accept it; those before it are written.
         """
-        data = write.data
-        address = write.address
+        written = 0
+        while written < len(write.data):
+            try:
+                written += self._write_one(write.address + written, write.data[written:])
+            except GvcpError as error:
+                raise GvcpError(str(error), status=error.status, index=written) from error
+
+    def _write_one(self, address: int, data: bytes) -> int:
+        """Write the register at an address; return how many bytes of ``data`` it took."""
         _check_alignment(address)
-        while data:
-            register = self._registers.get(address)
-            if register is None:
-                self._memory(address, 4)
-                raise GvcpError(f"{address:#x} is read only", status=GvcpStatus.WRITE_PROTECT)
-            if len(data) < register.length and register.length > 8:
-                data = data.ljust(register.length, b"\0")
-            if register.write is None or register.name in self.refused:
-                raise GvcpError(f"{register.name} is read only", status=GvcpStatus.WRITE_PROTECT)
-            if len(data) < register.length:
-                raise GvcpError(
-                    f"{register.name} takes {register.length} bytes",
-                    status=GvcpStatus.INVALID_PARAMETER,
-                )
-            register.write(data[: register.length])
-            address += register.length
-            data = data[register.length :]
+        register = self._registers.get(address)
+        if register is None:
+            self._memory(address, 4)
+            raise GvcpError(f"{address:#x} is read only", status=GvcpStatus.WRITE_PROTECT)
+        if len(data) < register.length and register.length > 8:
+            data = data.ljust(register.length, b"\0")
+        if register.write is None or register.name in self.refused:
+            raise GvcpError(f"{register.name} is read only", status=GvcpStatus.WRITE_PROTECT)
+        if len(data) < register.length:
+            raise GvcpError(
+                f"{register.name} takes {register.length} bytes",
+                status=GvcpStatus.INVALID_PARAMETER,
+            )
+        register.write(data[: register.length])
+        return register.length
 
     def _memory(self, address: int, length: int) -> bytes:
         end = address + length
