@@ -12,6 +12,7 @@ from acquisition.errors import DeviceError
 from hil_mocks.gige.acquisition import Acquisition
 from hil_mocks.gige.bootstrap import BootstrapAddress, Capability, Identity
 from hil_mocks.gige.control import ControlChannel
+from hil_mocks.gige.events import DeviceEvent, EventId, MessageChannel, MessageTarget
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
 from hil_mocks.gige.frame_source import FrameSource
@@ -88,6 +89,7 @@ class GigeDevice:
                 "AcquisitionStart": lambda: self._acquisition.start(),
                 "AcquisitionStop": lambda: self._acquisition.stop(),
                 "TriggerSoftware": lambda: self._acquisition.trigger(),
+                "TestEventGenerate": self._tell_test,
             },
             fire_test_packet=lambda: self._sender.send_test_packet(self._registers.stream_target),
         )
@@ -98,6 +100,8 @@ class GigeDevice:
         self._sockets = ExitStack()
         self._closing = Event()
         self._sender: StreamSender
+        self._messages: MessageChannel
+        self._tests_told = 0
         self._acquisition: Acquisition
         self._thread: Thread | None = None
 
@@ -154,9 +158,11 @@ class GigeDevice:
         with ExitStack() as stack:
             control = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             stream = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            messages = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             try:
                 control.bind((self._address, GVCP_PORT))
                 stream.bind((self._address, 0))
+                messages.bind((self._address, 0))
             except OSError as error:
                 raise DeviceError(
                     f"no camera can be served at {self._address}, UDP port {GVCP_PORT}: "
@@ -169,8 +175,10 @@ class GigeDevice:
             stack.enter_context(self._wake)
             self._sockets = stack.pop_all()
         self._stream_port = int(stream.getsockname()[1])
-        self._registers.power_up()
-        self._registers.set_plain(BootstrapAddress.STREAM_SOURCE_PORT, self._stream_port)
+        self._message_port = int(messages.getsockname()[1])
+        self._power_up()
+        self._messages = MessageChannel(messages, self._message_target)
+        self._messages.open()
         self._sender = StreamSender(
             stream, lambda: self._faults, link_mtu_bytes=self._link_mtu_bytes
         )
@@ -182,6 +190,7 @@ class GigeDevice:
             self._sender,
             lambda: self._faults,
         )
+        self._acquisition.tell_exposure_end = self._tell_exposure_end
         self._closing.clear()
         self._acquisition.open()
         self._thread = Thread(
@@ -202,6 +211,7 @@ class GigeDevice:
         self._thread.join()
         self._thread = None
         self._acquisition.close()
+        self._messages.close()
         self._sockets.close()
 
     def restart(self) -> None:
@@ -209,8 +219,7 @@ class GigeDevice:
         with self._lock:
             self._control.drop()
             self._acquisition.stop()
-            self._registers.power_up()
-            self._registers.set_plain(BootstrapAddress.STREAM_SOURCE_PORT, self._stream_port)
+            self._power_up()
 
     def drop_control(self) -> None:
         """Take control from the client that holds it."""
@@ -274,6 +283,31 @@ class GigeDevice:
     def _end_stream(self) -> None:
         self._acquisition.stop()
         self._registers.set_plain(BootstrapAddress.STREAM_PORT, 0)
+        self._registers.set_plain(BootstrapAddress.MESSAGE_PORT, 0)
+
+    def _power_up(self) -> None:
+        self._registers.power_up()
+        self._registers.set_plain(BootstrapAddress.STREAM_SOURCE_PORT, self._stream_port)
+        self._registers.set_plain(BootstrapAddress.MESSAGE_SOURCE_PORT, self._message_port)
+
+    def _message_target(self) -> MessageTarget | None:
+        with self._lock:
+            return None if self._faults.is_dead else self._registers.message_target
+
+    def _tell_exposure_end(self, block_id: int, ticks: int) -> None:
+        if self._registers.events.is_on(EventId.EXPOSURE_END):
+            event = DeviceEvent(
+                event_id=EventId.EXPOSURE_END, timestamp_ticks=ticks, block_id=block_id
+            )
+            self._messages.tell(event)
+
+    def _tell_test(self) -> None:
+        self._tests_told += 1
+        if self._registers.events.is_on(EventId.TEST):
+            count = self._tests_told.to_bytes(4, "big")
+            ticks = self._registers.now_ticks
+            event = DeviceEvent(event_id=EventId.TEST, timestamp_ticks=ticks, data=count)
+            self._messages.tell(event)
 
     def _describe(self) -> None:
         self._registers.describe(

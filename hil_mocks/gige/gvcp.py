@@ -51,6 +51,10 @@ class CommandCode(IntEnum):
     WRITEMEM = 0x0086
     PENDING = 0x0088
     """Sent only by devices; only its acknowledge, 0x0089, exists."""
+    EVENT = 0x00C0
+    """Sent by devices on the message channel; clients acknowledge it."""
+    EVENTDATA = 0x00C2
+    """As EVENT, with data of the event."""
 
 
 class CommandFlag(IntFlag):

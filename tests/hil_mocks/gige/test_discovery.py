@@ -25,7 +25,7 @@ def bench_at(address: str) -> PracticeBench:
 
 def answers_to_broadcast(datagram: bytes, source: str = "127.0.0.1") -> list[str]:
     """Addresses that answer a broadcast from an address, in order."""
-    found = []
+    found: list[str] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         asking.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         asking.bind((source, 0))
@@ -72,6 +72,7 @@ def clients() -> dict[str, object]:
     }
 
 
+@pytest.mark.slow
 def test_every_camera_answers_a_broadcast_of_this_computer_and_of_no_other() -> None:
     found = run_in_own_network(f"{HERE}:two_cameras")
     assert found["discovery"] == sorted(ADDRESSES)
@@ -79,6 +80,7 @@ def test_every_camera_answers_a_broadcast_of_this_computer_and_of_no_other() -> 
     assert found["reading"] == []  # anything but discovery is for one camera
 
 
+@pytest.mark.slow
 def test_aravis_and_viva_genicam_find_the_camera() -> None:
     pytest.importorskip("gi")
     pytest.importorskip("viva_genicam")
