@@ -17,6 +17,18 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
         self.timeout_s = timeout_s
 
 
+class StageStalledError(DeviceTimeoutError):
+    """A stage came no nearer to its target, or to rest, for ``timeout_s``; it was stopped first.
+
+    ``state`` is what its controller reports, and ``height_mm`` where it was.
+    """
+
+    def __init__(self, message: str, *, timeout_s: float, state: str, height_mm: float) -> None:
+        super().__init__(message, timeout_s=timeout_s)
+        self.state = state
+        self.height_mm = height_mm
+
+
 class DeviceDisconnectedError(DeviceError, ConnectionError):
     """A device is gone: cable, power or another program."""
 
@@ -31,6 +43,10 @@ class DeviceInUseError(DeviceError):
 
 class DriverMissingError(DeviceError, ImportError):
     """A library that the driver needs is not installed."""
+
+
+class StageNotStoppedError(DeviceError):
+    """A stage was told to stop, and nothing says that it did."""
 
 
 class OperatorStopError(DeviceError):

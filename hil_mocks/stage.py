@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import ceil, floor, isfinite
+from typing import Literal
 
 from acquisition.bench import StageConfig
 from acquisition.devices import DeviceInfo, StageState
@@ -11,12 +12,16 @@ from acquisition.errors import (
     StageAlarmError,
     StageLimitError,
     StageNotHomedError,
+    StageStalledError,
     StageStoppedError,
 )
 from hil_mocks.clock import SimulatedClock
 
 STEPS_PER_MM = 250.0
 """Steps of 4 um: 20.25 mm is between two of them and reads back as 20.248 mm."""
+
+GIVES_UP_S = 2.0
+"""Time without progress after which a move ends."""
 
 OVERSHOOT_MM = 0.5
 """How far a move from the wrong side overshoots its target before it approaches."""
@@ -29,9 +34,12 @@ class StageFaults:
     Parameters
     ----------
     never_settles
-        The stage arrives but keeps vibrating: no move ends within its time limit.
+        The stage arrives but keeps vibrating: it gives up after `GIVES_UP_S`.
     stops_short_mm
         The stage stops this far before its target, and its read-back says so.
+    interrupted_by
+        The next move stops half-way: a door was opened, or somebody pressed hold. The position is
+        then void; the alarm can be cleared once this is None.
     alarm
         Text of an alarm that the next move raises before anything moves.
     home_switch_missing
@@ -47,6 +55,7 @@ class StageFaults:
 
     never_settles: bool = False
     stops_short_mm: float = 0.0
+    interrupted_by: Literal["door", "hold"] | None = None
     alarm: str | None = None
     home_switch_missing: bool = False
     lost_steps_mm: float = 0.0
@@ -76,6 +85,7 @@ class SimulatedStage:
         self._is_moving = False
         self._is_stop_wanted = False
         self._alarm: str | None = None
+        self._interruption: Literal["door", "hold"] | None = None
         low, high = config.limits_mm
         self._steps = round((low + high) / 2 * STEPS_PER_MM)
         self._came_up = self._approaches_upwards
@@ -107,6 +117,8 @@ class SimulatedStage:
         self._check_answers()
         if self._alarm is not None:
             return "alarm"
+        if self._interruption is not None:
+            return self._interruption
         return "moving" if self._is_moving else "idle"
 
     @property
@@ -158,6 +170,8 @@ class SimulatedStage:
         self._is_stop_wanted = False
         for stop in self._stops(target):
             started_s = self._clock.now_s
+            if self.faults.interrupted_by is not None:
+                self._interrupt((self._steps + stop) // 2, left_s)
             if not self._travel(stop, left_s):
                 raise DeviceTimeoutError(
                     f"the simulated stage did not reach {height_mm} mm within {timeout_s} s; "
@@ -198,7 +212,9 @@ class SimulatedStage:
     def clear_alarm(self) -> None:
         """See `Stage.clear_alarm`."""
         self._check_answers()
+        self._interruption = self.faults.interrupted_by
         self._alarm = None
+        self._check_ready()
 
     def close(self) -> None:
         """See `Stage.close`."""
@@ -260,6 +276,15 @@ class SimulatedStage:
             side = 1 if self._approaches_upwards else -1
             self._steps = self._steps_at(target / STEPS_PER_MM - side * self.faults.stops_short_mm)
         is_near = abs(self._steps - target) <= self._config.tolerance_mm * STEPS_PER_MM
+        if self.faults.never_settles and left_s > GIVES_UP_S:
+            self._clock.advance(GIVES_UP_S)
+            raise StageStalledError(
+                f"the simulated stage did not settle at {height_mm} mm: no progress for "
+                f"{GIVES_UP_S:g} s; it is at {self.position_mm():.3f} mm",
+                timeout_s=GIVES_UP_S,
+                state="idle",
+                height_mm=self.position_mm(),
+            )
         if self.faults.never_settles or not is_near or self._config.settle_s > left_s:
             self._clock.advance(max(left_s, 0.0))
             raise DeviceTimeoutError(
@@ -269,8 +294,19 @@ class SimulatedStage:
             )
         self._clock.advance(self._config.settle_s)
 
+    def _interrupt(self, steps: int, left_s: float) -> None:
+        self._travel(steps, left_s)
+        self._interruption, self._is_homed = self.faults.interrupted_by, False
+        self._check_ready()
+
     def _check_ready(self) -> None:
         self._check_answers()
+        if self._interruption is not None:
+            raise StageAlarmError(
+                f"the simulated stage is in state {self._interruption}, in which it cannot move; "
+                "close its door or release its hold, then clear the alarm and home",
+                code=self._interruption,
+            )
         if self._alarm is not None:
             raise StageAlarmError(
                 f"the simulated stage is in alarm: {self._alarm}; clear the alarm, then home",

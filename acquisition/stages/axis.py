@@ -13,10 +13,14 @@ POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisReading:
-    """Height, and whether the motor is running, queried one after the other."""
+    """Height, and whether the motor is running, queried one after the other.
+
+    ``state`` is the word of the controller for what it is doing.
+    """
 
     height_mm: float
     is_moving: bool
+    state: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,8 +67,12 @@ class MovableAxis(Protocol):
 
         Raises
         ------
+        StageStalledError
+            If it is moving but comes no nearer.
         DeviceTimeoutError
             If it is still moving at the deadline.
+        StageAlarmError
+            If the controller has ended the move: a door, a hold, an alarm.
         """
         ...
 
@@ -133,7 +141,7 @@ class MotorAxis(MovableAxis, Protocol):
         ...
 
     def reading(self) -> AxisReading:
-        """Ask for height and motion."""
+        """Ask for height and motion; a fault is an error, as in `wait_until_still`."""
         ...
 
     def interrupt(self) -> None:

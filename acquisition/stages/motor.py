@@ -8,16 +8,23 @@ from acquisition.devices import DeviceInfo, StageState
 from acquisition.errors import (
     DeviceError,
     DeviceProtocolError,
+    DeviceResetError,
     DeviceTimeoutError,
     StageAlarmError,
     StageNotHomedError,
+    StageNotStoppedError,
+    StageStalledError,
     StageStoppedError,
 )
 from acquisition.stages.axis import POLL_S, MotorAxis, MovableAxis
+from acquisition.stages.progress import ProgressWatch
 from acquisition.stages.travel import approach_heights_mm, refuse_beyond_limits
 
 STOP_TIMEOUT_S = 5.0
 """Longer than any deceleration."""
+
+CREEP_READINGS = 3
+"""Settling times in which the movement between two readings has to become smaller."""
 
 ROUNDING_MM = 1e-6
 """Heights are rounded to this, so it allows for binary rounding noise."""
@@ -151,8 +158,9 @@ class MotorStage:
         except self._axis.traits.may_move_after as error:
             text = str(error)
             if isinstance(error, DeviceTimeoutError):
-                where = f"{self._axis.name} did not settle at {height_mm:g} mm"
-                text = f"{where} within {timeout_s:g} s: {error}"
+                is_stalled = isinstance(error, StageStalledError)
+                limit = "" if is_stalled else f" within {timeout_s:g} s"
+                text = f"{self._axis.name} did not settle at {height_mm:g} mm{limit}: {error}"
             raise self._halted(error, text, timeout_s) from error
         finally:
             self._is_moving = False
@@ -171,6 +179,34 @@ class MotorStage:
             self._axis.abort()
             return
         halt(self._axis, clock=self._clock, sleep=self._sleep)
+
+    def stop_first(self) -> None:
+        """Stop what another program left running, before any dialogue; return once it stands.
+
+        A controller that was reset or is in alarm has ended its motion.
+
+        Raises
+        ------
+        StageNotStoppedError
+            If nothing says that it stands.
+        """
+        deadline = self._clock() + STOP_TIMEOUT_S
+        while True:
+            try:
+                self.stop()
+            except (StageAlarmError, DeviceResetError):
+                return
+            except DeviceError as error:
+                # A controller that starts up answers nothing for two seconds.
+                is_mute = isinstance(error, DeviceTimeoutError | DeviceProtocolError)
+                if is_mute and self._clock() < deadline:
+                    continue
+                raise StageNotStoppedError(
+                    f"it is not certain that {self._axis.name} has stopped, use its emergency "
+                    f"stop: {error}"
+                ) from error
+            else:
+                return
 
     def emergency_stop(self) -> None:
         """See `Stage.emergency_stop`; leaves an alarm."""
@@ -210,6 +246,8 @@ class MotorStage:
 
     def _settle(self, height_mm: float, deadline: float) -> float:
         """Read back after the settling time, until two readings agree."""
+        # What relaxes moves less and less; what creeps does not, and would never agree.
+        progress = ProgressWatch(clock=self._clock, least_mm=0.0, readings=CREEP_READINGS)
         before_mm = self._axis.height_mm()
         while True:
             self._sleep(self._config.settle_s)
@@ -220,6 +258,8 @@ class MotorStage:
             before_mm = reading.height_mm
             if self._clock() >= deadline:
                 raise DeviceTimeoutError(f"it is creeping, now at {before_mm:.3f} mm")
+            doing = f"{reading.state} while it creeps"
+            progress.see(moved_mm, state=doing, height_mm=before_mm)
             self._sleep(POLL_S)
         if not abs(reading.height_mm - height_mm) <= self._config.tolerance_mm + ROUNDING_MM:
             raise DeviceTimeoutError(f"it crept to {reading.height_mm:.3f} mm")
@@ -228,6 +268,13 @@ class MotorStage:
     def _halted(self, error: DeviceError, text: str, timeout_s: float | None) -> DeviceError:
         """Stop after a failure, and return the error that reports the outcome."""
         text = f"{text}; {self._halt()}"
+        if isinstance(error, StageStalledError):
+            return StageStalledError(
+                text,
+                timeout_s=error.timeout_s or 0.0,
+                state=error.state,
+                height_mm=error.height_mm,
+            )
         if isinstance(error, DeviceTimeoutError):
             return DeviceTimeoutError(text, timeout_s=timeout_s)
         return type(error)(text)

@@ -71,6 +71,7 @@ class Acquisition:
         faults: Callable[[], GigeFaults],
     ) -> None:
         self.payload_type_of_chunks = PAYLOAD_TYPE_IMAGE_AND_CHUNKS
+        self.tell_exposure_end: Callable[[int, int], None] = lambda _block_id, _ticks: None
         self._source = source
         self._state = state
         self._registers = registers
@@ -155,6 +156,7 @@ class Acquisition:
                 if not self._wait_for_frame():
                     return
                 exposure = self._expose()
+            self.tell_exposure_end(exposure.block_id, exposure.timestamp_ticks)
             self._deliver(exposure)
 
     def _wait_for_frame(self) -> bool:

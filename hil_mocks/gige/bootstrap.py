@@ -42,6 +42,11 @@ class BootstrapAddress(IntEnum):
     CONTROL_PRIVILEGE = 0x0A00
     PRIMARY_PORT = 0x0A04
     PRIMARY_ADDRESS = 0x0A14
+    MESSAGE_PORT = 0x0B00
+    MESSAGE_DESTINATION = 0x0B10
+    MESSAGE_TIMEOUT = 0x0B14
+    MESSAGE_RETRIES = 0x0B18
+    MESSAGE_SOURCE_PORT = 0x0B1C
     STREAM_PORT = 0x0D00
     STREAM_PACKET_SIZE = 0x0D04
     STREAM_PACKET_DELAY = 0x0D08
@@ -55,6 +60,8 @@ class Capability(IntFlag):
     CONCATENATION = 1 << 0
     WRITEMEM = 1 << 1
     PACKETRESEND = 1 << 2
+    EVENT = 1 << 3
+    EVENTDATA = 1 << 4
     PENDING = 1 << 5
     PRIMARY_APPLICATION = 1 << 27
     SERIAL_NUMBER = 1 << 30
@@ -127,7 +134,7 @@ def bootstrap_page(identity: Identity, address: str, url: str) -> bytearray:
     text(BootstrapAddress.SERIAL_NUMBER, identity.serial_number, 16)
     text(BootstrapAddress.FIRST_URL, url, 512)
     put(0x0600, 1)  # network interfaces
-    put(0x0900, 0, 1)  # message channels, stream channels
+    put(0x0900, 1, 1)  # message channels, stream channels
     put(BootstrapAddress.TICK_FREQUENCY_HIGH, TICKS_PER_S >> 32, TICKS_PER_S & 0xFFFFFFFF)
     put(BootstrapAddress.PENDING_TIMEOUT, 1000)
     put(0x0D20, 0x8000_0000)  # stream channel capability: big and little endian supported

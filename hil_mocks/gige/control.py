@@ -22,6 +22,7 @@ from hil_mocks.gige.gvcp import (
     MemoryWrite,
     ResendRequest,
     encode_acknowledge,
+    encode_write_result,
     parse_command,
     parse_read_memory,
     parse_read_registers,
@@ -129,7 +130,8 @@ class ControlChannel:
         try:
             payload, status = self._execute(command, peer), GvcpStatus.SUCCESS
         except GvcpError as error:
-            payload, status = b"", error.status
+            is_write = command.code in WRITES
+            payload, status = encode_write_result(error.index) if is_write else b"", error.status
         if payload is None or not command.wants_acknowledge:
             return None
         acknowledge = encode_acknowledge(command.code, command.request_id, payload, status)
@@ -154,14 +156,17 @@ class ControlChannel:
                 return struct.pack(">I", memory.address) + data
             case CommandCode.WRITEREG:
                 writes = parse_write_registers(command.payload)
-                for write in writes:
+                for index, write in enumerate(writes):
                     data = struct.pack(">I", write.value)
-                    self._write(MemoryWrite(address=write.address, data=data), peer)
-                return struct.pack(">HH", 0, len(writes))
+                    try:
+                        self._write(MemoryWrite(address=write.address, data=data), peer)
+                    except GvcpError as error:
+                        raise GvcpError(str(error), status=error.status, index=index) from error
+                return encode_write_result(len(writes))
             case CommandCode.WRITEMEM:
                 memory_write = parse_write_memory(command.payload)
                 self._write(memory_write, peer)
-                return struct.pack(">HH", 0, len(memory_write.data))
+                return encode_write_result(len(memory_write.data))
             case CommandCode.PACKETRESEND if not self._faults().resend_disabled:
                 # Aravis asks from the port of its stream, not from that of its control channel.
                 if self._controller is None or peer[0] != self._controller[0]:

@@ -8,6 +8,7 @@ GenICam Standard, GenApi 2.1.1, EMVA, 2018: node types and their elements.
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement, tostring
 
+from hil_mocks.gige.events import EVENT_NAMES, EVENT_PARTS, EventId
 from hil_mocks.gige.feature import Feature
 
 DESCRIPTION_FILE = "standoff_gige_camera.xml"
@@ -60,6 +61,8 @@ def describe(features: Iterable[Feature], *, vendor: str, model: str) -> bytes:
         _register(root, feature)
         if feature.chunk_id is not None:
             _add(SubElement(root, "Port", Name=_port(feature)), "ChunkID", f"{feature.chunk_id:x}")
+    for event in EVENT_NAMES:
+        _event(root, event)
     SubElement(root, "Port", Name="Device")
     document: bytes = tostring(root, encoding="utf-8")
     return b'<?xml version="1.0" encoding="utf-8"?>\n' + document
@@ -69,6 +72,9 @@ def _categories(root: Element, features: tuple[Feature, ...]) -> None:
     members: dict[str, list[str]] = {"DeviceControl": [name for name, _, _ in STRINGS]}
     for feature in features:
         members.setdefault(feature.category, []).append(feature.name)
+    for event, name in EVENT_NAMES.items():
+        parts = [f"Event{name}{part}" for part, _, _ in EVENT_PARTS[event]]
+        members.setdefault("EventControl", []).extend(parts)
     top = SubElement(root, "Category", Name="Root")
     for category in members:
         _add(top, "pFeature", category)
@@ -141,6 +147,23 @@ def _register(root: Element, feature: Feature) -> None:
 
 def _port(feature: Feature) -> str:
     return "Device" if feature.chunk_id is None else f"{feature.name}Port"
+
+
+def _event(root: Element, event: EventId) -> None:
+    """What a client reads in an event that has come; its port is the event itself."""
+    name = f"Event{EVENT_NAMES[event]}"
+    for part, address, length in EVENT_PARTS[event]:
+        node = SubElement(root, "Integer", Name=name + part)
+        _add(node, "pValue", f"{name}{part}Reg")
+        register = SubElement(root, "IntReg", Name=f"{name}{part}Reg")
+        _add(register, "Address", str(address))
+        _add(register, "Length", str(length))
+        _add(register, "AccessMode", "RO")
+        _add(register, "pPort", f"{name}Port")
+        _add(register, "Cachable", "NoCache")
+        _add(register, "Sign", "Unsigned")
+        _add(register, "Endianess", "BigEndian")
+    _add(SubElement(root, "Port", Name=f"{name}Port"), "EventID", f"{event:04x}")
 
 
 def _add(node: Element, tag: str, text: str) -> None:

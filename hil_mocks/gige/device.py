@@ -12,10 +12,11 @@ from acquisition.errors import DeviceError
 from hil_mocks.gige.acquisition import Acquisition
 from hil_mocks.gige.bootstrap import BootstrapAddress, Capability, Identity
 from hil_mocks.gige.control import ControlChannel
+from hil_mocks.gige.events import DeviceEvent, EventId, MessageChannel, MessageTarget
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.features import features_of
 from hil_mocks.gige.frame_source import FrameRequest, FrameSource
-from hil_mocks.gige.gvcp import GVCP_PORT, ResendRequest, encode_pending
+from hil_mocks.gige.gvcp import GVCP_PORT, ResendRequest, encode_pending, is_discovery
 from hil_mocks.gige.gvsp import PAYLOAD_TYPE_CHUNKS
 from hil_mocks.gige.pixels import BAYER_ORDERS
 from hil_mocks.gige.registers import CAPABILITIES, RegisterMap
@@ -24,6 +25,7 @@ from hil_mocks.gige.stream import StreamSender
 
 ETHERNET_MTU_BYTES = 1500
 LARGEST_DATAGRAM = 65536
+BROADCAST_ADDRESS = "255.255.255.255"
 PATIENCE_MS = 100
 LONGEST_PENDING_MS = 65535
 STREAM_BUFFER_BYTES = 4 << 20
@@ -33,7 +35,8 @@ class GigeDevice:
     """A GigE Vision camera on a loopback address, which any GigE Vision client can open.
 
     It opens with `open` or as a context manager, in its own threads; only an open one has
-    acquisitions, can be restarted or lose its client. It sends only to loopback addresses.
+    acquisitions, can be restarted or lose its client. It sends only to loopback addresses, and
+    answers discovery at its own address and, from this computer, by broadcast.
 
     Parameters
     ----------
@@ -89,6 +92,7 @@ class GigeDevice:
                 "AcquisitionStart": lambda: self._acquisition.start(),
                 "AcquisitionStop": lambda: self._acquisition.stop(),
                 "TriggerSoftware": lambda: self._acquisition.trigger(),
+                "TestEventGenerate": self._tell_test,
             },
             fire_test_packet=lambda: self._sender.send_test_packet(self._registers.stream_target),
         )
@@ -99,6 +103,8 @@ class GigeDevice:
         self._sockets = ExitStack()
         self._closing = Event()
         self._sender: StreamSender
+        self._messages: MessageChannel
+        self._tests_told = 0
         self._acquisition: Acquisition
         self._thread: Thread | None = None
 
@@ -161,22 +167,27 @@ class GigeDevice:
         with ExitStack() as stack:
             control = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             stream = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            messages = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             try:
                 control.bind((self._address, GVCP_PORT))
                 stream.bind((self._address, 0))
+                messages.bind((self._address, 0))
             except OSError as error:
                 raise DeviceError(
                     f"no camera can be served at {self._address}, UDP port {GVCP_PORT}: "
                     f"{error.strerror}"
                 ) from error
+            broadcast = _broadcast_port(stack)
             stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, STREAM_BUFFER_BYTES)
             awake, self._wake = socket.socketpair()
             stack.enter_context(awake)
             stack.enter_context(self._wake)
             self._sockets = stack.pop_all()
         self._stream_port = int(stream.getsockname()[1])
-        self._registers.power_up()
-        self._registers.set_plain(BootstrapAddress.STREAM_SOURCE_PORT, self._stream_port)
+        self._message_port = int(messages.getsockname()[1])
+        self._power_up()
+        self._messages = MessageChannel(messages, self._message_target)
+        self._messages.open()
         self._sender = StreamSender(
             stream, lambda: self._faults, link_mtu_bytes=self._link_mtu_bytes
         )
@@ -190,10 +201,14 @@ class GigeDevice:
         )
         if self._identity.maker == "basler":
             self._acquisition.payload_type_of_chunks = PAYLOAD_TYPE_CHUNKS
+        self._acquisition.tell_exposure_end = self._tell_exposure_end
         self._closing.clear()
         self._acquisition.open()
         self._thread = Thread(
-            target=self._serve, args=(control, awake), name="gige-control", daemon=True
+            target=self._serve,
+            args=(control, broadcast, awake),
+            name="gige-control",
+            daemon=True,
         )
         self._thread.start()
 
@@ -207,6 +222,7 @@ class GigeDevice:
         self._thread.join()
         self._thread = None
         self._acquisition.close()
+        self._messages.close()
         self._sockets.close()
 
     def restart(self) -> None:
@@ -214,8 +230,7 @@ class GigeDevice:
         with self._lock:
             self._control.drop()
             self._acquisition.stop()
-            self._registers.power_up()
-            self._registers.set_plain(BootstrapAddress.STREAM_SOURCE_PORT, self._stream_port)
+            self._power_up()
 
     def drop_control(self) -> None:
         """Take control from the client that holds it."""
@@ -243,9 +258,14 @@ class GigeDevice:
     ) -> None:
         self.close()
 
-    def _serve(self, port: socket.socket, awake: socket.socket) -> None:
+    def _serve(
+        self, port: socket.socket, broadcast: socket.socket | None, awake: socket.socket
+    ) -> None:
+        sources = [source for source in (port, broadcast, awake) if source is not None]
         while not self._closing.is_set():
-            ready, _, _ = select([port, awake], [], [], self._control.seconds_to_expiry)
+            ready, _, _ = select(sources, [], [], self._control.seconds_to_expiry)
+            if broadcast in ready and broadcast is not None:
+                self._introduce(port, *broadcast.recvfrom(LARGEST_DATAGRAM))
             if port in ready:
                 datagram, peer = port.recvfrom(LARGEST_DATAGRAM)
                 answer = self._answer(port, datagram, peer)
@@ -265,12 +285,45 @@ class GigeDevice:
         with self._lock:
             return self._control.answer(datagram, peer)
 
+    def _introduce(self, port: socket.socket, datagram: bytes, peer: tuple[str, int]) -> None:
+        """Answer a discovery that was broadcast, from this computer only."""
+        if not ipaddress.IPv4Address(peer[0]).is_loopback or not is_discovery(datagram):
+            return
+        answer = self._answer(port, datagram, peer)
+        if answer is not None:
+            _reply(port, answer, peer)
+
     def _resend(self, request: ResendRequest) -> None:
         self._sender.send_again(request, self._registers.stream_target)
 
     def _end_stream(self) -> None:
         self._acquisition.stop()
         self._registers.set_plain(BootstrapAddress.STREAM_PORT, 0)
+        self._registers.set_plain(BootstrapAddress.MESSAGE_PORT, 0)
+
+    def _power_up(self) -> None:
+        self._registers.power_up()
+        self._registers.set_plain(BootstrapAddress.STREAM_SOURCE_PORT, self._stream_port)
+        self._registers.set_plain(BootstrapAddress.MESSAGE_SOURCE_PORT, self._message_port)
+
+    def _message_target(self) -> MessageTarget | None:
+        with self._lock:
+            return None if self._faults.is_dead else self._registers.message_target
+
+    def _tell_exposure_end(self, block_id: int, ticks: int) -> None:
+        if self._registers.events.is_on(EventId.EXPOSURE_END):
+            event = DeviceEvent(
+                event_id=EventId.EXPOSURE_END, timestamp_ticks=ticks, block_id=block_id
+            )
+            self._messages.tell(event)
+
+    def _tell_test(self) -> None:
+        self._tests_told += 1
+        if self._registers.events.is_on(EventId.TEST):
+            count = self._tests_told.to_bytes(4, "big")
+            ticks = self._registers.now_ticks
+            event = DeviceEvent(event_id=EventId.TEST, timestamp_ticks=ticks, data=count)
+            self._messages.tell(event)
 
     def _describe(self) -> None:
         self._registers.describe(
@@ -280,6 +333,20 @@ class GigeDevice:
                 maker=self._identity.maker,
             )
         )
+
+
+def _broadcast_port(stack: ExitStack) -> socket.socket | None:
+    """Open the port to which clients broadcast discovery; None where the system has no such port.
+
+    Every camera of this computer opens it, and each receives every broadcast.
+    """
+    port = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    try:
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        port.bind((BROADCAST_ADDRESS, GVCP_PORT))
+    except OSError:  # as on macOS and Windows: there it is found at its own address only
+        return None
+    return port
 
 
 def _reply(port: socket.socket, datagram: bytes, peer: tuple[str, int]) -> None:

@@ -51,6 +51,10 @@ class CommandCode(IntEnum):
     WRITEMEM = 0x0086
     PENDING = 0x0088
     """Sent only by devices; only its acknowledge, 0x0089, exists."""
+    EVENT = 0x00C0
+    """Sent by devices on the message channel; clients acknowledge it."""
+    EVENTDATA = 0x00C2
+    """As EVENT, with data of the event."""
 
 
 class CommandFlag(IntFlag):
@@ -62,11 +66,15 @@ class CommandFlag(IntFlag):
 
 
 class GvcpError(Exception):
-    """A datagram that is not GVCP, or a command that a device refuses with a status."""
+    """A datagram that is not GVCP, or a command that a device refuses with a status.
 
-    def __init__(self, message: str, *, status: GvcpStatus) -> None:
+    ``index`` is that of the first register or byte of a write that was refused.
+    """
+
+    def __init__(self, message: str, *, status: GvcpStatus, index: int = 0) -> None:
         super().__init__(message)
         self.status = status
+        self.index = index
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,6 +152,14 @@ def parse_command(datagram: bytes) -> Command:
     return Command(code=code, flags=flags, request_id=request_id, payload=datagram[HEADER_BYTES:])
 
 
+def is_discovery(datagram: bytes) -> bool:
+    """Whether a datagram is a discovery command."""
+    try:
+        return parse_command(datagram).code == CommandCode.DISCOVERY
+    except GvcpError:
+        return False
+
+
 def encode_acknowledge(
     command_code: int,
     request_id: int,
@@ -153,6 +169,18 @@ def encode_acknowledge(
     """Return the datagram that answers a command."""
     code = acknowledge_code(command_code)
     return struct.pack(">HHHH", status, code & 0xFFFF, len(payload), request_id) + payload
+
+
+def encode_write_result(index: int) -> bytes:
+    """Return the payload of the acknowledge of a write, whether it was refused or not.
+
+    Parameters
+    ----------
+    index
+        Registers (WRITEREG) or bytes (WRITEMEM) written; of a refused write, the index of the
+        first that was not (sections 16.2 and 16.4).
+    """
+    return struct.pack(">HH", 0, index)
 
 
 def encode_pending(request_id: int, wait_ms: int) -> bytes:

@@ -15,6 +15,7 @@ from hil_mocks.gige.bootstrap import (
     bootstrap_page,
 )
 from hil_mocks.gige.description import DESCRIPTION_FILE, describe
+from hil_mocks.gige.events import EventSwitches, MessageTarget
 from hil_mocks.gige.feature import Feature
 from hil_mocks.gige.features import DEVICE_PAGE
 from hil_mocks.gige.gvcp import READMEM_LIMIT_BYTES, GvcpError, GvcpStatus, MemoryWrite
@@ -39,6 +40,8 @@ CAPABILITIES = (
     Capability.CONCATENATION
     | Capability.WRITEMEM
     | Capability.PACKETRESEND
+    | Capability.EVENT
+    | Capability.EVENTDATA
     | Capability.PENDING
     | Capability.PRIMARY_APPLICATION
     | Capability.SERIAL_NUMBER
@@ -99,6 +102,7 @@ class RegisterMap:
         self._state = state
         self._commands = commands
         self._fire_test_packet = fire_test_packet
+        self.events = EventSwitches()
         self._description = b""
         self._bootstrap = b""
         self.describe(features)
@@ -113,6 +117,8 @@ class RegisterMap:
         for feature in features:
             if feature.address >= DEVICE_PAGE and feature.chunk_id is None:
                 self._add_feature(feature)
+        for word in self.events.words():
+            self._add_word(*word)
         self.power_up()
 
     def describe(self, features: tuple[Feature, ...]) -> None:
@@ -130,6 +136,11 @@ class RegisterMap:
         self._plain = {
             BootstrapAddress.HEARTBEAT_TIMEOUT: DEFAULT_HEARTBEAT_MS,
             BootstrapAddress.GVCP_CONFIGURATION: 0,
+            BootstrapAddress.MESSAGE_PORT: 0,
+            BootstrapAddress.MESSAGE_DESTINATION: 0,
+            BootstrapAddress.MESSAGE_TIMEOUT: 0,
+            BootstrapAddress.MESSAGE_RETRIES: 0,
+            BootstrapAddress.MESSAGE_SOURCE_PORT: 0,
             BootstrapAddress.STREAM_PORT: 0,
             BootstrapAddress.STREAM_PACKET_SIZE: DO_NOT_FRAGMENT,
             BootstrapAddress.STREAM_PACKET_DELAY: 0,
@@ -140,6 +151,7 @@ class RegisterMap:
             BootstrapAddress.PRIMARY_ADDRESS: 0,
         }
         self._state.power_up()
+        self.events.power_up()
 
     def plain(self, address: BootstrapAddress) -> int:
         """Value of a bootstrap register."""
@@ -168,6 +180,18 @@ class RegisterMap:
             packet_size_bytes=int(self._state.value("GevSCPSPacketSize")),
             packet_delay_ns=self._plain[BootstrapAddress.STREAM_PACKET_DELAY],
         )
+
+    @property
+    def message_target(self) -> MessageTarget | None:
+        """Present target of events: None unless it is set, and within this computer."""
+        words = (
+            BootstrapAddress.MESSAGE_DESTINATION,
+            BootstrapAddress.MESSAGE_PORT,
+            BootstrapAddress.MESSAGE_TIMEOUT,
+            BootstrapAddress.MESSAGE_RETRIES,
+        )
+        target = MessageTarget.of(*(self._plain[word] for word in words))
+        return target if target.is_reachable else None
 
     @property
     def now_ticks(self) -> int:
@@ -201,26 +225,31 @@ class RegisterMap:
         GvcpError
             If one of them does not accept it; those before it are written.
         """
-        data = write.data
-        address = write.address
+        written = 0
+        while written < len(write.data):
+            try:
+                written += self._write_one(write.address + written, write.data[written:])
+            except GvcpError as error:
+                raise GvcpError(str(error), status=error.status, index=written) from error
+
+    def _write_one(self, address: int, data: bytes) -> int:
+        """Write the register at an address; return how many bytes of ``data`` it took."""
         _check_alignment(address)
-        while data:
-            register = self._registers.get(address)
-            if register is None:
-                self._memory(address, 4)
-                raise GvcpError(f"{address:#x} is read only", status=GvcpStatus.WRITE_PROTECT)
-            if len(data) < register.length and register.length > 8:
-                data = data.ljust(register.length, b"\0")
-            if register.write is None or register.name in self.refused:
-                raise GvcpError(f"{register.name} is read only", status=GvcpStatus.WRITE_PROTECT)
-            if len(data) < register.length:
-                raise GvcpError(
-                    f"{register.name} takes {register.length} bytes",
-                    status=GvcpStatus.INVALID_PARAMETER,
-                )
-            register.write(data[: register.length])
-            address += register.length
-            data = data[register.length :]
+        register = self._registers.get(address)
+        if register is None:
+            self._memory(address, 4)
+            raise GvcpError(f"{address:#x} is read only", status=GvcpStatus.WRITE_PROTECT)
+        if len(data) < register.length and register.length > 8:
+            data = data.ljust(register.length, b"\0")
+        if register.write is None or register.name in self.refused:
+            raise GvcpError(f"{register.name} is read only", status=GvcpStatus.WRITE_PROTECT)
+        if len(data) < register.length:
+            raise GvcpError(
+                f"{register.name} takes {register.length} bytes",
+                status=GvcpStatus.INVALID_PARAMETER,
+            )
+        register.write(data[: register.length])
+        return register.length
 
     def _memory(self, address: int, length: int) -> bytes:
         end = address + length
@@ -279,10 +308,15 @@ class RegisterMap:
             (addresses.PRIMARY_ADDRESS, "PrimaryApplicationAddress"),
             (addresses.CONTROL_PRIVILEGE, "ControlPrivilege"),
             (addresses.STREAM_SOURCE_PORT, "GevSCSP"),
+            (addresses.MESSAGE_SOURCE_PORT, "GevMCSP"),
         ):
             self._add_word(address, name, partial(self.plain, address), None)
         for address, name, mask in (
             (addresses.GVCP_CONFIGURATION, "GVCPConfiguration", PENDING_ENABLE),
+            (addresses.MESSAGE_PORT, "GevMCPHostPort", 0xFFFF),
+            (addresses.MESSAGE_DESTINATION, "GevMCDA", 0xFFFFFFFF),
+            (addresses.MESSAGE_TIMEOUT, "GevMCTT", 0xFFFFFFFF),
+            (addresses.MESSAGE_RETRIES, "GevMCRC", 0xFFFFFFFF),
             (addresses.STREAM_PORT, "GevSCPHostPort", 0xFFFF),
             (addresses.STREAM_PACKET_DELAY, "GevSCPD", 0xFFFFFFFF),
             (addresses.STREAM_DESTINATION, "GevSCDA", 0xFFFFFFFF),

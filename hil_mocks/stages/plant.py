@@ -21,8 +21,15 @@ class PlantFaults:
         The carriage vibrates for a while after each move.
     home_switch_dead, home_switch_stuck
         Neither switch ever triggers, or both always do.
-    creep_mm_per_s
-        The carriage sinks while at rest; an encoder would see it.
+    creep_mm_per_s, creep_is_seen
+        The carriage sinks while at rest, and whether the controller's counter sees it: an encoder
+        does, a step counter does not.
+    slip
+        Fraction of every upward travel that is lost between motor and carriage, as in a slack belt;
+        no encoder on the motor sees it, and no driver stalls.
+    windup_mm, relaxation_s
+        Compliance: the carriage lags behind a turning motor by up to this much, like a spring that
+        friction winds up, and follows with this time constant once the motor stands.
     """
 
     backlash_mm: float = 0.0
@@ -33,6 +40,10 @@ class PlantFaults:
     home_switch_dead: bool = False
     home_switch_stuck: bool = False
     creep_mm_per_s: float = 0.0
+    creep_is_seen: bool = True
+    slip: float = 0.0
+    windup_mm: float = 0.0
+    relaxation_s: float = 0.1
 
 
 class StagePlant:
@@ -57,16 +68,19 @@ class StagePlant:
         self._motor_mm = start_mm
         self._carriage_mm = start_mm
         self._moved_at_s = -1e9
+        self._lag_mm = 0.0
 
     @property
     def true_height_mm(self) -> float:
-        """Height of the camera, including vibration."""
+        """Height of the camera, including vibration and the spring that the move wound up."""
         faults = self.faults
         since_s = self.now_s - self._moved_at_s
         swing = exp(-since_s / faults.vibration_decay_s) * cos(
             2 * pi * faults.vibration_hz * since_s
         )
-        return self._carriage_mm + (faults.vibration_mm * swing if faults.vibration_mm else 0.0)
+        lag_mm = self._lag_mm * exp(-since_s / faults.relaxation_s)
+        swing_mm = faults.vibration_mm * swing if faults.vibration_mm else 0.0
+        return self._carriage_mm - lag_mm + swing_mm
 
     @property
     def is_low_pressed(self) -> bool:
@@ -82,7 +96,9 @@ class StagePlant:
         """Turn the motor by this much travel."""
         if not delta_mm:
             return
+        self._wind_up(delta_mm)
         self._moved_at_s = self.now_s
+        delta_mm *= 1.0 - (self.faults.slip if delta_mm > 0 else 0.0)
         self._motor_mm += delta_mm
         pushed_mm = min(
             max(self._carriage_mm, self._motor_mm), self._motor_mm + self.faults.backlash_mm
@@ -97,6 +113,11 @@ class StagePlant:
         """Let the carriage sink by itself, the motor with it, without counted steps."""
         self._motor_mm -= distance_mm
         self._carriage_mm -= distance_mm
+
+    def _wind_up(self, delta_mm: float) -> None:
+        since_s = self.now_s - self._moved_at_s
+        lag_mm = self._lag_mm * exp(-since_s / self.faults.relaxation_s) + delta_mm
+        self._lag_mm = min(max(lag_mm, -self.faults.windup_mm), self.faults.windup_mm)
 
     def _push_to(self, height_mm: float) -> None:
         top_mm = self.high_switch_mm + END_STOP_MM

@@ -171,10 +171,12 @@ class ZaberFirmware:
         return lines
 
     def _creep(self, duration_s: float) -> None:
-        rate = self.plant.faults.creep_mm_per_s
-        if rate:
-            self.plant.sink(rate * duration_s)
-            self.axis.shift(-rate * duration_s)
+        faults = self.plant.faults
+        sunk_mm = faults.creep_mm_per_s * duration_s
+        if sunk_mm:
+            self.plant.sink(sunk_mm)
+            if faults.creep_is_seen:
+                self.axis.shift(-sunk_mm)
 
     def _watch_stall(self) -> None:
         if self.plant.slipped_mm - self._slipped_mm > STALL_MM:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from acquisition.errors import DeviceError, DeviceInUseError, StageNotHomedError
+from acquisition.errors import (
+    DeviceError,
+    DeviceInUseError,
+    StageNotHomedError,
+    StageNotStoppedError,
+)
 from standoff.terminal import BenchFile, BenchKeys, Json, note, print_json, read_bench, say
 
 if TYPE_CHECKING:
@@ -18,6 +23,8 @@ if TYPE_CHECKING:
 
 
 Action = Literal["status", "home", "move", "stop", "unlock"]
+
+STOPPED = "the stage has stopped"
 
 
 def stage(
@@ -36,13 +43,17 @@ def stage(
 ) -> None:
     """Show, home, move, stop or unlock the height stage.
 
-    Ctrl-C brings it to a controlled stop.
+    Ctrl-C brings it to a controlled stop. Stop says first whether the stage stopped, and exits
+    with 0 only if it did.
     """
     if (height_mm is None) == (action == "move"):
         raise typer.BadParameter("move takes one height in mm, the other actions take none")
     if home and action != "move":
         raise typer.BadParameter("--home is for move only")
     config = read_bench(bench, settings)
+    if action == "stop":
+        _stop(config, json=json)
+        return
     with _opened(config, action) as opened:
         try:
             _act(opened, config.stage, action, height_mm, home=home)
@@ -52,8 +63,33 @@ def stage(
             except DeviceError as error:
                 interrupt.add_note(str(error))
                 note(f"stopping the stage failed: {error}")
+            else:
+                note(STOPPED)
             raise
         _show(opened, action, json=json)
+
+
+def _stop(config: BenchConfig, *, json: bool) -> None:
+    """Stop whatever runs; what fails once the stage stands is a remark, no error."""
+    tell = note if json else say
+    has_stopped = False
+
+    def stopped() -> None:
+        nonlocal has_stopped
+        has_stopped = True
+        tell("a person moves this stage" if config.stage.driver == "manual" else STOPPED)
+
+    try:
+        with _opened(config, "stop", stopped) as opened:
+            _show(opened, "stop", json=json)
+    except StageNotStoppedError:
+        raise
+    except DeviceError as error:
+        if not has_stopped:
+            raise StageNotStoppedError(f"the stage was not told to stop: {error}") from error
+        note(str(error))
+        if json:
+            print_json(_without_answer(config.stage, str(error)))
 
 
 def _act(
@@ -75,11 +111,17 @@ def _act(
 
 
 @contextmanager
-def _opened(config: BenchConfig, action: Action) -> Iterator[Stage]:
+def _opened(
+    config: BenchConfig, action: Action, stopped: Callable[[], None] = lambda: None
+) -> Iterator[Stage]:
     if config.stage.driver == "simulated":
         from hil_mocks import SimulatedBench
 
-        yield SimulatedBench(config).stage
+        simulated = SimulatedBench(config).stage
+        if action == "stop":
+            simulated.stop()
+            stopped()
+        yield simulated
         return
     from standoff.workflows import open_stage
 
@@ -87,7 +129,7 @@ def _opened(config: BenchConfig, action: Action) -> Iterator[Stage]:
     if action in ("stop", "unlock"):
         first = "stop" if action == "stop" else "reset"
     try:
-        real = open_stage(config.stage, first=first)
+        real = open_stage(config.stage, first=first, stopped=stopped)
     except DeviceInUseError as error:
         raise DeviceInUseError(
             f"{error}. The stage obeys only the program that holds its port: press Ctrl-C "
@@ -110,6 +152,7 @@ def _show(opened: Stage, action: Action, *, json: bool) -> None:
         print_json(
             {
                 "action": action,
+                "stopped": True if action == "stop" else None,
                 "state": state,
                 "position_mm": position_mm,
                 "is_homed": opened.is_homed,
@@ -124,3 +167,23 @@ def _show(opened: Stage, action: Action, *, json: bool) -> None:
     low_mm, high_mm = opened.limits_mm
     where = "height unknown, not homed" if position_mm is None else f"at {position_mm:.3f} mm"
     say(f"{opened.info.model}: {state}, {where}; limits {low_mm:g} to {high_mm:g} mm")
+
+
+def _without_answer(config: StageConfig, error: str) -> dict[str, object]:
+    """The document of a stage that has stopped and then told nothing more."""
+    return {
+        "action": "stop",
+        "stopped": True,
+        "state": "unknown",
+        "position_mm": None,
+        "is_homed": False,
+        "limits_mm": list(config.limits_mm),
+        "info": {
+            "vendor": "",
+            "model": "",
+            "serial_number": "",
+            "firmware": "",
+            "driver": config.driver,
+        },
+        "warnings": [error],
+    }

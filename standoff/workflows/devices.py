@@ -133,6 +133,7 @@ def open_stage(
     *,
     first: Literal["nothing", "stop", "reset"] = "nothing",
     ask: Callable[[str], str] | None = None,
+    stopped: Callable[[], None] = lambda: None,
 ) -> MotorStage | ManualStage:
     """Open the real stage that a bench file names, without moving it.
 
@@ -145,20 +146,27 @@ def open_stage(
         running, ``reset`` ends a state in which a Grbl controller does not answer.
     ask
         Asks whoever moves a manual stage a question; at the terminal if None.
+    stopped
+        Called once the stage stands, after ``stop``; what comes then may still fail.
 
     Raises
     ------
     BenchConfigError
         If its driver is not for a real stage.
+    StageNotStoppedError
+        If it was told to stop first, and nothing says that it did.
     DeviceError
         If it cannot be opened.
     """
     match config.driver:
         case "grbl":
-            return open_grbl_stage(config, first=first)
+            return open_grbl_stage(config, first=first, stopped=stopped)
         case "zaber":
-            return open_zaber_stage(config, first="stop" if first == "stop" else "nothing")
+            is_stop = first == "stop"
+            return open_zaber_stage(config, first="stop" if is_stop else "nothing", stopped=stopped)
         case "manual":
+            if first == "stop":
+                stopped()
             return ManualStage(config, ask=ask or _ask_operator)
         case "simulated":
             raise BenchConfigError(

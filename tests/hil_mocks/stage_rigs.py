@@ -99,10 +99,15 @@ class GrblRig(StageRig):
     def fail(self, **faults: Any) -> None:
         self.firmware.faults = GrblFaults(**faults)
 
-    def reopen(self, *, reset: bool = False) -> MotorStage:
-        """A new connection, as another process would make it."""
+    def reopened(self) -> MotorStage:
+        """The stage on a port that another process has just opened; nothing was sent yet."""
         self.axis = _grbl_axis(self.config, self.line, self.clock)
         self.stage = _stage(self.config, self.axis, self.clock)
+        return self.stage
+
+    def reopen(self, *, reset: bool = False) -> MotorStage:
+        """A new connection, as another process would make it."""
+        self.reopened()
         self.axis.connect(reset=reset)
         return self.stage
 
@@ -123,10 +128,15 @@ class ZaberRig(StageRig):
     def fail(self, **faults: Any) -> None:
         self.firmware.faults = ZaberFaults(**faults)
 
-    def reopen(self) -> MotorStage:
-        """A new connection, as another process would make it."""
+    def reopened(self) -> MotorStage:
+        """The stage on a port that another process has just opened; nothing was sent yet."""
         self.axis = _zaber_axis(self.config, self.line, self.clock)
         self.stage = _stage(self.config, self.axis, self.clock)
+        return self.stage
+
+    def reopen(self) -> MotorStage:
+        """A new connection, as another process would make it."""
+        self.reopened()
         self.axis.connect()
         return self.stage
 

@@ -1,3 +1,5 @@
+from typing import Literal
+
 import pytest
 
 from acquisition.errors import (
@@ -5,6 +7,7 @@ from acquisition.errors import (
     DeviceTimeoutError,
     StageAlarmError,
     StageNotHomedError,
+    StageStalledError,
     StageStoppedError,
 )
 from hil_mocks import SimulatedClock, SimulatedStage, StageFaults
@@ -59,15 +62,40 @@ def test_play_shows_where_the_limit_leaves_no_room_for_the_approach() -> None:
     assert stage.true_height_mm - read_back_mm == pytest.approx(0.06)
 
 
-def test_a_stage_that_never_settles_is_a_timeout() -> None:
+def test_a_stage_that_never_settles_gives_up_after_two_seconds() -> None:
     stage, clock = homed_stage()
     stage.faults = StageFaults(never_settles=True)
     before_s = clock.now_s
-    with pytest.raises(DeviceTimeoutError) as refused:
+    with pytest.raises(StageStalledError) as refused:
         stage.move_to(50.0, 30.0)
-    assert refused.value.timeout_s == 30.0
-    assert clock.now_s - before_s == pytest.approx(30.0)
+    assert refused.value.timeout_s == 2.0
+    assert refused.value.height_mm == 50.0
+    # 40 mm at 20 mm/s, and 2 s in which nothing gets better
+    assert clock.now_s - before_s == pytest.approx(4.0)
     assert stage.is_homed
+    with pytest.raises(DeviceTimeoutError) as late:
+        stage.move_to(60.0, 1.0)
+    assert late.value.timeout_s == 1.0
+
+
+@pytest.mark.parametrize("cause", ["door", "hold"])
+def test_a_door_ends_a_move_with_what_is_the_matter(cause: Literal["door", "hold"]) -> None:
+    stage, clock = homed_stage()
+    stage.faults = StageFaults(interrupted_by=cause)
+    before_s = clock.now_s
+    with pytest.raises(StageAlarmError) as refused:
+        stage.move_to(50.0, 30.0)
+    assert (refused.value.code, stage.state) == (cause, cause)
+    assert clock.now_s - before_s == pytest.approx(1.0)  # half of 40 mm at 20 mm/s
+    assert stage.true_height_mm == pytest.approx(30.0)
+    with pytest.raises(StageAlarmError):
+        stage.clear_alarm()
+    stage.faults = StageFaults()
+    stage.clear_alarm()
+    with pytest.raises(StageNotHomedError):
+        stage.move_to(50.0, 30.0)
+    stage.home(60.0)
+    assert stage.move_to(50.0, 30.0) == 50.0
 
 
 def test_a_stage_that_stops_short_is_an_error_that_says_where_it_stands() -> None:

@@ -1,5 +1,6 @@
 """One axis of a Grbl 1.1 or grblHAL controller as a stage."""
 
+from collections.abc import Callable
 from threading import Event
 from time import monotonic, sleep
 from typing import Literal
@@ -15,12 +16,11 @@ from acquisition.errors import (
     StageAlarmError,
     StageNotHomedError,
 )
-from acquisition.stages.axis import AxisTraits
 from acquisition.stages.grbl.controller import GrblController
 from acquisition.stages.grbl.motion import GrblMotion
 from acquisition.stages.grbl.reference import SWITCH_TOLERANCE_MM, reference_error_mm
 from acquisition.stages.grbl.setup import GrblSetup, check_settings
-from acquisition.stages.grbl.wire import JOG_CANCEL, ErrorReply
+from acquisition.stages.grbl.wire import ErrorReply
 from acquisition.stages.motor import MotorStage
 from acquisition.stages.serial_link import open_stage_link
 
@@ -51,12 +51,6 @@ class GrblAxis(GrblMotion):
         What the operator should know; renewed at each homing.
     """
 
-    traits = AxisTraits(
-        repeat_mm=0.0,
-        is_homing_cancellable=False,
-        # A reset ends every motion.
-        may_move_after=(DeviceTimeoutError, DeviceProtocolError),
-    )
     reference_error_mm: float | None = None
     warnings: tuple[str, ...] = ()
     _home_mm: float | None = None
@@ -215,7 +209,10 @@ class GrblAxis(GrblMotion):
 
 
 def open_grbl_stage(
-    config: StageConfig, *, first: Literal["nothing", "stop", "reset"] = "nothing"
+    config: StageConfig,
+    *,
+    first: Literal["nothing", "stop", "reset"] = "nothing",
+    stopped: Callable[[], None] = lambda: None,
 ) -> MotorStage:
     """Open the port of a bench file and begin the dialogue; moves nothing.
 
@@ -226,20 +223,26 @@ def open_grbl_stage(
     first
         What to send before any query: ``stop`` cancels a jog that another program left
         running, ``reset`` ends a state in which the controller answers no queries.
+    stopped
+        Called once the stage stands, after ``stop``; what comes then may still fail.
 
     Raises
     ------
+    StageNotStoppedError
+        If it was told to stop first, and nothing says that it did.
     DeviceError
         If the port cannot be opened or the controller is not as expected.
     """
     link = open_stage_link(config, name="the Grbl stage")
     controller = GrblController(link, clock=monotonic)
     axis = GrblAxis(config, controller, clock=monotonic, sleep=sleep)
+    stage = MotorStage(config, axis, clock=monotonic, sleep=sleep)
     try:
         if first == "stop":
-            link.write(JOG_CANCEL)
+            stage.stop_first()
+            stopped()
         axis.connect(reset=first == "reset")
     except BaseException:
-        axis.close()
+        stage.close()
         raise
-    return MotorStage(config, axis, clock=monotonic, sleep=sleep)
+    return stage

@@ -12,10 +12,11 @@ from acquisition.errors import (
     StageAlarmError,
     StageLimitError,
 )
-from acquisition.stages.axis import POLL_S, AxisReading
+from acquisition.stages.axis import POLL_S, AxisReading, AxisTraits
 from acquisition.stages.grbl.controller import GrblController
 from acquisition.stages.grbl.setup import height_axis
 from acquisition.stages.grbl.wire import JOG_CANCEL, SOFT_RESET, StatusReport, jog_command
+from acquisition.stages.progress import ProgressWatch, smallest_progress_mm
 
 START_GRACE_S = 0.5
 """Grbl may report Idle for a moment between the ok and the first step."""
@@ -24,6 +25,8 @@ OFFSET_REPORTS = 35
 """Grbl sends the work offset at least with every 30th report."""
 
 MOVING_STATES = ("Run", "Jog")
+STILL_RAMPING = (("Hold", 1), ("Door", 2), ("Door", 3))
+"""Sub-states in which the motor runs: braking for a hold or a door, and going on after one."""
 TARGET_BEYOND_TRAVEL = 15
 
 
@@ -39,6 +42,13 @@ class GrblMotion:
     clock, sleep
         Time in seconds, and a function that waits.
     """
+
+    traits = AxisTraits(
+        repeat_mm=0.0,
+        is_homing_cancellable=False,
+        # A reset ends every motion.
+        may_move_after=(DeviceTimeoutError, DeviceProtocolError),
+    )
 
     def __init__(
         self,
@@ -91,6 +101,7 @@ class GrblMotion:
 
     def wait_until_still(self, height_mm: float, deadline: float) -> float:
         """See `MotorAxis.wait_until_still`: two consecutive reports have to agree."""
+        progress = self.progress()
         still_since: float | None = None
         last_mm: float | None = None
         while True:
@@ -99,6 +110,7 @@ class GrblMotion:
             now = self.clock()
             if report.state in MOVING_STATES:
                 still_since = last_mm = None
+                progress.see(abs(at_mm - height_mm), state=report.state, height_mm=at_mm)
             elif report.state != "Idle":
                 raise self.not_ready(report)
             elif still_since is None or last_mm != at_mm:
@@ -118,12 +130,33 @@ class GrblMotion:
 
     def reading(self) -> AxisReading:
         """See `MotorAxis.reading`."""
-        report = self.controller.status()
-        return AxisReading(height_mm=self.reported_mm(report), is_moving=report.state != "Idle")
+        return self.checked(self.controller.status())
+
+    def checked(self, report: StatusReport) -> AxisReading:
+        """Return what a report says of a stage that moves or stands ready.
+
+        Raises
+        ------
+        StageAlarmError
+            If it does neither: a door, a hold, an alarm.
+        """
+        is_moving = report.state in MOVING_STATES
+        if not is_moving and report.state != "Idle":
+            raise self.not_ready(report)
+        return AxisReading(
+            height_mm=self.reported_mm(report), is_moving=is_moving, state=report.state
+        )
 
     def is_moving(self) -> bool:
         """See `MotorAxis.is_moving`."""
-        return self.controller.status().state in MOVING_STATES
+        report = self.controller.status()
+        return report.state in MOVING_STATES or (report.state, report.substate) in STILL_RAMPING
+
+    def progress(self) -> ProgressWatch:
+        """Return what ends a move that comes no nearer to its target."""
+        return ProgressWatch(
+            clock=self.clock, least_mm=smallest_progress_mm(self.config, self.traits)
+        )
 
     def cancel(self) -> None:
         """See `MotorAxis.cancel`."""

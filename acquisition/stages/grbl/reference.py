@@ -82,6 +82,7 @@ def _seek(
         If the firmware keeps jogs away from the switch, as grblHAL does with hard limits.
     """
     axis.jog(target_mm, feed_mm_per_min)
+    progress = axis.progress()
     idle_reports = 0
     while axis.clock() < deadline:
         report = axis.controller.status()
@@ -89,6 +90,10 @@ def _seek(
             found_mm = axis.reported_mm(report)
             halt(axis, clock=axis.clock, sleep=axis.sleep)
             return found_mm
+        reading = axis.checked(report)
+        if reading.is_moving:
+            distance_mm = abs(reading.height_mm - target_mm)
+            progress.see(distance_mm, state=reading.state, height_mm=reading.height_mm)
         # Idle may still be reported once after the ok.
         idle_reports = idle_reports + 1 if report.state == "Idle" else 0
         if idle_reports > IDLE_REPORTS:

@@ -19,9 +19,10 @@ from acquisition.errors import (
 )
 from acquisition.stages.axis import POLL_S, AxisReading, AxisTraits
 from acquisition.stages.motor import MotorStage
+from acquisition.stages.progress import ProgressWatch, smallest_progress_mm
 from acquisition.stages.serial_link import open_stage_link
 from acquisition.stages.zaber.device import ZaberDevice, ZaberScale
-from acquisition.stages.zaber.wire import WARNING_TEXTS
+from acquisition.stages.zaber.wire import WARNING_TEXTS, ZaberReply
 
 NO_REFERENCE = ("WR", "WH")
 DRIVER_OFF = ("FD", "FO", "FH")
@@ -158,8 +159,15 @@ class ZaberAxis:
             )
 
     def wait_until_still(self, height_mm: float, deadline: float) -> float:
-        """See `MotorAxis.wait_until_still`."""
-        self._wait_until_idle(deadline)
+        """See `MotorAxis.wait_until_still`; a stalled move is reported with its warning flags."""
+        progress = ProgressWatch(
+            clock=self._clock, least_mm=smallest_progress_mm(self._config, self.traits)
+        )
+        while (reply := self._checked()).is_busy:
+            at_mm = self.height_mm()
+            state = f"BUSY {reply.warning or '--'}"
+            progress.see(abs(at_mm - height_mm), state=state, height_mm=at_mm)
+            self._pause(at_mm, deadline)
         return self.height_mm()
 
     def height_mm(self) -> float:
@@ -168,7 +176,10 @@ class ZaberAxis:
 
     def reading(self) -> AxisReading:
         """See `MotorAxis.reading`."""
-        return AxisReading(height_mm=self.height_mm(), is_moving=self._is_busy())
+        height_mm, is_moving = self.height_mm(), self._is_busy()
+        return AxisReading(
+            height_mm=height_mm, is_moving=is_moving, state="BUSY" if is_moving else "IDLE"
+        )
 
     def is_moving(self) -> bool:
         """See `MotorAxis.is_moving`."""
@@ -223,15 +234,22 @@ class ZaberAxis:
 
     def _wait_until_idle(self, deadline: float) -> None:
         while self._is_busy():
-            if self._clock() >= deadline:
-                raise DeviceTimeoutError(f"it is moving, now at {self.height_mm():.3f} mm")
-            self._sleep(POLL_S)
+            self._pause(self.height_mm(), deadline)
+
+    def _pause(self, at_mm: float, deadline: float) -> None:
+        if self._clock() >= deadline:
+            raise DeviceTimeoutError(f"it is moving, now at {at_mm:.3f} mm")
+        self._sleep(POLL_S)
 
     def _is_busy(self) -> bool:
         """As `is_moving`, but faults and resets are checked."""
+        return self._checked().is_busy
+
+    def _checked(self) -> ZaberReply:
+        """Ask what it is doing; a fault or a reset is an error."""
         reply = self._device.ask("")
         self._watch(reply.warning)
-        return reply.is_busy
+        return reply
 
     def _has_reference(self) -> bool:
         """Whether no flag denies it; the other flags become `warnings`."""
@@ -266,7 +284,10 @@ class ZaberAxis:
 
 
 def open_zaber_stage(
-    config: StageConfig, *, first: Literal["nothing", "stop"] = "nothing"
+    config: StageConfig,
+    *,
+    first: Literal["nothing", "stop"] = "nothing",
+    stopped: Callable[[], None] = lambda: None,
 ) -> MotorStage:
     """Open the port of a bench file and begin the dialogue; moves nothing.
 
@@ -276,9 +297,13 @@ def open_zaber_stage(
         The ``[stage]`` section.
     first
         ``stop`` ends a move that another program left running before anything else is sent.
+    stopped
+        Called once the stage stands, after ``stop``; what comes then may still fail.
 
     Raises
     ------
+    StageNotStoppedError
+        If it was told to stop first, and nothing says that it did.
     DeviceError
         If the port cannot be opened or the device is not as expected.
     """
@@ -290,7 +315,8 @@ def open_zaber_stage(
     stage = MotorStage(config, axis, clock=monotonic, sleep=sleep)
     try:
         if first == "stop":
-            stage.stop()
+            stage.stop_first()
+            stopped()
         axis.connect()
     except BaseException:
         stage.close()

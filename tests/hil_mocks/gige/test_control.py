@@ -1,6 +1,7 @@
 """The control channel of the running device, spoken to with bytes."""
 
 import socket
+import struct
 import threading
 from time import monotonic
 from xml.etree import ElementTree
@@ -20,6 +21,7 @@ from tests.hil_mocks.gige_wire import (
     encode_command,
     encode_read_memory,
     encode_read_registers,
+    encode_write_memory,
     encode_write_registers,
 )
 
@@ -102,6 +104,36 @@ def test_only_the_client_in_control_writes(bench: PracticeBench, client: RawClie
         assert client.write(CCP, 0) == GvcpStatus.SUCCESS
         assert other.take_control() == GvcpStatus.SUCCESS
     assert client.set("Gain", 6) == GvcpStatus.ACCESS_DENIED
+
+
+def test_a_refused_write_says_which_register_or_byte_was_refused(client: RawClient) -> None:
+    client.take_control()
+    gain, black_level = client.features["Gain"], client.features["BlackLevel"]
+    assert gain.address + gain.length == black_level.address
+    # Gain takes its 8 bytes; the level after them is out of range.
+    data = struct.pack(">dd", 3.0, 1e6)
+    refused = client.ask(CommandCode.WRITEMEM, encode_write_memory(gain.address, data))
+    assert refused.status == GvcpStatus.INVALID_PARAMETER
+    # By hand, section 16.4: reserved, index of the first byte that was not written.
+    assert refused.payload == bytes.fromhex("0000 0008")
+    assert client.get("Gain") == 3.0
+
+    heartbeat = RegisterWrite(address=HEARTBEAT, value=HEARTBEAT_MS)
+    nowhere = RegisterWrite(address=0x9000, value=1)
+    writes = encode_write_registers([heartbeat, heartbeat, nowhere, heartbeat])
+    refused = client.ask(CommandCode.WRITEREG, writes)
+    assert refused.status == GvcpStatus.INVALID_ADDRESS
+    assert refused.payload == bytes.fromhex("0000 0002")
+
+    # A read that is refused has no payload.
+    refused = client.ask(CommandCode.READREG, encode_read_registers([0x9000]))
+    assert (refused.status, refused.payload) == (GvcpStatus.INVALID_ADDRESS, b"")
+
+
+def test_a_write_without_control_is_refused_from_its_first_byte(client: RawClient) -> None:
+    data = encode_write_memory(client.features["Gain"].address, struct.pack(">d", 3.0))
+    refused = client.ask(CommandCode.WRITEMEM, data)
+    assert (refused.status, refused.payload) == (GvcpStatus.ACCESS_DENIED, bytes(4))
 
 
 def test_an_exclusive_client_keeps_others_from_reading(

@@ -1,3 +1,5 @@
+from math import e
+
 import pytest
 from hypothesis import given, strategies as st
 
@@ -78,6 +80,37 @@ def test_vibration_dies_down() -> None:
     assert plant.true_height_mm == pytest.approx(51.1)
     plant.now_s = 2.0  # ten times its decay
     assert plant.true_height_mm == pytest.approx(51.0, abs=1e-4)
+
+
+def test_steps_are_lost_upwards_and_add_up() -> None:
+    plant = StagePlant(start_mm=50.0)
+    plant.faults = PlantFaults(slip=0.01)
+    for _ in range(3):
+        plant.turn(100.0)
+        plant.turn(-100.0)
+    assert plant.true_height_mm == pytest.approx(47.0)
+    assert plant.slipped_mm == 0.0  # no motor stalled
+
+
+def test_a_compliant_carriage_lags_and_follows() -> None:
+    plant = StagePlant(start_mm=50.0)
+    plant.faults = PlantFaults(windup_mm=0.2, relaxation_s=0.3)
+    for _ in range(100):
+        plant.turn(0.1)
+    assert plant.true_height_mm == pytest.approx(59.8)
+    plant.now_s = 0.3
+    assert plant.true_height_mm == pytest.approx(60.0 - 0.2 / e)
+    plant.turn(-0.1)  # part of the spring is still wound up
+    assert plant.true_height_mm == pytest.approx(59.9 - 0.2 / e + 0.1)
+
+
+@pytest.mark.parametrize(("is_seen", "counted_mm"), [(True, -0.5), (False, 0.0)])
+def test_creep_is_counted_where_there_is_an_encoder(is_seen: bool, counted_mm: float) -> None:
+    firmware = GrblFirmware(StagePlant(start_mm=50.0))
+    firmware.plant.faults = PlantFaults(creep_mm_per_s=0.05, creep_is_seen=is_seen)
+    firmware.advance(10.0)
+    assert firmware.plant.true_height_mm == pytest.approx(49.5)
+    assert firmware.axis.counted_mm == pytest.approx(counted_mm)
 
 
 @given(st.binary(max_size=100))

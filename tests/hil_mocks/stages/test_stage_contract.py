@@ -1,6 +1,7 @@
 """What every stage does, through the `Stage` contract alone."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from math import inf, nan
 
 import pytest
@@ -9,14 +10,21 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from acquisition.devices import Stage
 from acquisition.errors import StageLimitError, StageNotHomedError
 from hil_mocks import SimulatedClock, SimulatedStage
+from hil_mocks.stages.plant import PlantFaults
 from tests.hil_mocks.benches import bench_config
-from tests.hil_mocks.stage_rigs import grbl_rig, manual_stage, zaber_rig
+from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, manual_stage, zaber_rig
 
 TOLERANCE_MM = 0.01
 
 
 def _simulated() -> Stage:
     return SimulatedStage(bench_config().stage, clock=SimulatedClock())
+
+
+def _on_mechanics(make_rig: Callable[[], GrblRig | ZaberRig], faults: PlantFaults) -> Stage:
+    rig = make_rig()
+    rig.plant.faults = faults
+    return rig.stage
 
 
 STAGES: dict[str, Callable[[], Stage]] = {
@@ -28,6 +36,21 @@ STAGES: dict[str, Callable[[], Stage]] = {
     ),
     "zaber": lambda: zaber_rig().stage,
     "manual": lambda: manual_stage()[0],
+}
+MECHANICS = {
+    "lost steps": PlantFaults(slip=2e-5),
+    "backlash": PlantFaults(backlash_mm=0.3),
+    "compliance": PlantFaults(windup_mm=0.2, relaxation_s=0.3),
+    # While a stage settles it sinks by less than a microstep: more would be a move, and an error.
+    "creep": PlantFaults(creep_mm_per_s=1e-4),
+    "unseen creep": PlantFaults(creep_mm_per_s=0.05, creep_is_seen=False),
+}
+"""None of them shows in what a driver reads back; `test_stage_mechanics` is about true heights."""
+
+STAGES |= {
+    f"{name}, {fault}": partial(_on_mechanics, make_rig, faults)
+    for name, make_rig in (("grbl", grbl_rig), ("zaber", zaber_rig))
+    for fault, faults in MECHANICS.items()
 }
 
 

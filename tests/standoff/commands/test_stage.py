@@ -106,8 +106,76 @@ def test_a_port_in_use_says_how_to_stop_the_stage(command: Command, serve: Serve
     done = command("stage", "stop", *options("zaber", served))
     port.close()
     assert done.status == 1
+    assert done.err.startswith("standoff: the stage was not told to stop: ")
     assert "is in use by another program" in done.err
     assert "press Ctrl-C there" in done.err
+
+
+@pytest.mark.parametrize(
+    ("protocol", "lines"),
+    [("grbl", b"$X\n$J=G91G21Z-175F1200\n"), ("zaber", b"/1 1 move rel 380000\n")],
+)
+@pytest.mark.parametrize("is_json", [True, False])
+def test_a_stop_says_first_that_what_another_program_left_running_has_stopped(
+    command: Command, serve: Serve, protocol: StageProtocol, lines: bytes, is_json: bool
+) -> None:
+    served = serve(protocol, 1.0)  # 175 mm and more take 9 s
+    start_mm = served.true_height_mm
+    port = open_serial_port(served.port, 115200)
+    port.write(lines)
+    time.sleep(0.3)
+    port.close()
+    done = command("stage", "stop", *options(protocol, served), *(["--json"] if is_json else []))
+    stopped_mm = served.true_height_mm
+    assert done.status == 0, done.err
+    assert 0.0 < abs(stopped_mm - start_mm) < 150.0
+    first = (done.err if is_json else done.out).splitlines()[0]
+    assert first.removeprefix("note: ") == "the stage has stopped"
+    if is_json:
+        assert json.loads(done.out)["stopped"] is True
+    time.sleep(0.1)
+    assert served.true_height_mm == stopped_mm
+
+
+@pytest.mark.parametrize("is_json", [True, False])
+def test_a_stop_is_done_where_the_stage_stopped_whatever_else_is_the_matter(
+    command: Command, serve: Serve, is_json: bool
+) -> None:
+    served = serve("grbl", FASTER)
+    assert isinstance(served.firmware, GrblFirmware)
+    served.firmware.lose_settings()
+    done = command("stage", "stop", *options("grbl", served), *(["--json"] if is_json else []))
+    assert done.status == 0
+    assert "$102 is 800" in done.err
+    if is_json:
+        shown = json.loads(done.out)
+        assert (shown["stopped"], shown["position_mm"], shown["state"]) == (True, None, "unknown")
+        assert "$102" in shown["warnings"][0]
+    else:
+        assert done.out == "the stage has stopped\n"
+
+
+@pytest.mark.slow
+def test_a_stop_that_nobody_confirms_says_that_first(command: Command, serve: Serve) -> None:
+    served = serve("grbl", FASTER)
+    served.line.faults = LineFaults(mute=True)
+    done = command("stage", "stop", *options("grbl", served))
+    assert done.status == 1
+    assert done.err.startswith("standoff: it is not certain that the Grbl stage on ")
+    assert len(done.err.strip().splitlines()) == 1
+    assert "emergency stop" in done.err
+
+
+@pytest.mark.parametrize(
+    ("driver", "said"),
+    [("simulated", "the stage has stopped"), ("manual_stage", "a person moves this stage")],
+)
+def test_a_stage_without_a_controller_answers_a_stop_too(
+    command: Command, driver: str, said: str
+) -> None:
+    done = command("stage", "stop", "--bench", shipped_config(f"{driver}.toml"))
+    assert done.status == 0
+    assert done.out.splitlines()[0] == said
 
 
 @pytest.mark.slow
