@@ -73,7 +73,8 @@ def control_camera(datagram: bytes) -> None:
         features,
         state,
         commands=dict.fromkeys(
-            ("AcquisitionStart", "AcquisitionStop", "TriggerSoftware"), lambda: None
+            ("AcquisitionStart", "AcquisitionStop", "TriggerSoftware", "TestEventGenerate"),
+            lambda: None,
         ),
         fire_test_packet=lambda: None,
     )

@@ -258,6 +258,18 @@ def test_the_simulated_stage_obeys_too(command: Command) -> None:
     assert json.loads(done.out)["position_mm"] == pytest.approx(200.248)
 
 
+def test_ctrl_c_tells_that_the_stage_has_stopped(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(stage: SimulatedStage, _: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SimulatedStage, "home", interrupted)
+    done = command("stage", "home", "--bench", shipped_config("simulated.toml"))
+    assert done.status == 130
+    assert done.err.splitlines()[0] == "note: the stage has stopped"
+
+
 def test_a_stop_that_fails_on_ctrl_c_is_told(
     command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
