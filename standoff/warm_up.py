@@ -113,7 +113,7 @@ def warm_up() -> list[str]:
         for command in _COMMANDS:
             said = StringIO()
             with redirect_stdout(said), redirect_stderr(said):
-                status = run([word.format(**paths) for word in command.split()])
+                status = run([*(word.format(**paths) for word in command.split()), "--force"])
             if status != 0:
                 raise RuntimeError(f"standoff {command} ended with {status}: {said.getvalue()}")
     _capture_and_focus()

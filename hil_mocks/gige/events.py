@@ -154,7 +154,7 @@ class MessageChannel:
     def __init__(self, port: socket.socket, target: Callable[[], MessageTarget | None]) -> None:
         self._port = port
         self._target = target
-        self._events: SimpleQueue[DeviceEvent | None] = SimpleQueue()
+        self._events: SimpleQueue[tuple[DeviceEvent, MessageTarget] | None] = SimpleQueue()
         self._closing = Event()
         self._thread = Thread(target=self._run, name="gige-events", daemon=True)
 
@@ -169,15 +169,15 @@ class MessageChannel:
         self._thread.join()
 
     def tell(self, event: DeviceEvent) -> None:
-        """Send an event; returns at once."""
-        self._events.put(event)
+        """Send an event to the present target; returns at once."""
+        target = self._target()
+        if target is not None:
+            self._events.put((event, target))
 
     def _run(self) -> None:
         request_ids = itertools.cycle(range(1, REQUEST_IDS + 1))
-        while (event := self._events.get()) is not None:
-            target = self._target()
-            if target is not None:
-                self._send(next(request_ids), event, target)
+        while (next_one := self._events.get()) is not None:
+            self._send(next(request_ids), *next_one)
 
     def _send(self, request_id: int, event: DeviceEvent, target: MessageTarget) -> None:
         datagram = encode_event(request_id, event, wants_acknowledge=target.timeout_s > 0)
