@@ -72,9 +72,7 @@ class JournalWriter:
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         except OSError as error:
-            raise SessionError(
-                f"journal {path}: {error.strerror}", fault="unwritable", path=path
-            ) from error
+            raise self._refusal(error) from error
         try:
             self._lock()
             self._mend()
@@ -145,6 +143,12 @@ class JournalWriter:
 
     def _mend(self) -> None:
         """Cut off a torn tail, bring the head up to date, and note what was done."""
+        try:
+            self._mend_file()
+        except OSError as error:
+            raise self._refusal(error) from error
+
+    def _mend_file(self) -> None:
         reading = read_journal_file(self._path)
         fsync_directory(self._path.parent)
         if reading.torn_tail:
@@ -161,6 +165,13 @@ class JournalWriter:
             self.append("note", {"text": f"{HEAD_NAME} was missing; lines may be, at the end"})
         elif len(mended.events) > mended.unchained and not _is_counted(mended):
             self._replace_head(JournalHead(lines=len(mended.events), chain=mended.chain))
+
+    def _refusal(self, error: OSError) -> SessionError:
+        return SessionError(
+            f"journal {self._path}: {error.strerror}; check the disk and run again",
+            fault="unwritable",
+            path=self._path,
+        )
 
     def _ends_in_newline(self) -> bool:
         with self._path.open("rb") as file:
@@ -185,11 +196,7 @@ class JournalWriter:
                 os.ftruncate(self._descriptor, start)
             except OSError as second:
                 error.add_note(f"removing the half-written line failed too: {second}")
-            raise SessionError(
-                f"journal {self._path}: {error.strerror}; check the disk and run again",
-                fault="unwritable",
-                path=self._path,
-            ) from error
+            raise self._refusal(error) from error
         self._size = os.fstat(self._descriptor).st_size
 
     def _replace_head(self, head: JournalHead) -> None:

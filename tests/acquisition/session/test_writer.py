@@ -3,6 +3,7 @@ import hashlib
 import json
 import os
 import shutil
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -258,6 +259,43 @@ def test_a_disk_that_fills_up_in_mid_capture_leaves_a_session_that_resumes(
         add(session, session.entries[1], raw_frames=frames)
     assert verify(path).is_ok
     assert not list(path.rglob("*.part"))
+
+
+@pytest.mark.parametrize("is_torn", [False, True])
+def test_whichever_call_the_full_disk_refuses_a_session_error_says_so_and_the_session_resumes(
+    path: Path, monkeypatch: pytest.MonkeyPatch, is_torn: bool
+) -> None:
+    fsync = os.fsync
+    calls: list[int] = []
+    for allowed in count():
+        calls.clear()
+
+        def full(descriptor: int, allowed: int = allowed) -> None:
+            calls.append(descriptor)
+            if len(calls) > allowed:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            fsync(descriptor)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", full)
+            try:
+                with writer(path, prefix=f"full{allowed}") as session:
+                    add(session, session.pending_entries()[0], 1000.0)
+            except SessionError as error:
+                refused = error
+        with writer(path, prefix=f"then{allowed}") as session:
+            if session.pending_entries():
+                add(session, session.pending_entries()[0], 1000.0)
+            session.retake(0, "again", "Ada")
+        assert verify(path).is_ok
+        if len(calls) <= allowed:
+            break
+        assert refused.fault == "unwritable"
+        assert "No space left on device" in str(refused)
+        if is_torn:
+            with (path / "journal.jsonl").open("ab") as file:
+                file.write(b'{"seq": ')
+    assert allowed > 5
 
 
 def test_a_disk_that_fills_up_at_the_journal_line_leaves_a_session_that_resumes(
