@@ -43,7 +43,9 @@ class AveragedFrames:
     unbiased one (N - 1) of a *single* frame, so that the mean has ``variance_dn2 / frames_used``.
     ``saturated_pixels`` counts the pixels that reached the largest level in any frame used:
     each biases the mean. ``min_dn`` and ``max_dn`` are over all pixels of all frames used, and
-    the time stamps are the camera's own, of the first and last frame used.
+    the time stamps are the camera's own, of the first and last frame used. ``stale_frames`` were
+    refused as exposed before the exposure was changed. ``is_saturated`` marks those pixels, shape
+    ``(rows, cols)``; None stands for none.
     """
 
     mean_dn: NDArray[np.float32]
@@ -56,6 +58,8 @@ class AveragedFrames:
     max_dn: int
     first_timestamp_ns: int
     last_timestamp_ns: int
+    stale_frames: int = 0
+    is_saturated: NDArray[np.bool_] | None = None
 
 
 def average_frames(
@@ -63,6 +67,7 @@ def average_frames(
     frames_asked: int,
     *,
     keep_frame: Callable[[FrameImage], None] | None = None,
+    is_stale: Callable[[Frame], bool] | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> AveragedFrames:
     """Stream until ``frames_asked`` good frames are averaged, never fewer.
@@ -83,6 +88,9 @@ def average_frames(
     keep_frame
         Called with every frame that goes into the average, in order. Those frames must be
         discarded if the average fails.
+    is_stale
+        Called with every good frame; those of which it says that they were exposed before the
+        exposure was changed are left out. What it raises ends the average.
     clock
         Monotonic time in seconds.
 
@@ -111,6 +119,8 @@ def average_frames(
                 tally.repeated += 1
             elif frame.image_dn.shape != sums.shape:
                 tally.misshapen += 1
+            elif is_stale is not None and is_stale(frame):
+                tally.stale += 1
             else:
                 seen_ids.add(frame.frame_id)
                 sums.add(frame)
@@ -129,10 +139,11 @@ class _Tally:
     incomplete: int = 0
     repeated: int = 0
     misshapen: int = 0
+    stale: int = 0
 
     @property
     def refused(self) -> int:
-        """Frames that did not go into the average."""
+        """Frames that did not go into the average because something is wrong with them."""
         return self.incomplete + self.repeated + self.misshapen
 
     def failure(self, reason: str) -> CaptureError:
@@ -141,6 +152,7 @@ class _Tally:
             "incomplete": self.incomplete,
             "with a repeated id": self.repeated,
             "of the wrong shape": self.misshapen,
+            "of another exposure": self.stale,
         }
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())
@@ -264,6 +276,8 @@ class _FrameSums:
             max_dn=self._max_dn,
             first_timestamp_ns=self._stamps_ns[0],
             last_timestamp_ns=self._stamps_ns[-1],
+            stale_frames=tally.stale,
+            is_saturated=self._is_saturated,
         )
 
 

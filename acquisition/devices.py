@@ -55,12 +55,14 @@ class Frame:
     """One exposure as the camera delivered it.
 
     An incomplete frame (lost packets) has ``is_complete`` False and an empty image.
+    ``exposure_us`` is what the frame itself states (chunk data); None where it states nothing.
     """
 
     image_dn: FrameImage
     frame_id: int
     timestamp_ns: int
     is_complete: bool = True
+    exposure_us: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from acquisition.bracket import BracketExposure
 from acquisition.choices import CaptureKind
 from acquisition.errors import SessionError
 from acquisition.written_files import validation_keys, validation_lines
@@ -26,6 +27,9 @@ class CaptureRecord:
     ``_utc`` texts are the computer's clock around the capture, the ``_timestamp_ns`` the
     camera's own of the first and last frame used. ``focus_value`` is None for flat and dark
     captures. What an imported photograph does not state is None too: exposure, gain, time stamps.
+    ``bracket`` has the exposures of a bracket, shortest first, None for a capture of one exposure;
+    ``exposure_us`` is then the shortest, whose DN the levels are in, and ``saturated_pixels`` are
+    those that are saturated in all of them.
     ``file`` and ``frames_file`` are relative to the session, with forward slashes. ``sha256``
     is None inside the file itself.
     """
@@ -58,6 +62,7 @@ class CaptureRecord:
     frames_file: str | None
     frames_sha256: str | None
     sha256: str | None
+    bracket: tuple[BracketExposure, ...] | None = None
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
 
@@ -80,8 +85,13 @@ class CaptureRecord:
                 raise ValueError(f"{name} must be inside the session, got {path}")
 
     def to_json(self) -> dict[str, Any]:
-        """The record as a JSON object, which ``from_json`` reads back exactly."""
-        return asdict(self)
+        """The record as a JSON object, which ``from_json`` reads back exactly.
+
+        It is that of earlier versions where there is no bracket.
+        """
+        document = asdict(self)
+        bracket = document.pop("bracket")
+        return document if bracket is None else {**document, "bracket": list(bracket)}
 
     @staticmethod
     def from_json(
