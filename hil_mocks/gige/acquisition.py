@@ -1,7 +1,8 @@
 """The frame thread of the simulated GigE camera: free-running, triggered, or a few frames."""
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Condition, RLock, Thread
 from time import monotonic
 
@@ -20,6 +21,7 @@ from hil_mocks.scene import ADC_MAX_DN
 
 CONTINUOUS, SINGLE_FRAME = 0, 1
 POLL_WHILE_STALLED_S = 0.02
+EXPOSURES_KEPT = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +79,7 @@ class Acquisition:
         self._exposed_s = 0.0
         self.first_block_id = 1
         self._block_id = 0
+        self._set_us: deque[float] = deque(maxlen=EXPOSURES_KEPT)
         self._thread = Thread(target=self._run, name="gige-stream", daemon=True)
 
     @property
@@ -170,8 +173,11 @@ class Acquisition:
 
     def _expose(self) -> _Exposure:
         block_id = self._block_id
+        request = self._state.request(self._acquisitions, self._frames)
+        self._set_us.append(request.exposure_us)
+        late = min(self._faults().exposure_delay_frames, len(self._set_us) - 1)
         exposure = _Exposure(
-            request=self._state.request(self._acquisitions, self._frames),
+            request=replace(request, exposure_us=self._set_us[-1 - late]),
             block_id=block_id,
             timestamp_ticks=self._registers.ticks_at(self._exposed_s),
             layout=self._state.layout,
