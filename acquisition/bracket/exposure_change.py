@@ -78,15 +78,10 @@ class SteadyLight:
         By how much the exposure was changed before.
     black_level_dn, max_level_dn
         The range.
-
-    Attributes
-    ----------
-    limit
-        Ratio of two lights from which on they are different.
     """
 
     def __init__(self, ratio: float, *, black_level_dn: float, max_level_dn: float) -> None:
-        self.limit = float(np.clip(np.sqrt(max(ratio, 1 / ratio)), 1.1, 1.4))
+        self._limit = float(np.clip(np.sqrt(max(ratio, 1 / ratio)), 1.1, 1.4))
         self._black_level_dn = black_level_dn
         self._max_level_dn = max_level_dn
         self._lit_dn = max(LIT_SHARE * (max_level_dn - black_level_dn), 1.0)
@@ -106,7 +101,7 @@ class SteadyLight:
             return abs(float(saturated.mean() - first_saturated.mean())) > 0.01
         sums = (max(float(dn[is_lit].sum()), self._lit_dn) for dn in (light_dn, first_dn))
         change = float(np.log(next(sums)) - np.log(next(sums)))
-        return abs(change) > float(np.log(self.limit))
+        return abs(change) > float(np.log(self._limit))
 
 
 def _block_side(shape: tuple[int, ...]) -> int:

@@ -70,17 +70,25 @@ class ExposureControl:
     ) -> ExposedFrames:
         """Average frames of one exposure, set if it is not set already.
 
+        Light that flickers too much to tell is no reason to fail: more frames are then left out.
+
         Raises
         ------
         CameraFeatureError
             If the camera sets another exposure.
         CaptureError
-            If the average fails, or the exposure of the frames does not settle.
+            If the average fails.
         """
         ratio = self._set(exposure_us)
         if ratio == 1:
             return self._averaged(frames_asked, lambda _: False, keep_frames=keep_frames)
-        return self._at_new_scene(frames_asked, ratio, self._frames_late, keep_frames=keep_frames)
+        late = self._frames_late
+        try:
+            return self._at_new_scene(frames_asked, ratio, late, keep_frames=keep_frames)
+        except _LightChangedError:
+            return self._averaged(
+                frames_asked, _Settler(None, MOST_SKIPPED).is_stale, keep_frames=keep_frames
+            )
 
     def bracket(
         self, frames_asked: int, exposures_us: Sequence[float], *, keep_frames: bool = False
@@ -97,7 +105,7 @@ class ExposureControl:
         late = self._frames_late
         try:
             taken = self._bracket(frames_asked, exposures_us, late, keep_frames=keep_frames)
-        except _NotFollowedError:
+        except (_NotFollowedError, _LightChangedError):
             late = MOST_SKIPPED
         else:
             if self._frames_late <= late:
@@ -106,7 +114,7 @@ class ExposureControl:
             late = self._frames_late
         try:
             return self._bracket(frames_asked, exposures_us, late, keep_frames=keep_frames)
-        except _NotFollowedError as error:
+        except (_NotFollowedError, _LightChangedError) as error:
             raise CaptureError(
                 f"the frames do not show the exposure that was set ({error}); keep light and scene "
                 "still, and check that nothing else regulates the exposure",
@@ -148,14 +156,10 @@ class ExposureControl:
         """Average frames that show the same light, after leaving out some."""
         settings = self._camera.settings
         for _ in range(_STEADY_TRIALS):
-            settler = _Settler(
-                SteadyLight(
-                    ratio,
-                    black_level_dn=settings.black_level_dn,
-                    max_level_dn=settings.max_level_dn,
-                ),
-                skipped,
+            light = SteadyLight(
+                ratio, black_level_dn=settings.black_level_dn, max_level_dn=settings.max_level_dn
             )
+            settler = _Settler(light, skipped)
             try:
                 return self._averaged(frames_asked, settler.is_stale, keep_frames=keep_frames)
             except _LightChangedError:
@@ -163,13 +167,7 @@ class ExposureControl:
                 self._frames_late = max(
                     self._frames_late, min(skipped + frames_asked, MOST_SKIPPED)
                 )
-        raise CaptureError(
-            f"the light of the frames changes by more than {100 * (settler.limit - 1):.0f} % from "
-            "one to another after the exposure was set; keep light and scene still, or use lamps "
-            "that do not flicker",
-            frames_complete=0,
-            frames_asked=frames_asked,
-        )
+        raise _LightChangedError("they differ from one to another")
 
     def _averaged(
         self, frames_asked: int, is_stale: Callable[[Frame], bool], *, keep_frames: bool
@@ -219,10 +217,9 @@ class _NotFollowedError(Exception):
 
 
 class _Settler:
-    """Leaves out the first frames of a new scene; the others must have one exposure."""
+    """Leaves out the first frames of a new scene; the others must show the light of one exposure."""
 
-    def __init__(self, light: SteadyLight, skipped: int) -> None:
-        self.limit = light.limit
+    def __init__(self, light: SteadyLight | None, skipped: int) -> None:
         self._light = light
         self._left = skipped
 
@@ -230,8 +227,8 @@ class _Settler:
         if self._left > 0:
             self._left -= 1
             return True
-        if self._light.is_broken_by(frame.image_dn):
-            raise _LightChangedError
+        if self._light is not None and self._light.is_broken_by(frame.image_dn):
+            raise _LightChangedError("they differ from one to another")
         return False
 
 

@@ -1,10 +1,12 @@
 from collections.abc import Iterable
+from itertools import count
 
 import pytest
 
 from acquisition.bracket.exposure_control import ExposedFrames, ExposureControl
 from acquisition.errors import CameraFeatureError, CaptureError
 from tests.acquisition.bracket.watched_camera import WatchedCamera
+from tests.acquisition.fakes import SETTINGS, ScriptedCamera, frame
 from tests.hil_mocks.benches import homed_bench
 
 FRAMES = 3
@@ -78,6 +80,16 @@ def test_a_camera_that_does_not_follow_is_an_error() -> None:
     _, control = controlled("edge", (200, 200))
     with pytest.raises(CaptureError):
         control.bracket(FRAMES, [SHORTEST_US, 4 * SHORTEST_US])
+
+
+def test_light_that_flickers_spoils_a_bracket_but_no_single_exposure() -> None:
+    flicker = (frame(500 if number % 2 else 1500, number) for number in count(1))
+    camera = ScriptedCamera(flicker)
+    control = ExposureControl(camera, SETTINGS.exposure_us, camera.clock)
+    averaged = control.average(FRAMES, 4 * SETTINGS.exposure_us).averaged
+    assert (averaged.frames_used, averaged.max_dn, averaged.min_dn) == (FRAMES, 1500, 500)
+    with pytest.raises(CaptureError):
+        control.bracket(FRAMES, [SETTINGS.exposure_us, 4 * SETTINGS.exposure_us])
 
 
 def test_a_camera_that_sets_another_exposure_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
