@@ -217,7 +217,7 @@ class _NotFollowedError(Exception):
 
 
 class _Settler:
-    """Leaves out the first frames of a new scene; the others must show the light of one exposure."""
+    """Leaves out the first frames of a new scene; the others must be of one exposure."""
 
     def __init__(self, light: SteadyLight | None, skipped: int) -> None:
         self._light = light
