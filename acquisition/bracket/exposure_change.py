@@ -48,12 +48,16 @@ class ExposureChange:
     ) -> None:
         old_dn = before.mean_dn.astype(np.float64)
         new_dn = np.minimum(black_level_dn + (old_dn - black_level_dn) * ratio, max_level_dn)
-        self._old_dn = _block_means(old_dn)
-        self._step_dn = _block_means(new_dn) - self._old_dn
+        old = _block_means(old_dn)
+        # Elsewhere there is nothing but noise and what the stated black level is off.
+        self._is_lit = old - black_level_dn > _lit_dn(black_level_dn, max_level_dn)
+        self._old_dn = old[self._is_lit]
+        self._step_dn = _block_means(new_dn)[self._is_lit] - self._old_dn
         self._energy_dn2 = float(np.sum(self._step_dn**2))
         # Of the frame, whose shot noise grows by the ratio at most, and of what it is judged by.
         grown = ratio + ratio**2 / before.frames_used
-        noise_dn2 = grown * _block_means(before.variance_dn2) / _block_side(old_dn.shape) ** 2
+        variance_dn2 = _block_means(before.variance_dn2)[self._is_lit]
+        noise_dn2 = grown * variance_dn2 / _block_side(old_dn.shape) ** 2
         self._noise_dn2 = float(np.sum(noise_dn2))
         scatter_dn4 = float(np.sum(self._step_dn**2 * noise_dn2))
         self._is_told = 0 < scatter_dn4**0.5 < TOLD_WITHIN * self._energy_dn2
@@ -62,7 +66,7 @@ class ExposureChange:
         """What a frame is; ``dark`` where the scene has too little light to tell."""
         if not self._is_told:
             return "dark"
-        change_dn = _block_means(image_dn) - self._old_dn
+        change_dn = _block_means(image_dn)[self._is_lit] - self._old_dn
         share = float(np.vdot(change_dn, self._step_dn)) / self._energy_dn2
         rest_dn2 = float(np.sum((change_dn - self._step_dn) ** 2))
         is_near = rest_dn2 < FRESH_WITHIN**2 * self._energy_dn2 + 4 * self._noise_dn2
@@ -84,7 +88,7 @@ class SteadyLight:
         self._limit = float(np.clip(np.sqrt(max(ratio, 1 / ratio)), 1.1, 1.4))
         self._black_level_dn = black_level_dn
         self._max_level_dn = max_level_dn
-        self._lit_dn = max(LIT_SHARE * (max_level_dn - black_level_dn), 1.0)
+        self._lit_dn = _lit_dn(black_level_dn, max_level_dn)
         self._first: tuple[_Blocks, _Blocks] | None = None
 
     def is_broken_by(self, image_dn: FrameImage) -> bool:
@@ -102,6 +106,10 @@ class SteadyLight:
         sums = (max(float(dn[is_lit].sum()), self._lit_dn) for dn in (light_dn, first_dn))
         change = float(np.log(next(sums)) - np.log(next(sums)))
         return abs(change) > float(np.log(self._limit))
+
+
+def _lit_dn(black_level_dn: float, max_level_dn: float) -> float:
+    return max(LIT_SHARE * (max_level_dn - black_level_dn), 1.0)
 
 
 def _block_side(shape: tuple[int, ...]) -> int:

@@ -63,6 +63,12 @@ def test_frames_that_state_their_exposure_are_believed_even_in_the_dark() -> Non
     assert [one.averaged.stale_frames for one in taken] == [0, 6]
 
 
+def test_in_the_dark_as_many_frames_are_left_out_as_the_camera_needed() -> None:
+    _, control = controlled("dark", (2, 2))
+    taken = control.bracket(FRAMES, [SHORTEST_US, 8 * SHORTEST_US, 64 * SHORTEST_US])
+    assert [one.averaged.stale_frames for one in taken] == [3, 3, 3]
+
+
 def test_no_stale_frame_enters_a_ladder_of_single_exposures() -> None:
     camera, control = controlled("edge", (0, 5), seed=2)
     ladder_us = [SHORTEST_US * factor for factor in (1.0, 0.25, 0.5, 0.05, 1.0)]
