@@ -9,7 +9,7 @@ import numpy as np
 from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchDevices
 from acquisition.bracket import ExposureControl, MergedBracket, merge_bracket
-from acquisition.capture.auto_exposure import next_exposure, without_flicker
+from acquisition.capture.auto_exposure import bracket_exposures_us, next_exposure
 from acquisition.devices import CameraSettings, FrameImage
 from acquisition.errors import CaptureError, DeviceError, StageStoppedError, StreamInterruptedError
 from acquisition.focus import focus_value
@@ -123,11 +123,9 @@ class CaptureStep:
                 started=started,
                 finished=self._utc_now(),
             )
-        mains_hz = self._bench.capture.mains_hz
-        asked_us = [
-            without_flicker(self._exposure_us * ratio, mains_hz) if ratio > 1 else self._exposure_us
-            for ratio in entry.bracket.ratios()
-        ]
+        asked_us = bracket_exposures_us(
+            self._exposure_us, entry.bracket.ratios(), self._bench.capture.mains_hz
+        )
         each = self._exposures.bracket(frames, asked_us, keep_frames=keep)
         finished, settings = self._utc_now(), self._camera.settings
         merged = merge_bracket(
