@@ -44,8 +44,8 @@ class AveragedFrames:
     ``saturated_pixels`` counts the pixels that reached the largest level in any frame used:
     each biases the mean. ``min_dn`` and ``max_dn`` are over all pixels of all frames used, and
     the time stamps are the camera's own, of the first and last frame used. ``stale_frames`` were
-    refused as exposed before the exposure was changed. ``is_saturated`` marks those pixels, shape
-    ``(rows, cols)``; None stands for none.
+    left out as exposed, or perhaps exposed, before the exposure was changed. ``is_saturated`` marks
+    the pixels that ``saturated_pixels`` counts, shape ``(rows, cols)``; None stands for none.
     """
 
     mean_dn: NDArray[np.float32]

@@ -59,6 +59,7 @@ class ExposureControl:
         self._clock = clock
         self._asked_us, self._set_us = asked_us, camera.settings.exposure_us
         self._frames_late = FEWEST_SKIPPED
+        self._change = 1.0
 
     @property
     def frames_late(self) -> int:
@@ -187,16 +188,20 @@ class ExposureControl:
             is_stale=was_exposed_otherwise,
             clock=self._clock,
         )
+        self._change = 1.0
         return ExposedFrames(
             exposure_us=exposure_us, averaged=averaged, raw_frames=tuple(raw_frames)
         )
 
     def _set(self, exposure_us: float) -> float:
-        """Set the exposure and read it back; return by how much it changed, 1 for not at all."""
+        """Set the exposure and read it back; return by how much it changed since the last average.
+
+        1 means not at all. An average that was interrupted shows nothing of a change before it.
+        """
         before_us = self._camera.settings.exposure_us
         # Cameras round: what was asked last and is still set is not another exposure.
         if before_us == self._set_us and exposure_us in (self._asked_us, before_us):
-            return 1.0
+            return self._change
         set_us = self._camera.set_exposure_us(exposure_us)
         if not abs(set_us - exposure_us) <= max(STEP_US, SET_WITHIN * exposure_us):
             raise CameraFeatureError(
@@ -205,7 +210,8 @@ class ExposureControl:
                 feature="ExposureTime",
             )
         self._asked_us, self._set_us = exposure_us, set_us
-        return set_us / before_us
+        self._change = set_us / before_us
+        return self._change
 
 
 class _LightChangedError(Exception):

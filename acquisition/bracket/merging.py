@@ -33,10 +33,10 @@ class BracketExposure:
     """One exposure of a bracket, for the record of its capture.
 
     ``mean_dn`` and ``variance_dn2`` are over all its pixels: the level, and the temporal variance
-    of one frame. ``stale_frames`` were refused because they were exposed before the exposure was
-    changed. In ``used_pixels`` it counts; ``saturated_pixels`` reached the largest level in any
-    frame. ``light_ratio`` is the light that it shows over that of the next shorter exposure, where
-    both are well exposed; None where too few pixels are.
+    of one frame. ``stale_frames`` were left out because they were, or may have been, exposed
+    before the exposure was changed. In ``used_pixels`` it counts; ``saturated_pixels`` reached the
+    largest level in any frame. ``light_ratio`` is the light that it shows over that of the next
+    shorter exposure, where both are well exposed; None where too few pixels are.
     """
 
     exposure_us: float

@@ -4,7 +4,8 @@ from itertools import count
 import pytest
 
 from acquisition.bracket.exposure_control import ExposedFrames, ExposureControl
-from acquisition.errors import CameraFeatureError, CaptureError
+from acquisition.devices import Frame
+from acquisition.errors import CameraFeatureError, CaptureError, StreamInterruptedError
 from tests.acquisition.bracket.watched_camera import WatchedCamera
 from tests.acquisition.fakes import SETTINGS, ScriptedCamera, frame
 from tests.hil_mocks.benches import homed_bench
@@ -74,6 +75,20 @@ def test_no_stale_frame_enters_a_ladder_of_single_exposures() -> None:
     ladder_us = [SHORTEST_US * factor for factor in (1.0, 0.25, 0.5, 0.05, 1.0)]
     taken = [control.average(FRAMES, one, keep_frames=True) for one in ladder_us]
     assert stale(camera, taken) == 0
+
+
+def test_a_change_before_an_interrupted_average_is_not_forgotten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    camera, control = controlled("edge", (4, 4))
+    with monkeypatch.context() as cut, pytest.raises(StreamInterruptedError):
+        cut.setattr(camera, "next_frame", interrupted)
+        control.average(FRAMES, SHORTEST_US / 4)
+    assert stale(camera, [control.average(FRAMES, SHORTEST_US / 4, keep_frames=True)]) == 0
+
+
+def interrupted(timeout_s: float) -> Frame:
+    raise StreamInterruptedError(f"the cable was pulled before {timeout_s} s")
 
 
 def test_an_exposure_that_is_set_already_costs_no_frame() -> None:
