@@ -81,9 +81,10 @@ def test_a_change_before_an_interrupted_average_is_not_forgotten(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     camera, control = controlled("edge", (4, 4))
-    with monkeypatch.context() as cut, pytest.raises(StreamInterruptedError):
+    with monkeypatch.context() as cut:
         cut.setattr(camera, "next_frame", interrupted)
-        control.average(FRAMES, SHORTEST_US / 4)
+        with pytest.raises(StreamInterruptedError):
+            control.average(FRAMES, SHORTEST_US / 4)
     assert stale(camera, [control.average(FRAMES, SHORTEST_US / 4, keep_frames=True)]) == 0
 
 
