@@ -53,7 +53,9 @@ class AveragedFrames:
     unbiased one (N - 1) of a *single* frame, so that the mean has ``variance_dn2 / frames_used``.
     ``saturated_pixels`` counts the pixels that reached the largest level in any frame used:
     each biases the mean. ``min_dn`` and ``max_dn`` are over all pixels of all frames used, and
-    the time stamps are the camera's own, of the first and last frame used.
+    the time stamps are the camera's own, of the first and last frame used. ``stale_frames`` were
+    left out as exposed, or perhaps exposed, before the exposure was changed. ``is_saturated`` marks
+    the pixels that ``saturated_pixels`` counts, shape ``(rows, cols)``; None stands for none.
     """
 
     mean_dn: NDArray[np.float32]
@@ -66,6 +68,8 @@ class AveragedFrames:
     max_dn: int
     first_timestamp_ns: int
     last_timestamp_ns: int
+    stale_frames: int = 0
+    is_saturated: NDArray[np.bool_] | None = None
 
 
 def average_frames(
@@ -73,6 +77,7 @@ def average_frames(
     frames_asked: int,
     *,
     keep_frame: Callable[[FrameImage], None] | None = None,
+    is_stale: Callable[[Frame], bool] | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> AveragedFrames:
     """Stream until ``frames_asked`` good frames are averaged, never fewer.
@@ -93,6 +98,9 @@ def average_frames(
     keep_frame
         Called with every frame that goes into the average, in order. Those frames must be
         discarded if the average fails.
+    is_stale
+        Called with every good frame; those of which it says that they were exposed before the
+        exposure was changed are left out. What it raises ends the average.
     clock
         Monotonic time in seconds.
 
@@ -123,6 +131,8 @@ def average_frames(
                 tally.misshapen += 1
             elif not _is_exposed_for(frame, settings.exposure_us):
                 tally.otherwise_exposed += 1
+            elif is_stale is not None and is_stale(frame):
+                tally.stale += 1
             else:
                 seen_ids.add(frame.frame_id)
                 sums.add(frame)
@@ -142,10 +152,11 @@ class _Tally:
     repeated: int = 0
     misshapen: int = 0
     otherwise_exposed: int = 0
+    stale: int = 0
 
     @property
     def refused(self) -> int:
-        """Frames that did not go into the average."""
+        """Frames that did not go into the average because something is wrong with them."""
         return self.incomplete + self.repeated + self.misshapen + self.otherwise_exposed
 
     @property
@@ -160,7 +171,7 @@ class _Tally:
             "incomplete": self.incomplete,
             "with a repeated id": self.repeated,
             "of the wrong shape": self.misshapen,
-            "with another exposure": self.otherwise_exposed,
+            "with another exposure": self.otherwise_exposed + self.stale,
         }
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())
@@ -284,6 +295,8 @@ class _FrameSums:
             max_dn=self._max_dn,
             first_timestamp_ns=self._stamps_ns[0],
             last_timestamp_ns=self._stamps_ns[-1],
+            stale_frames=tally.stale + tally.otherwise_exposed,
+            is_saturated=self._is_saturated,
         )
 
 

@@ -111,6 +111,22 @@ Exposures = Annotated[
 Text = Annotated[str, Field(max_length=200), AfterValidator(_check_text)]
 
 
+class ExposureBracket(WrittenTable):
+    """``bracket``: several exposures at each height, merged to one capture of linear light."""
+
+    exposures: int = Field(ge=2, le=12, description="number of exposures")
+    ratio: float = Field(
+        8.0,
+        ge=1.5,
+        le=32,
+        description="of each exposure to the one before; the first is exposure_us",
+    )
+
+    def ratios(self) -> tuple[float, ...]:
+        """The exposures as multiples of the first."""
+        return tuple(self.ratio**number for number in range(self.exposures))
+
+
 class PlanTarget(WrittenTable):
     """``[[targets]]``: one target, at its orientations, over its own or the plan's heights."""
 
@@ -119,6 +135,9 @@ class PlanTarget(WrittenTable):
     orientations_deg: Orientations = (0.0,)
     heights_mm: Heights | None = None
     exposure_us: Exposures | None = Field(None, description="one or a list; default: the bench's")
+    bracket: ExposureBracket | None = Field(
+        None, description="exposures that are merged to one capture, exposure_us the shortest"
+    )
     reference: Text | None = Field(
         None,
         description="earlier photograph of the target, named from the plan file; each capture is "
@@ -181,6 +200,7 @@ class PlanEntry:
     height_mm: float
     repeat: int = 0
     exposure_us: float | None = None
+    bracket: ExposureBracket | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(CaptureKind):
@@ -254,10 +274,10 @@ def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
     more repeat.
     """
     poses = (
-        (target, orientation_deg, height_mm, repeat, exposure_us)
+        (target, orientation_deg, *each)
         for target in plan.targets
         for orientation_deg in target.orientations_deg
-        for height_mm, repeat, exposure_us in _series(plan, target)
+        for each in _series(plan, target)
     )
     return tuple(
         PlanEntry(
@@ -268,14 +288,17 @@ def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
             height_mm=height_mm,
             repeat=repeat,
             exposure_us=exposure_us,
+            bracket=target.bracket,
         )
         for index, (target, orientation_deg, height_mm, repeat, exposure_us) in enumerate(poses)
     )
 
 
-def bytes_per_pixel(frames: int, *, keep_frames: bool) -> int:
-    """Bytes that a capture stores for each pixel: mean and variance, and the raw frames."""
-    return 2 * 4 + (2 * frames if keep_frames else 0)
+def bytes_per_pixel(entry: PlanEntry, frames: int, *, keep_frames: bool) -> int:
+    """Bytes that a capture stores for each pixel: its pages, and the raw frames."""
+    if entry.bracket is None:
+        return 2 * 4 + (2 * frames if keep_frames else 0)
+    return 3 * 4 + (2 * frames * entry.bracket.exposures if keep_frames else 0)
 
 
 def estimate_plan(
@@ -312,12 +335,13 @@ def estimate_plan(
             seconds += stage.settle_s + plan.settle_s
             height_mm = approached = entry.height_mm
         exposure_s = 1e-6 * (entry.exposure_us or bench.camera.exposure_us)
-        period_s = max(1 / bench.camera.frame_rate_hz, exposure_s)
-        seconds += OVERHEAD_S + (frames + 1) * period_s
+        for ratio in (1.0,) if entry.bracket is None else entry.bracket.ratios():
+            period_s = max(1 / bench.camera.frame_rate_hz, ratio * exposure_s)
+            seconds += OVERHEAD_S + (frames + 1) * period_s
     size = None
     if frame_shape is not None:
-        per_capture = math.prod(frame_shape) * bytes_per_pixel(frames, keep_frames=plan.keep_frames)
-        size = len(entries) * per_capture
+        per_pixel = (bytes_per_pixel(e, frames, keep_frames=plan.keep_frames) for e in entries)
+        size = math.prod(frame_shape) * sum(per_pixel)
     return PlanEstimate(captures=len(entries), placements=placements, seconds=seconds, bytes_=size)
 
 

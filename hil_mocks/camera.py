@@ -51,6 +51,11 @@ class CameraFaults:
         From this frame on the frame id does not change.
     disconnect_at
         At this frame the cable is pulled.
+    exposure_delay_frames
+        Least and most frames after a change of exposure that are still exposed as before; each
+        change draws its own delay. The setting is read back at once all the same.
+    states_exposure
+        Whether frames state their exposure, as chunk data do.
     """
 
     seed: int = 0
@@ -60,6 +65,13 @@ class CameraFaults:
     lost_frames: frozenset[int] = frozenset()
     frozen_id_from: int | None = None
     disconnect_at: int | None = None
+    exposure_delay_frames: tuple[int, int] = (0, 0)
+    states_exposure: bool = False
+
+    def exposure_delay(self, change: int) -> int:
+        """Frames by which change number ``change`` of the exposure takes effect late."""
+        least, most = self.exposure_delay_frames
+        return int(np.random.default_rng([self.seed, change]).integers(least, most + 1))
 
     def fate(self, index: int) -> FrameFate:
         """What happens to frame ``index``."""
@@ -71,6 +83,26 @@ class CameraFaults:
         if index in self.incomplete_frames or draw < self.lost_rate + self.incomplete_rate:
             return "incomplete"
         return "complete"
+
+
+class _DelayedExposure:
+    """The exposure of each frame: changes that take effect a few frames after they were made."""
+
+    def __init__(self, exposure_us: float) -> None:
+        self._changes = 0
+        self._from_frame: list[tuple[int, float]] = [(0, exposure_us)]
+
+    def change(self, exposure_us: float, frame: int, faults: CameraFaults) -> None:
+        """Change it before frame ``frame``; a change never overtakes the one before."""
+        due = max(frame + faults.exposure_delay(self._changes), self._from_frame[-1][0])
+        self._changes += 1
+        self._from_frame.append((due, exposure_us))
+
+    def of_frame(self, frame: int) -> float:
+        """Exposure of frame ``frame``, counted since the camera was opened."""
+        while len(self._from_frame) > 1 and self._from_frame[1][0] <= frame:
+            self._from_frame.pop(0)
+        return self._from_frame[0][1]
 
 
 class SimulatedCamera:
@@ -138,6 +170,7 @@ class SimulatedCamera:
             gain_unit="dB",
             features={"Gamma": 1.0, "BinningHorizontal": 1, "BinningVertical": 1},
         )
+        self._exposures = _DelayedExposure(self._settings.exposure_us)
 
     @property
     def info(self) -> DeviceInfo:
@@ -160,6 +193,7 @@ class SimulatedCamera:
         self._check_open()
         value = _stepped(exposure_us, EXPOSURE_RANGE_US, EXPOSURE_STEP_US, "us")
         self._settings = replace(self._settings, exposure_us=value)
+        self._exposures.change(value, self._frames_since_open, self.faults)
         return value
 
     def set_gain_db(self, gain_db: float) -> float:
@@ -205,7 +239,8 @@ class SimulatedCamera:
                 f"no frame from the simulated camera within {timeout_s} s", timeout_s=timeout_s
             )
         self._clock.advance(period_s)
-        return self._frame(index, is_complete=fate == "complete")
+        exposure_us = self._exposures.of_frame(self._frames_since_open - 1)
+        return self._frame(index, exposure_us, is_complete=fate == "complete")
 
     def stop(self) -> None:
         """See `Camera.stop`."""
@@ -225,7 +260,7 @@ class SimulatedCamera:
         self._is_streaming = False
         self._is_open = False
 
-    def _frame(self, index: int, *, is_complete: bool) -> Frame:
+    def _frame(self, index: int, exposure_us: float, *, is_complete: bool) -> Frame:
         if not is_complete:
             self._incomplete += 1
             empty = np.empty((0, 0), np.uint8 if self._is_mono8 else np.uint16)
@@ -236,7 +271,7 @@ class SimulatedCamera:
                 is_complete=False,
             )
         self._complete += 1
-        electrons = self._sensor.electrons(self._look(), self._settings.exposure_us)
+        electrons = self._sensor.electrons(self._look(), exposure_us)
         rng = np.random.default_rng([self._seed, self._starts, index])
         return Frame(
             image_dn=self._sensor.expose(
@@ -244,6 +279,7 @@ class SimulatedCamera:
             ),
             frame_id=self._frame_id,
             timestamp_ns=self._clock.now_ns,
+            exposure_us=exposure_us if self.faults.states_exposure else None,
         )
 
     @property

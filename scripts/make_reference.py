@@ -20,7 +20,8 @@ from acquisition.bench import (
     SimulatedConfig,
     StageConfig,
 )
-from acquisition.plan import CapturePlan, PlanTarget
+from acquisition.bracket import BracketExposure
+from acquisition.plan import CapturePlan, ExposureBracket, PlanTarget
 from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from acquisition.written_files import WrittenTable
@@ -128,6 +129,7 @@ def configs_page() -> str:
         parts += [f"### [{name}]{'' if field.is_required() else ' (optional)'}\n"]
         parts += _model(section)
     parts += ["## Capture plan\n", *_model(CapturePlan), "### [[targets]]\n", *_model(PlanTarget)]
+    parts += ["### bracket of a target (optional)\n", *_model(ExposureBracket)]
     parts += ["## Limits file\n", "For `calibrate --limits`; what is left out is not judged.\n"]
     for name in SharpnessLimits.model_fields:
         parts += [f"### [{name}] (optional)\n", *_model(_table(SharpnessLimits, name))]
@@ -217,7 +219,7 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
         "captures/*.tif and journal.jsonl",
         "The record of a capture, as JSON in ImageJ's Info and in the journal's `capture` events. "
         f"Events of the journal: {', '.join(f'`{kind}`' for kind in get_args(EventKind))}.",
-        (CaptureRecord,),
+        (CaptureRecord, BracketExposure),
     ),
 )
 

@@ -1,12 +1,16 @@
 """Exposure times: the next one to try for a well-lit picture, and the flicker of mains light."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 AIM = 0.7
 """Fraction of the range above the black level that the brightest parts should reach."""
 
 TOLERANCE = 0.1
+LEAST_RATIO = 1.2
+"""Of two exposures of a bracket, below which whole periods of flicker are not worth it."""
+
 SATURATED_STEP = 4.0
 LARGEST_STEP = 16.0
 
@@ -76,6 +80,29 @@ def without_flicker(exposure_us: float, mains_hz: float) -> float:
     period_us = 0.5e6 / mains_hz
     periods = math.floor(exposure_us / period_us + 1e-9)
     return periods * period_us if periods else exposure_us
+
+
+def bracket_exposures_us(
+    shortest_us: float, ratios: Sequence[float], mains_hz: float
+) -> tuple[float, ...]:
+    """Exposures of a bracket, ascending; longer ones in whole periods of the flicker.
+
+    Parameters
+    ----------
+    shortest_us
+        The first, which stays as it is.
+    ratios
+        The exposures as multiples of it, ascending from 1.
+    mains_hz
+        As for `without_flicker`.
+    """
+    exposures_us = [shortest_us]
+    for ratio in ratios[1:]:
+        asked_us = shortest_us * ratio
+        whole_us = without_flicker(asked_us, mains_hz)
+        is_apart = whole_us >= LEAST_RATIO * exposures_us[-1]
+        exposures_us.append(whole_us if is_apart else asked_us)
+    return tuple(exposures_us)
 
 
 def flicker_fraction(exposure_us: float, mains_hz: float) -> float:

@@ -105,6 +105,25 @@ def check_capture(
     return tuple(f for f in (*findings, _focus(images.record, series)) if f is not None)
 
 
+def bracket_remarks(record: CaptureRecord) -> tuple[str, ...]:
+    """Say where the exposures of a bracket disagree on the light by more than 1 %.
+
+    They should not: what does is the lamp, an exposure that is not what the camera states, a black
+    level that is off, or levels that are not linear.
+    """
+    shorter_us = None
+    remarks = []
+    for one in record.bracket or ():
+        if one.light_ratio is not None and abs(one.light_ratio - 1) > LEVEL_LIMIT:
+            remarks.append(
+                f"bracket: {one.exposure_us:g} us shows {100 * (one.light_ratio - 1):+.1f} % of "
+                f"light against {shorter_us:g} us; let the lamp warm up, expose for whole periods "
+                "of its flicker, or check the black level and that gamma is off"
+            )
+        shorter_us = one.exposure_us
+    return tuple(remarks)
+
+
 def estimate_motion(
     mean_dn: NDArray[np.floating],
     variance_dn2: NDArray[np.floating],

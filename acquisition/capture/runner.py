@@ -6,7 +6,12 @@ from pathlib import Path
 from typing import Literal
 
 from acquisition.bench import BenchDevices
-from acquisition.capture.quality import QualityFinding, check_capture, drift_between
+from acquisition.capture.quality import (
+    QualityFinding,
+    bracket_remarks,
+    check_capture,
+    drift_between,
+)
 from acquisition.capture.step import CaptureStep
 from acquisition.devices import Stage
 from acquisition.errors import (
@@ -185,8 +190,7 @@ class _Run:
         planned = len(self._session.entries)
         captured = skipped = 0
         worked_s = 0.0
-        if pending:
-            self._require_space(len(pending), self._step.frames_asked)
+        self._require_space(pending)
         placed: tuple[str, str, float] | None = None
         placement: Placement = "ready"
         for entry in pending:
@@ -240,11 +244,14 @@ class _Run:
             },
         )
 
-    def _require_space(self, captures: int, frames: int) -> None:
-        settings = self._camera.settings
-        per_pixel = bytes_per_pixel(frames, keep_frames=self._plan.keep_frames)
-        pixels = settings.width_px * settings.height_px
-        self._session.require_space(captures * per_pixel * pixels)
+    def _require_space(self, pending: Sequence[PlanEntry]) -> None:
+        if not pending:
+            return
+        settings, frames = self._camera.settings, self._step.frames_asked
+        per_pixel = sum(
+            bytes_per_pixel(entry, frames, keep_frames=self._plan.keep_frames) for entry in pending
+        )
+        self._session.require_space(per_pixel * settings.width_px * settings.height_px)
 
     def _take(self, entry: PlanEntry) -> _Taken:
         """Capture an entry, store it, and journal its findings and remarks."""
@@ -255,10 +262,11 @@ class _Run:
         images = CaptureImages(
             mean_dn=take.averaged.mean_dn,
             variance_dn2=take.averaged.variance_dn2,
+            exposures_used=None if take.bracket is None else take.bracket.exposures_used,
             record=record,
         )
         findings = check_capture(images, self._records)
-        remarks = self._drift_remarks(entry, images)
+        remarks = (*bracket_remarks(record), *self._drift_remarks(entry, images))
         for text in (*(f"{f.problem}: {f.text}" for f in findings), *remarks):
             facts = {"index": entry.index, "capture": record.uid, "operator": self._operator.name}
             self._session.journal("note", {"text": text, **facts})

@@ -1,14 +1,16 @@
 """One capture at the bench: approach the height, settle, expose, average, read the height back."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
 
-from acquisition.averaging import AveragedFrames, average_frames
+from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchDevices
-from acquisition.capture.auto_exposure import next_exposure
-from acquisition.devices import FrameImage
+from acquisition.bracket import ExposureControl, MergedBracket, merge_bracket
+from acquisition.capture.auto_exposure import bracket_exposures_us, next_exposure
+from acquisition.devices import CameraSettings, FrameImage
 from acquisition.errors import CaptureError, DeviceError, StageStoppedError, StreamInterruptedError
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry
@@ -18,6 +20,18 @@ from acquisition.stages import home_timeout_s, move_timeout_s
 SHORTEST_EXPOSURE_US = 50.0
 EXPOSURE_TRIALS = 8
 BRIGHT_PERCENTILE = 99.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Exposed:
+    """The frames of one capture, averaged and perhaps merged, and the computer's clock around."""
+
+    averaged: AveragedFrames
+    settings: CameraSettings
+    raw_frames: tuple[FrameImage, ...]
+    started: datetime
+    finished: datetime
+    bracket: MergedBracket | None = None
 
 
 class CaptureStep:
@@ -49,6 +63,7 @@ class CaptureStep:
         self._utc_now = utc_now
         self._approached_mm: float | None = None
         self._exposure_us = bench.camera.exposure_us
+        self._exposures = ExposureControl(devices.camera, self._exposure_us, devices.clock)
 
     def forget_approach(self) -> None:
         """Approach the next height anew, even if it is the same as the last one."""
@@ -77,25 +92,27 @@ class CaptureStep:
         self._require_still()
         if exposure_us is None:
             self._find_exposure()
-        elif exposure_us != self._exposure_us:
+        else:
             self._exposure_us = exposure_us
-            self._camera.set_exposure_us(exposure_us)
         try:
-            started, averaged, raw_frames, finished = self._expose()
+            exposed = self._expose(entry)
         except StreamInterruptedError as error:
             # Starting again reopens the camera; what was averaged until then is lost.
             self._interrupted(entry, error)
-            started, averaged, raw_frames, finished = self._expose()
+            exposed = self._expose(entry)
         # Checked after the exposure: a stage that moved or crept away spoils the capture.
         self._require_still()
         return Take(
-            averaged=averaged,
-            settings=self._camera.settings,
-            raw_frames=raw_frames,
+            averaged=exposed.averaged,
+            settings=exposed.settings,
+            raw_frames=exposed.raw_frames,
             height_mm=self._checked(entry.height_mm, self._stage.position_mm()),
-            focus_value=None if entry.kind in ("flat", "dark") else self._focus_value(averaged),
-            started=started,
-            finished=finished,
+            focus_value=(
+                None if entry.kind in ("flat", "dark") else self._focus_value(exposed.averaged)
+            ),
+            started=exposed.started,
+            finished=exposed.finished,
+            bracket=exposed.bracket,
         )
 
     def park(self, height_mm: float) -> None:
@@ -103,16 +120,38 @@ class CaptureStep:
         self.forget_approach()
         self._stage.move_to(height_mm, move_timeout_s(self._bench.stage))
 
-    def _expose(self) -> tuple[datetime, AveragedFrames, list[FrameImage], datetime]:
-        raw_frames: list[FrameImage] = []
+    def _expose(self, entry: PlanEntry) -> _Exposed:
+        """Average the frames of one exposure, or of each of a bracket and merge them."""
         started = self._utc_now()
-        averaged = average_frames(
-            self._camera,
-            self.frames_asked,
-            keep_frame=raw_frames.append if self._plan.keep_frames else None,
-            clock=self._clock,
+        frames, keep = self.frames_asked, self._plan.keep_frames
+        if entry.bracket is None:
+            taken = self._exposures.average(frames, self._exposure_us, keep_frames=keep)
+            return _Exposed(
+                averaged=taken.averaged,
+                settings=self._camera.settings,
+                raw_frames=taken.raw_frames,
+                started=started,
+                finished=self._utc_now(),
+            )
+        asked_us = bracket_exposures_us(
+            self._exposure_us, entry.bracket.ratios(), self._bench.capture.mains_hz
         )
-        return started, averaged, raw_frames, self._utc_now()
+        each = self._exposures.bracket(frames, asked_us, keep_frames=keep)
+        finished, settings = self._utc_now(), self._camera.settings
+        merged = merge_bracket(
+            [one.exposure_us for one in each],
+            [one.averaged for one in each],
+            black_level_dn=settings.black_level_dn,
+            max_level_dn=settings.max_level_dn,
+        )
+        return _Exposed(
+            averaged=merged.averaged,
+            settings=replace(settings, exposure_us=each[0].exposure_us),
+            raw_frames=tuple(frame for one in each for frame in one.raw_frames),
+            started=started,
+            finished=finished,
+            bracket=merged,
+        )
 
     def _focus_value(self, averaged: AveragedFrames) -> float:
         return focus_value(
@@ -125,12 +164,13 @@ class CaptureStep:
         """Find the exposure for the brightest parts of the target, within a frame period."""
         config = self._bench.camera
         longest_us = max(1e6 / config.frame_rate_hz, config.exposure_us)
+        exposure_us = self._camera.settings.exposure_us
         for _ in range(EXPOSURE_TRIALS):
+            taken = self._exposures.average(2, exposure_us)
             settings = self._camera.settings
-            mean_dn = average_frames(self._camera, 2, clock=self._clock).mean_dn
             step = next_exposure(
                 settings.exposure_us,
-                float(np.percentile(mean_dn, BRIGHT_PERCENTILE)),
+                float(np.percentile(taken.averaged.mean_dn, BRIGHT_PERCENTILE)),
                 black_level_dn=settings.black_level_dn,
                 max_level_dn=settings.max_level_dn,
                 limits_us=(SHORTEST_EXPOSURE_US, longest_us),
@@ -139,7 +179,7 @@ class CaptureStep:
             if step.is_settled:
                 self._exposure_us = settings.exposure_us
                 return
-            self._camera.set_exposure_us(step.exposure_us)
+            exposure_us = step.exposure_us
         raise CaptureError(
             f"no exposure was found in {EXPOSURE_TRIALS} trials; is the light steady? "
             "Set the target's exposure_us",

@@ -22,15 +22,19 @@ _INFO_START, _INFO_END = ('{\n "index"'.encode("utf-16-le"), "\n}".encode("utf-1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureImages:
-    """The pixels of a capture with its record; both images float32, shape ``(rows, cols)``.
+    """The pixels of a capture with its record; images float32, shape ``(rows, cols)``.
 
     ``variance_dn2`` is the unbiased temporal variance of one frame, so that the mean has
-    ``variance_dn2 / record.frames_used``. It is None where a single frame was used.
+    ``variance_dn2 / record.frames_used``. It is None where a single frame was used. In a bracket
+    the mean is merged from several exposures, and ``variance_dn2 / record.frames_used`` is the
+    variance of that; ``exposures_used`` counts those on which a pixel's level rests, 0 where it is
+    not valid. It is None where there is no bracket.
     """
 
     mean_dn: NDArray[np.float32]
     variance_dn2: NDArray[np.float32] | None
     record: CaptureRecord
+    exposures_used: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         if self.mean_dn.ndim != 2:
@@ -44,12 +48,23 @@ class CaptureImages:
             raise ValueError(
                 f"the variance has shape {self.variance_dn2.shape}, the mean {self.mean_dn.shape}"
             )
+        if (self.exposures_used is None) != (self.record.bracket is None):
+            raise ValueError(
+                f"a capture {'without' if self.record.bracket is None else 'with'} a bracket must "
+                f"{'not ' if self.record.bracket is None else ''}say which exposures were used"
+            )
+        if self.exposures_used is not None and self.exposures_used.shape != self.mean_dn.shape:
+            raise ValueError(
+                f"exposures_used has shape {self.exposures_used.shape}, the mean "
+                f"{self.mean_dn.shape}"
+            )
 
 
 def capture_bytes(images: CaptureImages) -> memoryview:
     """Make the bytes of a capture's TIFF file; the same capture gives the same bytes.
 
-    Page 1 is the mean, page 2 the variance, uncompressed float32. The record is in ImageJ's
+    Page 1 is the mean, page 2 the variance, page 3 of a bracket the number of exposures used, 0
+    where the pixel is not valid; uncompressed float32. The record is in ImageJ's
     Info as JSON without its ``sha256``, the scale in the resolution where it is known.
     """
     pages = [images.mean_dn]
@@ -57,6 +72,9 @@ def capture_bytes(images: CaptureImages) -> memoryview:
     if images.variance_dn2 is not None:
         pages.append(images.variance_dn2)
         labels.append("variance")
+    if images.exposures_used is not None:
+        pages.append(images.exposures_used)
+        labels.append("exposures used")
     return _imagej_bytes(
         [np.asarray(page, dtype=np.float32) for page in pages],
         {"axes": "ZYX", "Labels": labels, "Info": _info(images.record)},
@@ -91,15 +109,18 @@ def parse_capture(data: bytes, *, source: str) -> CaptureImages:
         raise SessionError(
             f"{source}: not a readable TIFF file: {error}", fault="damaged"
         ) from error
-    if not isinstance(document, dict) or len(tiff.images) not in (1, 2):
+    if not isinstance(document, dict) or len(tiff.images) not in (1, 2, 3):
         raise SessionError(
             f"{source}: a TIFF file, but not a capture of a session", fault="not a session"
         )
     record = CaptureRecord.from_json(document, source=source)
-    mean_dn, *variances = [np.asarray(page, dtype=np.float32) for page in tiff.images]
+    pages = [np.asarray(page, dtype=np.float32) for page in tiff.images]
     try:
         return CaptureImages(
-            mean_dn=mean_dn, variance_dn2=variances[0] if variances else None, record=record
+            mean_dn=pages[0],
+            variance_dn2=pages[1] if len(pages) > 1 else None,
+            exposures_used=pages[2] if len(pages) > 2 else None,
+            record=record,
         )
     except ValueError as error:
         raise SessionError(f"{source}: {error}", fault="damaged") from error

@@ -186,9 +186,7 @@ class Session:
                 path=path,
             )
         images = parse_capture(data, source=str(path))
-        return CaptureImages(
-            mean_dn=images.mean_dn, variance_dn2=images.variance_dn2, record=record
-        )
+        return replace(images, record=record)
 
 
 def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[SessionCapture, ...]:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from acquisition.bracket import BracketExposure
 from acquisition.choices import CaptureKind
 from acquisition.errors import SessionError
 from acquisition.written_files import validation_keys, validation_lines
@@ -29,6 +30,9 @@ class CaptureRecord:
     ``gain`` and ``black_level`` are as the camera states them, in their units; ``gain_db`` is None
     and ``black_level_dn`` 0 where the unit is counts, whose scale the camera does not tell. Records
     of earlier versions have neither.
+    ``bracket`` has the exposures of a bracket, shortest first, None for a capture of one exposure;
+    ``exposure_us`` is then the shortest, whose DN the levels are in, and ``saturated_pixels`` are
+    those that are saturated in all of them.
     ``file`` and ``frames_file`` are relative to the session, with forward slashes. ``sha256``
     is None inside the file itself.
     """
@@ -65,6 +69,7 @@ class CaptureRecord:
     gain_unit: str | None = None
     black_level: float | None = None
     black_level_unit: str | None = None
+    bracket: tuple[BracketExposure, ...] | None = None
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
 
@@ -87,8 +92,13 @@ class CaptureRecord:
                 raise ValueError(f"{name} must be inside the session, got {path}")
 
     def to_json(self) -> dict[str, Any]:
-        """The record as a JSON object, which ``from_json`` reads back exactly."""
-        return asdict(self)
+        """The record as a JSON object, which ``from_json`` reads back exactly.
+
+        It is that of earlier versions where there is no bracket.
+        """
+        document = asdict(self)
+        bracket = document.pop("bracket")
+        return document if bracket is None else {**document, "bracket": list(bracket)}
 
     @staticmethod
     def from_json(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
+from acquisition.bracket import MergedBracket
 from acquisition.devices import CameraSettings, FrameImage
 
 
@@ -27,6 +28,9 @@ class Take:
         The computer's clock around the exposure.
     raw_frames
         Frames to store beside it; none if empty.
+    bracket
+        The exposures behind ``averaged``, if it was merged from several; ``settings`` have the
+        shortest.
     """
 
     averaged: AveragedFrames
@@ -37,6 +41,7 @@ class Take:
     finished: datetime
     scale_px_per_mm: float | None = None
     raw_frames: Sequence[FrameImage] = ()
+    bracket: MergedBracket | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -124,6 +124,10 @@ def _check_manifest(session: Session) -> FileCheck:
 def _differs_from_plan(record: CaptureRecord, entry: PlanEntry | None) -> str | None:
     if entry is None:
         return "is none of the plan's"
+    exposures = 1 if entry.bracket is None else entry.bracket.exposures
+    taken = 1 if record.bracket is None else len(record.bracket)
+    if taken != exposures:
+        return f"has {taken} exposure(s); the plan asks for {exposures}"
     asked = (entry.kind, entry.target, entry.orientation_deg, entry.height_mm)
     made = (record.kind, record.target, record.orientation_deg, record.height_asked_mm)
     if made == asked:

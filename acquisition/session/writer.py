@@ -11,7 +11,6 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
@@ -170,8 +169,15 @@ class SessionWriter:
             gain_unit=settings.gain_unit,
             black_level=settings.black_level,
             black_level_unit=settings.black_level_unit,
+            bracket=None if take.bracket is None else take.bracket.exposures,
         )
-        return self._store(record, averaged.mean_dn, averaged.variance_dn2, take.raw_frames)
+        images = CaptureImages(
+            mean_dn=averaged.mean_dn,
+            variance_dn2=averaged.variance_dn2,
+            exposures_used=None if take.bracket is None else take.bracket.exposures_used,
+            record=record,
+        )
+        return self._store(images, take.raw_frames)
 
     def add_photograph(self, entry: PlanEntry, photograph: Photograph) -> CaptureRecord:
         """Store a photograph as a capture of one frame, or of as many as it is the mean of.
@@ -207,7 +213,10 @@ class SessionWriter:
             scale_px_per_mm=photograph.scale_px_per_mm,
             frames_file=None,
         )
-        return self._store(record, image_dn, photograph.variance_dn2, ())
+        images = CaptureImages(
+            mean_dn=image_dn, variance_dn2=photograph.variance_dn2, record=record
+        )
+        return self._store(images, ())
 
     def close(self) -> None:
         """Release the session; closing twice is harmless."""
@@ -310,19 +319,14 @@ class SessionWriter:
         suffix = f"_take{takes + 1}" if takes else ""
         return f"{folder}/{entry.stem}{suffix}.tif"
 
-    def _store(
-        self,
-        record: CaptureRecord,
-        mean_dn: NDArray[np.float32],
-        variance_dn2: NDArray[np.float32] | None,
-        raw_frames: Sequence[FrameImage],
-    ) -> CaptureRecord:
+    def _store(self, images: CaptureImages, raw_frames: Sequence[FrameImage]) -> CaptureRecord:
+        record = images.record
         try:
             if record.frames_file is not None:
                 path = self.path / record.frames_file
                 digest = atomic_write_hashed(path, frames_bytes(raw_frames))
                 record = replace(record, frames_sha256=digest)
-            images = CaptureImages(mean_dn=mean_dn, variance_dn2=variance_dn2, record=record)
+                images = replace(images, record=record)
             digest = atomic_write_hashed(self.path / record.file, capture_bytes(images))
         except OSError as error:
             raise _write_failure(self.path, error) from error

@@ -205,11 +205,15 @@ class _Matched:
         seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
         terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)
         fit, floor = fit_pair(seen, target, terms, valid, None, smoothing.target_px), None
-        if noise is not None:
-            # The photographs' own scatter is not less than what noise.json says.
+        known = [
+            noise.variance_dn2(image).astype(np.float32) if one is None and noise else one
+            for one, image in zip(pair.known_variances(smoothing), (target, seen), strict=True)
+        ]
+        if any(one is not None for one in known):
+            # The photographs' own scatter is not less than what their noise is known to be.
             gains = white_noise_gain(fit.kernel.taps, smoothing, pair.positions.zoom)
-            own, other = (noise.variance_dn2(image).astype(np.float32) for image in (target, seen))
-            floor = np.float32(gains.target) * own + np.float32(gains.source) * other
+            own, other = (np.float32(0) if one is None else one for one in known)
+            floor = np.asarray(np.float32(gains.target) * own + np.float32(gains.source) * other)
             fit = fit_pair(seen, target, terms, valid, floor, smoothing.target_px)
         return cls(
             pair=pair,

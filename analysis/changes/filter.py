@@ -150,7 +150,8 @@ def find_changes(
             extra_blur_px2=compared.extra_blur_px2,
             extra_blur_err_px2=compared.extra_blur_err_px2,
             noise_factor=compared.noise_factor,
-            is_noise_known=options.noise is not None,
+            is_noise_known=options.noise is not None
+            or any(one is not None for one in options.variance_dn2),
             registration_err_px=compared.registration_err_px,
             width_err_px2=compared.width_err_px2,
             psf_form=None if psf is None else psf.form,

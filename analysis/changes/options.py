@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from analysis.choices import FALSE_ALARMS
 from calibration.registration import DistortedPose, RegistrationHints
-from simulation.arrays import BoolArray
+from simulation.arrays import BoolArray, Float32Array
 from simulation.capture_noise import CaptureNoise
 
 
@@ -30,6 +30,9 @@ class ChangeOptions:
     white_level_dn
         Levels at which the reference and the follow-up are clipped, where they are known; a
         plateau at the top counts anyway.
+    variance_dn2
+        Variance of each pixel of the reference and the follow-up, where it is known, as of captures
+        merged from several exposures; it comes before ``noise``.
     """
 
     pose: DistortedPose | None = None
@@ -39,3 +42,4 @@ class ChangeOptions:
     false_discovery_rate: float | None = None
     left_out: BoolArray | None = None
     white_level_dn: tuple[float | None, float | None] = (None, None)
+    variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)

@@ -42,6 +42,8 @@ class PhotographPair:
         if it is as it was.
     tone_variance_dn2
         Variance of that curve at the pixels.
+    source_variance_dn2, target_variance_dn2
+        Variance of their pixels, where it is known.
     """
 
     is_on_followup: bool
@@ -52,6 +54,8 @@ class PhotographPair:
     target_usable: BoolArray = field(repr=False)
     tone_slope: Float32Array | None = None
     tone_variance_dn2: Float32Array | None = None
+    source_variance_dn2: Float32Array | None = field(default=None, repr=False)
+    target_variance_dn2: Float32Array | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -68,9 +72,10 @@ class PhotographPair:
             usable.append(finite & ~unusable(levels, white))
         if options.left_out is not None:
             usable[1] &= ~options.left_out
-        towards = pose.to_reference_px
+        towards, variances = pose.to_reference_px, options.variance_dn2
         if not is_on_followup:
             images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
+            variances = variances[::-1]
         shapes = [(image.shape[0], image.shape[1]) for image in images]
         return cls(
             is_on_followup=is_on_followup,
@@ -79,12 +84,16 @@ class PhotographPair:
             positions=PixelPositions.of(towards, shapes[1], shapes[0]),
             source_usable=usable[0],
             target_usable=usable[1],
+            source_variance_dn2=variances[0],
+            target_variance_dn2=variances[1],
         )
 
     def with_tone(self, curve: ToneCurve) -> "PhotographPair":
-        """Return the pair with the target in the source's levels."""
+        """Return the pair with the target in the source's levels; its variance is fitted then."""
         return replace(
             self,
+            source_variance_dn2=None,
+            target_variance_dn2=None,
             target=curve.of(self.target),
             tone_slope=smoothed(curve.slope(self.target), 1.0),
             tone_variance_dn2=smoothed(curve.variance(self.target), 1.0),
@@ -102,6 +111,21 @@ class PhotographPair:
         inside[:width] = inside[-width:] = False
         inside[:, :width] = inside[:, -width:] = False
         return inside
+
+    def known_variances(self, smoothing: Smoothing) -> tuple[Float32Array | None, ...]:
+        """Variances of target and source at the target's pixels, where known.
+
+        A smoothed image has the variance smoothed by the square of the kernel: of a Gaussian, one
+        narrower by sqrt(2).
+        """
+        target, source = self.target_variance_dn2, self.source_variance_dn2
+        if target is not None:
+            target = smoothed(target, smoothing.target_px * 0.5**0.5)
+        if source is not None:
+            width_px = smoothing.source_px * self.positions.zoom * 0.5**0.5
+            seen = self.positions.seen(spline_coefficients(source, width_px))
+            source = np.maximum(np.nan_to_num(seen, copy=False, nan=float(np.mean(source))), 0)
+        return target, source
 
     def seen(self, smoothing_px: float) -> Float32Array:
         """The source on the target's pixels, smoothed; its mean where it shows nothing."""

@@ -211,6 +211,8 @@ def _noise_sample(session: Session) -> NoiseSample | None:
     for record in session.records:
         if record.kind not in ("edge", "board", "flat") or record.frames_used < _FEWEST_FRAMES:
             continue
+        if record.bracket is not None:  # no one line: dark pixels rest on more exposures
+            continue
         images = session.load(record)
         if images.variance_dn2 is None or images.mean_dn.size < _FEWEST_PIXELS:
             continue

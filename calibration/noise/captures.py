@@ -150,7 +150,8 @@ def measure_noise(
 ) -> NoiseMeasurement:
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
 
-    Every capture is read twice, or three times if the sensor has defects, which are left out.
+    Every capture is read twice, or three times if the sensor has defects, which are left out. Of a
+    bracket every exposure is a sample, with its defects; the maps take what was merged.
 
     Parameters
     ----------
@@ -168,23 +169,23 @@ def measure_noise(
     """
     records = noise_records(session)
     levels = VarianceByLevel(records[0].max_level_dn)
-    samples = []
+    samples: list[LevelSample] = []
     for done, record in enumerate(records, start=1):
         images = session.load(record)
         assert images.variance_dn2 is not None  # of several frames
-        samples.append(_sample(images, None))
-        if record.kind == "flat":
+        samples += _samples(images, None)
+        if record.kind == "flat" and record.bracket is None:
             levels.add(images.mean_dn, images.variance_dn2)
         progress(done)
     transfer = fit_photon_transfer(samples, levels.saturation())
     sums = _MapSums(transfer, _dark_group(transfer, records, session.bench))
     for done, record in enumerate(records, start=len(records) + 1):
-        sums.add(session.load(record), samples[done - len(records) - 1])
+        sums.add(session.load(record))
         progress(done)
     maps = sums.maps()
     if maps.is_defect.any():
         sound = ~maps.is_defect
-        masked = [_sample(session.load(record), sound) for record in records]
+        masked = [one for record in records for one in _samples(session.load(record), sound)]
         transfer = fit_photon_transfer(masked, transfer.saturation)
     camera: Mapping[str, Any] = session.devices.get("camera", {})
     pixels = sums.nonuniformity(maps)
@@ -203,6 +204,27 @@ def measure_noise(
     return NoiseMeasurement(
         calibration=calibration, transfer=transfer, maps=maps, nonuniformity=pixels
     )
+
+
+def _samples(images: CaptureImages, sound: BoolArray | None) -> list[LevelSample]:
+    """The samples of a capture: one, or one for each exposure of a bracket."""
+    record = images.record
+    whole = _sample(images, sound)
+    if record.bracket is None:
+        return [whole]
+    return [
+        whole.model_copy(
+            update={
+                "mean_dn": one.mean_dn,
+                "variance_dn2": one.variance_dn2,
+                "pixels": images.mean_dn.size,
+                "frames": one.frames_used,
+                "exposure_us": one.exposure_us,
+                "clipped_fraction": one.saturated_pixels / images.mean_dn.size,
+            }
+        )
+        for one in record.bracket
+    ]
 
 
 def _sample(images: CaptureImages, sound: BoolArray | None) -> LevelSample:
@@ -253,17 +275,19 @@ class _MapSums:
         self._ratio: Any = 0.0
         self._captures = 0
 
-    def add(self, images: CaptureImages, sample: LevelSample) -> None:
+    def add(self, images: CaptureImages) -> None:
         """Add a capture, if it is suitable for a map."""
+        sample = _sample(images, None)
         black = self._transfer.dark.black_level_dn
         is_dark = sample.kind == "dark"
         if not (is_dark or is_in_fit_range(sample, black, self._transfer.saturation.level_dn)):
             return
         mean = images.mean_dn.astype(np.float64)
         assert images.variance_dn2 is not None
-        expected = self._transfer.variance_dn2(np.maximum(mean - black, 0.0))
-        self._ratio = self._ratio + images.variance_dn2 / np.maximum(expected, 1e-6)
-        self._captures += 1
+        if images.record.bracket is None:  # its variance is the model's, and judges no pixel
+            expected = self._transfer.variance_dn2(np.maximum(mean - black, 0.0))
+            self._ratio = self._ratio + images.variance_dn2 / np.maximum(expected, 1e-6)
+            self._captures += 1
         if is_dark:
             if sample.capture in self._dark_files:
                 self._dark = self._dark + mean * sample.frames
@@ -282,7 +306,7 @@ class _MapSums:
             dark,
             light / light.mean(),
             dark_noise_dn=float(np.sqrt(max(self._transfer.offset_dn2, 0.0))),
-            variance_ratio=self._ratio / self._captures,
+            variance_ratio=(self._ratio / self._captures if self._captures else np.ones_like(dark)),
             black_level_dn=float(dark.mean()),
         )
 

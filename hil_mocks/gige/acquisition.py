@@ -1,6 +1,7 @@
 """The frame thread of the simulated GigE camera: free-running, triggered, or a few frames."""
 
 import struct
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from threading import Condition, RLock, Thread
@@ -26,6 +27,7 @@ from hil_mocks.gige.stream import Block, StreamSender
 
 CONTINUOUS, SINGLE_FRAME = 0, 1
 POLL_WHILE_STALLED_S = 0.02
+EXPOSURES_KEPT = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,13 +84,13 @@ class Acquisition:
         self._acquisitions = 0
         self._frames = 0
         self._counter = 0
-        self._exposure_us = self._exposure_before_us = state.quantity("ExposureTimeAbs")
         self._frames_left: int | None = None
         self._triggers: list[float] = []
         self._due_s = 0.0
         self._exposed_s = 0.0
         self.first_block_id = 1
         self._block_id = 0
+        self._set_us: deque[float] = deque(maxlen=EXPOSURES_KEPT)
         self._thread = Thread(target=self._run, name="gige-stream", daemon=True)
 
     @property
@@ -119,8 +121,6 @@ class Acquisition:
                 self._frames_left = 1 if mode == SINGLE_FRAME else count
             self._acquisitions += 1
             self._frames = 0
-            self._exposure_before_us = self._exposure_us
-            self._exposure_us = self._state.quantity("ExposureTimeAbs")
             self._triggers.clear()
             self._block_id = self.first_block_id
             self._sender.forget()
@@ -194,11 +194,11 @@ class Acquisition:
     def _expose(self) -> _Exposure:
         block_id = self._block_id
         request = self._state.request(self._acquisitions, self._frames)
-        if self._frames < self._faults().late_exposure_frames:
-            request = replace(request, exposure_us=self._exposure_before_us)
+        self._set_us.append(request.exposure_us)
+        late = min(self._faults().exposure_delay_frames, len(self._set_us) - 1)
         self._counter += 1
         exposure = _Exposure(
-            request=request,
+            request=replace(request, exposure_us=self._set_us[-1 - late]),
             block_id=block_id,
             timestamp_ticks=self._registers.ticks_at(self._exposed_s),
             layout=self._state.layout,

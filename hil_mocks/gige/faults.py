@@ -31,14 +31,14 @@ class GigeFaults:
         Leaders have a payload type that does not exist.
     missing_rows
         The image has this many rows fewer than was set.
-    late_exposure_frames
-        So many frames after a start are still exposed as in the acquisition before.
     refused_registers
         Names of features whose registers refuse every write.
     slow_writes_s
         Delay before a write is answered; the device sends a pending acknowledge if it may.
     temperature_present
         The description has a DeviceTemperature, unlike a Manta's.
+    exposure_delay_frames
+        Frames have the exposure that was set so many frames earlier.
     """
 
     seed: int = 0
@@ -51,16 +51,16 @@ class GigeFaults:
     heartbeat_lost: bool = False
     corrupt_leader: bool = False
     missing_rows: int = 0
-    late_exposure_frames: int = 0
     refused_registers: frozenset[str] = frozenset()
     slow_writes_s: float = 0.0
     temperature_present: bool = False
+    exposure_delay_frames: int = 0
 
     def __post_init__(self) -> None:
         for name in RATES:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be from 0 to 1, got {getattr(self, name)}")
-        for name in ("seed", "missing_rows", "late_exposure_frames", "slow_writes_s"):
+        for name in ("seed", "missing_rows", "slow_writes_s", "exposure_delay_frames"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 

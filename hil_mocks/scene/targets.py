@@ -37,6 +37,13 @@ CHART_SLANT_DEG = 5.0
 CHART_GROUND = 0.6
 
 
+TABLET_STEPS = 5
+TABLET_STEP_MM = 24.0
+TABLET_DENSITY = 4.0
+"""Optical density of the darkest step: 1 : 10,000. Step tablets of films go that far, prints do not
+(ISO 15739 measures the dynamic range of cameras with such a chart)."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
     """A target: its kind in a capture plan, and a function that makes its scene."""
@@ -66,6 +73,18 @@ def charuco_board() -> CellGrid:
             square[1:-1, 1:-1] = np.where(bits > 0, WHITE_PAPER, BLACK_PAPER)
             marker_id += 1
     return CellGrid(cells=cells, cell_mm=BOARD_SQUARE_MM / n)
+
+
+def step_tablet() -> CellGrid:
+    """A transparent step tablet on a light box: 25 steps from 1 to 1/10,000 in an opaque frame.
+
+    The light box is as bright as white paper. Densities grow row by row, and every other row from
+    right to left, so that neighbours in a row differ by a factor of 1.5.
+    """
+    density = np.linspace(0.0, TABLET_DENSITY, TABLET_STEPS**2).reshape(TABLET_STEPS, -1)
+    density[1::2] = density[1::2, ::-1]
+    dark = 10.0**-TABLET_DENSITY
+    return CellGrid(cells=10.0**-density, cell_mm=TABLET_STEP_MM, margin=dark)
 
 
 def resolution_chart() -> SumOfScenes:
@@ -126,6 +145,9 @@ TARGETS: dict[str, Target] = {
         kind="chart", description="slanted squares and zone plates", make=resolution_chart
     ),
     "board": Target(kind="board", description="ChArUco board", make=charuco_board),
+    "step tablet": Target(
+        kind="chart", description="steps of light from 1 to 1/10,000", make=step_tablet
+    ),
     "flat": Target(kind="flat", description="white paper", make=Uniform),
     "dark": Target(kind="dark", description="lens cap", make=partial(Uniform, level=0.0)),
 }

@@ -290,6 +290,11 @@ class SessionCamera:
 
     def _require_space(self, session: SessionWriter, frames: int) -> None:
         settings = self._bench.camera.settings
-        per_pixel = bytes_per_pixel(frames, keep_frames=self.plan.keep_frames)
         pixels = settings.width_px * settings.height_px
-        session.require_space(len(session.pending_entries()) * per_pixel * pixels)
+        keep_frames = self.plan.keep_frames
+        session.require_space(
+            sum(
+                pixels * bytes_per_pixel(entry, frames, keep_frames=keep_frames)
+                for entry in session.pending_entries()
+            )
+        )

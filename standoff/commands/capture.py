@@ -249,6 +249,7 @@ def _print_plan(
                         "orientation_deg": e.orientation_deg,
                         "height_mm": e.height_mm,
                         "exposure_us": e.exposure_us,
+                        "bracket": None if e.bracket is None else e.bracket.model_dump(),
                     }
                     for e in entries
                 ],

@@ -98,6 +98,8 @@ class Photograph(PhotographHead):
         frequency; the blocks start at the first pixel.
     variance_dn2, frames
         Temporal variance of one frame and the number of them, for the mean of a stack.
+    has_modelled_variance
+        Whether that variance is the noise model's, as of an exposure bracket, and not a sample's.
     """
 
     stored: AnyArray = field(repr=False)
@@ -107,6 +109,7 @@ class Photograph(PhotographHead):
     luma_steps: FloatArray | None = field(default=None, repr=False)
     variance_dn2: FloatArray | None = field(default=None, repr=False)
     frames: int = 1
+    has_modelled_variance: bool = False
 
     @classmethod
     def of_array(cls, name: str, pixels: NDArray[Any]) -> Self:

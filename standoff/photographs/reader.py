@@ -110,6 +110,7 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         facts=stored.facts,
         variance_dn2=variance,
         frames=frames,
+        has_modelled_variance=stored.has_modelled_variance and encoding.is_linear,
         sha256=sha256(data).hexdigest(),
     )
 

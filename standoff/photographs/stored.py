@@ -47,6 +47,8 @@ class StoredImage:
         None where the levels are no luma compressed as that.
     variance_dn2, frames
         Of a capture of a session: temporal variance of a frame, and the frames in the mean.
+    has_modelled_variance
+        Whether that variance is the noise model's, as of an exposure bracket, and not a sample's.
     """
 
     count: int
@@ -61,6 +63,7 @@ class StoredImage:
     pattern: Pattern | None = None
     variance_dn2: FloatArray | None = field(default=None, repr=False)
     frames: int = 1
+    has_modelled_variance: bool = False
 
 
 _DAMAGE = (

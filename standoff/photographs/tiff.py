@@ -122,6 +122,7 @@ def _capture(data: bytes, tiff: tifffile.TiffFile) -> StoredImage | None:
         saturation_dn=capture.record.max_level_dn,
         variance_dn2=None if variance is None else variance.astype(np.float64),
         frames=capture.record.frames_used,
+        has_modelled_variance=capture.record.bracket is not None,
     )
 
 

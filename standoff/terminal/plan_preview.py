@@ -52,6 +52,7 @@ def flicker_warnings(
         return
     found_later = plan.auto_exposure
     asked_us = {
+        # Longer exposures of a bracket are shortened to whole periods.
         entry.exposure_us or bench.camera.exposure_us
         for entry in entries
         if entry.kind != "dark" and (entry.exposure_us is not None or not found_later)

@@ -129,3 +129,29 @@ def test_a_closed_camera_does_nothing_more() -> None:
 def test_starting_twice_is_an_error() -> None:
     with pytest.raises(DeviceError):
         started().start()
+
+
+def test_a_late_exposure_is_read_back_at_once_and_seen_frames_later() -> None:
+    camera = homed_bench().camera
+    camera.faults = CameraFaults(exposure_delay_frames=(2, 2), states_exposure=True)
+    camera.start()
+    frames = [camera.next_frame(1.0)]
+    camera.stop()
+    assert camera.set_exposure_us(4000.0) == camera.settings.exposure_us == 4000.0
+    camera.start()
+    frames += [camera.next_frame(1.0) for _ in range(3)]
+    assert [frame.exposure_us for frame in frames] == [8000.0, 8000.0, 8000.0, 4000.0]
+    light = [float(frame.image_dn.mean()) - 64.0 for frame in frames]
+    # Half the light, to the noise of a mean of 6144 pixels: 0.02 %.
+    assert [one / light[0] for one in light] == pytest.approx([1, 1, 1, 0.5], rel=2e-3)
+
+
+def test_delays_are_drawn_for_each_change_from_the_seed() -> None:
+    faults = CameraFaults(seed=4, exposure_delay_frames=(1, 5))
+    delays = [faults.exposure_delay(change) for change in range(200)]
+    assert set(delays) == {1, 2, 3, 4, 5}
+    assert delays == [faults.exposure_delay(change) for change in range(200)]
+
+
+def test_frames_state_no_exposure_unless_they_are_told_to() -> None:
+    assert started().next_frame(1.0).exposure_us is None

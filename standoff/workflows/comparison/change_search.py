@@ -15,7 +15,7 @@ from analysis.reports import plot_changes
 from analysis.results_file import write_results
 from calibration.errors import CalibrationError
 from simulation import Psf, PsfField
-from simulation.arrays import BoolArray
+from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.photographs import Inputs, Photograph
 from standoff.workflows.comparison.alignment_hints import AlignmentHints, white_level_dn
@@ -122,6 +122,7 @@ def compared(
         hints=hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name),
         left_out=hints.left_out,
         white_level_dn=(white_level_dn(near, stated), white_level_dn(far, stated)),
+        variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
     )
     try:
         found = find_changes(near.grey_dn, far.grey_dn, psf, options)
@@ -130,6 +131,14 @@ def compared(
     except AnalysisError as error:
         raise AnalysisError(f"{far.path}: {error}") from error
     return ComparedPair(reference=near, followup=far, found=found, left_out=hints.left_out)
+
+
+def _variance_dn2(photograph: Photograph) -> Float32Array | None:
+    """Variance of each level of a bracket; a sample of a few frames is too rough to judge one."""
+    variance = photograph.grey_variance_dn2
+    if variance is None or not photograph.has_modelled_variance:
+        return None
+    return (variance / photograph.frames).astype(np.float32)
 
 
 def write_changes(out: Path, pair: ComparedPair, summary: ChangeSummary) -> None:

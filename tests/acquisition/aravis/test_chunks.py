@@ -64,7 +64,7 @@ def test_a_camera_without_chunks_and_one_that_is_not_asked_state_no_exposure() -
 def test_a_frame_with_another_exposure_never_enters_a_mean(maker: Maker) -> None:
     with gige_bench(maker=maker) as bench, opened(bench) as camera:
         average_frames(camera, 2)
-        bench.camera.faults = GigeFaults(late_exposure_frames=3)
+        bench.camera.faults = GigeFaults(exposure_delay_frames=3)
         camera.set_exposure_us(8000.0)
         averaged = average_frames(camera, 3)
         # The first frame is skipped in any case, the second and third are those refused.
@@ -76,7 +76,7 @@ def test_a_frame_with_another_exposure_never_enters_a_mean(maker: Maker) -> None
 def test_a_camera_that_never_takes_over_the_exposure_is_an_error_with_the_count() -> None:
     with gige_bench(maker="flir") as bench, opened(bench) as camera:
         average_frames(camera, 2)
-        bench.camera.faults = GigeFaults(late_exposure_frames=1000)
+        bench.camera.faults = GigeFaults(exposure_delay_frames=1000)
         camera.set_exposure_us(8000.0)
         with pytest.raises(CaptureError) as refused:
             average_frames(camera, 2)

@@ -1,9 +1,15 @@
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.capture.auto_exposure import flicker_fraction, next_exposure, without_flicker
+from acquisition.capture.auto_exposure import (
+    bracket_exposures_us,
+    flicker_fraction,
+    next_exposure,
+    without_flicker,
+)
 
 BLACK_DN, MAX_DN = 64.0, 4095.0
 LIMITS_US = (50.0, 16000.0)
@@ -68,3 +74,20 @@ def test_the_flicker_that_is_left_is_a_sinc() -> None:
     assert flicker_fraction(5000.0, 50) == pytest.approx(2 / math.pi)  # half a period
     assert flicker_fraction(1e-3, 50) == pytest.approx(1.0)
     assert flicker_fraction(9000.0, 0) == 0.0
+
+
+def test_longer_exposures_of_a_bracket_are_whole_periods_of_the_flicker() -> None:
+    assert bracket_exposures_us(9000.0, (1.0, 4.0, 16.0), 50) == (9000.0, 30_000.0, 140_000.0)
+    assert bracket_exposures_us(500.0, (1.0, 8.0), 50) == (500.0, 4000.0)
+    assert bracket_exposures_us(9000.0, (1.0, 4.0, 16.0), 0) == (9000.0, 36_000.0, 144_000.0)
+
+
+@given(st.floats(21.0, 1e6), st.floats(1.5, 32.0), st.integers(2, 12), st.sampled_from([0, 50, 60]))
+def test_exposures_of_a_bracket_ascend(
+    shortest_us: float, ratio: float, count: int, mains_hz: float
+) -> None:
+    exposures_us = bracket_exposures_us(
+        shortest_us, [ratio**number for number in range(count)], mains_hz
+    )
+    assert exposures_us[0] == shortest_us
+    assert all(one < other for one, other in pairwise(exposures_us))

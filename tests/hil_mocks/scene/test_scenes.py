@@ -92,6 +92,16 @@ def test_every_target_reflects_between_nothing_and_white_paper(target: str) -> N
     assert level.max() <= 1.01
 
 
+def test_the_step_tablet_has_25_steps_from_1_to_a_ten_thousandth() -> None:
+    x_mm, y_mm = np.meshgrid(24.0 * np.arange(-2, 3), 24.0 * np.arange(-2, 3))
+    level = scene_of("step tablet").reflectance(x_mm, y_mm, 0.5)
+    # Blur reaches six widths, 3 mm, and the middle of a step is 12 mm from its border.
+    steps = np.asarray(np.geomspace(1e-4, 1.0, 25), dtype=np.float64)
+    np.testing.assert_allclose(np.sort(level.ravel()), steps, rtol=1e-12)
+    outside = scene_of("step tablet").reflectance(np.array([80.0]), np.array([0.0]), 0.5)
+    np.testing.assert_allclose(outside, 1e-4, rtol=1e-12)
+
+
 def test_an_unknown_target_is_an_error_that_lists_the_known_ones() -> None:
     with pytest.raises(ValueError) as refused:
         scene_of("egde")

@@ -1,0 +1,136 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from acquisition.bench import BenchDevices
+from acquisition.capture.quality import bracket_remarks
+from acquisition.capture.runner import RunOperator, RunSummary, run_plan
+from acquisition.errors import PlanError, SessionError
+from acquisition.plan import CapturePlan, estimate_plan, plan_entries
+from acquisition.session.capture_file import read_capture
+from acquisition.session.reader import Session
+from acquisition.session.record import CaptureRecord
+from acquisition.session.verification import verify
+from hil_mocks import SimulatedBench
+from tests.acquisition.records import RECORD
+from tests.acquisition.session_fixtures import plan_of
+from tests.hil_mocks.benches import bench_config
+
+FRAMES = 4
+
+
+def bracket_plan(bracket: dict[str, Any] | None, **changes: object) -> CapturePlan:
+    target: dict[str, object] = {"kind": "chart", "target": "step tablet"}
+    if bracket is not None:
+        target["bracket"] = bracket
+    return plan_of(
+        heights_mm=[200.0], frames_per_capture=FRAMES, **{"targets": [target], **changes}
+    )
+
+
+def captured(path: Path, plan: CapturePlan) -> tuple[SimulatedBench, RunSummary]:
+    bench = SimulatedBench(bench_config(camera__exposure_us=8000.0, optics__pixel_pitch_um=60.0))
+    devices = BenchDevices(
+        config=bench_config(camera__exposure_us=8000.0, optics__pixel_pitch_um=60.0),
+        camera=bench.camera,
+        stage=bench.stage,
+        clock=lambda: bench.clock.now_s,
+        sleep=bench.clock.advance,
+    )
+
+    def place(entry: Any) -> Any:
+        bench.place(entry.target, entry.orientation_deg)
+        return "ready"
+
+    return bench, run_plan(path, plan, devices, RunOperator(name="Zoë", place=place))
+
+
+def test_a_bracket_is_one_capture_of_linear_light_with_its_errors(tmp_path: Path) -> None:
+    path = tmp_path / "session"
+    bench, summary = captured(path, bracket_plan({"exposures": 4, "ratio": 10.0}))
+    assert summary.captured == 1
+    assert verify(path).is_ok
+    session = Session(path)
+    (record,) = session.records
+    # Longer ones are shortened to whole periods of lamps on 50 Hz: 10 ms.
+    assert [one.exposure_us for one in record.bracket or ()] == [8000, 80_000, 800_000, 8_000_000]
+    assert (record.exposure_us, record.frames_used) == (8000.0, 4 * FRAMES)
+    images = session.load(record)
+    light = bench.truth.expected_image_dn("step tablet", 0.0, bench.pose, exposure_us=8000.0)
+    light -= record.black_level_dn
+    assert light.max() / light.min() == pytest.approx(1e4, rel=0.01)
+    assert images.variance_dn2 is not None
+    error_dn = np.sqrt(images.variance_dn2 / record.frames_used)
+    pulls = (images.mean_dn - record.black_level_dn - light) / error_dn
+    assert np.mean(np.abs(pulls) < 1.96) == pytest.approx(0.95, abs=0.01)  # 6144: 3.6 deviations
+    assert images.exposures_used is not None
+    assert images.exposures_used.min() >= 1
+    assert set(np.unique(images.exposures_used)) == {1, 2, 3, 4}
+    again = read_capture(path / record.file)
+    np.testing.assert_array_equal(again.exposures_used, images.exposures_used)
+    assert CaptureRecord.from_json(record.to_json()) == record
+
+
+def test_a_bracket_resumes_and_another_one_is_another_plan(tmp_path: Path) -> None:
+    path = tmp_path / "session"
+    plan = bracket_plan({"exposures": 2, "ratio": 4.0})
+    captured(path, plan)
+    _, again = captured(path, plan)
+    assert (again.captured, again.already_captured) == (0, 1)
+    (path / Session(path).records[0].file).unlink()
+    _, repaired = captured(path, plan)
+    assert repaired.captured == 1
+    with pytest.raises(SessionError) as refused:
+        captured(path, bracket_plan({"exposures": 3, "ratio": 4.0}))
+    assert refused.value.fault == "made otherwise"
+    assert "plan.targets.0.bracket.exposures" in refused.value.keys
+
+
+def test_raw_frames_of_a_bracket_are_kept_exposure_by_exposure(tmp_path: Path) -> None:
+    path = tmp_path / "session"
+    captured(path, bracket_plan({"exposures": 2}, keep_frames=True))
+    (record,) = Session(path).records
+    assert record.frames_file is not None
+    frames = tifffile.imread(path / record.frames_file)
+    assert len(frames) == 2 * FRAMES
+    levels = frames.mean(axis=(1, 2))
+    assert levels[:FRAMES].max() < levels[FRAMES:].min()
+
+
+def test_a_record_without_a_bracket_is_that_of_earlier_versions() -> None:
+    assert "bracket" not in RECORD.to_json()
+
+
+@pytest.mark.parametrize(
+    "bracket", [{"exposures": 1}, {"exposures": 3, "ratio": 1.0}, {"ratio": 8.0}, {"steps": 3}]
+)
+def test_an_impossible_bracket_is_refused_by_its_key(bracket: dict[str, Any]) -> None:
+    with pytest.raises(PlanError) as refused:
+        bracket_plan(bracket)
+    assert refused.value.keys[0].startswith("targets.0.bracket.")
+
+
+def test_the_estimate_of_a_bracket_counts_each_exposure_and_three_pages() -> None:
+    bench = bench_config(camera__exposure_us=8000.0)
+    plain, four = (
+        estimate_plan(plan, plan_entries(plan), bench, (64, 96))
+        for plan in (bracket_plan(None), bracket_plan({"exposures": 4, "ratio": 10.0}))
+    )
+    assert (plain.bytes_, four.bytes_) == (8 * 64 * 96, 12 * 64 * 96)
+    # Five frames each, one of them skipped, and four starts of the stream instead of one.
+    assert four.seconds - plain.seconds == pytest.approx(5 * (0.08 + 0.8 + 8.0) + 3 * 0.25)
+
+
+def test_exposures_that_disagree_by_more_than_a_percent_are_remarked(tmp_path: Path) -> None:
+    path = tmp_path / "session"
+    captured(path, bracket_plan({"exposures": 2}))
+    (record,) = Session(path).records
+    assert bracket_remarks(record) == ()
+    assert bracket_remarks(RECORD) == ()
+    document = record.to_json()
+    document["bracket"][1]["light_ratio"] = 1.023
+    (remark,) = bracket_remarks(CaptureRecord.from_json(document))
+    assert "+2.3 %" in remark
