@@ -27,7 +27,7 @@ from hil_mocks.gige.stream import Block, StreamSender
 
 CONTINUOUS, SINGLE_FRAME = 0, 1
 POLL_WHILE_STALLED_S = 0.02
-EXPOSURES_KEPT = 64
+EXPOSURES_KEPT = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
