@@ -20,8 +20,7 @@ paper: $(FULL)  ## The paper's tables and figures on the simulated bench: up to 
 
 test: $(FULL)  ## Lint, types, layers and every test, the fast ones first.
 	$(MAKE) --no-print-directory lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m slow
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
 
 setup: $(FULL)  ## Everything, in .venv.
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.linalg import cho_factor, cho_solve
 
@@ -72,6 +73,7 @@ class WindowCovariance:
         n = up_y.shape[0]
         self._side = n
         self._noise_dn2 = noise_dn2
+        self._autocovariance_dn2 = autocovariance_dn2
         self._along_y, self._along_x = up_y @ up_y.T, up_x @ up_x.T
         size = next_fast_len(2 * n - 1, real=True)
         self._fft_shape = size, size
@@ -112,9 +114,11 @@ class WindowCovariance:
 
     def dense(self) -> FloatArray:
         """All elements, shape (n^2, n^2), pixels row by row."""
-        pixels = self._side**2
-        units = np.eye(pixels).reshape(pixels, self._side, self._side)
-        return self.times(units).reshape(pixels, pixels)
+        n = self._side
+        white = np.eye(n * n) + np.kron(self._along_y, self._along_x)
+        # Of lag (y - y', x - x') at [y, x, y', x'].
+        by_lag = sliding_window_view(self._autocovariance_dn2, (n, n))[..., ::-1, ::-1]
+        return np.asarray(self._noise_dn2 * white + by_lag.reshape(n * n, n * n))
 
     def _filtered(self, images: FloatArray, spectrum: FloatArray) -> FloatArray:
         """Cut the window out of the circular convolution with a symmetric kernel."""

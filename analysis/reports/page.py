@@ -31,6 +31,7 @@ _STYLE: Any = {
     "svg.fonttype": "path",
 }
 _PNG_DPI = 170
+_PNG_COMPRESSION = 4  # half of the time of 6, and files 6 % larger
 _INPUTS_LISTED = 50
 _UNBROKEN_ROWS = 8  # of a table that no page break parts: an inch and a half
 _COLUMN_IN = 7.32  # A4 less its margins
@@ -193,7 +194,9 @@ def png_bytes(figure: Figure) -> bytes:
     """Draw a figure as a PNG file."""
     data = BytesIO()
     with mpl.rc_context(_STYLE):
-        figure.savefig(data, format="png", dpi=_PNG_DPI)
+        figure.savefig(
+            data, format="png", dpi=_PNG_DPI, pil_kwargs={"compress_level": _PNG_COMPRESSION}
+        )
     return data.getvalue()
 
 

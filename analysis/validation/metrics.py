@@ -3,15 +3,14 @@
 from collections.abc import Callable
 from math import inf, log10
 
+import lazy_loader as lazy
 import numpy as np
-from skimage import metrics as skimage_metrics
 
 from analysis.results_file import InfiniteAsNull, StoredValues
 from simulation.arrays import FloatArray, FloatImage
 
-# scikit-image declares no types for these two.
-_nmi: Callable[..., float] = skimage_metrics.normalized_mutual_information
-_ssim: Callable[..., float] = skimage_metrics.structural_similarity
+# Every report knows these metrics, few compute them: loading scikit-image takes half a second.
+_skimage = lazy.load("skimage")
 
 _SSIM_WINDOW_PX = 7
 """Side of scikit-image's default SSIM window."""
@@ -72,12 +71,15 @@ def compare_images(a: FloatImage, b: FloatImage, data_range_dn: float = 255.0) -
     if not (data_range_dn > 0 and np.isfinite(data_range_dn)):
         raise ValueError(f"data_range_dn must be positive, got {data_range_dn}")
     mse_dn2 = mean_squared_error(first, second)
+    # scikit-image declares no types for these two.
+    nmi: Callable[..., float] = _skimage.metrics.normalized_mutual_information
+    ssim: Callable[..., float] = _skimage.metrics.structural_similarity
     return ImageMetrics(
         correlation=correlation(first, second),
         mse_dn2=mse_dn2,
-        nmi=float(_nmi(first, second)),
+        nmi=float(nmi(first, second)),
         psnr_db=10 * log10(data_range_dn**2 / mse_dn2) if mse_dn2 > 0 else inf,
-        ssim=float(_ssim(first, second, data_range=data_range_dn)),
+        ssim=float(ssim(first, second, data_range=data_range_dn)),
         data_range_dn=float(data_range_dn),
     )
 

@@ -235,6 +235,11 @@ def warp(
 def warped(matrix: FloatArray, lens: FloatArray, points_px: FloatArray) -> FloatArray:
     """Reference points of follow-up points; both of shape (n, 2), order (x, y)."""
     found = np.empty_like(points_px)
+    is_ideal = lens[0] == 0
     for i in range(len(points_px)):
-        found[i, 0], found[i, 1], _, _, _, _ = warp(matrix, lens, points_px[i, 0], points_px[i, 1])
+        x, y = points_px[i, 0], points_px[i, 1]
+        if is_ideal:
+            found[i, 0], found[i, 1] = project(matrix, x, y)
+        else:
+            found[i, 0], found[i, 1], _, _, _, _ = warp(matrix, lens, x, y)
     return found

@@ -25,15 +25,16 @@ PSF = GaussianPsf(
 )
 HEIGHTS_MM = (100.0, 150.0, 200.0)
 SHAPE = (300, 390)
+CHART_SHAPE = (120, 160)
 SCENE_PX = 900.0
 TEXTURE_SEED = 3
 LOW_NOISE = LevelNoise(offset_dn2=1.0, slope_dn=0.01, floor_dn2=1.0)
 """Of the texture's frames: where noise prevails, the model that blurs most has the least error."""
 
 
-def texture_dn(zoom: float, seed: int = TEXTURE_SEED) -> FloatArray:
+def texture_dn(zoom: float, seed: int = TEXTURE_SEED, shape: tuple[int, int] = SHAPE) -> FloatArray:
     """A texture from ``zoom`` times the nearest distance: the whole frame shows it, 12 bit."""
-    return 8.0 * photograph(random_scene(seed, SCENE_PX, 900), SHAPE, zoom, OPTICAL_SIGMA_PX)
+    return 8.0 * photograph(random_scene(seed, SCENE_PX, 900), shape, zoom, OPTICAL_SIGMA_PX)
 
 
 def bench_session(path: Path, target: str = "leaves") -> Session:
@@ -62,7 +63,7 @@ def chart_session(path: Path, *seeds: int) -> Session:
     plan = plan_of(heights_mm=heights, targets=[{"kind": "chart", "target": "mixed"}])
 
     def frames(entry: PlanEntry) -> AveragedFrames:
-        return averaged(texture_dn(entry.height_mm / 100.0, seeds[entry.index]), rng)
+        return averaged(texture_dn(entry.height_mm / 100.0, seeds[entry.index], CHART_SHAPE), rng)
 
     return _captured(path, plan, frames)
 

@@ -22,7 +22,9 @@ PSF = GaussianPsf(
     sigma_x_px=sqrt(OPTICAL_SIGMA_PX**2 + 1 / 12), sigma_y_px=sqrt(OPTICAL_SIGMA_PX**2 + 1 / 12)
 )
 HEIGHTS_MM = (100.0, 120.0, 150.0, 190.0)
-SHAPE = (150, 200)
+SHAPE = (120, 160)
+LARGE_SHAPE = (150, 200)
+"""Of which also mutual information ranks the models by their physics."""
 SCENE_PX = 460.0
 ITEMS = 420
 NOISE = LevelNoise(offset_dn2=1.0, slope_dn=0.01, floor_dn2=1.0)
@@ -37,11 +39,14 @@ def texture_dn(
     return 8.0 * photograph(scene, shape, zoom, OPTICAL_SIGMA_PX, origin)
 
 
-def shaken(zoom: float, step_px: float, rng: np.random.Generator) -> AveragedFrames:
+def shaken(
+    zoom: float, step_px: float, rng: np.random.Generator, shape: tuple[int, int]
+) -> AveragedFrames:
     """Ten frames, the camera ``step_px`` further from the sixth on."""
-    clean = np.stack([texture_dn(zoom)] * 5 + [texture_dn(zoom, shift_px=step_px)] * 5)
+    still, moved = (texture_dn(zoom, shift_px=shift, shape=shape) for shift in (0.0, step_px))
+    clean = np.stack([still] * 5 + [moved] * 5)
     frames = clean + rng.normal(size=clean.shape) * np.sqrt(NOISE.variance_dn2(clean))
-    still = averaged(clean[0], rng, NOISE)
+    levels = averaged(still, rng, NOISE)
     return AveragedFrames(
         mean_dn=frames.mean(axis=0).astype(np.float32),
         variance_dn2=frames.var(axis=0, ddof=1).astype(np.float32),
@@ -49,8 +54,8 @@ def shaken(zoom: float, step_px: float, rng: np.random.Generator) -> AveragedFra
         incomplete_frames=0,
         resent_packets=0,
         saturated_pixels=0,
-        min_dn=still.min_dn,
-        max_dn=still.max_dn,
+        min_dn=levels.min_dn,
+        max_dn=levels.max_dn,
         first_timestamp_ns=1,
         last_timestamp_ns=2,
     )
@@ -63,6 +68,7 @@ def height_series(
     shaken_at: Mapping[float, float] | None = None,
     heights_mm: tuple[float, ...] = HEIGHTS_MM,
     height_errors_mm: Mapping[float, float] | None = None,
+    shape: tuple[int, int] = SHAPE,
 ) -> Session:
     """A session of one texture.
 
@@ -78,6 +84,8 @@ def height_series(
         Of the captures; the entrance pupil is at 0.
     height_errors_mm
         Height and by how much the camera truly was above it.
+    shape
+        Of the photographs, ``(rows, cols)``.
     """
     rng = np.random.default_rng(4)
     plan = plan_of(heights_mm=list(heights_mm), targets=[{"kind": "texture", "target": "leaves"}])
@@ -89,9 +97,9 @@ def height_series(
             step_px = (shaken_at or {}).get(entry.height_mm)
             seed = 77 if entry.height_mm == other_target_at else 3
             if step_px is None:
-                frames = averaged(texture_dn(zoom, seed), rng, NOISE)
+                frames = averaged(texture_dn(zoom, seed, shape=shape), rng, NOISE)
             else:
-                frames = shaken(zoom, step_px, rng)
+                frames = shaken(zoom, step_px, rng, shape)
             session.add_capture(
                 entry,
                 Take(

@@ -2,7 +2,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from analysis.reports import page
 from standoff.cli import run
 from tests.calibration.closed_form import edge_image
 
@@ -36,6 +37,14 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
         return Outcome(status=status, out=captured.out, err=captured.err)
 
     return run_command
+
+
+@pytest.fixture(scope="module")
+def coarse_figures() -> Iterator[None]:
+    """Draw figures with few pixels, for tests that look at none."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(page, "_PNG_DPI", 40)
+        yield
 
 
 @pytest.fixture

@@ -38,6 +38,8 @@ class PoseMotions:
         ``(rows, cols)`` of the target.
     fits_distortion
         Whether the lens's distortion is a parameter, the last one.
+
+    ``projective`` are the displacements of ``projective_flows``.
     """
 
     def __init__(
@@ -50,16 +52,15 @@ class PoseMotions:
     ) -> None:
         self._y_px, self._x_px, self._shape = y_px, x_px, shape
         self.fits_distortion = fits_distortion
-        self._projective = projective_flows(y_px, x_px, shape)
+        self.projective = projective_flows(y_px, x_px, shape)
 
     def flows(self, pose: DistortedPose) -> tuple[FloatArray, FloatArray]:
         """Displacement along x and y per unit of each parameter, in target px, (n, parameters)."""
         if not self.fits_distortion:
-            return self._projective
-        bent = self._distortion_flow(pose)
+            return self.projective
         along_x, along_y = (
-            np.concatenate([straight, flow[:, None]], axis=1)
-            for straight, flow in zip(self._projective, bent, strict=True)
+            np.concatenate([straight, bent], axis=1)
+            for straight, bent in zip(self.projective, self.distortion_flow(pose), strict=True)
         )
         return along_x, along_y
 
@@ -79,7 +80,8 @@ class PoseMotions:
             right[-1] = -pose.k1 / _K1_PRIOR**2
         return Prior(normal=normal, right=right)
 
-    def _distortion_flow(self, pose: DistortedPose) -> tuple[FloatArray, FloatArray]:
+    def distortion_flow(self, pose: DistortedPose) -> tuple[FloatArray, FloatArray]:
+        """Displacement along x and y per unit of distortion, in target px, shape (n, 1) each."""
         above, below = (
             pose.with_(pose.matrix, pose.k1 + sign * _K1_STEP, pose.displacement).to_reference_px(
                 self._y_px, self._x_px
@@ -88,7 +90,7 @@ class PoseMotions:
         )
         moved_y, moved_x = ((a - b) / (2 * _K1_STEP) for a, b in zip(above, below, strict=True))
         (a, b), (c, d) = np.linalg.inv(pose.matrix[:2, :2]).tolist()
-        return a * moved_x + b * moved_y, c * moved_x + d * moved_y
+        return (a * moved_x + b * moved_y)[:, None], (c * moved_x + d * moved_y)[:, None]
 
 
 def projective_flows(

@@ -71,11 +71,6 @@ class Residuals:
         """Residuals in units of the biweight's cut-off."""
         return self.residual / (_BIWEIGHT * self.scale)
 
-    @property
-    def losses(self) -> FloatArray:
-        """The biweight's loss of every sample, between 0 and 1."""
-        return np.asarray(1 - np.maximum(1 - self.relative**2, 0.0) ** 3)
-
 
 class PoseDescent:
     """Descent of a pose at one resolution.
@@ -91,6 +86,15 @@ class PoseDescent:
     def __init__(self, pair: LevelPair, motions: PoseMotions) -> None:
         self._pair = pair
         self._motions = motions
+        self._rises = self._rises_along(*motions.projective)
+
+    def _rises_along(self, along_x: FloatArray, along_y: FloatArray) -> FloatArray:
+        """Change of the samples' levels by displacements of shape (n, k), shape (k, n).
+
+        By the target's slopes, not the prediction's: the noise of a slope and of the residual at a
+        pixel are uncorrelated there.
+        """
+        return self._pair.slope_x * along_x.T + self._pair.slope_y * along_y.T
 
     def refined(self, start: DistortedPose, steps: int) -> Residuals | None:
         """The photographs at the pose of least cost; None where they have too little in common."""
@@ -146,14 +150,14 @@ class PoseDescent:
 
     def _lit(self, state: Residuals) -> Residuals:
         """The same with the light fitted to the target, by the weights there are."""
-        used, measured = state.light_columns[state.inside], self._pair.measured[state.inside]
-        weighted = used * state.weight[state.inside, None]
-        normal = weighted.T @ used
+        columns, measured = state.light_columns.T, self._pair.measured
+        root = np.where(state.inside, np.sqrt(state.weight), 0.0)
+        weighted = columns * root
+        normal = weighted @ weighted.T
         diagonal = np.diag_indices_from(normal)
         normal[diagonal] += 1e-6 * normal[diagonal] + 1e-9 * normal.max()
-        light = np.linalg.solve(normal, weighted.T @ measured)
-        residual = np.zeros(len(state.inside))
-        residual[state.inside] = measured - used @ light
+        light = np.linalg.solve(normal, weighted @ (root * measured))
+        residual = np.where(state.inside, measured - light @ columns, 0.0)
         return replace(state, light=np.asarray(light), residual=residual)
 
     def _rescaled(self, state: Residuals) -> Residuals:
@@ -168,18 +172,14 @@ class PoseDescent:
         return _weighted(replace(state, scale=np.sqrt(variance)[block]))
 
     def _step(self, state: Residuals, damping: float) -> FloatArray:
-        inside = state.inside
-        along_x, along_y = self._motions.flows(state.pose)
-        # The target's slopes, not the prediction's: the noise of a slope and of the residual at a
-        # pixel are uncorrelated there.
-        motions = (
-            self._pair.slope_x[inside, None] * along_x[inside]
-            + self._pair.slope_y[inside, None] * along_y[inside]
-        )
-        design = np.concatenate([motions, state.light_columns[inside]], axis=1)
-        weighted = design * state.weight[inside, None]
-        normal, right = weighted.T @ design, weighted.T @ state.residual[inside]
-        count = motions.shape[1]
+        # Outside, weights and residuals are 0.
+        root = np.sqrt(state.weight)
+        parts = [self._rises, state.light_columns.T]
+        if self._motions.fits_distortion:
+            parts.insert(1, self._rises_along(*self._motions.distortion_flow(state.pose)))
+        weighted = np.concatenate([part * root for part in parts])
+        normal, right = weighted @ weighted.T, weighted @ (root * state.residual)
+        count = len(weighted) - len(parts[-1])
         prior = self._motions.prior(state.pose)
         normal[:count, :count] += prior.normal
         right[:count] += prior.right
@@ -190,9 +190,10 @@ class PoseDescent:
 
 
 def _weighted(state: Residuals) -> Residuals:
-    rest = np.maximum(1 - state.relative**2, 0.0)
+    rest = np.maximum(1 - np.square(state.relative), 0.0)
+    kept = (rest * rest * rest)[state.inside]
     return replace(
         state,
-        weight=np.where(state.inside, rest**2 / state.scale**2, 0.0),
-        cost=float(np.mean(state.losses[state.inside])),
+        weight=np.where(state.inside, np.square(rest / state.scale), 0.0),
+        cost=float(np.mean(1 - kept)),
     )

@@ -34,7 +34,7 @@ from analysis.validation.session import (
 )
 from analysis.validation.shown import ShownPair, shown_pairs
 from analysis.validation.tables import both_tables, curves_csv
-from tests.analysis.height_series import PSF, height_series
+from tests.analysis.height_series import LARGE_SHAPE, PSF, height_series
 
 MODELS: tuple[ValidationModel, ...] = ("bicubic", "paper", "matched")
 POINT = ImageMetrics(
@@ -44,7 +44,7 @@ POINT = ImageMetrics(
 
 @pytest.fixture(scope="module")
 def series(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    return height_series(tmp_path_factory.mktemp("series") / "session")
+    return height_series(tmp_path_factory.mktemp("series") / "session", shape=LARGE_SHAPE)
 
 
 @pytest.fixture(scope="module")

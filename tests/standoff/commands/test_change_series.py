@@ -21,7 +21,7 @@ from tests.standoff.changed_photographs import changed_pair, write_levels, write
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_figures")]
 
 FILES = (
     *("changes-figure.png", "changes.csv", "changes.json", "changes.png", "compared.png"),
@@ -32,7 +32,7 @@ WITH_PROVENANCE = ("changes.json", "report.html")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory, coarse_figures: None) -> Path:
     """Photographs of a reference and two follow-ups, a PSF, and what each gives alone."""
     root = tmp_path_factory.mktemp("made")
     photographs = root / "photographs"

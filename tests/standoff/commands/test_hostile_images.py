@@ -80,7 +80,7 @@ COMMANDS: dict[str, tuple[str | int, ...]] = {
     "two-distance": ("calibrate", "GOOD", "BAD", "--method", "two-distance", "--out", "OUT.json"),
     "import": ("import", "BAD", "--kind", "edge", "--height-mm", 9, "--out", "OUT"),
     "simulate": ("simulate", "BAD", "--zoom", 2, "--psf", "PSF", "--out", "OUT.tif"),
-    "detectability": ("detectability", "BAD", "--psf", "PSF", "--out", "OUT.json"),
+    "detectability": ("detectability", "BAD", "--psf", "PSF", "--zooms", 1.25, "--out", "OUT.json"),
     "changes": ("changes", "GOOD", "BAD", "--psf", "PSF", "--out", "OUT"),
     "changes-reference": ("changes", "BAD", "GOOD", "--psf", "PSF", "--out", "OUT"),
     "pose": ("pose", "GOOD", "BAD", "--curves", "CURVES", "--min-dprime", 2),

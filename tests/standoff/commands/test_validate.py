@@ -24,6 +24,12 @@ def series(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def shaken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A series of which capture 2 is excluded before anything is aligned."""
+    return height_series(tmp_path_factory.mktemp("shaken") / "session", shaken_at={150.0: 1.5}).path
+
+
+@pytest.fixture(scope="module")
 def psf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("psf") / "psf.json"
     width_px = (0.6**2 + 1 / 12) ** 0.5
@@ -60,10 +66,10 @@ def test_a_session_becomes_tables_figures_and_a_report(
 
 
 def test_the_tables_are_printed_for_people(
-    command: Command, series: Path, psf: Path, tmp_path: Path
+    command: Command, shaken: Path, psf: Path, tmp_path: Path
 ) -> None:
     done = command(
-        "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v",
+        "validate", "--session", shaken, "--psf", psf, "--out", tmp_path / "v",
         "--models", "matched", "--references", 1,
     )  # fmt: skip
     assert done.status == 0, done.err
@@ -75,7 +81,7 @@ def test_the_tables_are_printed_for_people(
 def test_the_report_and_the_validation_of_a_session_have_the_same_numbers(
     command: Command, psf: Path, tmp_path: Path
 ) -> None:
-    session = height_series(tmp_path / "session", other_target_at=150.0).path
+    session = height_series(tmp_path / "session", shaken_at={150.0: 1.5}).path
     results = session / "results"
     results.mkdir()
     calibration = results / "psf.json"
@@ -92,6 +98,7 @@ def test_the_report_and_the_validation_of_a_session_have_the_same_numbers(
     validated = json.loads(done.out)
     assert_provenance(validated, "validate", session / "journal.jsonl", calibration)
     assert validated | {"provenance": None} == reported | {"provenance": None}
+    assert [one["capture"] for one in validated["excluded"]] == [2]
     page = (results / "report.html").read_text()
     for row in reported["table_2"]:
         if row["alignment"] == "followup-grid":
@@ -144,7 +151,7 @@ def identity_kernel() -> EstimatedKernel:
 
 @pytest.mark.slow
 def test_interrupted_it_goes_on_with_the_kernels_that_were_trained(
-    command: Command, series: Path, psf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: Command, shaken: Path, psf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trained: list[float] = []
     last = 1
@@ -156,7 +163,7 @@ def test_interrupted_it_goes_on_with_the_kernels_that_were_trained(
         return identity_kernel()
 
     arguments = (
-        "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v",
+        "validate", "--session", shaken, "--psf", psf, "--out", tmp_path / "v",
         "--models", "kernelgan", "--kernel-cache", tmp_path / "kernels", "--json",
     )  # fmt: skip
     monkeypatch.setattr(kernels, "estimate_kernel", train)
