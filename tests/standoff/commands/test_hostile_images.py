@@ -75,7 +75,7 @@ FILES: dict[str, Callable[[Path], object]] = {
     ),
 }
 
-COMMANDS: dict[str, tuple[str | int, ...]] = {
+COMMANDS: dict[str, tuple[str | float, ...]] = {
     "calibrate": ("calibrate", "BAD", "--out", "OUT.json"),
     "two-distance": ("calibrate", "GOOD", "BAD", "--method", "two-distance", "--out", "OUT.json"),
     "import": ("import", "BAD", "--kind", "edge", "--height-mm", 9, "--out", "OUT"),
