@@ -36,6 +36,7 @@ PERMISSIVE = {
     "MIT-CMU",
     "PSF-2.0",
     "Zlib",
+    "bzip2-1.0.6",
 }
 
 # Taken as they are, unmodified: changes to them would have to be published, use need not.
@@ -67,6 +68,8 @@ WORDED = {
 READ_BY_HAND = {
     # The GPL is that of an Emacs mode, which the wheel does not hold.
     "docutils": "BSD-2-Clause AND LicenseRef-Public-Domain",
+    # Its own and those of the filters that its wheel holds, doc/information.rst of its source.
+    "hdf5plugin": "MIT AND BSD-2-Clause AND BSD-3-Clause AND Apache-2.0 AND bzip2-1.0.6 AND Zlib",
     "historydict": "BSD-3-Clause",  # LICENSE
     "openexr": "BSD-3-Clause",  # LICENSE.md
     "pyphen": "GPL-2.0-or-later OR LGPL-2.1-or-later OR MPL-1.1",  # the choice is ours
