@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -44,6 +44,9 @@ class Slot:
         Beginnings of what may have changed when the command has done its work.
     notes_odd_files
         Whether the command goes on without an odd file, after a note.
+    takes
+        Names of the odd places that are sound here: a folder where one may be named, nothing
+        where the file may be missing.
     """
 
     name: str
@@ -54,13 +57,18 @@ class Slot:
     leaves: tuple[str, ...] = ()
     alters: tuple[str, ...] = ()
     notes_odd_files: bool = False
+    takes: tuple[str, ...] = ()
 
     def odd_files(self, sound: Path) -> list[OddFile]:
         """The cases, given the folder of sound files: one of each kind, and a draw of the others.
 
         The draw differs from slot to slot, so that all slots together see all cases.
         """
-        found = [*odd_places(), *self.cases((sound / self.file).read_bytes())]
+        places = [
+            replace(place, is_refused=place.is_refused and place.name not in self.takes)
+            for place in odd_places()
+        ]
+        found = [*places, *self.cases((sound / self.file).read_bytes())]
         Random(self.name).shuffle(found)
         first = {case.kind: case for case in reversed(found)}
         others = [case for case in found if first[case.kind] is not case]
@@ -121,6 +129,10 @@ _LEAVES = {
     "sr-pairs": ("out/",),
     "report": ("series/results/validation.json",),
 }
+_TAKES = {
+    "compare --history": ("folder", "link to a folder"),
+    "report": ("nothing",),
+}
 _ALTERS = {
     "session exclude": ("taken/journal.",),
     "session note": ("taken/journal.",),
@@ -140,6 +152,7 @@ def _slot(name: str, file: str, cases: Cases, line: str, *beside: str) -> Slot:
         leaves=_LEAVES.get(command, ()),
         alters=_ALTERS.get(command, ()),
         notes_odd_files=command in _LISTS,
+        takes=_TAKES.get(command, ()),
     )
 
 
