@@ -49,6 +49,8 @@ def test_the_extras_are_those_of_the_guide() -> None:
         "pdf",
         "raw",
         "formats",
+        "bluesky",
+        "export",
         "docs",
         "dev",
     }
