@@ -18,6 +18,11 @@ def prepare_process() -> None:
     to the system, and work on images takes twice the time, in page faults.
     """
     cv2.setNumThreads(1)  # as many shards are done at once as there are cores
+    keep_freed_memory()
+
+
+def keep_freed_memory() -> None:
+    """Keep up to 128 MiB of freed memory in this process for its next arrays."""
     with suppress(OSError, AttributeError):  # another C library has no mallopt
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
