@@ -39,20 +39,6 @@ def atomic_write_hashed(path: Path, data: bytes | memoryview) -> str:
         return digest.result()
 
 
-def fsync_both(first: int, second: int) -> None:
-    """Make two open files durable at once: a disk serves both in little more time than one.
-
-    Raises
-    ------
-    OSError
-        If either cannot be written.
-    """
-    with ThreadPoolExecutor(1) as pool:
-        other = pool.submit(os.fsync, second)
-        os.fsync(first)
-        other.result()
-
-
 def fsync_directory(path: Path) -> None:
     """Make the names in a directory durable, where the system offers that (Windows does not)."""
     if os.name == "nt":

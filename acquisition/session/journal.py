@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from acquisition.errors import SessionError
 from acquisition.regular_files import size_text
-from acquisition.session.durable_write import PART_SUFFIX, fsync_both, fsync_directory
+from acquisition.session.durable_write import PART_SUFFIX, fsync_directory
 from acquisition.session.journal_chain import (
     HEAD_NAME,
     LARGEST_LINE_BYTES,
@@ -210,7 +210,8 @@ class JournalWriter:
         with part.open("wb") as file:
             file.write(head.to_bytes())
             file.flush()
-            fsync_both(self._descriptor, file.fileno())
+            os.fsync(self._descriptor)
+            os.fsync(file.fileno())
         part.replace(path)
 
 

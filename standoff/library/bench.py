@@ -125,8 +125,7 @@ class Bench(MovableBench):
         )
         self._expose(exposure_us)
         (entry,) = plan_entries(plan)
-        # For the step, the exposure that is set is the bench's: it is not to set another.
-        take = step.capture_here(entry, self.config.camera.exposure_us)
+        take = step.capture_here(entry, self.camera.settings.exposure_us)
         averaged = take.averaged
         assert take.focus_value is not None
         return BenchCapture(

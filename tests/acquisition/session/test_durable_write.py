@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.durable_write import atomic_write, atomic_write_hashed, fsync_both
+from acquisition.session.durable_write import atomic_write, atomic_write_hashed
 
 
 def test_a_file_is_written_whole_and_leaves_no_part(tmp_path: Path) -> None:
@@ -71,24 +71,6 @@ def test_a_write_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
         atomic_write_hashed(tmp_path / "a.bin", b"half")
     assert refused.value.errno == errno.ENOSPC
     assert list(tmp_path.iterdir()) == []
-
-
-def test_two_files_are_durable_together_and_a_failure_of_either_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    synced: set[int] = set()
-    monkeypatch.setattr(os, "fsync", synced.add)
-    fsync_both(3, 4)
-    assert synced == {3, 4}
-    for bad in (3, 4):
-
-        def fails(descriptor: int, bad: int = bad) -> None:
-            if descriptor == bad:
-                raise OSError(errno.EIO, "Input/output error")
-
-        monkeypatch.setattr(os, "fsync", fails)
-        with pytest.raises(OSError, match="Input/output"):
-            fsync_both(3, 4)
 
 
 def test_a_write_that_does_not_fit_is_refused_with_the_systems_reason(tmp_path: Path) -> None:
