@@ -1,5 +1,6 @@
 """Set exposures and average only frames that were exposed so."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -39,22 +40,25 @@ class ExposureControl:
     by that. Otherwise its light decides: after a change of the same scene `ExposureChange` knows
     what a frame must show; at a new scene the frames of an average must show the same light, after
     as many have been left out as this camera ever needed. If a later change tells that this was
-    not enough, the bracket is begun anew.
+    not enough, the bracket is begun anew. After others have set the exposure nobody knows how long
+    ago that was: it counts as a change.
 
     Parameters
     ----------
     camera
         Opened and configured; it must not be streaming.
     asked_us
-        The exposure that it was configured with.
+        The exposure that it was configured with and has followed; None if nobody knows.
     clock
         Monotonic time in seconds.
     """
 
-    def __init__(self, camera: Camera, asked_us: float, clock: Callable[[], float]) -> None:
+    def __init__(self, camera: Camera, asked_us: float | None, clock: Callable[[], float]) -> None:
         self._camera = camera
         self._clock = clock
-        self._asked_us, self._set_us = asked_us, camera.settings.exposure_us
+        self._asked_us = self._set_us = math.nan
+        if asked_us is not None:
+            self._asked_us, self._set_us = asked_us, camera.settings.exposure_us
         self._frames_late = FEWEST_SKIPPED
         self._change = 1.0
 
@@ -87,6 +91,19 @@ class ExposureControl:
             return self._averaged(
                 frames_asked, _Settler(None, MOST_SKIPPED).is_stale, keep_frames=keep_frames
             )
+
+    def settle(self, exposure_us: float) -> None:
+        """Set an exposure, and see to it that whoever streams next gets frames of it.
+
+        Raises
+        ------
+        CameraFeatureError
+            If the camera sets another exposure.
+        CaptureError
+            If the camera sends no frames.
+        """
+        if self._set(exposure_us) != 1:
+            self.average(2, exposure_us)
 
     def bracket(
         self, frames_asked: int, exposures_us: Sequence[float], *, keep_frames: bool = False
@@ -192,11 +209,13 @@ class ExposureControl:
     def _set(self, exposure_us: float) -> float:
         """Set the exposure and read it back; return by how much it changed since the last average.
 
-        1 means not at all. An average that was interrupted shows nothing of a change before it.
+        1 means not at all, infinite that nobody knows. An average that was interrupted shows
+        nothing of a change before it.
         """
         before_us = self._camera.settings.exposure_us
+        is_known = before_us == self._set_us
         # Cameras round: what was asked last and is still set is not another exposure.
-        if before_us == self._set_us and exposure_us in (self._asked_us, before_us):
+        if is_known and exposure_us in (self._asked_us, before_us):
             return self._change
         set_us = self._camera.set_exposure_us(exposure_us)
         if not abs(set_us - exposure_us) <= max(STEP_US, SET_WITHIN * exposure_us):
@@ -206,7 +225,7 @@ class ExposureControl:
                 feature="ExposureTime",
             )
         self._asked_us, self._set_us = exposure_us, set_us
-        self._change = set_us / before_us
+        self._change = set_us / before_us if is_known or set_us != before_us else math.inf
         return self._change
 
 

@@ -41,6 +41,8 @@ class CaptureStep:
     ----------
     interrupted
         Called with the error of an interrupted stream; the capture is then restarted once.
+    exposures
+        Of this camera, where captures were made before; by default a new one.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class CaptureStep:
         *,
         interrupted: Callable[[PlanEntry, StreamInterruptedError], None],
         utc_now: Callable[[], datetime],
+        exposures: ExposureControl | None = None,
     ) -> None:
         bench = devices.config
         self.frames_asked = plan.frames_per_capture or bench.capture.frames_per_capture
@@ -63,7 +66,9 @@ class CaptureStep:
         self._utc_now = utc_now
         self._approached_mm: float | None = None
         self._exposure_us = bench.camera.exposure_us
-        self._exposures = ExposureControl(devices.camera, self._exposure_us, devices.clock)
+        self._exposures = exposures or ExposureControl(
+            devices.camera, self._exposure_us, devices.clock
+        )
 
     def forget_approach(self) -> None:
         """Approach the next height anew, even if it is the same as the last one."""

@@ -89,7 +89,7 @@ class Bench(MovableBench):
             ends_at_peak=True,
         )
         self._asked_mm = None
-        self._expose()
+        self._exposure_control().settle(self.config.camera.exposure_us)
         found = sweep_bench(
             self._open(),
             self.config,
@@ -121,11 +121,15 @@ class Bench(MovableBench):
         target = {"kind": "texture", "target": "capture"}
         plan = height_series("capture", [self.asked_mm], target, frames_per_capture=frames)
         step = CaptureStep(
-            plan, self.devices, interrupted=lambda *_: None, utc_now=lambda: datetime.now(UTC)
+            plan,
+            self.devices,
+            interrupted=lambda *_: None,
+            utc_now=lambda: datetime.now(UTC),
+            exposures=self._exposure_control(),
         )
-        self._expose(exposure_us)
         (entry,) = plan_entries(plan)
-        take = step.capture_here(entry, self.camera.settings.exposure_us)
+        bench_us = self.config.camera.exposure_us
+        take = step.capture_here(entry, bench_us if exposure_us is None else exposure_us)
         averaged = take.averaged
         assert take.focus_value is not None
         return BenchCapture(
@@ -223,8 +227,7 @@ class Bench(MovableBench):
             name=self.operator, place=self._placement(planned, place), progress=progress
         )
         self._asked_mm = None
-        self._expose()
-        self._exposure_us = None  # the plan may set others
+        self._exposure_control().settle(self.config.camera.exposure_us)
         run_plan(path_of(out, "out"), planned, self.devices, person, retake=retake)
         return Session(out)
 

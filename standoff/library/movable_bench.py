@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from acquisition.bench import BenchConfig, BenchDevices, load_bench
+from acquisition.bracket import ExposureControl
 from acquisition.devices import Camera, Stage
 from acquisition.errors import DeviceError, StageNotHomedError
 from acquisition.stages import home_timeout_s, move_timeout_s
@@ -32,7 +33,7 @@ class MovableBench:
         self._ask = ask
         self._resources = ExitStack()
         self._opened: OpenBench | None = None
-        self._exposure_us: float | None = None
+        self._exposures: ExposureControl | None = None
         self._asked_mm: float | None = None
 
     def __repr__(self) -> str:
@@ -54,8 +55,7 @@ class MovableBench:
 
     def close(self) -> None:
         """Release both devices; closing twice is harmless."""
-        self._opened = None
-        self._asked_mm = self._exposure_us = None
+        self._opened = self._asked_mm = self._exposures = None
         self._resources.close()
 
     def __enter__(self) -> Self:
@@ -175,13 +175,12 @@ class MovableBench:
             raise DeviceError("only a simulated bench places its own targets; place it by hand")
         simulated.place(target, orientation_deg)
 
-    def _expose(self, exposure_us: float | None = None) -> None:
-        """Have the camera set to an exposure, by default the bench's."""
-        asked_us = self.config.camera.exposure_us if exposure_us is None else exposure_us
-        if asked_us != self._exposure_us:
-            self._exposure_us = None
-            self.camera.set_exposure_us(asked_us)
-            self._exposure_us = asked_us
+    def _exposure_control(self) -> ExposureControl:
+        opened = self._open()
+        if self._exposures is None:
+            configured_us = self.config.camera.exposure_us
+            self._exposures = ExposureControl(opened.camera, configured_us, opened.clock)
+        return self._exposures
 
     def _open(self) -> OpenBench:
         if self._opened is None:

@@ -1,15 +1,17 @@
 """A running capture session: the runner in a job, the plan as a table, pause and retake."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Lock
 from typing import Literal
 
 from acquisition.bench import BenchConfig, BenchDevices
+from acquisition.bracket import ExposureControl
 from acquisition.capture import CaptureProgress, Placement, RunOperator, run_plan
 from acquisition.devices import Camera
-from acquisition.errors import DeviceError, OperatorStopError, SessionError
+from acquisition.errors import DeviceError, OperatorStopError, SessionError, StreamInterruptedError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session import MANIFEST_NAME, CaptureRecord, Session
 from standoff.console.devices import CameraService, StageService
@@ -241,8 +243,10 @@ class SessionRun:
         with self._camera.lent(job.check) as camera:
             stage = self._stage.lent(job.check)
             bench = session_bench(path, self._bench, camera)
-            if camera.settings.exposure_us != bench.camera.exposure_us:
-                camera.set_exposure_us(bench.camera.exposure_us)
+            # The live picture may have changed it a moment ago. The first capture reopens a camera
+            # that does not answer, and says so.
+            with suppress(StreamInterruptedError):
+                ExposureControl(camera, None, self._clock).settle(bench.camera.exposure_us)
             if camera.settings.gain_db not in (None, bench.camera.gain_db):
                 camera.set_gain_db(bench.camera.gain_db)
             try:

@@ -94,7 +94,20 @@ def interrupted(timeout_s: float) -> Frame:
 
 def test_an_exposure_that_is_set_already_costs_no_frame() -> None:
     camera, control = controlled("edge", (0, 0))
+    control.average(FRAMES, SHORTEST_US)
+    camera.true_us.clear()
     assert control.average(FRAMES, SHORTEST_US).averaged.stale_frames == 0
+    assert len(camera.true_us) == FRAMES + 1
+
+
+def test_an_exposure_that_was_set_before_may_not_be_followed_yet() -> None:
+    camera, control = controlled("edge", (3, 3))
+    camera.set_exposure_us(SHORTEST_US / 8)
+    assert stale(camera, [control.average(FRAMES, SHORTEST_US / 8, keep_frames=True)]) == 0
+    camera.set_exposure_us(SHORTEST_US)
+    control.settle(SHORTEST_US)
+    camera.true_us.clear()
+    assert stale(camera, [control.average(FRAMES, SHORTEST_US, keep_frames=True)]) == 0
     assert len(camera.true_us) == FRAMES + 1
 
 

@@ -76,6 +76,21 @@ def test_the_exposure_of_one_capture_is_not_that_of_the_next(
     assert [record.exposure_us for record in session.records] == [8000.0]
 
 
+def test_captures_of_a_late_camera_have_the_light_of_their_exposure(
+    bench: standoff.Bench,
+) -> None:
+    bench.place("coins")
+    bench.move(200.0)
+    simulated(bench).camera.faults = CameraFaults(exposure_delay_frames=(4, 4))
+    light = []
+    for exposure_us in (None, 2000.0, None):
+        taken = bench.capture(exposure_us=exposure_us, frames=4)
+        level_dn = float(taken.mean_dn.mean()) - taken.settings.black_level_dn
+        light.append(level_dn / taken.exposure_us)
+    # A frame in four of the other exposure would be 19 % off or more.
+    assert light == pytest.approx([light[0]] * 3, rel=0.01)
+
+
 def test_a_capture_is_an_image_for_the_rest_of_the_library(bench: standoff.Bench) -> None:
     bench.place("edge", 85.0)
     bench.move(150.0)
