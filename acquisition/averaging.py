@@ -6,11 +6,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from acquisition.devices import Camera, CameraSettings, Frame, FrameImage
 from acquisition.errors import CaptureError, DeviceError, DeviceTimeoutError
+from acquisition.frame_sums import FrameSums
 
 MAX_FRAMES = 10_000
 """Bound that keeps every sum of 16-bit levels exact: N 2^16 < 2^32 and N^2 2^32 < 2^64."""
@@ -116,7 +116,8 @@ def average_frames(
     settings = camera.settings
     resent_before = camera.statistics().resent_packets
     tally = _Tally(frames_asked)
-    sums = _FrameSums((settings.height_px, settings.width_px), settings.max_level_dn)
+    sums = FrameSums((settings.height_px, settings.width_px), settings.max_level_dn)
+    stamps_ns: list[int] = []
     with _streaming(camera):
         progress = _Progress(settings, tally, clock)
         seen_ids = {_next_frame(camera, progress).frame_id}
@@ -135,11 +136,27 @@ def average_frames(
                 tally.stale += 1
             else:
                 seen_ids.add(frame.frame_id)
-                sums.add(frame)
+                sums.add(frame.image_dn)
+                stamps_ns.append(frame.timestamp_ns)
                 tally.good += 1
                 if keep_frame is not None:
                     keep_frame(frame.image_dn)
-    return sums.average(tally, resent_packets=camera.statistics().resent_packets - resent_before)
+    mean_dn, variance_dn2 = sums.mean_and_variance(tally.good)
+    is_saturated = sums.is_saturated
+    return AveragedFrames(
+        mean_dn=mean_dn,
+        variance_dn2=variance_dn2,
+        frames_used=tally.good,
+        incomplete_frames=tally.incomplete,
+        resent_packets=camera.statistics().resent_packets - resent_before,
+        saturated_pixels=0 if is_saturated is None else int(np.count_nonzero(is_saturated)),
+        min_dn=sums.min_dn,
+        max_dn=sums.max_dn,
+        first_timestamp_ns=stamps_ns[0],
+        last_timestamp_ns=stamps_ns[-1],
+        stale_frames=tally.stale + tally.otherwise_exposed,
+        is_saturated=is_saturated,
+    )
 
 
 @dataclass(slots=True)
@@ -220,132 +237,12 @@ class _Progress:
         return self._tally.failure(f"the camera stalled ({error}); {STALLED_REMEDY}")
 
 
-class _FrameSums:
-    """Exact integer sums over frames, so that the order of the frames cannot matter.
-
-    It is written for speed (``benchmarks/bench_aravis.py``). Squares are summed in 32 bits as
-    long as they cannot overflow, then carried over into 64. No frame is kept to be added
-    together with others: fresh memory for each frame costs more than the sums do.
-    """
-
-    def __init__(self, shape: tuple[int, int], max_level_dn: int) -> None:
-        self.shape = shape
-        self._max_level_dn = max_level_dn
-        self._sum_dn = np.zeros(shape, np.uint32).reshape(-1)
-        self._sum_dn2 = np.zeros(shape, np.uint32).reshape(-1)
-        self._carried_dn2 = np.zeros(shape, np.uint64).reshape(-1)
-        self._frames_since_carry = 0
-        self._is_saturated: NDArray[np.bool_] | None = None
-        self._min_dn = 2**16 - 1
-        self._max_dn = 0
-        self._stamps_ns: list[int] = []
-        # Compiled before the stream runs: the first time takes a second, and no frame waits.
-        pixel: FrameImage = np.zeros(1, np.uint8) if max_level_dn < 2**8 else np.zeros(1, np.uint16)
-        _accumulate(_read_only(pixel), np.zeros(1, np.uint32), np.zeros(1, np.uint32))
-
-    def add(self, frame: Frame) -> None:
-        """Add one frame of the right shape to the sums."""
-        image_dn = frame.image_dn
-        flat_dn = _read_only(image_dn)
-        if (self._frames_since_carry + 1) * self._max_level_dn**2 >= 2**32:
-            self._carry()
-        low_dn, high_dn = _accumulate(flat_dn, self._sum_dn, self._sum_dn2)
-        self._frames_since_carry += 1
-        self._min_dn = min(self._min_dn, int(low_dn))
-        self._max_dn = max(self._max_dn, int(high_dn))
-        if high_dn > self._max_level_dn:
-            # Beyond the pixel format: the 32 bits may have wrapped. Subtracting wraps back.
-            square_dn2 = np.multiply(flat_dn, flat_dn, dtype=np.uint32)
-            self._sum_dn2 -= square_dn2
-            self._carried_dn2 += square_dn2
-        if high_dn >= self._max_level_dn:
-            is_saturated = image_dn >= self._max_level_dn
-            if self._is_saturated is not None:
-                is_saturated |= self._is_saturated
-            self._is_saturated = is_saturated
-        self._stamps_ns.append(frame.timestamp_ns)
-
-    def _carry(self) -> None:
-        self._carried_dn2 += self._sum_dn2
-        self._sum_dn2.fill(0)
-        self._frames_since_carry = 0
-
-    def average(self, tally: _Tally, *, resent_packets: int) -> AveragedFrames:
-        """Mean and variance of the frames added so far."""
-        mean_dn = np.empty(self.shape, np.float32)
-        variance_dn2 = np.empty(self.shape, np.float32)
-        _mean_and_variance(
-            tally.good,
-            self._sum_dn,
-            self._sum_dn2,
-            self._carried_dn2,
-            mean_dn.reshape(-1),
-            variance_dn2.reshape(-1),
-        )
-        return AveragedFrames(
-            mean_dn=mean_dn,
-            variance_dn2=variance_dn2,
-            frames_used=tally.good,
-            incomplete_frames=tally.incomplete,
-            resent_packets=resent_packets,
-            saturated_pixels=(
-                0 if self._is_saturated is None else int(np.count_nonzero(self._is_saturated))
-            ),
-            min_dn=self._min_dn,
-            max_dn=self._max_dn,
-            first_timestamp_ns=self._stamps_ns[0],
-            last_timestamp_ns=self._stamps_ns[-1],
-            stale_frames=tally.stale + tally.otherwise_exposed,
-            is_saturated=self._is_saturated,
-        )
-
-
 def _is_exposed_for(frame: Frame, exposure_us: float) -> bool:
     """Whether nothing speaks against it: not every camera states a frame's exposure."""
     if frame.exposure_us is None:
         return True
     tolerance_us = max(EXPOSURE_STEP_US, EXPOSURE_ROUNDING * exposure_us)
     return abs(frame.exposure_us - exposure_us) <= tolerance_us
-
-
-def _read_only(image_dn: FrameImage) -> FrameImage:
-    """Return the flat image as read-only: the sums are then compiled for one kind of array."""
-    flat = image_dn.reshape(-1)
-    flat.flags.writeable = False
-    return flat
-
-
-@njit(cache=True)
-def _accumulate(
-    image_dn: FrameImage, sum_dn: NDArray[np.uint32], sum_dn2: NDArray[np.uint32]
-) -> tuple[np.uint16, np.uint16]:
-    """Add levels and squares to the sums; return the smallest and largest level."""
-    low_dn = high_dn = image_dn[0]
-    for i in range(image_dn.size):
-        level_dn = np.uint32(image_dn[i])
-        sum_dn[i] += level_dn
-        sum_dn2[i] += level_dn * level_dn
-        low_dn = min(low_dn, image_dn[i])
-        high_dn = max(high_dn, image_dn[i])
-    return low_dn, high_dn
-
-
-@njit(cache=True)
-def _mean_and_variance(
-    count: int,
-    sum_dn: NDArray[np.uint32],
-    sum_dn2: NDArray[np.uint32],
-    carried_dn2: NDArray[np.uint64],
-    mean_dn: NDArray[np.float32],
-    variance_dn2: NDArray[np.float32],
-) -> None:
-    divisor = np.float64(count * (count - 1))
-    for i in range(sum_dn.size):
-        total_dn = np.uint64(sum_dn[i])
-        total_dn2 = carried_dn2[i] + np.uint64(sum_dn2[i])
-        mean_dn[i] = np.float64(total_dn) / count
-        # N sum(x^2) - (sum x)^2 is a difference of exact integers: no cancellation, never < 0.
-        variance_dn2[i] = np.float64(np.uint64(count) * total_dn2 - total_dn * total_dn) / divisor
 
 
 def _next_frame(camera: Camera, progress: _Progress) -> Frame:

@@ -1,4 +1,5 @@
 from .camera import AravisCamera as AravisCamera
+from .controls import COUNTS as COUNTS, StatedValue as StatedValue
 from .device import open_device as open_device
 from .discovery import (
     CameraProbe as CameraProbe,
@@ -6,7 +7,6 @@ from .discovery import (
     probe_camera as probe_camera,
 )
 from .features import Bounds as Bounds
-from .levels import COUNTS as COUNTS, StatedValue as StatedValue
 from .library import AravisLibrary as AravisLibrary, load_aravis as load_aravis
 from .route import (
     NetworkRoute as NetworkRoute,

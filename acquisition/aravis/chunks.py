@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
+from acquisition.aravis.controls import US_PER_UNIT
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.feature_names import FeatureName, names_for
 from acquisition.aravis.features import CameraFeatures
-from acquisition.aravis.levels import US_PER_UNIT
 from acquisition.aravis.library import AravisObject
 
 CHUNK_MODE = "ChunkModeActive"

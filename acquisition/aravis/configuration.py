@@ -3,13 +3,19 @@
 from dataclasses import dataclass, replace
 
 from acquisition.aravis.chunks import FrameChunks
-from acquisition.aravis.corrections import NeutralFeatures, neutralise
+from acquisition.aravis.controls import (
+    COUNTS,
+    FrameRate,
+    LevelControls,
+    NeutralFeatures,
+    StatedValue,
+    neutralise,
+    set_trigger,
+)
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.feature_names import names_for
 from acquisition.aravis.features import CameraFeatures, FeatureValue
-from acquisition.aravis.frame_start import FrameRate, set_trigger
-from acquisition.aravis.levels import COUNTS, LevelControls, StatedValue
 from acquisition.aravis.packet_size import PACKET_SIZE, set_packet_size
 from acquisition.aravis.pixel_decoding import can_decode
 from acquisition.bench import CameraConfig

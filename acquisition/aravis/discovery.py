@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from acquisition.aravis.configuration import CameraControls
+from acquisition.aravis.controls import StatedValue
 from acquisition.aravis.device import open_camera
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.features import Bounds
-from acquisition.aravis.levels import StatedValue
 from acquisition.aravis.library import AravisLibrary, load_aravis
 from acquisition.bench import CameraConfig
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from acquisition.devices import FrameImage
 
+_WIRE_WORD = np.dtype("<u2")
 _FORMAT = re.compile(r"(?:Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16|12Packed)")
 
 
@@ -42,7 +43,9 @@ def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
     return pixels if depth == "8" else 2 * pixels
 
 
-def decode_pixels(data: bytes, pixel_format: str, shape: tuple[int, int]) -> FrameImage:
+def decode_pixels(
+    data: bytes | memoryview, pixel_format: str, shape: tuple[int, int]
+) -> FrameImage:
     """Decode ``data`` to levels in DN of the pixel format; colour mosaics stay mosaics.
 
     Parameters
@@ -76,7 +79,7 @@ def decode_pixels(data: bytes, pixel_format: str, shape: tuple[int, int]) -> Fra
         pixels_dn = np.empty(shape, np.uint16)
         _unpack_12(np.frombuffer(data, np.uint8, size), pixels_dn.reshape(-1))
         return pixels_dn
-    wire = np.frombuffer(data, np.dtype("<u2"), size // 2).reshape(shape)
+    wire = np.frombuffer(data, _WIRE_WORD, size // 2).reshape(shape)
     return wire.astype(np.uint16, copy=False)
 
 

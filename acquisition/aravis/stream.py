@@ -7,6 +7,7 @@ import numpy as np
 from acquisition.aravis.chunks import FrameChunks, FrameFacts
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.frame_memory import FrameMemory
 from acquisition.aravis.library import AravisObject
 from acquisition.aravis.pixel_decoding import decode_pixels, encoded_bytes
 from acquisition.devices import CameraSettings, Frame, StreamStatistics
@@ -18,6 +19,9 @@ SOCKET_BUFFER_BYTES = 4 * 2**20
 BUFFERED_S = 0.3
 MIN_BUFFERS, MAX_BUFFERS = 8, 64
 """Length of the frame queue as a time; the bounds suit slow and fast cameras."""
+
+LENT_MOST = 6
+"""Images in use before others are copied: an average takes them by fours."""
 
 
 class FrameStream:
@@ -65,8 +69,14 @@ class FrameStream:
             self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
             self._stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
         wanted = math.ceil(BUFFERED_S * settings.frame_rate_hz)
-        for _ in range(min(max(wanted, MIN_BUFFERS), MAX_BUFFERS)):
-            self._stream.push_buffer(library.api.Buffer.new_allocate(payload_bytes))
+        self._memory = FrameMemory(
+            library,
+            self._made,
+            buffers=min(max(wanted, MIN_BUFFERS), MAX_BUFFERS),
+            buffer_bytes=payload_bytes,
+            image_bytes=encoded_bytes(self._format_name, self._shape),
+            lent_most=LENT_MOST,
+        )
 
     @property
     def _stream(self) -> AravisObject:
@@ -96,10 +106,31 @@ class FrameStream:
         buffer = self._stream.timeout_pop_buffer(max(0, round(1e6 * timeout_s)))
         if buffer is None:
             return None
+        frame_id, timestamp_ns = int(buffer.get_frame_id()), int(buffer.get_timestamp())
         try:
-            return self._frame(buffer)
-        finally:
-            self._stream.push_buffer(buffer)
+            picture = self._picture_in(buffer, timestamp_ns)
+        except BaseException:
+            self._memory.push(buffer)
+            raise
+        if picture is None:
+            self._memory.push(buffer)
+        else:
+            shape, facts = picture
+            data = self._memory.lend(buffer, encoded_bytes(self._format_name, shape))
+            if data is not None:
+                self._newest_ns, self._newest_facts = timestamp_ns, facts
+                return Frame(
+                    image_dn=decode_pixels(data, self._format_name, shape),
+                    frame_id=frame_id,
+                    timestamp_ns=timestamp_ns,
+                    exposure_us=facts.exposure_us,
+                )
+        return Frame(
+            image_dn=np.empty((0, 0), np.uint16),
+            frame_id=frame_id,
+            timestamp_ns=timestamp_ns,
+            is_complete=False,
+        )
 
     def statistics(self) -> StreamStatistics:
         """Frames and packets since the stream was made."""
@@ -128,42 +159,32 @@ class FrameStream:
         """
         if self._chunks is not None:
             self._chunks.close()
+        if self._made is None:
+            return
+        gone = self._made.weak_ref()
+        self._memory.detach()
         self._made = None
+        # Whoever else refers to the stream keeps its thread going, which writes to the memory.
+        if gone() is None:
+            self._memory.release()
 
     def _drain(self) -> None:
         # Aravis never overwrites a frame that was not fetched: it would be delivered first.
         while (buffer := self._stream.try_pop_buffer()) is not None:
-            self._stream.push_buffer(buffer)
+            self._memory.push(buffer)
 
-    def _frame(self, buffer: AravisObject) -> Frame:
-        frame_id, timestamp_ns = int(buffer.get_frame_id()), int(buffer.get_timestamp())
-        # The state comes first: an incomplete buffer has no bytes, and no picture to ask about.
-        if buffer.get_status() == self._success and timestamp_ns > self._newest_ns:
-            shape = self._shape_of(buffer)
-            data: bytes = b"" if shape is None else buffer.get_data()
-            facts: FrameFacts | None = FrameFacts()
-            if shape is not None and self._chunks is not None:
-                facts = self._chunks.read(buffer)
-            if (
-                shape is not None
-                and facts is not None
-                and len(data) >= encoded_bytes(self._format_name, shape)
-                and self._is_newer(facts)
-            ):
-                self._newest_ns = timestamp_ns
-                self._newest_facts = facts
-                return Frame(
-                    image_dn=decode_pixels(data, self._format_name, shape),
-                    frame_id=frame_id,
-                    timestamp_ns=timestamp_ns,
-                    exposure_us=facts.exposure_us,
-                )
-        return Frame(
-            image_dn=np.empty((0, 0), np.uint16),
-            frame_id=frame_id,
-            timestamp_ns=timestamp_ns,
-            is_complete=False,
-        )
+    def _picture_in(
+        self, buffer: AravisObject, timestamp_ns: int
+    ) -> tuple[tuple[int, int], FrameFacts] | None:
+        """``(rows, cols)`` of a complete picture and what it says of itself; None if it is none."""
+        # The state comes first: an incomplete buffer has no picture to ask about.
+        if buffer.get_status() != self._success or timestamp_ns <= self._newest_ns:
+            return None
+        shape = self._shape_of(buffer)
+        facts = FrameFacts() if self._chunks is None else self._chunks.read(buffer)
+        if shape is None or facts is None or not self._is_newer(facts):
+            return None
+        return shape, facts
 
     def _shape_of(self, buffer: AravisObject) -> tuple[int, int] | None:
         """``(rows, cols)`` of a picture in the format that was set; None if it is none."""

@@ -10,9 +10,9 @@ import pytest
 import acquisition.aravis
 import standoff.doctor
 from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.controls import StatedValue
 from acquisition.aravis.discovery import CameraProbe, FoundCamera
 from acquisition.aravis.features import Bounds
-from acquisition.aravis.levels import StatedValue
 from acquisition.aravis.library import AravisLibrary
 from acquisition.aravis.route import NetworkRoute
 from acquisition.bench import BenchConfig
