@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.averaging import PATIENCE_PERIODS, PATIENCE_S, average_frames
+from acquisition.averaging import PATIENCE_PERIODS, PATIENCE_S, AveragedFrames, average_frames
 from acquisition.bench import BenchDevices
 from acquisition.choices import FocusMeasure
 from acquisition.devices import Camera, Frame, FrameImage
@@ -22,6 +22,12 @@ _WAITING_FRAMES = 64
 """As many frames as a driver may queue; a camera faster than this loop cannot block it."""
 
 _PAIRS = 8
+
+LIGHT_STEP = 0.05
+"""Relative change of the light from one frame to the next that is none of focus or scene."""
+
+_LEAST_STEP_DN = 2.0
+
 Levels = NDArray[np.integer[Any] | np.floating[Any]]
 NoiseModel = Callable[[float], float]
 """Temporal variance of one frame in DN^2 at a mean level in DN."""
@@ -49,13 +55,16 @@ class FocusPoint:
     err: float
     level_dn: float
     saturated_fraction: float
+    field: tuple[float, ...] = ()
+    """Focus values of further regions, in the order in which they were asked for."""
 
 
 class FocusMeter:
     """Focus value of one frame after another; independent of any camera.
 
     Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
-    last eight, as motion can only add to it.
+    last eight, as motion can only add to it. A step of the light, of exposure or gain begins this
+    anew: the noise of before is not that of now.
 
     Parameters
     ----------
@@ -66,10 +75,13 @@ class FocusMeter:
     def __init__(self, options: FocusOptions) -> None:
         self._options = options
         self._previous: FrameImage | None = None
+        self._light_dn = 0.0
         self._variances: deque[float] = deque(maxlen=_PAIRS)
+        self.is_after_step = False
+        """Whether the last frame had another light than the one before it."""
 
     def add(self, image_dn: FrameImage, black_level_dn: float) -> float | None:
-        """Focus value of the next frame; None for the first where its noise is not known yet.
+        """Focus value of the next frame; None for one whose noise is not known yet.
 
         Raises
         ------
@@ -78,8 +90,17 @@ class FocusMeter:
         """
         options = self._options
         view = options.view(image_dn)
+        light_dn = cv2.mean(view)[0] - black_level_dn
+        change_dn = abs(light_dn - self._light_dn)
+        self.is_after_step = self._previous is not None and change_dn > max(
+            LIGHT_STEP * max(self._light_dn, light_dn), _LEAST_STEP_DN
+        )
+        self._light_dn = light_dn
+        if self.is_after_step:
+            self._variances.clear()
+            self._previous = None
         if options.noise is not None:
-            variance = options.noise(float(view.mean()))
+            variance = options.noise(light_dn + black_level_dn)
         elif self._previous is None:
             self._previous = view
             return None
@@ -152,6 +173,7 @@ def sweep_focus(
     options: FocusOptions,
     *,
     frames: int,
+    field: Sequence[Region] = (),
     progress: Callable[[FocusPoint], None] = lambda _: None,
 ) -> tuple[FocusPoint, ...]:
     """Go to each height in turn and measure the focus value of the mean of ``frames`` frames.
@@ -165,6 +187,8 @@ def sweep_focus(
         In the order in which they are visited: from the side of approach.
     frames
         Frames at each height, at least 2.
+    field
+        Further regions that are measured at each height.
 
     Raises
     ------
@@ -184,7 +208,7 @@ def sweep_focus(
             stage.home(home_timeout_s(stage_config))
         for height_mm in heights_mm:
             read_back_mm = stage.move_to(height_mm, move_timeout_s(stage_config))
-            point = _point(devices, read_back_mm, options, frames)
+            point = _point(devices, read_back_mm, options, frames, field)
             points.append(point)
             progress(point)
     except BaseException as error:
@@ -259,7 +283,11 @@ def _next(camera: Camera, timeout_s: float) -> Frame:
 
 
 def _point(
-    devices: BenchDevices, height_mm: float, options: FocusOptions, frames: int
+    devices: BenchDevices,
+    height_mm: float,
+    options: FocusOptions,
+    frames: int,
+    field: Sequence[Region],
 ) -> FocusPoint:
     settings = devices.camera.settings
     singles: list[float] = []
@@ -274,23 +302,37 @@ def _point(
         )
 
     averaged = average_frames(devices.camera, frames, keep_frame=measure, clock=devices.clock)
-    whole = averaged.mean_dn
-    mean = whole if options.region is None else options.region.cut(whole)
-    variance = averaged.variance_dn2
-    variance = variance if options.region is None else options.region.cut(variance)  # type: ignore[assignment]  # a view keeps its type
-    level_dn = float(mean.mean(dtype=np.float64))
-    frame_dn2 = (
-        float(variance.mean(dtype=np.float64)) if options.noise is None else options.noise(level_dn)
-    )
+
+    def value_in(region: Region | None) -> tuple[float, float]:
+        """Focus value of the mean in a region, and the mean level."""
+        mean = averaged.mean_dn if region is None else region.cut(averaged.mean_dn)
+        variance = averaged.variance_dn2 if region is None else region.cut(averaged.variance_dn2)
+        level_dn = float(mean.mean(dtype=np.float64))
+        measured_dn2 = float(variance.mean(dtype=np.float64))
+        frame_dn2 = measured_dn2 if options.noise is None else options.noise(level_dn)
+        return (
+            focus_value(
+                mean,
+                black_level_dn=settings.black_level_dn,
+                noise_variance_dn2=frame_dn2 / averaged.frames_used,
+                measure=options.measure,
+            ),
+            level_dn,
+        )
+
+    value, level_dn = value_in(options.region)
     return FocusPoint(
         height_mm=height_mm,
-        value=focus_value(
-            mean,
-            black_level_dn=settings.black_level_dn,
-            noise_variance_dn2=frame_dn2 / averaged.frames_used,
-            measure=options.measure,
-        ),
+        value=value,
         err=float(np.std(singles, ddof=1) / np.sqrt(len(singles))),
         level_dn=level_dn,
-        saturated_fraction=averaged.saturated_pixels / whole.size,
+        saturated_fraction=_saturated_fraction(averaged, options.region),
+        field=tuple(value_in(region)[0] for region in field),
     )
+
+
+def _saturated_fraction(averaged: AveragedFrames, region: Region | None) -> float:
+    if averaged.is_saturated is None:
+        return 0.0
+    is_saturated = averaged.is_saturated.view(np.uint8)
+    return float(np.mean(is_saturated if region is None else region.cut(is_saturated)))

@@ -88,7 +88,8 @@ class FocusTrace:
             self._noises.append(self._noise(recent))
         # Ten differences alone are a poor estimate; the noise changes slowly, so use many windows.
         noise = float(np.median(self._noises)) if self._noises else 0.0
-        margin = max(self._drop * max(self._peak, 0.0), _SIGMAS * noise)
+        # Nothing is passed before the noise is known.
+        margin = max(self._drop * max(self._peak, 0.0), _SIGMAS * noise if self._noises else np.inf)
         self._lowest = min(self._lowest, shown)
         if shown >= self._peak:
             self._peak = shown

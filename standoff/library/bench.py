@@ -91,8 +91,7 @@ class Bench(MovableBench):
         self._asked_mm = None
         self._exposure_control().settle(self.config.camera.exposure_us)
         found = sweep_bench(
-            self._open(),
-            self.config,
+            self.devices,
             FocusOptions(measure=measure, region=region),
             request,
             lambda _: None,

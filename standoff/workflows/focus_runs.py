@@ -1,12 +1,13 @@
 """The two ways to focus: watch the value live, or sweep the stage through the peak."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.devices import Camera
@@ -17,6 +18,7 @@ from acquisition.focus import (
     FocusReading,
     FocusTrace,
     NoFocusPeakError,
+    Region,
     fit_focus_peak,
     focus_values,
     sweep_focus,
@@ -27,6 +29,7 @@ from standoff.terminal import LiveLine, progress_bar
 from standoff.workflows.devices import OpenBench, open_bench, open_camera
 
 _REFINED_STEPS = 2
+_LIGHT_STEP = 0.15  # of the logarithm
 _BAR_CELLS = 30
 _ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}
 
@@ -36,21 +39,27 @@ class SweepRequest:
     """A sweep: lowest and highest height, how many heights, and frames at each.
 
     If ``heights_mm`` is None, the whole travel; ``ends_at_peak`` moves the stage there at the end.
+    ``field`` are further regions that are measured.
     """
 
     heights_mm: tuple[float, float] | None
     steps: int
     frames: int
     ends_at_peak: bool = False
+    field: tuple[Region, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusSweep:
-    """The positions of a sweep and the peak; ``why_not`` says why there is none."""
+    """The positions of a sweep and the peak; ``why_not`` says why there is none.
+
+    ``field`` are the peaks of further regions, None where one has none.
+    """
 
     points: tuple[FocusPoint, ...]
     peak: FocusPeak | None
     why_not: str | None
+    field: tuple[FocusPeak | None, ...] = ()
 
     def columns(self) -> tuple[np.ndarray[Any, np.dtype[np.float64]], ...]:
         """Heights, values and their standard errors."""
@@ -142,7 +151,12 @@ def run_sweep(
             done += 1
             bar.advance_to(done, f"{point.height_mm:.2f} mm: {point.value:.4g}")
 
-        return sweep_bench(opened, config, options, request, show)
+        return sweep_bench(devices_of(opened, config), options, request, show)
+
+
+def devices_of(opened: OpenBench, config: BenchConfig) -> BenchDevices:
+    """The devices of an opened bench, as a sweep takes them."""
+    return BenchDevices(config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock)
 
 
 def positions_of(request: SweepRequest) -> int:
@@ -151,41 +165,70 @@ def positions_of(request: SweepRequest) -> int:
 
 
 def sweep_bench(
-    opened: OpenBench,
-    config: BenchConfig,
+    devices: BenchDevices,
     options: FocusOptions,
     request: SweepRequest,
     progress: Callable[[FocusPoint], None],
 ) -> FocusSweep:
     """Sweep between two heights; without them, the whole travel, then the range about the best.
 
+    There is no peak where the light changed on the way: what it would show might be the light's.
+
     Raises
     ------
     DeviceError
         If a device fails or a height is outside the travel.
     """
-    low_mm, high_mm = request.heights_mm or opened.stage.limits_mm
+    low_mm, high_mm = request.heights_mm or devices.stage.limits_mm
     points: tuple[FocusPoint, ...] = ()
     for _ in range(positions_of(request) // request.steps):
         if points:
             low_mm, high_mm = _about_the_best(points)
         points = sweep_focus(
-            BenchDevices(
-                config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock
-            ),
-            _positions(config, low_mm, high_mm, request.steps),
+            devices,
+            _positions(devices.config, low_mm, high_mm, request.steps),
             options,
             frames=request.frames,
+            field=request.field,
             progress=progress,
         )
-    found = FocusSweep(points=points, peak=None, why_not=None)
+    found = FocusSweep(points=points, peak=None, why_not=light_fault(points))
+    if found.why_not is not None:
+        return found
+    heights_mm, values, errs = found.columns()
     try:
-        peak = fit_focus_peak(*found.columns())
+        peak = fit_focus_peak(heights_mm, values, errs)
     except NoFocusPeakError as error:
-        return FocusSweep(points=points, peak=None, why_not=str(error))
+        return replace(found, why_not=str(error))
     if request.ends_at_peak:
-        opened.stage.move_to(round(peak.height_mm, 3), move_timeout_s(config.stage))
-    return FocusSweep(points=points, peak=peak, why_not=None)
+        timeout_s = move_timeout_s(devices.config.stage)
+        devices.stage.move_to(round(peak.height_mm, 3), timeout_s)
+    field = (_peak_or_none(heights_mm, one) for one in np.array([p.field for p in points]).T)
+    return replace(found, peak=peak, field=tuple(field))
+
+
+def light_fault(points: Sequence[FocusPoint]) -> str | None:
+    """Say why a sweep tells nothing of the focus: its light was not the same all the way."""
+    ordered = sorted(points, key=lambda point: point.height_mm)
+    levels = np.log([max(point.level_dn, 1e-3) for point in ordered])
+    steps = np.diff(levels)
+    for number in range(1, steps.size - 1):
+        # A height changes the light, but neighbouring heights by about as much.
+        own, beside = steps[number], steps[[number - 1, number + 1]]
+        if min(abs(own - beside[0]), abs(own - beside[1])) > _LIGHT_STEP:
+            low, high = ordered[number], ordered[number + 1]
+            return (
+                f"the light changed by {100 * abs(np.expm1(own)):.0f} % between "
+                f"{low.height_mm:.2f} and {high.height_mm:.2f} mm; keep it steady and sweep again"
+            )
+    return None
+
+
+def _peak_or_none(heights_mm: NDArray[np.float64], values: NDArray[np.float64]) -> FocusPeak | None:
+    try:
+        return fit_focus_peak(heights_mm, values)
+    except NoFocusPeakError:
+        return None
 
 
 def _positions(config: BenchConfig, low_mm: float, high_mm: float, steps: int) -> list[float]:

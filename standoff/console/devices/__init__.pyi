@@ -13,11 +13,20 @@ from .pose_monitor import (
     TrackerMaker as TrackerMaker,
 )
 from .pose_reference import tracker_maker as tracker_maker
+from .sharpness_monitor import (
+    EdgeReading as EdgeReading,
+    FieldReading as FieldReading,
+    SharpnessMonitor as SharpnessMonitor,
+    SharpnessView as SharpnessView,
+    field_regions as field_regions,
+)
 from .stage_service import StageService as StageService, StageView as StageView
 
 __all__ = [
     "CameraService",
     "DeviceStatus",
+    "EdgeReading",
+    "FieldReading",
     "FrameBroadcaster",
     "FrameCounts",
     "Levels",
@@ -26,8 +35,11 @@ __all__ = [
     "PictureMonitor",
     "PoseMonitor",
     "PoseView",
+    "SharpnessMonitor",
+    "SharpnessView",
     "StageService",
     "StageView",
     "TrackerMaker",
+    "field_regions",
     "tracker_maker",
 ]

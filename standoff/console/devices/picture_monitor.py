@@ -62,6 +62,8 @@ def levels_of(image_dn: FrameImage, max_level_dn: int) -> Levels:
 class PictureMonitor:
     """Measures the newest frame in its own thread, and skips frames it has no time for.
 
+    A change of exposure or gain, or a step of the light, resets the peak.
+
     Parameters
     ----------
     broadcaster
@@ -76,6 +78,7 @@ class PictureMonitor:
         self._trace = FocusTrace()
         self._values: deque[float] = deque(maxlen=TRACE_VALUES)
         self._traced_s = 0.0
+        self._exposed: tuple[float, float | None, float | None] | None = None
         self._is_closing = Event()
         self._thread = Thread(target=self._run, name="picture monitor", daemon=True)
 
@@ -115,6 +118,10 @@ class PictureMonitor:
             facts = self._facts
             settings, image_dn = frame.settings, frame.image_dn
             levels = levels_of(image_dn, settings.max_level_dn)
+            exposed = settings.exposure_us, settings.gain_db, settings.gain
+            if exposed != self._exposed:
+                self._begin(facts)
+                self._exposed, facts = exposed, self._facts
             region = facts.region
             if region is not None and not _fits(region, image_dn):
                 self._begin(replace(facts, region=None))
@@ -124,7 +131,11 @@ class PictureMonitor:
             except ValueError:  # another frame size
                 self._begin(facts)
                 value = None
-            reading = facts.focus
+            if self._meter.is_after_step:
+                # What was sharper in another light says nothing: no false peak, no "go back".
+                self._trace.reset()
+                self._values.clear()
+            reading = None if self._meter.is_after_step else facts.focus
             if value is not None and np.isfinite(value):
                 reading = self._trace.add(value)
                 if frame.received_s - self._traced_s >= TRACE_STEP_S:

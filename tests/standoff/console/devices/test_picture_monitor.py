@@ -1,8 +1,11 @@
 """What the console measures on the picture while its frames change or stay away."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from acquisition.devices import CameraSettings
 from analysis.pose.tracker import PoseVerdict
 from simulation.arrays import AnyArray
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
@@ -105,3 +108,33 @@ def test_a_verdict_on_the_last_reference_is_not_shown_for_the_next(
 
 def test_a_watch_that_never_began_may_be_closed() -> None:
     PoseMonitor(FrameBroadcaster(), None).close()
+
+
+def scene(sequence: int, light: float, settings: CameraSettings = SETTINGS) -> LiveFrame:
+    """Faint stripes, in which noise is a good part of the gradient, under some light."""
+    stripes = 1200 + 240 * np.sin(np.arange(200) / 3) * np.ones((160, 1))
+    image = settings.black_level_dn + light * stripes
+    noisy = RNG.normal(image, np.sqrt(light * stripes / 4))
+    return LiveFrame(
+        image_dn=np.clip(np.rint(noisy), 0, 4095).astype(np.uint16),
+        sequence=sequence,
+        received_s=0.2 * sequence,
+        settings=settings,
+    )
+
+
+@pytest.mark.parametrize("light", [0.25, 0.5, 1.5, 2.5])
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_step_of_exposure_or_light_makes_no_peak(light: float, is_told: bool) -> None:
+    monitor = PictureMonitor(FrameBroadcaster())
+    changed = replace(SETTINGS, exposure_us=light * SETTINGS.exposure_us) if is_told else SETTINGS
+    frames = [scene(number, 1.0) for number in range(30)]
+    # The first frames after the setting still have the old exposure.
+    frames += [scene(number, 1.0, changed) for number in range(30, 33)]
+    frames += [scene(number, light, changed) for number in range(33, 70)]
+    for frame_ in frames:
+        monitor.look(frame_)
+        focus = monitor.facts.focus
+        assert focus is None or not focus.is_past_peak
+    assert focus is not None
+    assert focus.percent_of_peak > 80

@@ -1,0 +1,282 @@
+"""How sharp the live picture is: the edge under the region, and four regions near the corners."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from threading import Event, Lock, Thread
+
+import numpy as np
+
+from acquisition.focus import FOCUS_MEASURES, Region, focus_value
+from calibration.choices import Pattern
+from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges, plane_places
+from calibration.sharpness import lp_per_mm, reported_mtf50
+from simulation.arrays import FloatArray
+from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
+
+PERIOD_S = 0.12
+"""Eight measurements a second, if there is the time: one takes 2 to 20 ms."""
+
+PROFILE_POINTS = 64
+PROFILE_SIGMAS = 5.0
+FIELD_SHARE = 0.2
+"""Of the frame's width and height: each of the four regions, which touch no border."""
+
+FIELD_MARGIN = 0.04
+FIELD_NAMES = ("top left", "top right", "bottom left", "bottom right")
+_BAYER = re.compile(r"Bayer(RG|GR|GB|BG)")
+_PATTERNS: dict[str, Pattern] = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EdgeReading:
+    """The longest edge that can be measured in a region of one frame.
+
+    ``sigma_px`` is the width with the pixel, as `calibration` reports it; errors are standard
+    errors of this one frame. ``distance_px`` and ``levels`` are the edge spread function, levels
+    from 0 (dark) to 1.
+    """
+
+    sigma_px: float
+    sigma_err_px: float
+    mtf50_cy_per_px: float
+    mtf50_err_cy_per_px: float | None
+    mtf50_lp_per_mm: float | None
+    angle_deg: float
+    edges: int
+    distance_px: FloatArray
+    levels: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FieldReading:
+    """One of the four regions: its focus value, in percent of its own peak, and its edge."""
+
+    name: str
+    region: Region
+    focus: float
+    peak: float
+    edge: EdgeReading | None
+
+    @property
+    def percent_of_peak(self) -> float:
+        """Value in percent of the largest since the last reset; 0 if there is none."""
+        return 100.0 * self.focus / self.peak if self.peak > 0 else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SharpnessView:
+    """What was measured last; ``why_not`` says why there is no edge.
+
+    ``sequence`` counts the measurements, ``rate_hz`` is how many there are a second.
+    """
+
+    sequence: int = 0
+    rate_hz: float = 0.0
+    edge: EdgeReading | None = None
+    why_not: str = ""
+    field: tuple[FieldReading, ...] = ()
+
+
+class SharpnessMonitor:
+    """Measures the newest frame in its own thread, while a region or the field is watched.
+
+    Parameters
+    ----------
+    broadcaster
+        Source of the frames.
+    pixel_pitch_um
+        Of the sensor, for line pairs per mm; None if it is not known.
+    """
+
+    def __init__(self, broadcaster: FrameBroadcaster, pixel_pitch_um: float | None) -> None:
+        self._broadcaster = broadcaster
+        self._pitch_um = pixel_pitch_um
+        self._lock = Lock()
+        self._region: Region | None = None
+        self._is_field_wanted = False
+        self._peaks: dict[str, float] = {}
+        self._exposed: tuple[float, float | None, float | None] | None = None
+        self._times_s: list[float] = []
+        self._view = SharpnessView()
+        self._is_closing = Event()
+        self._thread = Thread(target=self._run, name="sharpness monitor", daemon=True)
+
+    @property
+    def view(self) -> SharpnessView:
+        """The newest measurement."""
+        return self._view
+
+    @property
+    def is_field_wanted(self) -> bool:
+        """Whether the four regions are measured."""
+        return self._is_field_wanted
+
+    def start(self) -> None:
+        """Start measuring, in a thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._is_closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def look_at(self, region: Region | None) -> None:
+        """Measure the edge in a region; none if None."""
+        with self._lock:
+            self._region = region
+            self._forget()
+
+    def watch_field(self, is_wanted: bool) -> None:
+        """Measure the four regions near the corners, or stop it; their peaks are reset."""
+        with self._lock:
+            self._is_field_wanted = is_wanted
+            self._forget()
+
+    def forget_peaks(self) -> None:
+        """Reset the peaks of the four regions."""
+        with self._lock:
+            self._peaks = {}
+
+    def look(self, frame: LiveFrame) -> None:
+        """Measure one frame."""
+        region, is_field_wanted = self._region, self._is_field_wanted
+        if region is None and not is_field_wanted:
+            return
+        settings = frame.settings
+        exposed = settings.exposure_us, settings.gain_db, settings.gain
+        edge, why_not = None, ""
+        if region is not None:
+            edge, why_not = read_edge(frame, region, self._pitch_um)
+        peaks = dict(self._peaks) if exposed == self._exposed else {}
+        field = self._field_of(frame, peaks) if is_field_wanted else ()
+        with self._lock:
+            if (region, is_field_wanted) != (self._region, self._is_field_wanted):
+                return  # something else was asked for meanwhile
+            self._peaks, self._exposed = peaks, exposed
+            self._times_s = [*self._times_s[-10:], frame.received_s]
+            span_s = self._times_s[-1] - self._times_s[0]
+            self._view = SharpnessView(
+                sequence=self._view.sequence + 1,
+                rate_hz=(len(self._times_s) - 1) / span_s if span_s > 0 else 0.0,
+                edge=edge,
+                why_not=why_not,
+                field=field,
+            )
+
+    def _field_of(self, frame: LiveFrame, peaks: dict[str, float]) -> tuple[FieldReading, ...]:
+        found = []
+        for name, region in field_regions(frame.image_dn.shape).items():
+            view = region.cut(frame.image_dn)
+            value = focus_value(view, black_level_dn=frame.settings.black_level_dn)
+            peaks[name] = max(peaks.get(name, 0.0), value)
+            edge, _ = read_edge(frame, region, self._pitch_um)
+            found.append(
+                FieldReading(name=name, region=region, focus=value, peak=peaks[name], edge=edge)
+            )
+        return tuple(found)
+
+    def _forget(self) -> None:
+        self._peaks = {}
+        self._times_s = []
+        self._view = SharpnessView(sequence=self._view.sequence)
+
+    def _run(self) -> None:
+        seen = 0
+        while not self._is_closing.is_set():
+            if self._region is None and not self._is_field_wanted:
+                self._is_closing.wait(PERIOD_S)
+                continue
+            frame = self._broadcaster.wait_newer(seen, 0.2)
+            if frame is not None:
+                seen = frame.sequence
+                self.look(frame)
+                self._is_closing.wait(PERIOD_S)
+
+
+def field_regions(shape: tuple[int, ...]) -> Mapping[str, Region]:
+    """The four regions near the corners of a frame of shape ``(rows, cols)``, by name."""
+    rows, cols = shape
+    least = max(measure.reach_px for measure in FOCUS_MEASURES.values()) + 1
+    height, width = (max(round(FIELD_SHARE * length), least) for length in (rows, cols))
+    down, right = round(FIELD_MARGIN * rows), round(FIELD_MARGIN * cols)
+    lefts = right, cols - right - width
+    tops = down, rows - down - height
+    places = [(left, top) for top in tops for left in lefts]
+    return {
+        name: Region(x_px=max(left, 0), y_px=max(top, 0), width_px=width, height_px=height)
+        for name, (left, top) in zip(FIELD_NAMES, places, strict=True)
+    }
+
+
+def read_edge(
+    frame: LiveFrame, region: Region, pixel_pitch_um: float | None
+) -> tuple[EdgeReading | None, str]:
+    """Measure the longest edge of a region of one frame; without one, say why not.
+
+    Of a colour camera, the first green pixels of the mosaic are measured.
+    """
+    settings = frame.settings
+    try:
+        view = region.cut(frame.image_dn)
+    except ValueError:
+        return None, "the region is outside the picture: choose it anew"
+    light_dn = view.astype(np.float64) - settings.black_level_dn
+    saturation_dn = settings.max_level_dn - settings.black_level_dn
+    bayer = _BAYER.match(settings.pixel_format)
+    if bayer is None:
+        source = EdgeImage(name="live", image_dn=light_dn, saturation_dn=saturation_dn)
+    else:
+        green = next(p for p in plane_places(_PATTERNS[bayer[1]]) if p.colour == "green")
+        # The region may begin at any pixel of the mosaic.
+        first_x = (green.first_x_px - region.x_px) % 2
+        first_y = (green.first_y_px - region.y_px) % 2
+        source = EdgeImage(
+            name="live",
+            image_dn=np.ascontiguousarray(light_dn[first_y::2, first_x::2]),
+            saturation_dn=saturation_dn,
+            pitch_px=2,
+            first_x_px=first_x,
+            first_y_px=first_y,
+        )
+    edges = measure_edges(source)
+    used = [edge for edge in edges if edge.is_used]
+    if not used:
+        return None, _why_not(edges)
+    longest = max(used, key=lambda edge: edge.length_px)
+    return _reading(longest, len(used), pixel_pitch_um), ""
+
+
+def _reading(edge: EdgeMeasurement, edges: int, pixel_pitch_um: float | None) -> EdgeReading:
+    mtf50 = reported_mtf50(edge)
+    distance_px = levels = np.empty(0)
+    if edge.binned is not None:
+        distance_px, levels = edge.binned.distance_px, edge.binned.levels
+        near = np.flatnonzero(np.abs(distance_px) <= PROFILE_SIGMAS * edge.sigma_px)
+        near = near[:: max(1, -(-near.size // PROFILE_POINTS))]
+        distance_px, levels = distance_px[near], levels[near]
+    return EdgeReading(
+        sigma_px=edge.sigma_px,
+        sigma_err_px=edge.sigma_err_px,
+        mtf50_cy_per_px=mtf50.cy_per_px,
+        mtf50_err_cy_per_px=mtf50.err_cy_per_px,
+        mtf50_lp_per_mm=(
+            None if pixel_pitch_um is None else lp_per_mm(mtf50.cy_per_px, pixel_pitch_um)
+        ),
+        angle_deg=edge.angle_deg,
+        edges=edges,
+        distance_px=distance_px,
+        levels=levels,
+    )
+
+
+def _why_not(edges: list[EdgeMeasurement]) -> str:
+    flags = {flag for edge in edges for flag in edge.flags}
+    if "saturated" in flags:
+        return "the edge is saturated: expose less"
+    if "too_noisy" in flags:
+        return "the edge is too noisy: expose more"
+    if "too_short" in flags:
+        return "the edge is too short: make the region larger"
+    return "no straight edge in the region"

@@ -1,0 +1,72 @@
+"""A step of the light is no focus."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from acquisition.focus import FocusOptions, FocusPoint
+from hil_mocks import SimulatedBench
+from standoff.console.devices import field_regions
+from standoff.workflows import SweepRequest, sweep_bench
+from standoff.workflows.devices import OpenBench
+from standoff.workflows.focus_runs import devices_of, light_fault
+from tests.hil_mocks.benches import bench_config
+
+
+def points_of(levels_dn: list[float]) -> tuple[FocusPoint, ...]:
+    return tuple(
+        FocusPoint(
+            height_mm=100.0 + number, value=1.0, err=0.1, level_dn=level, saturated_fraction=0.0
+        )
+        for number, level in enumerate(levels_dn)
+    )
+
+
+@given(
+    st.floats(-0.1, 0.1),
+    st.floats(-0.02, 0.02),
+    st.integers(7, 40),
+)
+def test_light_that_changes_smoothly_with_height_is_no_fault(
+    slope: float, bend: float, count: int
+) -> None:
+    numbers = np.arange(count) - count / 2
+    levels = 1000 * np.exp(slope * numbers + bend * numbers**2 / 2)
+    assert light_fault(points_of([float(level) for level in levels])) is None
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 3.0])
+@pytest.mark.parametrize("at", [2, 5, 9])
+def test_a_step_of_the_light_is_named_with_its_heights(factor: float, at: int) -> None:
+    levels = [1000.0 * (factor if number >= at else 1.0) for number in range(12)]
+    fault = light_fault(points_of(levels))
+    assert fault is not None
+    assert f"between {99 + at}.00 and {100 + at}.00 mm" in fault
+    assert f"{100 * abs(factor - 1):.0f} %" in fault
+
+
+def test_a_sweep_measures_further_regions_and_finds_their_peaks() -> None:
+    config = bench_config(simulated__focus_distance_mm=200.0, simulated__f_number=1.0)
+    simulated = SimulatedBench(config)
+    simulated.place("coins")
+    opened = OpenBench(
+        camera=simulated.camera,
+        stage=simulated.stage,
+        clock=lambda: simulated.clock.now_s,
+        sleep=simulated.clock.advance,
+        simulated=simulated,
+    )
+    request = SweepRequest(
+        heights_mm=(180.0, 220.0),
+        steps=11,
+        frames=4,
+        ends_at_peak=True,
+        field=tuple(field_regions((64, 96)).values()),
+    )
+    found = sweep_bench(devices_of(opened, config), FocusOptions(), request, lambda _: None)
+    assert found.peak is not None
+    assert simulated.stage.position_mm() == pytest.approx(found.peak.height_mm, abs=0.01)
+    assert len(found.field) == 4
+    seen = [peak.height_mm for peak in found.field if peak is not None]
+    assert seen == pytest.approx([found.peak.height_mm] * len(seen), abs=6)
+    assert seen
