@@ -1,4 +1,8 @@
-from .board import DEFAULT_BOARD as DEFAULT_BOARD, CharucoBoard as CharucoBoard
+from .board import (
+    DEFAULT_BOARD as DEFAULT_BOARD,
+    CharucoBoard as CharucoBoard,
+    find_board as find_board,
+)
 from .calibration import (
     GeometryOptions as GeometryOptions,
     calibrate_geometry as calibrate_geometry,
@@ -15,6 +19,11 @@ from .document import (
     GeometryCalibration as GeometryCalibration,
     HeightZoom as HeightZoom,
 )
+from .levelling import (
+    Levelling as Levelling,
+    level_by_board as level_by_board,
+    level_by_focus as level_by_focus,
+)
 from .series import GeometryCapture as GeometryCapture
 
 __all__ = [
@@ -27,8 +36,12 @@ __all__ = [
     "GeometryCapture",
     "GeometryOptions",
     "HeightZoom",
+    "Levelling",
     "calibrate_geometry",
+    "find_board",
     "geometry_captures",
     "geometry_records",
+    "level_by_board",
+    "level_by_focus",
     "nominal_focal_px",
 ]

@@ -10,16 +10,25 @@ from threading import Event, Lock, Thread
 
 from acquisition.bench import BenchConfig
 from acquisition.errors import DeviceError
+from calibration.geometry import DEFAULT_BOARD, CharucoBoard
 from standoff.console.devices import (
     CameraService,
     FrameBroadcaster,
     PictureMonitor,
     PoseMonitor,
+    SharpnessMonitor,
+    SquarenessMonitor,
     StageService,
     TrackerMaker,
 )
 from standoff.console.drivers import BenchDrivers
-from standoff.console.jobs import ControlArbiter, JobRunner, PromptQueue, SessionRun
+from standoff.console.jobs import (
+    ControlArbiter,
+    FocusSweepRun,
+    JobRunner,
+    PromptQueue,
+    SessionRun,
+)
 from standoff.console.plan_library import PlanLibrary
 from standoff.console.session_library import SessionLibrary
 
@@ -55,6 +64,8 @@ class BenchHub:
         Where to look for plans.
     make_tracker
         Makes the pose tracker; None if no curve was given.
+    board
+        The ChArUco board for levelling the camera.
     """
 
     def __init__(
@@ -65,6 +76,7 @@ class BenchHub:
         sessions: Path,
         plan_folders: tuple[Path, ...] = (),
         make_tracker: TrackerMaker | None = None,
+        board: CharucoBoard = DEFAULT_BOARD,
     ) -> None:
         self.bench = bench
         self.sessions = SessionLibrary(sessions)
@@ -79,7 +91,14 @@ class BenchHub:
             limits_mm=bench.stage.limits_mm,
         )
         self.picture = PictureMonitor(self.frames)
+        optics = bench.optics
+        self.sharpness = SharpnessMonitor(self.frames, optics.pixel_pitch_um)
+        self.squareness = SquarenessMonitor(
+            self.frames, board, 1e3 * optics.focal_length_mm / optics.pixel_pitch_um
+        )
+        self.sweep = FocusSweepRun(bench, self.camera, self.stage, clock=drivers.clock)
         self.pose = PoseMonitor(self.frames, make_tracker, report=self.tell)
+        self._monitors = (self.picture, self.pose, self.sharpness, self.squareness)
         self.run = SessionRun(
             bench,
             self.camera,
@@ -123,7 +142,7 @@ class BenchHub:
 
     def start(self) -> None:
         """Open the devices and start watching them, in threads."""
-        for part in (self.camera, self.stage, self.picture, self.pose):
+        for part in (self.camera, self.stage, *self._monitors):
             part.start()
 
     def stop(self) -> None:
@@ -139,7 +158,7 @@ class BenchHub:
         if job is not None:
             self.stop()
             job.ended.wait(CLOSE_TIMEOUT_S)
-        for part in (self.pose, self.picture, self.camera, self.stage):
+        for part in (*self._monitors, self.camera, self.stage):
             part.close()
 
     def _stop_stage(self) -> None:

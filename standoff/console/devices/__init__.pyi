@@ -20,6 +20,10 @@ from .sharpness_monitor import (
     SharpnessView as SharpnessView,
     field_regions as field_regions,
 )
+from .squareness_monitor import (
+    SquarenessMonitor as SquarenessMonitor,
+    SquarenessView as SquarenessView,
+)
 from .stage_service import StageService as StageService, StageView as StageView
 
 __all__ = [
@@ -37,6 +41,8 @@ __all__ = [
     "PoseView",
     "SharpnessMonitor",
     "SharpnessView",
+    "SquarenessMonitor",
+    "SquarenessView",
     "StageService",
     "StageView",
     "TrackerMaker",

@@ -180,7 +180,7 @@ class SharpnessMonitor:
     def _forget(self) -> None:
         self._peaks = {}
         self._times_s = []
-        self._view = SharpnessView(sequence=self._view.sequence)
+        self._view = SharpnessView(sequence=self._view.sequence + 1)
 
     def _run(self) -> None:
         seen = 0

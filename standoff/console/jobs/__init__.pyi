@@ -1,4 +1,9 @@
 from .control_arbiter import ControlArbiter as ControlArbiter, ControlView as ControlView
+from .focus_sweep import (
+    FocusSweepRun as FocusSweepRun,
+    SweepPlan as SweepPlan,
+    SweepView as SweepView,
+)
 from .job_runner import BusyError as BusyError, Job as Job, JobRunner as JobRunner
 from .prompt_queue import Prompt as Prompt, PromptQueue as PromptQueue
 from .session_run import (
@@ -12,6 +17,7 @@ __all__ = [
     "BusyError",
     "ControlArbiter",
     "ControlView",
+    "FocusSweepRun",
     "Job",
     "JobRunner",
     "PlanRow",
@@ -19,5 +25,7 @@ __all__ = [
     "PromptQueue",
     "RunView",
     "SessionRun",
+    "SweepPlan",
+    "SweepView",
     "rows_of",
 ]

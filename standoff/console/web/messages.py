@@ -96,6 +96,31 @@ class ForgetPeak(_Message):
     do: Literal["forget-peak"]
 
 
+class WatchField(_Message):
+    """Measure the four regions near the corners, or stop it."""
+
+    do: Literal["watch-field"]
+    is_on: bool
+
+
+class WatchSquareness(_Message):
+    """Measure the tilt of the board, or stop it."""
+
+    do: Literal["watch-square"]
+    is_on: bool
+
+
+class SweepFocus(_Message):
+    """Sweep the stage through focus: between two heights, or the whole travel."""
+
+    do: Literal["sweep-focus"]
+    low_mm: Finite | None = None
+    high_mm: Finite | None = None
+    steps: Annotated[int, Field(ge=7, le=200)] = 15
+    has_field: bool = False
+    ends_at_peak: bool = True
+
+
 class Home(_Message):
     """Home the stage."""
 
@@ -199,6 +224,9 @@ Message = (
     | LookAt
     | FocusMetric
     | ForgetPeak
+    | WatchField
+    | WatchSquareness
+    | SweepFocus
     | Home
     | Move
     | Unlock

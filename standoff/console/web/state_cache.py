@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from standoff.console.bench_hub import BenchHub
-from standoff.console.jobs import RunView
+from standoff.console.web.measure_model import measure_document, sweep_document
 from standoff.console.web.view_model import levels_document, plan_document, state_document
 
 STATE_S = 0.08
@@ -25,7 +25,7 @@ class StateCache:
     def __init__(self, hub: BenchHub) -> None:
         self._hub = hub
         self._texts: dict[str, tuple[float, str]] = {}
-        self._planned: tuple[RunView | None, str] = (None, "")
+        self._documents: dict[str, tuple[tuple[object, ...], str]] = {}
 
     def state(self) -> str:
         """The state that is common to all pages."""
@@ -38,12 +38,35 @@ class StateCache:
             return None
         return self._cached("levels", LEVELS_S, lambda: levels_document(facts))
 
+    def measure(self) -> str:
+        """Live measurements."""
+        sharpness, square = self._hub.sharpness, self._hub.squareness.view
+        view, has_field = sharpness.view, sharpness.is_field_wanted
+        return self._made_of(
+            "measure",
+            (view, square),
+            lambda: measure_document(view, square, has_field=has_field),
+        )
+
+    def sweep(self) -> str:
+        """The focus sweep."""
+        view = self._hub.sweep.view
+        return self._made_of("sweep", (view,), lambda: sweep_document(view))
+
     def plan(self) -> str:
         """The plan's table."""
         view = self._hub.run.view
-        if view is not self._planned[0]:
-            self._planned = (view, json.dumps(plan_document(view), allow_nan=False))
-        return self._planned[1]
+        return self._made_of("plan", (view,), lambda: plan_document(view))
+
+    def _made_of(
+        self, name: str, views: tuple[object, ...], make: Callable[[], dict[str, Any]]
+    ) -> str:
+        """The document of some views, made anew when one of them is another."""
+        seen, text = self._documents.get(name, ((), ""))
+        if len(seen) != len(views) or any(a is not b for a, b in zip(seen, views, strict=True)):
+            text = json.dumps(make(), allow_nan=False)
+            self._documents[name] = (views, text)
+        return text
 
     def _cached(self, name: str, age_s: float, make: Callable[[], dict[str, Any] | None]) -> str:
         made_s, text = self._texts.get(name, (float("-inf"), ""))

@@ -23,6 +23,7 @@ ACK_TIMEOUT_S = 2.0
 
 STATE_PERIOD_S = 0.1
 LEVELS_PERIOD_S = 0.2
+MEASURE_PERIOD_S = 0.1
 
 
 class Viewer:
@@ -64,7 +65,8 @@ class Viewer:
         self._replies: deque[dict[str, Any]] = deque(maxlen=32)
         self._in_flight: deque[int] = deque()
         self._sent_sequence = 0
-        self._plan_revision = -1
+        self._plan_revision = self._sweep_revision = self._measured = -1
+        self._was_watched = False
 
     def reply(self, document: dict[str, Any]) -> None:
         """Send something to this page alone."""
@@ -93,7 +95,7 @@ class Viewer:
             end()
 
     async def _send_on(self) -> None:
-        state_s = levels_s = picture_s = 0.0
+        state_s = levels_s = measure_s = picture_s = 0.0
         while True:
             await self._woken()
             while self._replies:
@@ -107,6 +109,9 @@ class Viewer:
                 levels = self._state.levels()
                 if levels is not None:
                     await self._socket.send_text(levels)
+            if self._wants_pictures and now_s - measure_s >= MEASURE_PERIOD_S:
+                measure_s = now_s
+                await self._send_measurements()
             if self._may_send_picture(now_s, picture_s):
                 picture_s = now_s
                 await self._send_picture()
@@ -128,6 +133,17 @@ class Viewer:
         if revision != self._plan_revision:
             self._plan_revision = revision
             await self._socket.send_text(self._state.plan())
+
+    async def _send_measurements(self) -> None:
+        sequence = self._hub.sharpness.view.sequence
+        is_watched = self._hub.squareness.view.is_wanted
+        if is_watched or self._was_watched or sequence != self._measured:
+            self._measured, self._was_watched = sequence, is_watched
+            await self._socket.send_text(self._state.measure())
+        revision = self._hub.sweep.view.revision
+        if revision != self._sweep_revision:
+            self._sweep_revision = revision
+            await self._socket.send_text(self._state.sweep())
 
     def _may_send_picture(self, now_s: float, sent_s: float) -> bool:
         latest = self._hub.frames.latest

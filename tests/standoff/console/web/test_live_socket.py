@@ -157,8 +157,8 @@ def test_levels_and_picture_come_with_the_first_frame(hub: BenchHub) -> None:
         with client_of(hub) as client, live(client) as socket:
             socket.send_json({"do": "hello", "viewer": PAGE, "pictures": True})
             # Levels are looked for at every other state at least: none without a picture.
-            seen = [socket.receive_json()["type"] for _ in range(5)]
-            assert set(seen) == {"state", "plan"}
+            seen = [socket.receive_json()["type"] for _ in range(7)]
+            assert set(seen) == {"state", "plan", "measure", "sweep"}
             hub.frames.publish(frame(np.full((48, 64), 700, np.uint16), 1), SETTINGS)
             texts: list[dict[str, Any]] = []
             pictures: list[bytes] = []
