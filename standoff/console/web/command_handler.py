@@ -13,12 +13,16 @@ from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_lim
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError, Job, rows_of
 from standoff.console.web import messages
+from standoff.console.web.picture_commands import picture_commands
 from standoff.console.web.view_model import preview_document
 from standoff.errors import ApplicationError
 from standoff.terminal import flicker_warnings
 from standoff.workflows import PlannedComparisons, make_folder, write_session_report
 
 LEAST_REGION_PX = 8
+
+_FOR_ALL = (messages.Preview, messages.Probe, messages.Profile)
+"""What a page may ask for that is not in control, because it changes nothing."""
 
 
 class NotInControlError(ApplicationError):
@@ -37,8 +41,7 @@ class CommandHandler:
     def __init__(self, hub: BenchHub) -> None:
         self._hub = hub
         self._commands: dict[type[Any], Callable[[Any], dict[str, Any] | None]] = {
-            messages.SetExposure: self._set_exposure,
-            messages.SetGain: self._set_gain,
+            **picture_commands(hub),
             messages.LookAt: self._look_at,
             messages.FocusMetric: lambda m: hub.picture.measure_by(m.metric),
             messages.ForgetPeak: lambda _: hub.picture.forget_peak(),
@@ -78,18 +81,10 @@ class CommandHandler:
             case messages.Release():
                 self._hub.control.release(viewer)
                 return None
-        if not isinstance(message, messages.Preview) and not self._hub.control.is_holder(viewer):
+        if not isinstance(message, _FOR_ALL) and not self._hub.control.is_holder(viewer):
             raise NotInControlError("You are not in control: take control first.")
         command = self._commands.get(type(message))
         return None if command is None else command(message)
-
-    def _set_exposure(self, message: messages.SetExposure) -> None:
-        self._refuse_while_capturing()
-        self._hub.camera.set_exposure_us(message.exposure_us)
-
-    def _set_gain(self, message: messages.SetGain) -> None:
-        self._refuse_while_capturing()
-        self._hub.camera.set_gain_db(message.gain_db)
 
     def _look_at(self, message: messages.LookAt) -> None:
         if message.region is None:
@@ -227,8 +222,3 @@ class CommandHandler:
             raise ApplicationError(f"{message.session} has no capture {message.index} to use.")
         name = f"{message.session}, capture {message.index} at {record.height_mm:.1f} mm"
         self._hub.pose.choose(name, session.load(record).mean_dn)
-
-    def _refuse_while_capturing(self) -> None:
-        job = self._hub.jobs.current
-        if job is not None and self._hub.run.view.state in ("running", "paused"):
-            raise BusyError(job.name, "The session sets exposure and gain while it runs.")

@@ -1,6 +1,6 @@
 // The bench page: picture, focus, stage, pose, session.
 
-import { drawHistogram, drawTrace } from "./charts.js";
+import { drawTrace } from "./charts.js";
 import { region } from "./picture_card.js";
 import { byId, command, connection, onKey, setText, show } from "./shell.js";
 
@@ -9,11 +9,7 @@ let planShown = "";
 let isPlanRunning = false;
 
 connection.addEventListener("levels", ({ detail }) => {
-  drawHistogram(byId("histogram"), detail.counts, detail.is_saturated);
-  setText("mean", detail.mean);
-  setText("saturated", detail.saturated);
-  byId("saturated").classList.toggle("bad", detail.is_saturated);
-  drawTrace(byId("trace"), detail.trace, Number(state?.focus.peak) || 0, state?.focus.is_past_peak);
+  drawTrace(byId("trace"), detail.trace, detail.trace_s, Number(state?.focus.peak) || 0, state?.focus.is_past_peak);
 });
 
 connection.addEventListener("state", ({ detail }) => {

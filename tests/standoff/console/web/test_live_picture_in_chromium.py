@@ -150,3 +150,97 @@ def test_the_picture_has_three_fifths_of_the_window_and_nothing_goes_sideways(
     wait_until(lambda: live.asked(height) >= 0.6 * 900, "60 % of 900 px")
     bottom = "document.getElementById('picture').getBoundingClientRect().bottom"
     assert live.asked(bottom) < 900
+
+
+def reading(live: LivePage) -> str:
+    return live.page.text_content("#probe") or ""
+
+
+def test_the_level_under_the_cursor_is_that_of_the_frame(live: LivePage) -> None:
+    live.page.mouse.move(*live.on_screen(37.5, 5.5))
+    level = 100 + 10 * 37 + 23 * 5
+    wanted = f"x 37, y 5 px · {level} DN ({100 * level / 4095:.1f} %) · mean of 5 × 5: {level}.0 DN"
+    wait_until(lambda: reading(live) == wanted, wanted)
+    dark = np.zeros((ROWS, COLS), dtype=np.uint16)
+    live.show(dark)  # also of a cursor that rests
+    wait_until(lambda: " 0 DN (0.0 %)" in reading(live), "the level of the newest frame")
+    live.page.mouse.move(5, 5)
+    wait_until(lambda: live.page.is_hidden("#probe"), "nothing is read outside the picture")
+
+
+def test_levels_are_read_with_the_keyboard(live: LivePage) -> None:
+    live.page.focus("#frame")
+    for _ in range(3):
+        live.page.keyboard.press("Alt+ArrowLeft")
+    live.page.keyboard.press("Alt+Shift+ArrowDown")
+    x_px, y_px = COLS // 2 - 3, ROWS // 2 + 10
+    wanted = f"x {x_px}, y {y_px}: {100 + 10 * x_px + 23 * y_px} DN"
+    wait_until(lambda: live.page.text_content("#probe-spoken") == wanted, "spoken once")
+    assert live.hub.picture.facts.region is None  # arrows without Alt move the region
+
+
+def test_a_page_asks_for_levels_ten_times_a_second_at_most(live: LivePage) -> None:
+    live.asked(
+        """() => { window.sent = {}; const { connection } = standoff; const send = connection.send;
+        connection.send = function (what, fields) {
+          (window.sent[what] ??= []).push(performance.now()); return send.call(this, what, fields);
+        }; }"""
+    )
+    live.page.keyboard.press("l")
+    for turn in range(60):
+        live.page.mouse.move(*live.on_screen(20 + turn, 30))
+    wait_until(lambda: len(live.asked("window.sent.profile ?? []")) > 3, "several profiles")
+    for what, least_ms in (("probe", 100), ("profile", 200)):
+        times_ms = live.asked(f"window.sent.{what}")
+        # Timers of a busy machine come late, and then sooner after each other.
+        assert len(times_ms) <= (times_ms[-1] - times_ms[0]) / least_ms + 2
+
+
+def test_the_profile_of_a_dragged_line_shows_its_levels(live: LivePage) -> None:
+    live.asked(
+        "() => standoff.connection.addEventListener('profile', (e) => window.answered = e.detail)"
+    )
+    live.page.click("#profile-on")
+    drag(live, (20.5, 30.5), (70.5, 30.5), "left")
+
+    def is_measured() -> bool:
+        found = live.asked("window.answered")
+        return bool(found) and found["length_px"] == pytest.approx(50, abs=0.2)
+
+    wait_until(is_measured, "the profile of the line")
+    levels = live.asked("window.answered.levels_dn")
+    start = 100 + 10 * 20 + 23 * 30
+    # Within a quarter of a pixel: the mouse stands in whole pixels of the screen.
+    assert levels[0] == pytest.approx(start, abs=9)
+    assert levels[-1] == pytest.approx(start + 500, abs=9)
+    assert np.diff(levels[:50]) == pytest.approx(10, abs=0.2)
+    assert live.page.locator("#profile").bounding_box() is not None
+    assert live.hub.picture.facts.region is None
+    live.page.focus("#frame")
+    live.page.keyboard.press("ArrowDown")
+    wait_until(
+        lambda: live.asked("window.answered.levels_dn[0]") == pytest.approx(levels[0] + 115, abs=1),
+        "the line five pixels lower",
+    )
+    live.page.keyboard.press("l")
+    assert live.page.is_hidden("#profile-panel")
+
+
+LIT = """() => {
+    const canvas = document.getElementById("overlay");
+    const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    return data.some((value) => value > 0);
+}"""
+
+
+def test_grid_and_cross_hair_are_drawn_over_the_picture_not_in_it(live: LivePage) -> None:
+    assert not live.asked(LIT)
+    live.page.keyboard.press("c")
+    assert live.page.is_checked("#cross")
+    assert live.asked(LIT)
+    live.page.keyboard.press("c")
+    assert not live.asked(LIT)
+    for parts in ("3", "8", "0"):
+        live.page.keyboard.press("g")
+        assert live.page.input_value("#grid") == parts
+        assert live.asked(LIT) == (parts != "0")
