@@ -1,6 +1,12 @@
 from .camera_service import CameraService as CameraService
 from .device_status import DeviceStatus as DeviceStatus
 from .frame_broadcaster import FrameBroadcaster as FrameBroadcaster, FrameCounts as FrameCounts
+from .frame_sampling import (
+    LineProfile as LineProfile,
+    PixelReading as PixelReading,
+    line_profile as line_profile,
+    pixel_reading as pixel_reading,
+)
 from .picture_encoder import PictureEncoder as PictureEncoder
 from .picture_monitor import (
     Levels as Levels,
@@ -34,9 +40,11 @@ __all__ = [
     "FrameBroadcaster",
     "FrameCounts",
     "Levels",
+    "LineProfile",
     "PictureEncoder",
     "PictureFacts",
     "PictureMonitor",
+    "PixelReading",
     "PoseMonitor",
     "PoseView",
     "SharpnessMonitor",
@@ -47,5 +55,7 @@ __all__ = [
     "StageView",
     "TrackerMaker",
     "field_regions",
+    "line_profile",
+    "pixel_reading",
     "tracker_maker",
 ]

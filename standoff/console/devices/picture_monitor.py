@@ -36,13 +36,15 @@ class Levels:
 class PictureFacts:
     """Measurements of the newest picture.
 
-    ``trace`` holds focus values, the oldest first, ten per second.
+    ``trace`` holds focus values, the oldest first, at most ten per second; ``trace_s`` when their
+    frames came, in seconds before the last.
     """
 
     region: Region | None = None
     measure: FocusMeasure = "squared-gradient"
     focus: FocusReading | None = None
     trace: tuple[float, ...] = ()
+    trace_s: tuple[float, ...] = ()
     levels: Levels | None = None
 
 
@@ -77,6 +79,7 @@ class PictureMonitor:
         self._meter = FocusMeter(FocusOptions())
         self._trace = FocusTrace()
         self._values: deque[float] = deque(maxlen=TRACE_VALUES)
+        self._values_s: deque[float] = deque(maxlen=TRACE_VALUES)
         self._traced_s = 0.0
         self._exposed: tuple[float, float | None, float | None] | None = None
         self._is_closing = Event()
@@ -141,13 +144,21 @@ class PictureMonitor:
                 if frame.received_s - self._traced_s >= TRACE_STEP_S:
                     self._traced_s = frame.received_s
                     self._values.append(reading.value)
-            self._facts = replace(facts, focus=reading, trace=tuple(self._values), levels=levels)
+                    self._values_s.append(frame.received_s)
+            self._facts = replace(
+                facts,
+                focus=reading,
+                trace=tuple(self._values),
+                trace_s=tuple(each_s - self._traced_s for each_s in self._values_s),
+                levels=levels,
+            )
 
     def _begin(self, facts: PictureFacts) -> None:
         self._meter = FocusMeter(FocusOptions(measure=facts.measure, region=facts.region))
         self._trace.reset()
         self._values.clear()
-        self._facts = replace(facts, focus=None, trace=())
+        self._values_s.clear()
+        self._facts = replace(facts, focus=None, trace=(), trace_s=())
 
     def _run(self) -> None:
         seen = 0

@@ -6,19 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.devices import Stage
-from acquisition.errors import DeviceDisconnectedError
-from acquisition.focus import FocusOptions, Region
 from acquisition.plan import CapturePlan, estimate_plan, plan_entries
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
 from standoff.console.bench_hub import BenchHub
-from standoff.console.jobs import BusyError, Job, SweepPlan, rows_of
+from standoff.console.jobs import BusyError, Job, rows_of
 from standoff.console.web import messages
+from standoff.console.web.measure_commands import measure_commands, require_devices
+from standoff.console.web.picture_commands import picture_commands
 from standoff.console.web.view_model import preview_document
 from standoff.errors import ApplicationError
 from standoff.terminal import flicker_warnings
 from standoff.workflows import PlannedComparisons, make_folder, write_session_report
 
-LEAST_REGION_PX = 8
+_FOR_ALL = (messages.Preview, messages.Probe, messages.Profile)
+"""What a page may ask for that is not in control, because it changes nothing."""
 
 
 class NotInControlError(ApplicationError):
@@ -37,14 +38,8 @@ class CommandHandler:
     def __init__(self, hub: BenchHub) -> None:
         self._hub = hub
         self._commands: dict[type[Any], Callable[[Any], dict[str, Any] | None]] = {
-            messages.SetExposure: self._set_exposure,
-            messages.SetGain: self._set_gain,
-            messages.LookAt: self._look_at,
-            messages.FocusMetric: lambda m: hub.picture.measure_by(m.metric),
-            messages.ForgetPeak: self._forget_peak,
-            messages.WatchField: lambda m: hub.sharpness.watch_field(m.is_on),
-            messages.WatchSquareness: lambda m: hub.squareness.watch(m.is_on),
-            messages.SweepFocus: self._sweep_focus,
+            **picture_commands(hub),
+            **measure_commands(hub),
             messages.Home: self._home,
             messages.Move: self._move,
             messages.Unlock: self._unlock,
@@ -81,56 +76,10 @@ class CommandHandler:
             case messages.Release():
                 self._hub.control.release(viewer)
                 return None
-        if not isinstance(message, messages.Preview) and not self._hub.control.is_holder(viewer):
+        if not isinstance(message, _FOR_ALL) and not self._hub.control.is_holder(viewer):
             raise NotInControlError("You are not in control: take control first.")
         command = self._commands.get(type(message))
         return None if command is None else command(message)
-
-    def _set_exposure(self, message: messages.SetExposure) -> None:
-        self._refuse_while_capturing()
-        self._hub.camera.set_exposure_us(message.exposure_us)
-
-    def _set_gain(self, message: messages.SetGain) -> None:
-        self._refuse_while_capturing()
-        self._hub.camera.set_gain_db(message.gain_db)
-
-    def _look_at(self, message: messages.LookAt) -> None:
-        if message.region is None:
-            self._look_in(None)
-            return
-        x_px, y_px, width_px, height_px = message.region
-        if min(width_px, height_px) < LEAST_REGION_PX:
-            raise ApplicationError(
-                f"A region must be at least {LEAST_REGION_PX} pixels wide and high."
-            )
-        self._look_in(Region(x_px=x_px, y_px=y_px, width_px=width_px, height_px=height_px))
-
-    def _look_in(self, region: Region | None) -> None:
-        self._hub.picture.look_at(region)
-        self._hub.sharpness.look_at(region)
-
-    def _forget_peak(self, _: messages.ForgetPeak) -> None:
-        self._hub.picture.forget_peak()
-        self._hub.sharpness.forget_peaks()
-
-    def _sweep_focus(self, message: messages.SweepFocus) -> None:
-        hub = self._hub
-        if (message.low_mm is None) != (message.high_mm is None):
-            raise ApplicationError("Give both heights of the sweep, or neither.")
-        heights_mm = None
-        if message.low_mm is not None and message.high_mm is not None:
-            heights_mm = message.low_mm, message.high_mm
-        facts = hub.picture.facts
-        plan = SweepPlan(
-            heights_mm=heights_mm,
-            steps=message.steps,
-            options=FocusOptions(measure=facts.measure, region=facts.region),
-            has_field=message.has_field,
-            ends_at_peak=message.ends_at_peak,
-        )
-        self._require_devices()
-        hub.sweep.prepare(plan)
-        hub.jobs.begin("focus sweep", lambda job: hub.sweep.work(job, plan))
 
     def _home(self, _: messages.Home) -> None:
         timeout_s = home_timeout_s(self._hub.bench.stage)
@@ -196,7 +145,7 @@ class CommandHandler:
 
     def _begin(self, path: Path, plan: CapturePlan, retake: tuple[int, ...]) -> None:
         hub = self._hub
-        self._require_devices()
+        require_devices(hub)
         rows_of(path, plan)
         if hub.jobs.current is not None:
             raise BusyError(hub.jobs.current.name)
@@ -253,15 +202,3 @@ class CommandHandler:
             raise ApplicationError(f"{message.session} has no capture {message.index} to use.")
         name = f"{message.session}, capture {message.index} at {record.height_mm:.1f} mm"
         self._hub.pose.choose(name, session.load(record).mean_dn)
-
-    def _require_devices(self) -> None:
-        for device in (self._hub.camera, self._hub.stage):
-            if not device.status.is_ready:
-                raise DeviceDisconnectedError(f"{device.status.text}. {device.status.remedy}")
-
-    def _refuse_while_capturing(self) -> None:
-        job = self._hub.jobs.current
-        if job is not None and self._hub.sweep.view.state == "running":
-            raise BusyError(job.name, "A sweep needs the same light all the way: wait, or stop it.")
-        if job is not None and self._hub.run.view.state in ("running", "paused"):
-            raise BusyError(job.name, "The session sets exposure and gain while it runs.")

@@ -15,6 +15,7 @@ Name = Annotated[str, Field(min_length=1, max_length=255)]
 Person = Annotated[str, Field(max_length=60), AfterValidator(on_one_line)]
 Index = Annotated[int, Field(ge=0, lt=10**7)]
 Pixels = Annotated[int, Field(ge=0, lt=2**16)]
+Coordinate = Annotated[float, Field(ge=-1, lt=2**16, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
 
@@ -74,6 +75,22 @@ class SetGain(_Message):
 
     do: Literal["gain"]
     gain_db: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+
+
+class Probe(_Message):
+    """Read the level of a pixel; anybody may."""
+
+    do: Literal["probe"]
+    x: Pixels
+    y: Pixels
+
+
+class Profile(_Message):
+    """Read the levels along a line; ends are x and y, with pixel centres at integers."""
+
+    do: Literal["profile"]
+    start: tuple[Coordinate, Coordinate]
+    end: tuple[Coordinate, Coordinate]
 
 
 class LookAt(_Message):
@@ -221,6 +238,8 @@ Message = (
     | Stop
     | SetExposure
     | SetGain
+    | Probe
+    | Profile
     | LookAt
     | FocusMetric
     | ForgetPeak

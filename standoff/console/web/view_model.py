@@ -170,6 +170,7 @@ def levels_document(facts: PictureFacts) -> Document | None:
         "saturated": saturation_text(levels),
         "is_saturated": levels.saturated_fraction > CLIPPED_FRACTION,
         "trace": [float(f"{value:.5g}") for value in facts.trace],
+        "trace_s": [round(each_s, 2) for each_s in facts.trace_s],
     }
 
 

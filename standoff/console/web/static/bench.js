@@ -1,40 +1,15 @@
 // The bench page: picture, focus, stage, pose, session.
 
-import { drawHistogram, drawTrace } from "./charts.js";
-import { LivePicture, RegionTool } from "./picture.js";
+import { drawTrace } from "./charts.js";
+import { region } from "./picture_card.js";
 import { byId, command, connection, onKey, setText, show } from "./shell.js";
 
-const BRIGHTEN = 4;
-const STALE_MS = 1500;
-
-const picture = new LivePicture(byId("picture"), (sequence) => connection.send("ack", { sequence }));
-const region = new RegionTool(byId("frame"), byId("region"), byId("picture"), (chosen) => command("region", { region: chosen }));
 let state = null;
-let lastPictureMs = 0;
 let planShown = "";
 let isPlanRunning = false;
 
-window.standoff = { picture, connection }; // for the measurements in benchmarks/
-
-connection.addEventListener("picture", ({ detail }) => {
-  picture.draw(detail);
-  lastPictureMs = performance.now();
-});
-
-setInterval(() => {
-  const isStale = performance.now() - lastPictureMs > STALE_MS;
-  byId("frame").classList.toggle("stale", isStale);
-  show("no-picture", isStale);
-  setText("no-picture", lastPictureMs ? "no new picture" : "no picture yet");
-  setText("picture-rate", isStale ? "–" : `${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
-}, 500);
-
 connection.addEventListener("levels", ({ detail }) => {
-  drawHistogram(byId("histogram"), detail.counts, detail.is_saturated);
-  setText("mean", detail.mean);
-  setText("saturated", detail.saturated);
-  byId("saturated").classList.toggle("bad", detail.is_saturated);
-  drawTrace(byId("trace"), detail.trace, Number(state?.focus.peak) || 0, state?.focus.is_past_peak);
+  drawTrace(byId("trace"), detail.trace, detail.trace_s, Number(state?.focus.peak) || 0, state?.focus.is_past_peak);
 });
 
 connection.addEventListener("state", ({ detail }) => {
@@ -194,7 +169,6 @@ setting("exposure-form", "exposure", "exposure", "exposure_us");
 setting("gain-form", "gain", "gain", "gain_db");
 byId("metric").onchange = () => command("metric", { metric: byId("metric").value });
 byId("forget-peak").onclick = () => command("forget-peak");
-byId("clear-region").onclick = () => region.change(null);
 byId("home").onclick = () => command("home");
 byId("unlock").onclick = () => command("unlock");
 byId("move-form").onsubmit = (event) => {
@@ -218,8 +192,6 @@ byId("pause").onclick = () => command("pause");
 byId("go-on").onclick = () => command("go-on");
 byId("resume-last").onclick = () => command("resume", { session: state.run.session });
 if (byId("resume")) byId("resume").onclick = () => command("resume", { session: byId("unfinished").value });
-byId("show-saturated").onchange = (event) => { picture.marks = event.target.checked; picture.colour(); };
-byId("brighten").onchange = (event) => { picture.scale = event.target.checked ? BRIGHTEN : 1; picture.colour(); };
 
 function freshName() {
   const now = new Date();
@@ -228,8 +200,6 @@ function freshName() {
 }
 
 onKey("f", () => byId("forget-peak").click());
-onKey("s", () => byId("show-saturated").click());
-onKey("b", () => byId("brighten").click());
 onKey("p", () => (state?.run.is_pause_wanted ? byId("go-on") : byId("pause")).click());
 connection.addEventListener("open", preview);
 if (connection.isOpen) preview();

@@ -1,4 +1,4 @@
-// The live picture: one byte per pixel to the canvas, and the region drawn on it.
+// The live picture: one byte per pixel to the canvas.
 
 const HEADER_BYTES = 24;
 const MAGIC = 0x31464f53; // "SOF1"
@@ -64,89 +64,5 @@ export class LivePicture {
   latencyMs() {
     const sorted = [...this.latencies].sort((one, other) => one - other);
     return sorted.length ? sorted[Math.floor(sorted.length / 2)] : 0;
-  }
-}
-
-// Choosing a region: drag with the mouse, or arrows, Shift and arrows, Delete.
-export class RegionTool {
-  constructor(frame, box, canvas, choose) {
-    Object.assign(this, { frame, box, canvas, choose, region: null, from: null });
-    frame.addEventListener("pointerdown", (event) => this.begin(event));
-    frame.addEventListener("pointermove", (event) => this.drag(event));
-    frame.addEventListener("pointerup", (event) => this.end(event));
-    frame.addEventListener("keydown", (event) => this.key(event));
-    new ResizeObserver(() => this.place()).observe(canvas);
-  }
-
-  // Region [x, y, width, height] in pixels of the picture, or null.
-  set(region) {
-    if (this.from || String(region) === String(this.region)) return;
-    this.region = region;
-    this.place();
-  }
-
-  place() {
-    this.box.hidden = !this.region;
-    if (!this.region) return;
-    const scale = this.canvas.clientWidth / this.canvas.width;
-    const [x, y, width, height] = this.region.map((value) => `${value * scale}px`);
-    Object.assign(this.box.style, { left: x, top: y, width, height });
-  }
-
-  at(event) {
-    const bounds = this.canvas.getBoundingClientRect();
-    const clip = (value, top) => Math.round(Math.min(Math.max(value, 0), top));
-    return [
-      clip((event.clientX - bounds.left) * this.canvas.width / bounds.width, this.canvas.width),
-      clip((event.clientY - bounds.top) * this.canvas.height / bounds.height, this.canvas.height),
-    ];
-  }
-
-  begin(event) {
-    if (event.button !== 0 || !document.body.classList.contains("mine")) return;
-    this.from = this.at(event);
-    this.frame.setPointerCapture(event.pointerId);
-  }
-
-  drag(event) {
-    if (!this.from) return;
-    const to = this.at(event);
-    this.region = [0, 1].map((axis) => Math.min(this.from[axis], to[axis]))
-      .concat([0, 1].map((axis) => Math.abs(this.from[axis] - to[axis])));
-    this.place();
-  }
-
-  end(event) {
-    if (!this.from) return;
-    this.drag(event);
-    this.from = null;
-    const isChosen = this.region && this.region[2] >= 8 && this.region[3] >= 8;
-    this.change(isChosen ? this.region : null);
-  }
-
-  key(event) {
-    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-    if (!document.body.classList.contains("mine")) return;
-    if (event.key === "Delete" || event.key === "Backspace") this.change(null);
-    else if (step) this.nudge(step, event.shiftKey);
-    else return;
-    event.preventDefault();
-  }
-
-  nudge([right, down], isSize) {
-    const { width, height } = this.canvas;
-    const by = 10;
-    let [x, y, w, h] = this.region ?? [width * 3 / 8, height * 3 / 8, width / 4, height / 4].map(Math.round);
-    if (isSize) [w, h] = [w + by * right, h + by * down];
-    else [x, y] = [x + by * right, y + by * down];
-    w = Math.min(Math.max(w, 16), width);
-    h = Math.min(Math.max(h, 16), height);
-    this.change([Math.min(Math.max(x, 0), width - w), Math.min(Math.max(y, 0), height - h), w, h]);
-  }
-
-  change(region) {
-    this.region = region;
-    this.place();
-    this.choose(region);
   }
 }
