@@ -122,7 +122,7 @@ export function drawTrace(canvas, values, timesS, peak, isPast) {
 export function drawEdge(canvas, distances, levels) {
   if (!distances.length) return;
   const reach = Math.max(...distances.map(Math.abs), 1);
-  const chart = axes(canvas, { x: [-reach, reach], y: [-0.1, 1.1], names: ["distance / px", "edge spread function"] });
+  const chart = axes(canvas, { x: [-reach, reach], y: [-0.1, 1.1], names: ["distance / px", "level across the edge"] });
   curve(chart, distances.map((distance, index) => [distance, levels[index]]), "--trace");
 }
 
@@ -133,8 +133,9 @@ export function drawSweep(canvas, points, fitted, peakMm) {
   const [low, high] = [Math.min(...heights), Math.max(...heights)];
   const room = 0.04 * (high - low) || 1;
   const most = Math.max(...values, ...fitted.map(([, value]) => value), 1e-12);
-  const least = Math.min(...values, 0);
-  const chart = axes(canvas, { x: [low - room, high + room], y: [least, 1.08 * most], names: ["height / mm", "focus value"] });
+  const least = Math.min(...values);
+  const [bottomValue, topValue] = [least - 0.08 * (most - least || most), most + 0.08 * (most - least || most)];
+  const chart = axes(canvas, { x: [low - room, high + room], y: [bottomValue, topValue], names: ["height / mm", "focus value"] });
   const { context, ratio, style, right, down, bottom } = chart;
   if (fitted.length) curve(chart, fitted, "--muted");
   context.fillStyle = style.getPropertyValue("--trace");
@@ -146,5 +147,5 @@ export function drawSweep(canvas, points, fitted, peakMm) {
   }
   if (peakMm === null) return;
   context.fillStyle = style.getPropertyValue("--ok");
-  context.fillRect(right(peakMm), down(1.08 * most), ratio, bottom - down(1.08 * most));
+  context.fillRect(right(peakMm), down(topValue), ratio, bottom - down(topValue));
 }

@@ -1,0 +1,144 @@
+"""The edge under the region against the bench's truth, and the four regions near the corners."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from acquisition.devices import FrameImage
+from acquisition.focus import Region
+from standoff.console.devices import SharpnessMonitor, field_regions
+from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
+from standoff.console.devices.sharpness_monitor import read_edge
+from tests.acquisition.fakes import SETTINGS
+
+ROWS, COLS = 120, 160
+WHOLE = Region(x_px=0, y_px=0, width_px=COLS, height_px=ROWS)
+PITCH_UM = 8.3
+
+
+def edge_frame(
+    sigma_px: float, angle_deg: float, *, sequence: int = 1, bright: float = 2500.0
+) -> LiveFrame:
+    """A Gaussian edge, integrated over pixels by sampling each at 9 x 9 places; with shot noise."""
+    rng = np.random.default_rng(round(1000 * sigma_px + angle_deg) + sequence)
+    inside = (np.arange(9) - 4) / 9
+    y = np.arange(ROWS)[:, None, None, None] + inside[None, None, :, None] - ROWS / 2
+    x = np.arange(COLS)[None, :, None, None] + inside[None, None, None, :] - COLS / 2
+    normal = np.deg2rad(angle_deg + 90)
+    distance = x * np.cos(normal) + y * np.sin(normal)
+    share = (0.5 + 0.5 * erf(distance / sigma_px / np.sqrt(2))).mean(axis=(2, 3))
+    light = 200 + (bright - 200) * share
+    levels = rng.normal(SETTINGS.black_level_dn + light, np.sqrt(light / 5))
+    return live(np.clip(np.rint(levels), 0, 4095).astype(np.uint16), sequence)
+
+
+def live(image_dn: FrameImage, sequence: int = 1, pixel_format: str = "Mono12") -> LiveFrame:
+    rows, cols = image_dn.shape
+    return LiveFrame(
+        image_dn=image_dn,
+        sequence=sequence,
+        received_s=0.125 * sequence,
+        settings=replace(SETTINGS, height_px=rows, width_px=cols, pixel_format=pixel_format),
+    )
+
+
+@pytest.mark.parametrize("sigma_px", [0.55, 0.9, 2.0])
+@pytest.mark.parametrize("angle_deg", [5.0, 50.0, 95.0])
+def test_the_edge_of_one_frame_has_the_width_it_was_made_with(
+    sigma_px: float, angle_deg: float
+) -> None:
+    reading, why_not = read_edge(edge_frame(sigma_px, angle_deg), WHOLE, PITCH_UM)
+    assert why_not == ""
+    assert reading is not None
+    # With the pixel square, whose variance is 1/12; together they are no Gaussian any more.
+    total_px = np.sqrt(sigma_px**2 + 1 / 12)
+    assert reading.sigma_px == pytest.approx(total_px, rel=0.01)
+    assert 0 < reading.sigma_err_px < 0.02
+    turned = (reading.angle_deg - angle_deg + 90) % 180 - 90
+    assert turned == pytest.approx(0, abs=0.2)
+    # A Gaussian's MTF times the pixel's: closed form.
+    freq = np.linspace(0.01, 1, 20_000)
+    normal = np.deg2rad(angle_deg + 90)
+    pixel = np.abs(np.sinc(freq * np.cos(normal)) * np.sinc(freq * np.sin(normal)))
+    mtf = pixel * np.exp(-2 * (np.pi * sigma_px * freq) ** 2)
+    half = float(freq[np.argmin(np.abs(mtf - 0.5))])
+    assert reading.mtf50_cy_per_px == pytest.approx(half, rel=0.02)
+    assert reading.mtf50_lp_per_mm == pytest.approx(1000 * reading.mtf50_cy_per_px / PITCH_UM)
+    assert reading.levels[0] == pytest.approx(0, abs=0.05)
+    assert reading.levels[-1] == pytest.approx(1, abs=0.05)
+    assert np.all(np.diff(reading.distance_px) > 0)
+
+
+def test_a_colour_camera_is_measured_on_green() -> None:
+    sigma_px = 1.2
+    grey = edge_frame(sigma_px, 5.0)
+    mosaic = grey.image_dn.copy()
+    mosaic[0::2, 0::2] //= 2  # red: another level, which would be an edge at every pixel
+    mosaic[1::2, 1::2] //= 3
+    for x_px in (0, 1):
+        region = Region(x_px=x_px, y_px=1, width_px=COLS - 2, height_px=ROWS - 2)
+        reading, _ = read_edge(live(mosaic, pixel_format="BayerRG12"), region, PITCH_UM)
+        assert reading is not None
+        assert reading.sigma_px == pytest.approx(np.sqrt(sigma_px**2 + 1 / 12), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.full((ROWS, COLS), 1000, np.uint16), "no straight edge"),
+        (edge_frame(0.7, 5.0, bright=40_000.0).image_dn, "saturated"),
+    ],
+)
+def test_where_nothing_can_be_measured_the_page_says_why(image: FrameImage, words: str) -> None:
+    reading, why_not = read_edge(live(image), WHOLE, PITCH_UM)
+    assert reading is None
+    assert words in why_not
+    outside = Region(x_px=0, y_px=0, width_px=COLS + 1, height_px=ROWS)
+    assert "outside the picture" in read_edge(live(image), outside, PITCH_UM)[1]
+
+
+def test_the_monitor_measures_what_is_asked_for_and_nothing_else() -> None:
+    monitor = SharpnessMonitor(FrameBroadcaster(), PITCH_UM)
+    monitor.look(edge_frame(0.7, 5.0))
+    assert monitor.view.sequence == 0
+    monitor.look_at(WHOLE)
+    for sequence in range(1, 10):
+        monitor.look(edge_frame(0.7, 5.0, sequence=sequence))
+    assert monitor.view.edge is not None
+    assert monitor.view.rate_hz == pytest.approx(8)
+    assert monitor.view.field == ()
+    before = monitor.view.sequence
+    monitor.look_at(None)
+    assert monitor.view.edge is None
+    assert monitor.view.sequence > before  # so that pages are told
+
+
+def test_the_four_regions_have_peaks_of_their_own_until_the_exposure_changes() -> None:
+    monitor = SharpnessMonitor(FrameBroadcaster(), PITCH_UM)
+    monitor.watch_field(True)
+    rng = np.random.default_rng(1)
+    sharp = rng.integers(500, 3000, (ROWS, COLS)).astype(np.uint16)
+    soft = sharp.copy()
+    soft[: ROWS // 2] = soft[: ROWS // 2] // 8 + 1200  # the upper half has an eighth of the detail
+    monitor.look(live(sharp, 1))
+    assert {each.percent_of_peak for each in monitor.view.field} == {100.0}
+    monitor.look(live(soft, 2))
+    percent = {each.name: each.percent_of_peak for each in monitor.view.field}
+    assert percent["top left"] < 20 > percent["top right"]
+    assert percent["bottom left"] == percent["bottom right"] == 100
+    dim = replace(live(soft, 3), settings=replace(SETTINGS, exposure_us=1.0))
+    monitor.look(dim)
+    assert {each.percent_of_peak for each in monitor.view.field} == {100.0}
+
+
+@pytest.mark.parametrize("shape", [(580, 780), (48, 64), (16, 16)])
+def test_the_four_regions_lie_within_the_frame_and_apart(shape: tuple[int, int]) -> None:
+    regions = field_regions(shape)
+    seen = np.zeros(shape, int)
+    for region in regions.values():
+        assert region.cut(seen).shape == (region.height_px, region.width_px)
+        region.cut(seen)[...] += 1
+    assert seen.max() == 1
+    assert list(regions) == ["top left", "top right", "bottom left", "bottom right"]
