@@ -22,10 +22,6 @@ from standoff.workflows import FocusSweep, SweepRequest, sweep_bench
 SweepState = Literal["idle", "running", "done", "failed", "stopped"]
 
 CURVE_POINTS = 81
-FRAMES = 4
-"""Frames at each height: as many as show their scatter."""
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SweepPlan:
     """What is swept: between two heights, or the whole travel and then finely if they are None.
@@ -162,7 +158,7 @@ class FocusSweepRun:
             request = SweepRequest(
                 heights_mm=plan.heights_mm,
                 steps=plan.steps,
-                frames=FRAMES,
+                frames=self._bench.capture.frames_per_capture,
                 ends_at_peak=plan.ends_at_peak,
                 field=regions,
             )

@@ -76,6 +76,12 @@ class CommandHandler:
             case messages.Release():
                 self._hub.control.release(viewer)
                 return None
+            case messages.Grant():
+                self._hub.control.grant(viewer)
+                return None
+            case messages.Refuse():
+                self._hub.control.refuse(viewer)
+                return None
         if not isinstance(message, _FOR_ALL) and not self._hub.control.is_holder(viewer):
             raise NotInControlError("You are not in control: take control first.")
         command = self._commands.get(type(message))

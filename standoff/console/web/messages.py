@@ -45,7 +45,7 @@ class Acknowledge(_Message):
 
 
 class TakeControl(_Message):
-    """Take over control; ``name`` is the operator's, for the journal."""
+    """Take control, or ask for it; ``name`` is the operator's, for the journal."""
 
     do: Literal["take"]
     name: Person = ""
@@ -55,6 +55,18 @@ class Release(_Message):
     """Give up control."""
 
     do: Literal["release"]
+
+
+class Grant(_Message):
+    """Hand control to who asks for it."""
+
+    do: Literal["grant"]
+
+
+class Refuse(_Message):
+    """Keep control, or ask for it no more."""
+
+    do: Literal["refuse"]
 
 
 class Stop(_Message):
@@ -235,6 +247,8 @@ Message = (
     | Acknowledge
     | TakeControl
     | Release
+    | Grant
+    | Refuse
     | Stop
     | SetExposure
     | SetGain

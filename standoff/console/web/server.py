@@ -16,7 +16,8 @@ from standoff.errors import ApplicationError
 GRACE_S = 2
 """How long to wait for pages at the end."""
 
-KEEP_ALIVE_S = 10.0
+PING_S, PONG_S = 3.0, 4.0
+"""A page that ends without a word is noticed within the sum: its control must come free soon."""
 
 RECEIVE_BYTES = 16 * 1024
 """Receive buffer of a connection: bounds what one read brings, and so how long others wait."""
@@ -84,8 +85,8 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
         http=LimitedConnection,
         ws="websockets-sansio",
         ws_max_size=4 * MAX_MESSAGE_CHARS,  # UTF-8 has up to four bytes a character
-        ws_ping_interval=KEEP_ALIVE_S,
-        ws_ping_timeout=KEEP_ALIVE_S,
+        ws_ping_interval=PING_S,
+        ws_ping_timeout=PONG_S,
         ws_per_message_deflate=False,  # pictures of noise do not shrink
         backlog=BACKLOG,
         log_level="error",  # a warning for every bad request would be a flood of its own

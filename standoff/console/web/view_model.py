@@ -61,6 +61,8 @@ def control_document(view: ControlView) -> Document:
     """Who is in control, as one page sees it."""
     if view.is_mine:
         text = "You are in control as"
+    elif view.is_asking:
+        text = f"Asking {view.holder} for control"
     elif not view.holder:
         text = "Nobody is in control"
     else:
@@ -70,6 +72,9 @@ def control_document(view: ControlView) -> Document:
         "text": text,
         "holder": view.holder,
         "viewers": view.viewers,
+        "asked_by": view.asked_by,
+        "is_asking": view.is_asking,
+        "may_take": view.may_take,
     }
 
 

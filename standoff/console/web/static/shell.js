@@ -102,7 +102,12 @@ connection.addEventListener("state", ({ detail: state }) => {
   byId("control-text").title = `${state.control.viewers} page(s) connected`;
   show("rename", state.control.is_mine);
   setText("rename", state.control.holder);
-  show("take-control", !state.control.is_mine);
+  const { is_mine: isMine, is_asking: isAsking, may_take: mayTake, asked_by: asker } = state.control;
+  show("take-control", !isMine && (!isAsking || mayTake));
+  setText("take-control", mayTake ? "Take control" : "Ask for control");
+  show("stop-asking", isAsking);
+  show("asked", Boolean(asker));
+  setText("asked-by", asker);
   show("release-control", state.control.is_mine && state.control.viewers > 1);
   document.body.classList.toggle("mine", state.control.is_mine);
   prompt(state.prompt, state.control.is_mine);
@@ -115,6 +120,9 @@ connection.addEventListener("state", ({ detail: state }) => {
 byId("stop").onclick = stop;
 byId("take-control").onclick = takeControl;
 byId("rename").onclick = takeControl;
+byId("stop-asking").onclick = () => command("refuse");
+byId("grant").onclick = () => command("grant");
+byId("refuse").onclick = () => command("refuse");
 byId("release-control").onclick = () => command("release");
 byId("prompt").onsubmit = (event) => event.preventDefault();
 // Escape is the stop key everywhere, even in a text field, before any other handler.

@@ -1,44 +1,148 @@
-from standoff.console.jobs.control_arbiter import ControlArbiter
+from hypothesis import given, strategies as st
+
+from standoff.console.jobs.control_arbiter import AWAY_S, UNANSWERED_S, ControlArbiter
+from standoff.console.web.server import PING_S, PONG_S
+
+
+class Clock:
+    """A clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def two_pages() -> tuple[ControlArbiter, Clock]:
+    """Ada in control, Ben watching."""
+    clock = Clock()
+    arbiter = ControlArbiter(clock=clock)
+    arbiter.join("one", "Ada")
+    arbiter.join("two", "Ben")
+    return arbiter, clock
 
 
 def test_the_first_page_is_in_control_and_the_second_watches() -> None:
-    arbiter = ControlArbiter()
-    arbiter.join("one", "Ada")
-    arbiter.join("two", "Ben")
+    arbiter, _ = two_pages()
     assert arbiter.is_holder("one")
     assert not arbiter.is_holder("two")
     assert arbiter.view("two").holder == "Ada"
     assert arbiter.view("two").viewers == 2
 
 
-def test_control_is_taken_over_only_by_who_is_there() -> None:
-    arbiter = ControlArbiter()
-    arbiter.join("one", "Ada")
-    arbiter.take("two")
+def test_control_is_asked_for_and_granted() -> None:
+    arbiter, _ = two_pages()
+    assert not arbiter.take("two")
     assert arbiter.is_holder("one")
-    arbiter.join("two", "Ben")
-    arbiter.take("two")
+    assert arbiter.view("one").asked_by == "Ben"
+    assert arbiter.view("two").is_asking
+    arbiter.grant("two")  # is not for him to say
+    assert arbiter.is_holder("one")
+    arbiter.grant("one")
     assert arbiter.is_holder("two")
     assert arbiter.operator() == "Ben"
+    assert arbiter.view("two").asked_by == ""
 
 
-def test_a_lost_page_keeps_control_until_somebody_takes_it() -> None:
+def test_control_that_is_refused_stays_and_may_be_asked_for_again() -> None:
+    arbiter, _ = two_pages()
+    arbiter.take("two")
+    arbiter.refuse("one")
+    assert arbiter.is_holder("one")
+    assert not arbiter.view("two").is_asking
+    arbiter.take("two")
+    arbiter.refuse("two")  # changed his mind
+    assert arbiter.view("one").asked_by == ""
+
+
+def test_a_request_that_nobody_answers_may_be_taken_as_granted() -> None:
+    arbiter, clock = two_pages()
+    arbiter.take("two")
+    clock.now_s = UNANSWERED_S - 0.1
+    assert not arbiter.view("two").may_take
+    assert not arbiter.take("two")
+    clock.now_s = UNANSWERED_S
+    assert arbiter.view("two").may_take
+    assert arbiter.take("two")
+
+
+def test_a_page_that_is_not_there_gets_nothing() -> None:
     arbiter = ControlArbiter()
     arbiter.join("one", "Ada")
+    assert not arbiter.take("two")
+    assert arbiter.is_holder("one")
+
+
+def test_a_page_that_comes_back_at_once_keeps_its_control() -> None:
+    arbiter, clock = two_pages()
     arbiter.leave("one")
-    arbiter.join("two", "Ben")
     assert arbiter.view("two").is_away
-    assert not arbiter.is_holder("two")
+    clock.now_s = AWAY_S - 0.1
+    assert not arbiter.take("two")
     arbiter.join("one", "Ada")
     assert arbiter.view("one").is_mine
 
 
-def test_who_gives_control_away_leaves_it_to_the_next() -> None:
-    arbiter = ControlArbiter()
-    arbiter.join("one", "Ada")
+def test_a_dead_page_is_free_after_ten_seconds() -> None:
+    assert PING_S + PONG_S + AWAY_S <= 10
+    arbiter, clock = two_pages()
+    arbiter.leave("one")
+    clock.now_s = AWAY_S
+    assert arbiter.view("two").holder == ""
+    assert arbiter.operator() == ""
+    assert arbiter.take("two")
+
+
+def test_control_of_a_dead_page_goes_to_who_asked_for_it() -> None:
+    arbiter, clock = two_pages()
+    arbiter.take("two")
+    arbiter.leave("one")
+    clock.now_s = AWAY_S
+    assert arbiter.view("two").is_mine
+
+
+def test_who_gives_control_away_leaves_it_to_who_asks_or_to_the_next() -> None:
+    arbiter, _ = two_pages()
     arbiter.release("two")
     assert arbiter.is_holder("one")
     arbiter.release("one")
     assert arbiter.view("one").holder == ""
-    arbiter.join("two", "Ben")
+    arbiter.join("three", "Cy")
+    assert arbiter.is_holder("three")
+    arbiter.take("two")
+    arbiter.release("three")
     assert arbiter.is_holder("two")
+
+
+ACTS = st.tuples(
+    st.sampled_from(["join", "leave", "take", "grant", "refuse", "release", "wait"]),
+    st.sampled_from(["one", "two", "three"]),
+)
+
+
+@given(st.lists(ACTS, max_size=40))
+def test_at_most_one_page_is_in_control_and_nobody_takes_it_from_who_is_there(
+    acts: list[tuple[str, str]],
+) -> None:
+    clock = Clock()
+    arbiter = ControlArbiter(clock=clock)
+    present: set[str] = set()
+    for act, viewer in acts:
+        before = next((page for page in present if arbiter.is_holder(page)), None)
+        if act == "wait":
+            clock.now_s += 2.0  # never as long as a request must wait for its answer
+        elif act == "join":
+            arbiter.join(viewer, viewer)
+            present.add(viewer)
+        elif act == "leave":
+            arbiter.leave(viewer)
+            present.discard(viewer)
+        elif act in ("grant", "refuse", "release") or viewer in present:
+            getattr(arbiter, act)(viewer)
+        views = {page: arbiter.view(page) for page in present}
+        mine = [page for page, view in views.items() if view.is_mine]
+        assert len(mine) <= 1
+        unasked = clock.now_s < UNANSWERED_S and act not in ("grant", "release", "leave")
+        if before is not None and unasked:
+            assert mine == [before]

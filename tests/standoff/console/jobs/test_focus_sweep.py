@@ -32,7 +32,7 @@ def hub(tmp_path: Path) -> Iterator[BenchHub]:
 
 def plan_of(**keys: object) -> SweepPlan:
     values: dict[str, object] = {
-        "heights_mm": (290.0, 310.0),
+        "heights_mm": (250.0, 350.0),
         "steps": 11,
         "options": FocusOptions(),
         "has_field": False,
@@ -52,8 +52,10 @@ def test_a_sweep_finds_the_focus_and_goes_there(hub: BenchHub) -> None:
     view = hub.sweep.view
     assert (view.state, view.taken, len(view.points)) == ("done", 11, 11), view.message
     assert view.peak is not None
-    # Heights are distances up to the pupil, which lies within a few mm.
-    assert view.peak.height_mm == pytest.approx(FOCUS_MM, abs=6)
+    # The pupil is above the reference of the heights.
+    focus_mm = FOCUS_MM - hub.bench.simulated.pupil_offset_mm
+    assert view.peak.height_mm == pytest.approx(focus_mm, abs=4 * view.peak.err_mm)
+    assert view.peak.err_mm < 2
     assert hub.stage.lent(lambda: None).position_mm() == pytest.approx(
         view.peak.height_mm, abs=0.01
     )
@@ -61,7 +63,7 @@ def test_a_sweep_finds_the_focus_and_goes_there(hub: BenchHub) -> None:
     assert shown["peak_mm"] == pytest.approx(view.peak.height_mm, abs=0.001)
     assert len(shown["curve"]) > 20
     assert [height for height, *_ in shown["points"]] == pytest.approx(
-        [290.0 + 2 * number for number in range(11)], abs=0.01
+        [250.0 + 10 * number for number in range(11)], abs=0.01
     )
 
 

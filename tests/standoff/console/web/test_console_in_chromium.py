@@ -189,11 +189,26 @@ def test_a_session_outlives_its_tab_and_resumes_after_a_stop(rig: ConsoleRig) ->
     assert verify(session.path).is_ok
 
 
-def test_control_is_taken_over_explicitly(rig: ConsoleRig) -> None:
+def test_control_is_asked_for_and_handed_over(rig: ConsoleRig) -> None:
     with rig.operator() as first, rig.page() as second:
         wait_until(lambda: "is in control" in text(second, "#control-text"), "second watches")
         assert not second.is_enabled("#home")
-        take_control(second)
+        second.click("#take-control")
+        wait_until(lambda: first.is_visible("#asked"), "the first page is asked")
+        assert text(first, "#asked").startswith("Ada asks for control of the bench.")
+        first.click("#refuse")
+        wait_until(lambda: second.is_visible("#take-control"), "the second is told")
+        assert not second.is_enabled("#home")
+        second.click("#take-control")
+        first.click("#grant")
         wait_until(lambda: "Ada is in control" in text(first, "#control-text"), "first watches")
         assert not first.is_enabled("#home")
-        assert second.is_enabled("#home")
+        wait_until(lambda: second.is_enabled("#home"), "second is in control")
+
+
+def test_a_dead_pages_control_is_free(rig: ConsoleRig) -> None:
+    with rig.page() as second:
+        with rig.operator():
+            wait_until(lambda: "is in control" in text(second, "#control-text"), "second watches")
+        wait_until(lambda: text(second, "#take-control") == "Take control", "control is free")
+        take_control(second)
