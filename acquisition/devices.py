@@ -138,6 +138,16 @@ class Camera(Protocol):
 
 
 @runtime_checkable
+class LimitedExposureCamera(Protocol):
+    """A camera that states which exposures it accepts."""
+
+    @property
+    def exposure_limits_us(self) -> tuple[float, float]:
+        """Shortest and longest exposure, in us."""
+        ...
+
+
+@runtime_checkable
 class Stage(Protocol):
     """One vertical axis; heights are in mm above its home offset."""
 

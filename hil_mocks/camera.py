@@ -188,6 +188,11 @@ class SimulatedCamera:
         """See `Camera.settings`."""
         return self._settings
 
+    @property
+    def exposure_limits_us(self) -> tuple[float, float]:
+        """See `LimitedExposureCamera`."""
+        return EXPOSURE_RANGE_US
+
     def set_exposure_us(self, exposure_us: float) -> float:
         """See `Camera.set_exposure_us`; whole microseconds."""
         self._check_open()

@@ -130,6 +130,7 @@ class AravisCamera:
         self._connect = connect
         self._clock = clock
         self._sleep = sleep
+        self._exposure_limits_us = connection.exposure_limits_us
         self._info = connection.info
         self._settings = connection.settings
         self._warnings = connection.warnings
@@ -174,6 +175,11 @@ class AravisCamera:
     def warnings(self) -> tuple[str, ...]:
         """What the operator should know about network and settings, one line each."""
         return self._warnings
+
+    @property
+    def exposure_limits_us(self) -> tuple[float, float]:
+        """See `LimitedExposureCamera`; read when it was opened."""
+        return self._exposure_limits_us
 
     def set_exposure_us(self, exposure_us: float) -> float:
         """See `Camera.set_exposure_us`; the frame rate may change with it."""

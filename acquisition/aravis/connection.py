@@ -57,6 +57,8 @@ class AravisConnection:
             self.warnings = (*applied.warnings, *_receive_buffer_warnings(opened))
             self.info = self._read_info()
             chunks = self._controls.chunks() if config.chunk_data else None
+            bounds = self._controls.levels.exposure_bounds_us()
+            self.exposure_limits_us = (bounds.low, bounds.high)
             self._stream = FrameStream(opened, self.settings, chunks)
         except BaseException:
             self.close()

@@ -1,4 +1,10 @@
-from .auto_exposure import flicker_fraction as flicker_fraction, without_flicker as without_flicker
+from .auto_exposure import (
+    SHORTEST_EXPOSURE_US as SHORTEST_EXPOSURE_US,
+    FoundExposure as FoundExposure,
+    find_exposure as find_exposure,
+    flicker_fraction as flicker_fraction,
+    without_flicker as without_flicker,
+)
 from .quality import QualityFinding as QualityFinding, check_capture as check_capture
 from .runner import (
     CaptureProgress as CaptureProgress,
@@ -11,14 +17,17 @@ from .runner import (
 from .step import CaptureStep as CaptureStep
 
 __all__ = [
+    "SHORTEST_EXPOSURE_US",
     "CaptureProgress",
     "CaptureStep",
+    "FoundExposure",
     "Placement",
     "QualityFinding",
     "RunOperator",
     "RunSummary",
     "Verdict",
     "check_capture",
+    "find_exposure",
     "flicker_fraction",
     "run_plan",
     "without_flicker",

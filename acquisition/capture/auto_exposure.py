@@ -4,12 +4,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from acquisition.bracket import ExposureControl
+from acquisition.devices import Camera
+from acquisition.errors import CaptureError
+
 AIM = 0.7
 """Fraction of the range above the black level that the brightest parts should reach."""
 
 TOLERANCE = 0.1
 LEAST_RATIO = 1.2
 """Of two exposures of a bracket, below which whole periods of flicker are not worth it."""
+
+SHORTEST_EXPOSURE_US = 50.0
+EXPOSURE_TRIALS = 8
+TRIAL_FRAMES = 2
+BRIGHT_PERCENTILE = 99.5
 
 SATURATED_STEP = 4.0
 LARGEST_STEP = 16.0
@@ -71,6 +82,65 @@ def next_exposure(
     # Whole periods cannot come closer than half of one; there the present one stays.
     is_settled = abs(asked_us - exposure_us) <= TOLERANCE * exposure_us
     return ExposureStep(exposure_us=exposure_us if is_settled else asked_us, is_settled=is_settled)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundExposure:
+    """An exposure as read back, and the fraction of the range that the brightest parts reach."""
+
+    exposure_us: float
+    bright_fraction: float
+
+
+def find_exposure(
+    camera: Camera,
+    exposures: ExposureControl,
+    *,
+    limits_us: tuple[float, float],
+    mains_hz: float,
+) -> FoundExposure:
+    """Set the exposure for the brightest parts of what the camera sees, beginning with its own.
+
+    Parameters
+    ----------
+    exposures
+        Of this camera, which must not be streaming.
+    limits_us, mains_hz
+        As for `next_exposure`.
+
+    Raises
+    ------
+    CaptureError
+        If none is found in eight trials, or the camera sends no frames.
+    CameraFeatureError
+        If the camera sets another exposure.
+    """
+    exposure_us = camera.settings.exposure_us
+    for _ in range(EXPOSURE_TRIALS):
+        taken = exposures.average(TRIAL_FRAMES, exposure_us)
+        settings = camera.settings
+        bright_dn = float(np.percentile(taken.averaged.mean_dn, BRIGHT_PERCENTILE))
+        step = next_exposure(
+            settings.exposure_us,
+            bright_dn,
+            black_level_dn=settings.black_level_dn,
+            max_level_dn=settings.max_level_dn,
+            limits_us=limits_us,
+            mains_hz=mains_hz,
+        )
+        if step.is_settled:
+            span_dn = settings.max_level_dn - settings.black_level_dn
+            return FoundExposure(
+                exposure_us=settings.exposure_us,
+                bright_fraction=(bright_dn - settings.black_level_dn) / span_dn,
+            )
+        exposure_us = step.exposure_us
+    raise CaptureError(
+        f"no exposure was found in {EXPOSURE_TRIALS} trials; is the light steady? "
+        "Set the exposure by hand",
+        frames_complete=0,
+        frames_asked=TRIAL_FRAMES,
+    )
 
 
 def without_flicker(exposure_us: float, mains_hz: float) -> float:

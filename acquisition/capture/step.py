@@ -4,22 +4,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-import numpy as np
-
 from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchDevices
 from acquisition.bracket import ExposureControl, MergedBracket, merge_bracket
-from acquisition.capture.auto_exposure import bracket_exposures_us, next_exposure
+from acquisition.capture.auto_exposure import (
+    SHORTEST_EXPOSURE_US,
+    bracket_exposures_us,
+    find_exposure,
+)
 from acquisition.devices import CameraSettings, FrameImage
-from acquisition.errors import CaptureError, DeviceError, StageStoppedError, StreamInterruptedError
+from acquisition.errors import DeviceError, StageStoppedError, StreamInterruptedError
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry
 from acquisition.session import Take
 from acquisition.stages import home_timeout_s, move_timeout_s
-
-SHORTEST_EXPOSURE_US = 50.0
-EXPOSURE_TRIALS = 8
-BRIGHT_PERCENTILE = 99.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,28 +167,12 @@ class CaptureStep:
         """Find the exposure for the brightest parts of the target, within a frame period."""
         config = self._bench.camera
         longest_us = max(1e6 / config.frame_rate_hz, config.exposure_us)
-        exposure_us = self._camera.settings.exposure_us
-        for _ in range(EXPOSURE_TRIALS):
-            taken = self._exposures.average(2, exposure_us)
-            settings = self._camera.settings
-            step = next_exposure(
-                settings.exposure_us,
-                float(np.percentile(taken.averaged.mean_dn, BRIGHT_PERCENTILE)),
-                black_level_dn=settings.black_level_dn,
-                max_level_dn=settings.max_level_dn,
-                limits_us=(SHORTEST_EXPOSURE_US, longest_us),
-                mains_hz=self._bench.capture.mains_hz,
-            )
-            if step.is_settled:
-                self._exposure_us = settings.exposure_us
-                return
-            exposure_us = step.exposure_us
-        raise CaptureError(
-            f"no exposure was found in {EXPOSURE_TRIALS} trials; is the light steady? "
-            "Set the target's exposure_us",
-            frames_complete=0,
-            frames_asked=self.frames_asked,
-        )
+        self._exposure_us = find_exposure(
+            self._camera,
+            self._exposures,
+            limits_us=(SHORTEST_EXPOSURE_US, longest_us),
+            mains_hz=self._bench.capture.mains_hz,
+        ).exposure_us
 
     def _approach(self, height_mm: float) -> None:
         if self._approached_mm == height_mm:

@@ -30,7 +30,8 @@ from standoff.console.jobs import (
     SessionRun,
 )
 from standoff.console.plan_library import PlanLibrary
-from standoff.console.session_library import SessionLibrary
+from standoff.console.session_library import SNAPSHOTS_FOLDER, SessionLibrary
+from standoff.console.snapshot_library import SnapshotLibrary
 
 STOP_AGAIN_S = 0.3
 STOP_TRIES = 100
@@ -79,6 +80,8 @@ class BenchHub:
         board: CharucoBoard = DEFAULT_BOARD,
     ) -> None:
         self.bench = bench
+        self.clock = drivers.clock
+        self.snapshots = SnapshotLibrary(sessions / SNAPSHOTS_FOLDER)
         self.sessions = SessionLibrary(sessions)
         self.plans = PlanLibrary(plan_folders)
         self.control = ControlArbiter()

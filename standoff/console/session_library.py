@@ -10,6 +10,9 @@ from standoff.errors import ApplicationError
 from standoff.workflows import RESULTS_FOLDER
 
 REPORT_NAME = "report.html"
+SNAPSHOTS_FOLDER = "snapshots"
+"""Beside the sessions: no session can have this name."""
+
 LONGEST_NAME_BYTES = 255
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,99}")
 
@@ -40,7 +43,8 @@ class SessionSummary:
 
 def is_session_name(name: str) -> bool:
     """Whether a name is valid for a session's folder: no separators, no leading dot."""
-    return _NAME.fullmatch(name) is not None and not name.endswith((".", " "))
+    is_plain = _NAME.fullmatch(name) is not None and not name.endswith((".", " "))
+    return is_plain and name.lower() != SNAPSHOTS_FOLDER
 
 
 def _is_entry_name(name: str) -> bool:
@@ -90,7 +94,7 @@ class SessionLibrary:
         if not is_session_name(name):
             raise UnknownSessionError(
                 "a session's name has only letters, digits, spaces and . _ + -, and must begin "
-                "with a letter or digit"
+                f"with a letter or digit; it is not {SNAPSHOTS_FOLDER!r}"
             )
         return self.folder / name
 

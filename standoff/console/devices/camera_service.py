@@ -6,7 +6,14 @@ from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from threading import Event, Lock, Thread
 
-from acquisition.devices import Camera, CameraSettings, DeviceInfo, Frame, StreamStatistics
+from acquisition.devices import (
+    Camera,
+    CameraSettings,
+    DeviceInfo,
+    Frame,
+    LimitedExposureCamera,
+    StreamStatistics,
+)
 from acquisition.errors import (
     DeviceDisconnectedError,
     DeviceError,
@@ -23,6 +30,9 @@ STALL_PERIODS = 5.0
 STATISTICS_S = 1.0
 CLOSE_TIMEOUT_S = 5.0
 TURN_S = 0.005
+
+USUAL_LIMITS_US = (20.0, 1e6)
+"""Exposures of a camera that does not state its limits."""
 
 LOST_REMEDY = (
     "Check the camera's power and network cable. The console keeps trying; no restart is needed."
@@ -66,6 +76,7 @@ class CameraService:
         self._statistics: StreamStatistics | None = None
         self._settings: CameraSettings | None = None
         self._info: DeviceInfo | None = None
+        self._exposure_limits_us = USUAL_LIMITS_US
         self._wanted: dict[str, float] = {}
         self._requests: SimpleQueue[tuple[str, float]] = SimpleQueue()
         self._turn = Lock()
@@ -87,6 +98,11 @@ class CameraService:
     def info(self) -> DeviceInfo | None:
         """Identity of the camera; None until it is first opened."""
         return self._info
+
+    @property
+    def exposure_limits_us(self) -> tuple[float, float]:
+        """Shortest and longest exposure that it states, or usual ones."""
+        return self._exposure_limits_us
 
     @property
     def statistics(self) -> StreamStatistics | None:
@@ -226,6 +242,8 @@ class CameraService:
         if self._camera is None:
             self._camera = self._open()
             self._settings, self._info = self._camera.settings, self._camera.info
+            if isinstance(self._camera, LimitedExposureCamera):
+                self._exposure_limits_us = self._camera.exposure_limits_us
             for name, value in self._wanted.items():
                 self._set(self._camera, name, value)
         return self._camera

@@ -75,6 +75,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
             Route("/sessions", pages.sessions),
             Route("/sessions/{name}", pages.session),
             Route("/sessions/{name}/report", pages.report),
+            Route("/snapshots/{name}", pages.snapshot),
             Route("/doctor", pages.doctor),
             Route("/login", pages.login, methods=["GET", "POST"]),
             WebSocketRoute("/live", _Sockets(hub).serve),
@@ -137,6 +138,14 @@ class _Pages:
         if report is None:
             raise HTTPException(404, f"{name} has no report yet")
         return HTMLResponse(report, headers={"Content-Security-Policy": REPORT_POLICY})
+
+    async def snapshot(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        data = await self._in_turn(request, lambda: self._hub.snapshots.read(name))
+        if data is None:
+            raise HTTPException(404, "there is no such snapshot")
+        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return Response(data, media_type="image/tiff", headers=headers)
 
     async def doctor(self, request: Request) -> Response:
         return await self._made(request, "doctor.html", lambda: {"checks": bench_checks(self._hub)})

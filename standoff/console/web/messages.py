@@ -89,6 +89,19 @@ class SetGain(_Message):
     gain_db: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
 
+class AutoExposure(_Message):
+    """Find the exposure for what the camera sees, once."""
+
+    do: Literal["auto-exposure"]
+
+
+class TakeSnapshot(_Message):
+    """Store the newest frame, or the mean of several, as a TIFF file."""
+
+    do: Literal["snapshot"]
+    frames: Literal[1, 10]
+
+
 class Probe(_Message):
     """Read the level of a pixel; anybody may."""
 
@@ -252,6 +265,8 @@ Message = (
     | Stop
     | SetExposure
     | SetGain
+    | AutoExposure
+    | TakeSnapshot
     | Probe
     | Profile
     | LookAt

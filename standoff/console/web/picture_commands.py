@@ -1,12 +1,34 @@
 """Executes the commands that concern the live picture: its levels and the camera's settings."""
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.averaging import average_frames
+from acquisition.bracket import ExposureControl
+from acquisition.capture import SHORTEST_EXPOSURE_US, FoundExposure, find_exposure
+from acquisition.devices import CameraSettings
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import line_profile, pixel_reading
-from standoff.console.jobs import BusyError
+from standoff.console.jobs import BusyError, Job
+from standoff.console.snapshot_library import (
+    SnapshotRecord,
+    identity_of,
+    settings_of_record,
+    snapshot_bytes,
+    utc_text,
+)
 from standoff.console.web import messages
+from standoff.errors import ApplicationError
+
+AUTO_EXPOSURE = "finding the exposure"
+SNAPSHOT = "averaging a snapshot"
+
+FAINT_FRACTION = 0.5
+"""Of the range: what is darker than that was not exposed as intended."""
 
 Document = dict[str, Any]
 
@@ -17,6 +39,8 @@ def picture_commands(hub: BenchHub) -> dict[type[Any], Callable[[Any], Document 
     return {
         messages.SetExposure: commands.set_exposure,
         messages.SetGain: commands.set_gain,
+        messages.AutoExposure: commands.find_exposure,
+        messages.TakeSnapshot: commands.take_snapshot,
         messages.Probe: commands.probe,
         messages.Profile: commands.profile,
     }
@@ -59,9 +83,96 @@ class _PictureCommands:
             "levels_dn": [round(float(level), 1) for level in profile.levels_dn],
         }
 
+    def find_exposure(self, _: messages.AutoExposure) -> None:
+        self._refuse_while_capturing()
+        self._hub.jobs.begin(AUTO_EXPOSURE, self._find_exposure)
+
+    def take_snapshot(self, message: messages.TakeSnapshot) -> None:
+        if message.frames > 1:
+            self._hub.jobs.begin(SNAPSHOT, lambda job: self._average_snapshot(job, message.frames))
+            return
+        frame, status = self._hub.frames.latest, self._hub.camera.status
+        if frame is None or status.state == "lost":
+            raise ApplicationError(f"There is no picture to store. {status.text}".strip())
+        taken = datetime.fromtimestamp(frame.received_s, UTC)
+        self._store(frame.image_dn, 1, frame.settings, taken)
+
+    def _find_exposure(self, job: Job) -> None:
+        """Find the exposure; if that fails or is stopped, the one before is set again."""
+        service, bench = self._hub.camera, self._hub.bench
+        low_us, high_us = service.exposure_limits_us
+        period_us = max(1e6 / bench.camera.frame_rate_hz, bench.camera.exposure_us)
+        limits_us = (max(SHORTEST_EXPOSURE_US, low_us), min(period_us, high_us))
+        with service.lent(job.check) as camera:
+            exposure_us = camera.settings.exposure_us
+            try:
+                found = find_exposure(
+                    camera,
+                    ExposureControl(camera, None, self._hub.clock),
+                    limits_us=limits_us,
+                    mains_hz=bench.capture.mains_hz,
+                )
+                exposure_us = found.exposure_us
+            finally:
+                # Asked of the service, so that a camera that is reopened gets it, too.
+                service.set_exposure_us(exposure_us)
+        self._hub.tell(exposure_sentence(found))
+
+    def _average_snapshot(self, job: Job, frames: int) -> None:
+        with self._hub.camera.lent(job.check) as camera:
+            averaged = average_frames(camera, frames, clock=self._hub.clock)
+            settings = camera.settings
+        self._store(averaged.mean_dn, frames, settings, datetime.now(UTC))
+
+    def _store(
+        self,
+        levels_dn: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32],
+        frames: int,
+        settings: CameraSettings,
+        taken: datetime,
+    ) -> None:
+        region = self._hub.picture.facts.region
+        stage = self._hub.stage.view
+        record = SnapshotRecord(
+            taken_utc=utc_text(taken),
+            operator=self._hub.operator,
+            frames=frames,
+            height_mm=stage.height_mm if stage.status.is_ready and stage.is_homed else None,
+            region_px=(
+                None
+                if region is None
+                else (region.x_px, region.y_px, region.width_px, region.height_px)
+            ),
+            camera=identity_of(self._hub.camera.info),
+            **settings_of_record(settings),
+        )
+        name = self._hub.snapshots.save(snapshot_bytes(levels_dn, record), taken)
+        self._hub.tell(f"Snapshot stored: {name}")
+
     def _refuse_while_capturing(self) -> None:
         job = self._hub.jobs.current
-        if job is not None and self._hub.sweep.view.state == "running":
+        if job is None:
+            return
+        if self._hub.sweep.view.state == "running":
             raise BusyError(job.name, "A sweep needs the same light all the way: wait, or stop it.")
-        if job is not None and self._hub.run.view.state in ("running", "paused"):
+        if self._hub.run.view.state in ("running", "paused"):
             raise BusyError(job.name, "The session sets exposure and gain while it runs.")
+        if job.name in (AUTO_EXPOSURE, SNAPSHOT):
+            raise BusyError(job.name)
+
+
+def exposure_sentence(found: FoundExposure) -> str:
+    """What was found, and what to do if it is not enough light, or too much."""
+    reached = f"{100 * found.bright_fraction:.0f} % of the range"
+    if found.bright_fraction >= 1:
+        return (
+            f"Exposure {found.exposure_us:g} µs, the shortest, and parts of the picture are still "
+            "saturated: close the aperture, or give less light."
+        )
+    if found.bright_fraction < FAINT_FRACTION:
+        return (
+            f"Exposure {found.exposure_us:g} µs, the longest without flicker in a frame, and the "
+            f"brightest parts reach only {reached}: give more light, open the aperture, or lower "
+            "camera.frame_rate_hz in the bench file."
+        )
+    return f"Exposure {found.exposure_us:g} µs: the brightest parts reach {reached}."

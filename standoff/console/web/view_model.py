@@ -52,6 +52,8 @@ def state_document(hub: BenchHub) -> Document:
         "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
         "prompt": prompt_document(hub.prompts.current),
         "pose": pose_document(hub.pose.view),
+        "exposure_limits_us": list(hub.camera.exposure_limits_us),
+        "snapshot": hub.snapshots.latest,
         "disk": disk_document(hub.free_bytes()),
         "notices": [_notice(notice) for notice in hub.notices],
     }

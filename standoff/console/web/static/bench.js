@@ -14,34 +14,16 @@ connection.addEventListener("levels", ({ detail }) => {
 
 connection.addEventListener("state", ({ detail }) => {
   state = detail;
-  const { camera, focus, stage, pose, run, control } = state;
+  const { focus, stage, pose, run, control } = state;
   const isMine = control.is_mine;
-  camera_(camera, isMine);
   focus_(focus, isMine);
   stage_(stage, isMine);
   pose_(pose, isMine);
   run_(run, isMine);
 });
 
-function setValue(id, value) {
-  const input = byId(id);
-  if (document.activeElement !== input && value !== null && input.value !== String(value)) input.value = value;
-}
-
 function enable(isEnabled, ...ids) {
   for (const id of ids) { const element = byId(id); if (element) element.disabled = !isEnabled; }
-}
-
-function camera_(camera, isMine) {
-  const isFree = isMine && camera.state === "ready" && !["running", "paused"].includes(state.run.state);
-  setValue("exposure", camera.exposure_us);
-  setValue("gain", camera.gain_db);
-  for (const form of ["exposure-form", "gain-form"]) for (const each of byId(form).elements) each.disabled = !isFree;
-  setText("frames-lost", `${camera.lost + camera.incomplete} of ${camera.complete + camera.lost + camera.incomplete}`);
-  byId("frames-lost").classList.toggle("bad", camera.lost + camera.incomplete > 0);
-  const resent = camera.resent ? `, ${camera.resent} packets resent` : "";
-  setText("camera-facts", [camera.name, camera.format, `${camera.rate} frames/s from the camera${resent}`, ...camera.warnings].filter(Boolean).join(" · "));
-  enable(isMine, "clear-region");
 }
 
 function focus_(focus, isMine) {
@@ -150,23 +132,6 @@ function number(id) {
   return Number.isFinite(value) ? value : null;
 }
 
-function setting(formId, inputId, what, field) {
-  const form = byId(formId);
-  const send = () => { const value = number(inputId); if (value !== null) command(what, { [field]: value }); };
-  form.onsubmit = (event) => { event.preventDefault(); send(); };
-  byId(inputId).onchange = send;
-  for (const button of form.querySelectorAll("button")) {
-    button.onclick = () => {
-      const now = number(inputId) ?? 0;
-      const next = button.dataset.scale ? now * button.dataset.scale : now + Number(button.dataset.add);
-      byId(inputId).value = Math.max(Number(next.toFixed(1)), Number(byId(inputId).min));
-      send();
-    };
-  }
-}
-
-setting("exposure-form", "exposure", "exposure", "exposure_us");
-setting("gain-form", "gain", "gain", "gain_db");
 byId("metric").onchange = () => command("metric", { metric: byId("metric").value });
 byId("forget-peak").onclick = () => command("forget-peak");
 byId("home").onclick = () => command("home");

@@ -62,3 +62,63 @@ onKey("g", () => {
   grid.selectedIndex = (grid.selectedIndex + 1) % grid.options.length;
   grid.onchange();
 });
+
+// Exposure and gain: number, buttons, and a slider whose steps are ratios.
+const SLIDES = 1000;
+const SLIDE_MS = 150;
+let limits = [1, 1];
+let slidMs = -Infinity;
+
+connection.addEventListener("state", ({ detail: state }) => {
+  const { camera, run } = state;
+  const isFree = isMine() && camera.state === "ready" && !["running", "paused"].includes(run.state);
+  limits = state.exposure_limits_us;
+  for (const [id, value] of [["exposure", camera.exposure_us], ["gain", camera.gain_db]]) {
+    const input = byId(id);
+    if (document.activeElement !== input && value !== null && performance.now() - slidMs > 1000) input.value = value;
+    for (const each of byId(`${id}-form`).elements) each.disabled = !isFree;
+  }
+  byId("auto-exposure").disabled = !isFree || Boolean(state.job);
+  byId("snapshot").disabled = !isMine() || (byId("snapshot-frames").value !== "1" && Boolean(state.job));
+  if (performance.now() - slidMs > 1000) byId("slider").value = SLIDES * Math.log(camera.exposure_us / limits[0]) / Math.log(limits[1] / limits[0]);
+  byId("slider").setAttribute("aria-valuetext", `${camera.exposure_us} µs`);
+  const all = camera.complete + camera.lost + camera.incomplete;
+  setText("frames-lost", `${camera.lost + camera.incomplete} of ${all}`);
+  byId("frames-lost").classList.toggle("bad", camera.lost + camera.incomplete > 0);
+  const resent = camera.resent ? `, ${camera.resent} packets resent` : "";
+  setText("camera-facts", [camera.name, camera.format, `${camera.rate} frames/s from the camera${resent}`, ...camera.warnings].filter(Boolean).join(" · "));
+  byId("clear-region").disabled = !isMine();
+  show("snapshot-link", Boolean(state.snapshot));
+  setText("snapshot-link", state.snapshot);
+  byId("snapshot-link").href = `/snapshots/${encodeURIComponent(state.snapshot)}`;
+});
+
+function setting(id, field) {
+  const [form, input] = [byId(`${id}-form`), byId(id)];
+  const send = () => { if (Number.isFinite(input.valueAsNumber)) command(id, { [field]: input.valueAsNumber }); };
+  form.onsubmit = (event) => { event.preventDefault(); send(); };
+  input.onchange = send;
+  for (const button of form.querySelectorAll("[data-scale], [data-add]")) {
+    button.onclick = () => {
+      const now = input.valueAsNumber || 0;
+      const next = button.dataset.scale ? now * button.dataset.scale : now + Number(button.dataset.add);
+      input.value = Math.max(Number(next.toFixed(1)), Number(input.min));
+      send();
+    };
+  }
+  return send;
+}
+
+const sendExposure = setting("exposure", "exposure_us");
+setting("gain", "gain_db");
+let sliding = null;
+byId("slider").oninput = () => {
+  slidMs = performance.now();
+  const exposureUs = limits[0] * (limits[1] / limits[0]) ** (byId("slider").value / SLIDES);
+  byId("exposure").value = Number(exposureUs.toPrecision(3));
+  sliding ??= setTimeout(() => { sliding = null; sendExposure(); }, SLIDE_MS); // the last value counts
+};
+byId("auto-exposure").onclick = () => command("auto-exposure");
+byId("snapshot").onclick = () => command("snapshot", { frames: Number(byId("snapshot-frames").value) });
+onKey("n", () => byId("snapshot").click());
+onKey("a", () => byId("auto-exposure").click());

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from acquisition.capture.runner import CaptureProgress
-from acquisition.devices import Frame
 from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeoutError
 from acquisition.session.reader import Session
 from analysis.pose.tracker import PoseVerdict
@@ -26,7 +25,6 @@ from standoff.console.jobs.session_run import RunView
 from standoff.console.web.view_model import pose_document
 from standoff.errors import ApplicationError
 from standoff.workflows.devices import place_in_simulation
-from tests.acquisition.fakes import SETTINGS
 from tests.standoff.console.hub_fixtures import (
     DEADLINE_S,
     PLAN,
@@ -107,42 +105,6 @@ def pose_hub(folder: Path) -> BenchHub:
 def test_the_gain_is_set_for_the_live_picture(hub: BenchHub) -> None:
     Operator(hub).say(do="gain", gain_db=6.0)
     wait_for(lambda: getattr(hub.camera.settings, "gain_db", 0) == 6.0, "gain")
-
-
-def test_the_level_of_a_pixel_is_that_of_the_newest_frame(tmp_path: Path) -> None:
-    hub = idle_hub(tmp_path)
-    Operator(hub)
-    watcher = Operator(hub, "Bea")
-    asked = {"do": "probe", "x": 3, "y": 2}
-    assert watcher.say(**asked) == {"type": "probe", "x": 3, "y": 2, "level_dn": None}
-    image_dn = np.arange(24, dtype=np.uint16).reshape(4, 6)
-    hub.frames.publish(Frame(image_dn=image_dn, frame_id=1, timestamp_ns=0), SETTINGS)
-    assert watcher.say(**asked) == {
-        "type": "probe",
-        "x": 3,
-        "y": 2,
-        "level_dn": 15,
-        "mean_dn": 12.0,  # of the columns 1 to 5 and the rows 0 to 3: 15 less half a row
-        "max_level_dn": 4095,
-    }
-    profile = watcher.say(do="profile", start=(0.0, 1.0), end=(5.0, 1.0))
-    assert profile == {"type": "profile", "length_px": 5.0, "levels_dn": [6, 7, 8, 9, 10, 11]}
-    profile = watcher.say(do="profile", start=(0.0, 1.0), end=(6.0, 1.0))
-    assert profile == {"type": "profile", "length_px": 0.0, "levels_dn": []}
-
-
-def test_the_profile_over_the_simulated_edge_rises_from_black_to_white(hub: BenchHub) -> None:
-    profile = Operator(hub).say(do="profile", start=(32.0, 4.0), end=(32.0, 44.0))
-    assert profile is not None
-    levels = profile["levels_dn"]
-    assert isinstance(levels, list)
-    frame = hub.frames.latest
-    assert frame is not None
-    above, below = (frame.image_dn[part, 20:44].mean() for part in (slice(4, 14), slice(34, 44)))
-    assert abs(above - below) > 1000
-    # Of ten pixels each: noise of one is 60 DN at most (11 000 electrons at 5 a DN).
-    assert np.mean(levels[:10]) == pytest.approx(above, abs=80)
-    assert np.mean(levels[-10:]) == pytest.approx(below, abs=80)
 
 
 def test_an_alarm_is_shown_and_cleared(hub: BenchHub) -> None:

@@ -12,7 +12,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from acquisition.devices import FrameImage
 from acquisition.focus import Region
 from tests.standoff.console.console_rig import wait_until
-from tests.standoff.console.hub_fixtures import idle_hub
+from tests.standoff.console.hub_fixtures import idle_hub, running_hub
 from tests.standoff.console.web.live_page import PHONE, LivePage, live_page
 
 pytestmark = pytest.mark.slow
@@ -244,3 +244,38 @@ def test_grid_and_cross_hair_are_drawn_over_the_picture_not_in_it(live: LivePage
         live.page.keyboard.press("g")
         assert live.page.input_value("#grid") == parts
         assert live.asked(LIT) == (parts != "0")
+
+
+def test_exposure_is_found_and_set_by_a_slider_and_a_snapshot_is_downloaded(
+    tmp_path: Path,
+) -> None:
+    with running_hub(tmp_path) as hub, live_page(hub) as live:
+        page = live.page
+        page.click("#auto-exposure")
+        wait_until(
+            lambda: "brightest parts reach" in (page.text_content("#notices") or ""), "found"
+        )
+        wait_until(lambda: page.is_enabled("#auto-exposure"), "the job has ended")
+        assert hub.camera.settings is not None
+        found_us = hub.camera.settings.exposure_us
+        page.focus("#slider")
+        # From 21 us to 60 s in a thousand equal ratios.
+        step = float((60e6 / 21) ** 0.001)
+        for _ in range(20):
+            page.keyboard.press("ArrowLeft")
+        wanted_us = found_us / step**20
+        wait_until(
+            lambda: (
+                hub.camera.settings is not None
+                and hub.camera.settings.exposure_us == pytest.approx(wanted_us, rel=0.01 + step - 1)
+            ),
+            "20 steps shorter",
+        )
+        assert float(page.input_value("#exposure")) == pytest.approx(wanted_us, rel=step - 1 + 0.01)
+        page.keyboard.press("n")
+        page.wait_for_selector("#snapshot-link:visible")
+        with page.expect_download() as download:
+            page.click("#snapshot-link")
+        name = hub.snapshots.latest
+        assert download.value.suggested_filename == name
+        assert Path(download.value.path()).read_bytes() == hub.snapshots.read(name)

@@ -1,0 +1,122 @@
+"""Snapshots: their levels and record are read back, and their names are checked."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from acquisition.devices import DeviceInfo
+from standoff.console.session_library import SessionLibrary, UnknownSessionError
+from standoff.console.snapshot_library import (
+    SnapshotLibrary,
+    SnapshotRecord,
+    identity_of,
+    settings_of_record,
+    snapshot_bytes,
+    utc_text,
+)
+from standoff.errors import ApplicationError
+from standoff.photographs import read_image
+from tests.acquisition.fakes import SETTINGS
+
+TAKEN = datetime(2025, 3, 4, 5, 6, 7, 891_234, tzinfo=UTC)
+INFO = DeviceInfo(vendor="Ähren", model="M", serial_number="7", firmware="1", driver="aravis")
+
+
+def record(frames: int = 1) -> SnapshotRecord:
+    return SnapshotRecord(
+        taken_utc=utc_text(TAKEN),
+        operator="Ada",
+        frames=frames,
+        height_mm=300.0,
+        region_px=(1, 2, 30, 40),
+        camera=identity_of(INFO),
+        **settings_of_record(SETTINGS),
+    )
+
+
+def test_a_snapshot_is_read_with_its_levels_and_its_record(tmp_path: Path) -> None:
+    levels_dn = np.random.default_rng(1).integers(0, 4096, (37, 53)).astype(np.uint16)
+    library = SnapshotLibrary(tmp_path / "snapshots")
+    name = library.save(snapshot_bytes(levels_dn, record()), TAKEN)
+    assert library.latest == name
+    path = tmp_path / "snapshots" / name
+    photograph = read_image(path)
+    assert photograph.encoding.is_linear
+    np.testing.assert_array_equal(photograph.stored, levels_dn)
+    with tifffile.TiffFile(path) as tiff:
+        page = tiff.pages.first
+        assert (page.bitspersample, len(tiff.pages)) == (16, 1)
+        document = json.loads(page.description)
+    assert document == {
+        "schema": "standoff.snapshot/1",
+        "taken_utc": "2025-03-04T05:06:07.891Z",
+        "operator": "Ada",
+        "frames": 1,
+        "exposure_us": 2000.0,
+        "gain_db": 0.0,
+        "black_level_dn": 64.0,
+        "max_level_dn": 4095,
+        "pixel_format": "Mono12",
+        "frame_rate_hz": 50.0,
+        "height_mm": 300.0,
+        "region_px": [1, 2, 30, 40],
+        "camera": {
+            "vendor": "Ähren",
+            "model": "M",
+            "serial_number": "7",
+            "firmware": "1",
+            "driver": "aravis",
+        },
+    }
+    assert SnapshotRecord.model_validate(document) == record()
+
+
+def test_a_mean_keeps_its_fractions(tmp_path: Path) -> None:
+    levels_dn = np.array([[100.1, 200.7], [0.0, 4095.0]], dtype=np.float32)
+    library = SnapshotLibrary(tmp_path)
+    name = library.save(snapshot_bytes(levels_dn, record(10)), TAKEN)
+    np.testing.assert_array_equal(read_image(tmp_path / name).stored, levels_dn)
+
+
+def test_snapshots_of_one_second_do_not_replace_each_other(tmp_path: Path) -> None:
+    library = SnapshotLibrary(tmp_path)
+    data = [snapshot_bytes(np.full((2, 2), at, dtype=np.uint16), record()) for at in range(3)]
+    names = [library.save(each, TAKEN) for each in data]
+    assert len(set(names)) == 3
+    assert [library.read(name) for name in names] == [bytes(each) for each in data]
+
+
+@pytest.mark.parametrize("name", ["", "..", "../secret.tif", "x.tif", "2025-03-04 05.06.07.tif\n"])
+def test_no_other_file_is_read(tmp_path: Path, name: str) -> None:
+    (tmp_path / "secret.tif").write_bytes(b"secret")
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "x.tif").write_bytes(b"other")
+    assert SnapshotLibrary(tmp_path / "s").read(name) is None
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    name = "2025-03-04 05.06.07.tif"
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "file").write_bytes(b"secret")
+    (tmp_path / "real" / name).symlink_to("file")
+    assert SnapshotLibrary(tmp_path / "real").read(name) is None
+    (tmp_path / "real" / name).unlink()
+    (tmp_path / "real" / name).write_bytes(b"secret")
+    (tmp_path / "linked").symlink_to("real")
+    assert SnapshotLibrary(tmp_path / "linked").read(name) is None
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ApplicationError, match="cannot create the folder"):
+        SnapshotLibrary(tmp_path / "file").save(memoryview(b""), TAKEN)
+
+
+@pytest.mark.parametrize("name", ["snapshots", "Snapshots"])
+def test_no_session_has_the_name_of_the_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(UnknownSessionError, match="not 'snapshots'"):
+        SessionLibrary(tmp_path).path_for(name)
