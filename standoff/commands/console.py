@@ -108,6 +108,7 @@ def console(
         sessions=sessions,
         plan_folders=(*(plans or ()), bench.parent, shipped_config("demo_plan.toml").parent),
         make_tracker=None if curve is None else tracker_maker(curve, min_dprime),
+        curve_words=_curve_words(curves, min_dprime, model, observer, noise, contrast),
     )
     with open_socket(host, port) as bound:
         shown = f"[{host}]" if ":" in host else host
@@ -148,3 +149,22 @@ def _curve(
     if path is None:
         return None
     return chosen_curve(path, min_dprime, model, observer, noise_dn, contrast_dn)
+
+
+def _curve_words(
+    path: Path | None,
+    min_dprime: float,
+    model: Model | None,
+    observer: Observer | None,
+    noise_dn: float | None,
+    contrast_dn: float | None,
+) -> tuple[str, ...]:
+    """The options that name the curve, for ``standoff pose``; none without a curve."""
+    if path is None:
+        return ()
+    chosen = {"model": model, "observer": observer, "noise": noise_dn, "contrast": contrast_dn}
+    return (
+        f"--curves={path}",
+        f"--min-dprime={min_dprime}",
+        *(f"--{name}={value}" for name, value in chosen.items() if value is not None),
+    )

@@ -21,6 +21,7 @@ from standoff.console.devices import (
 from standoff.console.drivers import BenchDrivers
 from standoff.console.jobs import ControlArbiter, JobRunner, PromptQueue, SessionRun
 from standoff.console.plan_library import PlanLibrary
+from standoff.console.results import ResultJobs
 from standoff.console.session_library import SessionLibrary
 
 STOP_AGAIN_S = 0.3
@@ -55,6 +56,8 @@ class BenchHub:
         Where to look for plans.
     make_tracker
         Makes the pose tracker; None if no curve was given.
+    curve_words
+        Options of ``standoff pose`` that name the same curve.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class BenchHub:
         sessions: Path,
         plan_folders: tuple[Path, ...] = (),
         make_tracker: TrackerMaker | None = None,
+        curve_words: tuple[str, ...] = (),
     ) -> None:
         self.bench = bench
         self.sessions = SessionLibrary(sessions)
@@ -87,6 +91,7 @@ class BenchHub:
             self.prompts,
             drivers=drivers,
         )
+        self.results = ResultJobs(sessions, curve_words)
         self._lock = Lock()
         self._notices: deque[Notice] = deque(maxlen=NOTICES)
         self._told = 0

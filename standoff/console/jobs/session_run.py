@@ -191,6 +191,11 @@ class SessionRun:
         """Whether it is paused, or will be before the next capture."""
         return not self._may_go_on.is_set()
 
+    @property
+    def is_under_way(self) -> bool:
+        """Whether it runs or is paused."""
+        return self._view.state in ("running", "paused")
+
     def retake(self, index: int) -> None:
         """Retake a capture; the current run restarts with it.
 

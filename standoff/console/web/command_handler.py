@@ -13,10 +13,11 @@ from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_lim
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError, Job, rows_of
 from standoff.console.web import messages
+from standoff.console.web.session_commands import SessionCommands
 from standoff.console.web.view_model import preview_document
 from standoff.errors import ApplicationError
 from standoff.terminal import flicker_warnings
-from standoff.workflows import PlannedComparisons, make_folder, write_session_report
+from standoff.workflows import PlannedComparisons, make_folder
 
 LEAST_REGION_PX = 8
 
@@ -52,9 +53,9 @@ class CommandHandler:
             messages.GoOn: lambda _: hub.run.go_on(),
             messages.Retake: self._retake,
             messages.Answer: self._answer,
-            messages.WriteReport: self._write_report,
             messages.PoseReference: self._pose_reference,
             messages.PoseClear: lambda _: hub.pose.clear(),
+            **SessionCommands(hub).by_message(),
         }
 
     def carry_out(self, viewer: str, message: messages.Message) -> dict[str, Any] | None:
@@ -203,17 +204,6 @@ class CommandHandler:
         if not self._hub.prompts.answer(message.number, message.choice, message.text):
             raise ApplicationError("That question has already been answered.")
 
-    def _write_report(self, message: messages.WriteReport) -> None:
-        session = self._hub.sessions.open(message.session)
-        path = self._hub.sessions.report_path(message.session)
-
-        def work(_: Job) -> None:
-            make_folder(path.parent)
-            write_session_report(session, path)
-            self._hub.tell(f"The report of {message.session} has been written.")
-
-        self._hub.jobs.begin(f"writing the report of {message.session}", work)
-
     def _pose_reference(self, message: messages.PoseReference) -> None:
         if message.session is None or message.index is None:
             latest = self._hub.frames.latest
@@ -230,5 +220,5 @@ class CommandHandler:
 
     def _refuse_while_capturing(self) -> None:
         job = self._hub.jobs.current
-        if job is not None and self._hub.run.view.state in ("running", "paused"):
+        if job is not None and self._hub.run.is_under_way:
             raise BusyError(job.name, "The session sets exposure and gain while it runs.")

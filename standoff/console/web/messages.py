@@ -7,12 +7,14 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, 
 from acquisition.choices import FocusMeasure
 from acquisition.printable import on_one_line
 from acquisition.written_files import validation_lines
+from standoff.console.results import ResultKind
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096
 
 Name = Annotated[str, Field(min_length=1, max_length=255)]
 Person = Annotated[str, Field(max_length=60), AfterValidator(on_one_line)]
+Reason = Annotated[str, Field(max_length=300), AfterValidator(on_one_line)]
 Index = Annotated[int, Field(ge=0, lt=10**7)]
 Pixels = Annotated[int, Field(ge=0, lt=2**16)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -167,11 +169,40 @@ class Answer(_Message):
     text: Annotated[str, Field(max_length=200)] = ""
 
 
-class WriteReport(_Message):
-    """Write the report of a session."""
+class ComputeResult(_Message):
+    """Compute a result of a session; a pose or changes compare two captures."""
 
-    do: Literal["report"]
+    do: Literal["result"]
     session: Name
+    result: ResultKind
+    is_replacing: bool = False
+    reference_session: Name | None = None
+    reference: Index | None = None
+    followup: Index | None = None
+
+
+class CancelResult(_Message):
+    """Cancel the result that is being computed."""
+
+    do: Literal["cancel-result"]
+
+
+class Exclude(_Message):
+    """Keep a capture out of calibration and analysis."""
+
+    do: Literal["exclude"]
+    session: Name
+    index: Index
+    reason: Reason
+
+
+class Include(_Message):
+    """Use an excluded capture again."""
+
+    do: Literal["include"]
+    session: Name
+    index: Index
+    reason: Reason = ""
 
 
 class PoseReference(_Message):
@@ -209,7 +240,10 @@ Message = (
     | GoOn
     | Retake
     | Answer
-    | WriteReport
+    | ComputeResult
+    | CancelResult
+    | Exclude
+    | Include
     | PoseReference
     | PoseClear
 )

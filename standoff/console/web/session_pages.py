@@ -1,0 +1,121 @@
+"""Pages about what is on the disk: captures with their images, and results."""
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any, Protocol, TypeVar
+
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+from starlette.routing import Route
+
+from standoff.console.bench_hub import BenchHub
+from standoff.console.web.access_middleware import REPORT_POLICY
+from standoff.console.web.capture_page import (
+    CaptureLevels,
+    Thumbnails,
+    capture_document,
+    capture_levels,
+    find_capture,
+)
+
+T = TypeVar("T")
+
+Facts = Callable[[], dict[str, Any]]
+
+
+class InTurn(Protocol):
+    """Does the work of a page in a thread, a few at a time."""
+
+    def __call__(self, request: Request, make: Callable[[], T]) -> Awaitable[T]:
+        """Return what ``make`` returns; its errors become answers."""
+        ...
+
+
+class SessionPages:
+    """Renders the pages of captures and serves what belongs to them.
+
+    Parameters
+    ----------
+    hub
+        The bench.
+    made
+        Renders a template from facts.
+    in_turn
+        Does work in a thread.
+    """
+
+    def __init__(
+        self,
+        hub: BenchHub,
+        made: Callable[[Request, str, Facts], Awaitable[Response]],
+        in_turn: InTurn,
+    ) -> None:
+        self._hub = hub
+        self._made = made
+        self._in_turn = in_turn
+        self._thumbnails = Thumbnails()
+
+    def routes(self) -> list[Route]:
+        """Where the pages are."""
+        capture = "/sessions/{name}/captures/{index:int}"
+        return [
+            Route("/sessions/{name}/results/{page:path}", self.result),
+            Route(capture, self.capture),
+            Route(f"{capture}/thumbnail", self.thumbnail),
+            Route(f"{capture}/levels/{{image}}", self.levels),
+        ]
+
+    async def result(self, request: Request) -> Response:
+        """The page or picture that a command wrote, in a sandbox."""
+        name, page = request.path_params["name"], request.path_params["page"]
+        data = await self._in_turn(request, lambda: self._hub.sessions.result_page(name, page))
+        if data is None:
+            raise HTTPException(404, f"{name} has no result {page}")
+        kind = "image/png" if page.endswith(".png") else "text/html"
+        return Response(data, media_type=kind, headers={"Content-Security-Policy": REPORT_POLICY})
+
+    async def capture(self, request: Request) -> Response:
+        """The page of one capture."""
+        name, index, uid = _named(request)
+        return await self._made(
+            request,
+            "capture.html",
+            lambda: {"capture": capture_document(self._hub.sessions, name, index, uid)},
+        )
+
+    async def thumbnail(self, request: Request) -> Response:
+        """A small JPEG of a capture."""
+        name, index, uid = _named(request)
+
+        def make() -> bytes:
+            session = self._hub.sessions.read(name)
+            return self._thumbnails.of(session, find_capture(session, index, uid).record)
+
+        return Response(await self._in_turn(request, make), media_type="image/jpeg")
+
+    async def levels(self, request: Request) -> Response:
+        """The levels of one image of a capture, as float32 row by row."""
+        name, index, uid = _named(request)
+        image = request.path_params["image"]
+
+        def make() -> CaptureLevels | None:
+            session = self._hub.sessions.read(name)
+            return capture_levels(session, find_capture(session, index, uid).record, image)
+
+        found = await self._in_turn(request, make)
+        if found is None:
+            raise HTTPException(404, f"capture {index} has no image {image}")
+
+        async def parts() -> AsyncIterator[memoryview]:
+            for part in found.chunks():
+                yield part
+
+        rows, cols = found.levels.shape
+        headers = {"X-Rows": str(rows), "X-Cols": str(cols), "Content-Length": str(4 * rows * cols)}
+        return StreamingResponse(parts(), media_type="application/octet-stream", headers=headers)
+
+
+def _named(request: Request) -> tuple[str, int, str | None]:
+    """Session, index, and identity of a capture where one is asked for."""
+    parameters = request.path_params
+    return parameters["name"], parameters["index"], request.query_params.get("uid")
