@@ -46,7 +46,8 @@ def console(
         list[Path] | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of capture plans, besides the bench file's; may be repeated.",
+            help="Folder of capture plans, besides the bench file's; may be repeated. New plans "
+            "are written to the first, or to plans in the folder of sessions.",
         ),
     ] = None,
     port: Annotated[
@@ -106,7 +107,11 @@ def console(
         config,
         bench_drivers(config),
         sessions=sessions,
-        plan_folders=(*(plans or ()), bench.parent, shipped_config("demo_plan.toml").parent),
+        plan_folders=(
+            *(plans or (sessions / "plans",)),
+            bench.parent,
+            shipped_config("demo_plan.toml").parent,
+        ),
         make_tracker=None if curve is None else tracker_maker(curve, min_dprime),
         curve_words=_curve_words(curves, min_dprime, model, observer, noise, contrast),
     )

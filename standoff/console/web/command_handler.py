@@ -8,18 +8,19 @@ from typing import Any
 from acquisition.devices import Stage
 from acquisition.errors import DeviceDisconnectedError
 from acquisition.focus import Region
-from acquisition.plan import CapturePlan, estimate_plan, plan_entries
+from acquisition.plan import CapturePlan
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError, Job, rows_of
 from standoff.console.web import messages
+from standoff.console.web.plan_commands import PlanCommands
 from standoff.console.web.session_commands import SessionCommands
-from standoff.console.web.view_model import preview_document
 from standoff.errors import ApplicationError
-from standoff.terminal import flicker_warnings
 from standoff.workflows import PlannedComparisons, make_folder
 
 LEAST_REGION_PX = 8
+WITHOUT_CONTROL = (messages.Preview, messages.CheckPlan)
+"""Messages that change nothing: those who watch may send them, too."""
 
 
 class NotInControlError(ApplicationError):
@@ -46,7 +47,6 @@ class CommandHandler:
             messages.Home: self._home,
             messages.Move: self._move,
             messages.Unlock: self._unlock,
-            messages.Preview: self._preview,
             messages.Run: self._run,
             messages.Resume: self._resume,
             messages.Pause: lambda _: hub.run.pause(),
@@ -55,6 +55,7 @@ class CommandHandler:
             messages.Answer: self._answer,
             messages.PoseReference: self._pose_reference,
             messages.PoseClear: lambda _: hub.pose.clear(),
+            **PlanCommands(hub).by_message(),
             **SessionCommands(hub).by_message(),
         }
 
@@ -79,7 +80,7 @@ class CommandHandler:
             case messages.Release():
                 self._hub.control.release(viewer)
                 return None
-        if not isinstance(message, messages.Preview) and not self._hub.control.is_holder(viewer):
+        if not isinstance(message, WITHOUT_CONTROL) and not self._hub.control.is_holder(viewer):
             raise NotInControlError("You are not in control: take control first.")
         command = self._commands.get(type(message))
         return None if command is None else command(message)
@@ -131,20 +132,6 @@ class CommandHandler:
             act(self._hub.stage.lent(job.check))
 
         self._hub.jobs.begin(name, work)
-
-    def _preview(self, message: messages.Preview) -> dict[str, Any]:
-        plan, bench = self._hub.plans.load(message.plan), self._hub.bench
-        entries = plan_entries(plan)
-        settings = self._hub.camera.settings
-        shape = None if settings is None else (settings.height_px, settings.width_px)
-        return preview_document(
-            message.plan,
-            plan,
-            entries,
-            estimate_plan(plan, entries, bench, shape),
-            tuple(flicker_warnings(plan, entries, bench)),
-            free_bytes=self._hub.free_bytes(),
-        )
 
     def _run(self, message: messages.Run) -> None:
         plan = self._hub.plans.load(message.plan)

@@ -7,6 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, 
 from acquisition.choices import FocusMeasure
 from acquisition.printable import on_one_line
 from acquisition.written_files import validation_lines
+from standoff.console.plan_drafts import PlanDraft
 from standoff.console.results import ResultKind
 from standoff.errors import ApplicationError
 
@@ -125,6 +126,22 @@ class Preview(_Message):
     plan: Name
 
 
+class CheckPlan(_Message):
+    """Say what is wrong with a draft of a plan, or what it will take."""
+
+    do: Literal["plan-check"]
+    draft: PlanDraft
+
+
+class SavePlan(_Message):
+    """Write a draft to the folder of plans, under a name of its own unless it may replace one."""
+
+    do: Literal["plan-save"]
+    name: Name
+    draft: PlanDraft
+    is_replacing: bool = False
+
+
 class Run(_Message):
     """Run a plan as a new session."""
 
@@ -234,6 +251,8 @@ Message = (
     | Move
     | Unlock
     | Preview
+    | CheckPlan
+    | SavePlan
     | Run
     | Resume
     | Pause

@@ -1,14 +1,17 @@
-"""Pages about what is on the disk: captures with their images, and results."""
+"""Pages about what is on the disk: captures with their images, results, and plans."""
 
 from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, get_args
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 
+from acquisition.choices import CaptureKind
+from acquisition.errors import PlanError
 from standoff.console.bench_hub import BenchHub
+from standoff.console.plan_drafts import PlanDraft, TargetDraft, draft_of
 from standoff.console.web.access_middleware import REPORT_POLICY
 from standoff.console.web.capture_page import (
     CaptureLevels,
@@ -17,8 +20,11 @@ from standoff.console.web.capture_page import (
     capture_levels,
     find_capture,
 )
+from standoff.errors import ApplicationError
 
 T = TypeVar("T")
+
+NEW_TARGET = TargetDraft(kind="edge", target="edge", orientations="5 95")
 
 Facts = Callable[[], dict[str, Any]]
 
@@ -60,6 +66,7 @@ class SessionPages:
         capture = "/sessions/{name}/captures/{index:int}"
         return [
             Route("/sessions/{name}/results/{page:path}", self.result),
+            Route("/plans/edit", self.plan),
             Route(capture, self.capture),
             Route(f"{capture}/thumbnail", self.thumbnail),
             Route(f"{capture}/levels/{{image}}", self.levels),
@@ -82,6 +89,29 @@ class SessionPages:
             "capture.html",
             lambda: {"capture": capture_document(self._hub.sessions, name, index, uid)},
         )
+
+    async def plan(self, request: Request) -> Response:
+        """The plan editor, empty or with a plan to start from."""
+        name = request.query_params.get("plan", "")
+
+        def facts() -> dict[str, Any]:
+            plans, limits_mm = self._hub.plans, self._hub.bench.stage.limits_mm
+            middle_mm = sum(limits_mm) / 2
+            new = PlanDraft(name="new plan", heights=f"{middle_mm:g}", targets=(NEW_TARGET,))
+            try:
+                draft = draft_of(plans.load(name)) if name else new
+            except (ApplicationError, PlanError) as error:
+                raise HTTPException(404, str(error)) from error
+            return {
+                "chosen": name,
+                "draft": draft.model_dump(mode="json"),
+                "names": plans.names(),
+                "kinds": get_args(CaptureKind),
+                "limits_mm": limits_mm,
+                "bench_frames": self._hub.bench.capture.frames_per_capture,
+            }
+
+        return await self._made(request, "plan.html", facts)
 
     async def thumbnail(self, request: Request) -> Response:
         """A small JPEG of a capture."""
