@@ -51,6 +51,7 @@ class CommandHandler:
             messages.Resume: self._resume,
             messages.Pause: lambda _: hub.run.pause(),
             messages.GoOn: lambda _: hub.run.go_on(),
+            messages.TargetMoved: lambda _: hub.run.target_moved(),
             messages.Retake: self._retake,
             messages.Answer: self._answer,
             messages.PoseReference: self._pose_reference,

@@ -169,6 +169,12 @@ class GoOn(_Message):
     do: Literal["go-on"]
 
 
+class TargetMoved(_Message):
+    """Ask to place the target again: it is not where it was."""
+
+    do: Literal["target-moved"]
+
+
 class Retake(_Message):
     """Retake a capture of the session."""
 
@@ -257,6 +263,7 @@ Message = (
     | Resume
     | Pause
     | GoOn
+    | TargetMoved
     | Retake
     | Answer
     | ComputeResult

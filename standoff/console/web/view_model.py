@@ -192,6 +192,7 @@ def run_document(view: RunView, *, is_pause_wanted: bool) -> Document:
         "plan": view.plan,
         "state": view.state,
         "message": on_one_line(view.message),
+        "placed": on_one_line(view.placed),
         "captured": view.captured,
         "planned": len(view.rows),
         "left": "" if left is None else f"{time_text(left)} left",
