@@ -12,6 +12,7 @@ from urllib.parse import quote
 import typer
 
 from analysis.choices import Observer
+from calibration.choices import DEFAULT_BOARD_TEXT
 from simulation.choices import Model
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
@@ -46,7 +47,8 @@ def console(
         list[Path] | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of capture plans, besides the bench file's; may be repeated.",
+            help="Folder of capture plans, besides the bench file's; may be repeated. New plans "
+            "are written to the first, or to plans in the folder of sessions.",
         ),
     ] = None,
     port: Annotated[
@@ -72,6 +74,13 @@ def console(
     observer: CurveObserver = None,
     noise: CurveNoise = None,
     contrast: CurveContrast = None,
+    board: Annotated[
+        str,
+        typer.Option(
+            metavar="COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]",
+            help="The ChArUco board for levelling the camera.",
+        ),
+    ] = DEFAULT_BOARD_TEXT,
     settings: BenchKeys = None,
     json: Json = False,
 ) -> None:
@@ -80,6 +89,7 @@ def console(
     Closing the page changes nothing: the bench is controlled from here.
     """
     _require_extra()
+    from calibration.geometry import CharucoBoard
     from standoff.console import BenchHub, bench_drivers
     from standoff.console.devices import tracker_maker
     from standoff.console.web import (
@@ -100,14 +110,24 @@ def console(
         raise typer.BadParameter(
             f"a token must have at least {MIN_TOKEN_CHARS} characters", param_hint="--token"
         )
+    try:
+        layout = CharucoBoard.from_text(board)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--board") from error
     config = read_bench(bench, settings)
     curve = _curve(curves, min_dprime, model, observer, noise, contrast)
     hub = BenchHub(
         config,
         bench_drivers(config),
         sessions=sessions,
-        plan_folders=(*(plans or ()), bench.parent, shipped_config("demo_plan.toml").parent),
+        plan_folders=(
+            *(plans or (sessions / "plans",)),
+            bench.parent,
+            shipped_config("demo_plan.toml").parent,
+        ),
         make_tracker=None if curve is None else tracker_maker(curve, min_dprime),
+        board=layout,
+        curve_words=_curve_words(curves, min_dprime, model, observer, noise, contrast),
     )
     with open_socket(host, port) as bound:
         shown = f"[{host}]" if ":" in host else host
@@ -148,3 +168,22 @@ def _curve(
     if path is None:
         return None
     return chosen_curve(path, min_dprime, model, observer, noise_dn, contrast_dn)
+
+
+def _curve_words(
+    path: Path | None,
+    min_dprime: float,
+    model: Model | None,
+    observer: Observer | None,
+    noise_dn: float | None,
+    contrast_dn: float | None,
+) -> tuple[str, ...]:
+    """The options that name the curve, for ``standoff pose``; none without a curve."""
+    if path is None:
+        return ()
+    chosen = {"model": model, "observer": observer, "noise": noise_dn, "contrast": contrast_dn}
+    return (
+        f"--curves={path}",
+        f"--min-dprime={min_dprime}",
+        *(f"--{name}={value}" for name, value in chosen.items() if value is not None),
+    )

@@ -30,6 +30,7 @@ from standoff.console.jobs import (
     SessionRun,
 )
 from standoff.console.plan_library import PlanLibrary
+from standoff.console.results import ResultJobs
 from standoff.console.session_library import SNAPSHOTS_FOLDER, SessionLibrary
 from standoff.console.snapshot_library import SnapshotLibrary
 
@@ -67,6 +68,8 @@ class BenchHub:
         Makes the pose tracker; None if no curve was given.
     board
         The ChArUco board for levelling the camera.
+    curve_words
+        Options of ``standoff pose`` that name the same curve.
     """
 
     def __init__(
@@ -78,6 +81,7 @@ class BenchHub:
         plan_folders: tuple[Path, ...] = (),
         make_tracker: TrackerMaker | None = None,
         board: CharucoBoard = DEFAULT_BOARD,
+        curve_words: tuple[str, ...] = (),
     ) -> None:
         self.bench = bench
         self.clock = drivers.clock
@@ -109,6 +113,7 @@ class BenchHub:
             self.prompts,
             drivers=drivers,
         )
+        self.results = ResultJobs(sessions, curve_words)
         self._lock = Lock()
         self._notices: deque[Notice] = deque(maxlen=NOTICES)
         self._told = 0

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from acquisition.errors import SessionError
 from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, SessionCapture
+from standoff.console.results import page_path
 from standoff.errors import ApplicationError
 from standoff.workflows import RESULTS_FOLDER
 
@@ -148,15 +149,16 @@ class SessionLibrary:
             return None
         return path.read_bytes()
 
-    def report_path(self, name: str) -> Path:
-        """Path for the session's report.
+    def result_page(self, name: str, page: str) -> bytes | None:
+        """A result's page or picture, by its name in the results folder; None if it is not there.
 
         Raises
         ------
         UnknownSessionError
             If there is no such session.
         """
-        return self.path_of(name) / RESULTS_FOLDER / REPORT_NAME
+        path = page_path(self.path_of(name), page)
+        return None if path is None else path.read_bytes()
 
     def _summary(self, name: str) -> SessionSummary:
         """Read a session only if its files have changed: a journal can be long."""

@@ -71,6 +71,7 @@ from .options import (
 )
 from .output import (
     ERRORS as ERRORS,
+    PROGRESS_VARIABLE as PROGRESS_VARIABLE,
     Bar as Bar,
     note as note,
     note_in_passing as note_in_passing,
@@ -109,6 +110,7 @@ __all__ = [
     "EXAMPLES",
     "HINT_RULES",
     "LONGEST_ANSWER",
+    "PROGRESS_VARIABLE",
     "Bar",
     "BenchFile",
     "BenchKeys",

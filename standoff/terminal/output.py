@@ -1,6 +1,7 @@
 """What a command prints: results for people or one JSON document, progress on stderr."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -28,6 +29,9 @@ ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
 """Every remark printed by the command that runs, for its report; None outside a command."""
 
+PROGRESS_VARIABLE = "STANDOFF_PROGRESS_S"
+"""Environment variable: seconds between the plain lines of progress, for whoever reads them."""
+
 _PLAIN_EVERY_S = 30.0
 _WITHOUT_A_TERMINAL = 10_000
 _LONGEST_ERROR = 4000
@@ -49,6 +53,7 @@ class Bar:
         self._task = progress.add_task(escape(on_one_line(description)), total=total)
         self._description, self._total = description, total
         self._begun_s = self._told_s = time.monotonic()
+        self._every_s = _plain_period_s()
 
     def advance_to(self, done: int, description: str | None = None) -> None:
         """Show that ``done`` of the total are done."""
@@ -62,7 +67,7 @@ class Bar:
 
     def _tell(self, done: int) -> None:
         now_s = time.monotonic()
-        if now_s - self._told_s < _PLAIN_EVERY_S:
+        if now_s - self._told_s < self._every_s:
             return
         self._told_s = now_s
         text = f"{self._description}: {done} of {self._total} after {now_s - self._begun_s:.0f} s"
@@ -76,6 +81,11 @@ class Bar:
             yield
         finally:
             self._progress.start()
+
+
+def _plain_period_s() -> float:
+    text = os.environ.get(PROGRESS_VARIABLE, "")
+    return float(text) if text.isdigit() else _PLAIN_EVERY_S
 
 
 @contextmanager

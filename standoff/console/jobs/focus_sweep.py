@@ -22,6 +22,8 @@ from standoff.workflows import FocusSweep, SweepRequest, sweep_bench
 SweepState = Literal["idle", "running", "done", "failed", "stopped"]
 
 CURVE_POINTS = 81
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SweepPlan:
     """What is swept: between two heights, or the whole travel and then finely if they are None.

@@ -29,6 +29,15 @@ class Prompt:
     wants_text: bool = False
 
 
+def what_is_placed(entry: PlanEntry) -> str:
+    """Name what an entry's placement is, for a question or a line about it."""
+    if entry.kind == "dark":
+        return "Lens cap"
+    if entry.kind == "flat":
+        return f"White surface {entry.target!r}"
+    return f"{entry.kind.capitalize()} {entry.target!r} at {entry.orientation_deg:g} degrees"
+
+
 class PromptQueue:
     """Shows one question at a time; the asking thread waits.
 
@@ -70,9 +79,11 @@ class PromptQueue:
         OperatorStopError
             If the job is stopped meanwhile, as for all questions.
         """
-        choices = (Choice(key="ready", label="It is in place"), Choice(key="skip", label="Skip it"))
-        choice, _ = self._ask(what_to_place(entry), choices)
-        return "skip" if choice == "skip" else "ready"
+        return self._placement(what_to_place(entry))
+
+    def confirm(self, entry: PlanEntry) -> Placement:
+        """Ask the operator whether a target is still in place."""
+        return self._placement(f"{what_is_placed(entry)}: still in place? If not, place it again.")
 
     def review(self, entry: PlanEntry, findings: tuple[QualityFinding, ...]) -> Verdict:
         """Ask whether to retake a bad capture."""
@@ -85,6 +96,11 @@ class PromptQueue:
         """Ask a question that is answered by a line of text; an empty one confirms."""
         _, text = self._ask(question, (Choice(key="ok", label="Confirm"),), wants_text=True)
         return text
+
+    def _placement(self, text: str) -> Placement:
+        choices = (Choice(key="ready", label="It is in place"), Choice(key="skip", label="Skip it"))
+        choice, _ = self._ask(text, choices)
+        return "skip" if choice == "skip" else "ready"
 
     def _ask(
         self, text: str, choices: tuple[Choice, ...], *, wants_text: bool = False

@@ -17,7 +17,8 @@ from acquisition.session import MANIFEST_NAME, CaptureRecord, Session
 from standoff.console.devices import CameraService, StageService
 from standoff.console.drivers import BenchDrivers
 from standoff.console.jobs.job_runner import Job
-from standoff.console.jobs.prompt_queue import PromptQueue
+from standoff.console.jobs.placement_memory import PlacementMemory
+from standoff.console.jobs.prompt_queue import PromptQueue, what_is_placed
 from standoff.errors import ApplicationError
 
 RunState = Literal["idle", "running", "paused", "finished", "stopped", "failed"]
@@ -41,13 +42,15 @@ class PlanRow:
 class RunView:
     """The running session, or the last one.
 
-    ``revision`` increases whenever a row changes.
+    ``revision`` increases whenever a row changes. ``placed`` names the target that is taken to be
+    in place, if it was not asked for again.
     """
 
     session: str = ""
     plan: str = ""
     state: RunState = "idle"
     message: str = ""
+    placed: str = ""
     seconds_left: float | None = None
     rows: tuple[PlanRow, ...] = ()
     revision: int = 0
@@ -135,6 +138,8 @@ class SessionRun:
         self._camera = camera
         self._stage = stage
         self._prompts = prompts
+        self._placement = PlacementMemory(prompts.place, prompts.confirm)
+        self._is_target_moved = Event()
         self._laid = drivers.laid
         self._clock = drivers.clock
         self._sleep = drivers.sleep
@@ -174,6 +179,7 @@ class SessionRun:
             plan=plan.name,
             state="running",
             message="",
+            placed="",
             seconds_left=None,
             rows=_with_next(rows),
         )
@@ -191,6 +197,11 @@ class SessionRun:
         """Whether it is paused, or will be before the next capture."""
         return not self._may_go_on.is_set()
 
+    @property
+    def is_under_way(self) -> bool:
+        """Whether it runs or is paused."""
+        return self._view.state in ("running", "paused")
+
     def retake(self, index: int) -> None:
         """Retake a capture; the current run restarts with it.
 
@@ -204,6 +215,13 @@ class SessionRun:
                 raise ApplicationError(f"Capture {index} has not been taken yet.")
             self._retakes.append(index)
 
+    def target_moved(self) -> None:
+        """Ask to place the target again before the next capture, now or when it is resumed."""
+        self._placement.forget()
+        self._show(placed="")
+        if self.is_under_way:
+            self._is_target_moved.set()
+
     def work(
         self, job: Job, path: Path, plan: CapturePlan, operator: str, retake: Sequence[int] = ()
     ) -> None:
@@ -215,26 +233,33 @@ class SessionRun:
             As `run_plan`; the view also says why it ended.
         """
         wanted = list(retake)
+        self._is_target_moved.clear()
         try:
+            self._placement.begin(path)
+            if wanted:
+                self._placement.doubt()
             while True:
                 self._void(wanted)
                 try:
                     skipped = self._run(job, path, plan, operator, wanted)
                 except OperatorStopError:
+                    self._placement.doubt()
                     wanted = self._taken_retakes()
-                    if job.is_stopping or not wanted:
+                    if job.is_stopping or not (wanted or self._is_target_moved.is_set()):
                         raise
+                    self._is_target_moved.clear()
                 else:
                     break
         except OperatorStopError:
             text = "Stopped. The captures so far are kept; resume to go on."
-            self._show(state="stopped", message=text, seconds_left=None)
+            self._show(state="stopped", message=text, placed="", seconds_left=None)
             raise
         except (DeviceError, SessionError) as error:
             self._fail(str(error))
             raise
         text = f"{skipped} captures were skipped; resume to take them." if skipped else ""
-        self._show(state="finished", message=text, seconds_left=None)
+        self._placement.doubt()
+        self._show(state="finished", message=text, placed="", seconds_left=None)
 
     def _run(
         self, job: Job, path: Path, plan: CapturePlan, operator: str, retake: Sequence[int]
@@ -279,8 +304,9 @@ class SessionRun:
         return summary.skipped
 
     def _place(self, entry: PlanEntry) -> Placement:
-        placement = self._prompts.place(entry)
-        if placement == "ready" and self._laid is not None:
+        placement, is_asked = self._placement.place(entry)
+        self._show(placed="" if is_asked else what_is_placed(entry))
+        if is_asked and placement == "ready" and self._laid is not None:
             return self._laid(entry)
         return placement
 
@@ -290,14 +316,16 @@ class SessionRun:
             if self._view.state != "paused":
                 self._show(state="paused")
             job.check()
-            self._break_off_for_retakes()
-        self._break_off_for_retakes()
+            self._break_off()
+        self._break_off()
         if self._view.state != "running":
             self._show(state="running")
 
-    def _break_off_for_retakes(self) -> None:
+    def _break_off(self) -> None:
         if self._retakes:
             raise OperatorStopError("interrupted to retake captures")
+        if self._is_target_moved.is_set():
+            raise OperatorStopError("interrupted because the target was moved")
 
     def _taken_retakes(self) -> list[int]:
         with self._lock:

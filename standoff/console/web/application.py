@@ -33,6 +33,7 @@ from standoff.console.web.allowance import Allowance
 from standoff.console.web.command_handler import CommandHandler
 from standoff.console.web.login_throttle import LoginThrottle
 from standoff.console.web.session_page import session_document, sessions_document
+from standoff.console.web.session_pages import SessionPages
 from standoff.console.web.state_cache import StateCache
 from standoff.console.web.viewer import Viewer
 from standoff.errors import REPORTED_ERRORS
@@ -76,6 +77,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
             Route("/sessions/{name}", pages.session),
             Route("/sessions/{name}/report", pages.report),
             Route("/snapshots/{name}", pages.snapshot),
+            *SessionPages(hub, pages.made, pages.in_turn).routes(),
             Route("/doctor", pages.doctor),
             Route("/login", pages.login, methods=["GET", "POST"]),
             WebSocketRoute("/live", _Sockets(hub).serve),
@@ -87,7 +89,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
 
 
 class _Pages:
-    """Renders every page; what changes on it comes over the websocket."""
+    """Renders the pages; what changes on them comes over the websocket."""
 
     def __init__(self, hub: BenchHub, access: Access) -> None:
         self._hub = hub
@@ -116,39 +118,43 @@ class _Pages:
                 "bench": self._hub.bench,
             }
 
-        return await self._made(request, "bench.html", facts)
+        return await self.made(request, "bench.html", facts)
 
     async def sessions(self, request: Request) -> Response:
         number = _page_number(request)
-        return await self._made(
+        return await self.made(
             request, "sessions.html", lambda: sessions_document(self._hub.sessions, number)
         )
 
     async def session(self, request: Request) -> Response:
         name, number = request.path_params["name"], _page_number(request)
-        return await self._made(
+        return await self.made(
             request,
             "session.html",
-            lambda: {"session": session_document(self._hub.sessions, name, number)},
+            lambda: {
+                "session": session_document(
+                    self._hub.sessions, name, number, has_curves=self._hub.results.has_curves
+                )
+            },
         )
 
     async def report(self, request: Request) -> Response:
         name = request.path_params["name"]
-        report = await self._in_turn(request, lambda: self._hub.sessions.report_of(name))
+        report = await self.in_turn(request, lambda: self._hub.sessions.report_of(name))
         if report is None:
             raise HTTPException(404, f"{name} has no report yet")
         return HTMLResponse(report, headers={"Content-Security-Policy": REPORT_POLICY})
 
     async def snapshot(self, request: Request) -> Response:
         name = request.path_params["name"]
-        data = await self._in_turn(request, lambda: self._hub.snapshots.read(name))
+        data = await self.in_turn(request, lambda: self._hub.snapshots.read(name))
         if data is None:
             raise HTTPException(404, "there is no such snapshot")
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
         return Response(data, media_type="image/tiff", headers=headers)
 
     async def doctor(self, request: Request) -> Response:
-        return await self._made(request, "doctor.html", lambda: {"checks": bench_checks(self._hub)})
+        return await self.made(request, "doctor.html", lambda: {"checks": bench_checks(self._hub)})
 
     async def login(self, request: Request) -> Response:
         """Take the token once, and return a cookie in its place."""
@@ -192,14 +198,14 @@ class _Pages:
             self._warnings.take()
             self._hub.tell(f"Somebody at {peer} guesses the console's token.")
 
-    async def _made(
+    async def made(
         self, request: Request, template: str, facts: Callable[[], dict[str, Any]]
     ) -> Response:
         """Collect the facts of a page and render it."""
-        page = await self._in_turn(request, lambda: self._page(template, **facts()))
+        page = await self.in_turn(request, lambda: self._page(template, **facts()))
         return HTMLResponse(page)
 
-    async def _in_turn(self, request: Request, make: Callable[[], T]) -> T:
+    async def in_turn(self, request: Request, make: Callable[[], T]) -> T:
         """Do the work of a page in a thread, a few at a time: the bench shares the processor."""
         if self._asked >= PAGES_AT_ONCE + PAGES_WAITING:
             raise HTTPException(503, "the console is busy: try again", {"Retry-After": "1"})

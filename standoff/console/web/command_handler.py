@@ -6,20 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.devices import Stage
-from acquisition.plan import CapturePlan, estimate_plan, plan_entries
+from acquisition.plan import CapturePlan
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError, Job, rows_of
 from standoff.console.web import messages
 from standoff.console.web.measure_commands import measure_commands, require_devices
 from standoff.console.web.picture_commands import picture_commands
-from standoff.console.web.view_model import preview_document
+from standoff.console.web.plan_commands import PlanCommands
+from standoff.console.web.session_commands import SessionCommands
 from standoff.errors import ApplicationError
-from standoff.terminal import flicker_warnings
-from standoff.workflows import PlannedComparisons, make_folder, write_session_report
+from standoff.workflows import PlannedComparisons, make_folder
 
-_FOR_ALL = (messages.Preview, messages.Probe, messages.Profile)
-"""What a page may ask for that is not in control, because it changes nothing."""
+WITHOUT_CONTROL = (messages.Preview, messages.CheckPlan, messages.Probe, messages.Profile)
+"""Messages that change nothing: those who watch may send them, too."""
 
 
 class NotInControlError(ApplicationError):
@@ -43,16 +43,17 @@ class CommandHandler:
             messages.Home: self._home,
             messages.Move: self._move,
             messages.Unlock: self._unlock,
-            messages.Preview: self._preview,
             messages.Run: self._run,
             messages.Resume: self._resume,
             messages.Pause: lambda _: hub.run.pause(),
             messages.GoOn: lambda _: hub.run.go_on(),
+            messages.TargetMoved: lambda _: hub.run.target_moved(),
             messages.Retake: self._retake,
             messages.Answer: self._answer,
-            messages.WriteReport: self._write_report,
             messages.PoseReference: self._pose_reference,
             messages.PoseClear: lambda _: hub.pose.clear(),
+            **PlanCommands(hub).by_message(),
+            **SessionCommands(hub).by_message(),
         }
 
     def carry_out(self, viewer: str, message: messages.Message) -> dict[str, Any] | None:
@@ -82,7 +83,7 @@ class CommandHandler:
             case messages.Refuse():
                 self._hub.control.refuse(viewer)
                 return None
-        if not isinstance(message, _FOR_ALL) and not self._hub.control.is_holder(viewer):
+        if not isinstance(message, WITHOUT_CONTROL) and not self._hub.control.is_holder(viewer):
             raise NotInControlError("You are not in control: take control first.")
         command = self._commands.get(type(message))
         return None if command is None else command(message)
@@ -113,20 +114,6 @@ class CommandHandler:
             act(self._hub.stage.lent(job.check))
 
         self._hub.jobs.begin(name, work)
-
-    def _preview(self, message: messages.Preview) -> dict[str, Any]:
-        plan, bench = self._hub.plans.load(message.plan), self._hub.bench
-        entries = plan_entries(plan)
-        settings = self._hub.camera.settings
-        shape = None if settings is None else (settings.height_px, settings.width_px)
-        return preview_document(
-            message.plan,
-            plan,
-            entries,
-            estimate_plan(plan, entries, bench, shape),
-            tuple(flicker_warnings(plan, entries, bench)),
-            free_bytes=self._hub.free_bytes(),
-        )
 
     def _run(self, message: messages.Run) -> None:
         plan = self._hub.plans.load(message.plan)
@@ -183,17 +170,6 @@ class CommandHandler:
     def _answer(self, message: messages.Answer) -> None:
         if not self._hub.prompts.answer(message.number, message.choice, message.text):
             raise ApplicationError("That question has already been answered.")
-
-    def _write_report(self, message: messages.WriteReport) -> None:
-        session = self._hub.sessions.open(message.session)
-        path = self._hub.sessions.report_path(message.session)
-
-        def work(_: Job) -> None:
-            make_folder(path.parent)
-            write_session_report(session, path)
-            self._hub.tell(f"The report of {message.session} has been written.")
-
-        self._hub.jobs.begin(f"writing the report of {message.session}", work)
 
     def _pose_reference(self, message: messages.PoseReference) -> None:
         if message.session is None or message.index is None:

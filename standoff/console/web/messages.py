@@ -7,12 +7,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, 
 from acquisition.choices import FocusMeasure
 from acquisition.printable import on_one_line
 from acquisition.written_files import validation_lines
+from standoff.console.plan_drafts import PlanDraft
+from standoff.console.results import ResultKind
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096
 
 Name = Annotated[str, Field(min_length=1, max_length=255)]
 Person = Annotated[str, Field(max_length=60), AfterValidator(on_one_line)]
+Reason = Annotated[str, Field(max_length=300), AfterValidator(on_one_line)]
 Index = Annotated[int, Field(ge=0, lt=10**7)]
 Pixels = Annotated[int, Field(ge=0, lt=2**16)]
 Coordinate = Annotated[float, Field(ge=-1, lt=2**16, allow_inf_nan=False)]
@@ -190,6 +193,22 @@ class Preview(_Message):
     plan: Name
 
 
+class CheckPlan(_Message):
+    """Say what is wrong with a draft of a plan, or what it will take."""
+
+    do: Literal["plan-check"]
+    draft: PlanDraft
+
+
+class SavePlan(_Message):
+    """Write a draft to the folder of plans, under a name of its own unless it may replace one."""
+
+    do: Literal["plan-save"]
+    name: Name
+    draft: PlanDraft
+    is_replacing: bool = False
+
+
 class Run(_Message):
     """Run a plan as a new session."""
 
@@ -217,6 +236,12 @@ class GoOn(_Message):
     do: Literal["go-on"]
 
 
+class TargetMoved(_Message):
+    """Ask to place the target again: it is not where it was."""
+
+    do: Literal["target-moved"]
+
+
 class Retake(_Message):
     """Retake a capture of the session."""
 
@@ -234,11 +259,40 @@ class Answer(_Message):
     text: Annotated[str, Field(max_length=200)] = ""
 
 
-class WriteReport(_Message):
-    """Write the report of a session."""
+class ComputeResult(_Message):
+    """Compute a result of a session; a pose or changes compare two captures."""
 
-    do: Literal["report"]
+    do: Literal["result"]
     session: Name
+    result: ResultKind
+    is_replacing: bool = False
+    reference_session: Name | None = None
+    reference: Index | None = None
+    followup: Index | None = None
+
+
+class CancelResult(_Message):
+    """Cancel the result that is being computed."""
+
+    do: Literal["cancel-result"]
+
+
+class Exclude(_Message):
+    """Keep a capture out of calibration and analysis."""
+
+    do: Literal["exclude"]
+    session: Name
+    index: Index
+    reason: Reason
+
+
+class Include(_Message):
+    """Use an excluded capture again."""
+
+    do: Literal["include"]
+    session: Name
+    index: Index
+    reason: Reason = ""
 
 
 class PoseReference(_Message):
@@ -279,13 +333,19 @@ Message = (
     | Move
     | Unlock
     | Preview
+    | CheckPlan
+    | SavePlan
     | Run
     | Resume
     | Pause
     | GoOn
+    | TargetMoved
     | Retake
     | Answer
-    | WriteReport
+    | ComputeResult
+    | CancelResult
+    | Exclude
+    | Include
     | PoseReference
     | PoseClear
 )

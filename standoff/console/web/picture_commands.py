@@ -155,7 +155,7 @@ class _PictureCommands:
             return
         if self._hub.sweep.view.state == "running":
             raise BusyError(job.name, "A sweep needs the same light all the way: wait, or stop it.")
-        if self._hub.run.view.state in ("running", "paused"):
+        if self._hub.run.is_under_way:
             raise BusyError(job.name, "The session sets exposure and gain while it runs.")
         if job.name in (AUTO_EXPOSURE, SNAPSHOT):
             raise BusyError(job.name)

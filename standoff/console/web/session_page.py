@@ -1,23 +1,21 @@
 """What the page of one session shows."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from shlex import quote
+from dataclasses import asdict
 from typing import Any, TypeVar
+from urllib.parse import quote
 
-from acquisition.session import Session, SessionCapture
-from acquisition.untrusted import parse_json
-from calibration.sharpness import NORMAL_95
+from acquisition.session import CaptureRecord, SessionCapture
+from standoff.console.results import results_of
 from standoff.console.session_library import SessionLibrary
-from standoff.workflows import RESULTS_FOLDER
 
 T = TypeVar("T")
 
-MAX_RESULT_BYTES = 50 * 10**6
 ROWS_A_PAGE = 200
 LONGEST_TEXT = 500
-PSF_FIGURES = (("sigma_x_px", "σx"), ("sigma_y_px", "σy"), ("rho", "ρ"))
 NOTES_SHOWN = 200
+SCENES_SHOWN = 200
 
 
 def sessions_document(library: SessionLibrary, page: int = 1) -> dict[str, Any]:
@@ -30,8 +28,12 @@ def sessions_document(library: SessionLibrary, page: int = 1) -> dict[str, Any]:
     }
 
 
-def session_document(library: SessionLibrary, name: str, page: int = 1) -> dict[str, Any]:
+def session_document(
+    library: SessionLibrary, name: str, page: int = 1, *, has_curves: bool = False
+) -> dict[str, Any]:
     """One page of a session's captures, its notes and results, rounded for reading.
+
+    ``has_curves`` says whether the console was given curves by which poses are judged.
 
     Raises
     ------
@@ -45,7 +47,14 @@ def session_document(library: SessionLibrary, name: str, page: int = 1) -> dict[
     kept = {capture.record.index for capture in captures if not capture.is_superseded}
     return {
         "name": name,
-        "calibrate": _calibrate_command(session.path),
+        "results": [asdict(each) for each in results_of(session, has_curves=has_curves)],
+        "scenes": [
+            {"index": r.index, "what": f"{_short(r.target)} at {r.height_mm:.1f} mm"}
+            for r in session.records
+            if r.kind not in ("flat", "dark")
+        ][:SCENES_SHOWN],
+        "pair": _pair(session.records),
+        "others": [each.name for each in library.summaries() if each.name != name][:SCENES_SHOWN],
         "plan": session.plan.name,
         "operator": session.manifest.operator,
         "created": session.manifest.created_utc[:16].replace("T", " "),
@@ -54,14 +63,15 @@ def session_document(library: SessionLibrary, name: str, page: int = 1) -> dict[
         "is_complete": session.is_complete,
         "has_report": library.report_of(name) is not None,
         "remarks": list(session.remarks),
-        "captures": [_capture(capture) for capture in _rows(captures, page)],
+        "captures": [
+            _capture(capture, f"/sessions/{quote(name)}") for capture in _rows(captures, page)
+        ],
         "paging": _paging(len(captures), page),
         "notes": [
             {"when": event.utc[:16].replace("T", " "), "text": _note(event.facts)}
             for event in session.events
             if event.kind in ("note", "error", "stop", "skip")
         ][-NOTES_SHOWN:],
-        "psf": _psf(session),
     }
 
 
@@ -85,21 +95,19 @@ def _short(text: str) -> str:
     return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]} …"
 
 
-def _calibrate_command(path: Path) -> str:
-    """Command that calibrates the PSF."""
-    out = path / RESULTS_FOLDER / "psf.json"
-    return f"standoff calibrate --session {quote(str(path))} --out {quote(str(out))}"
-
-
-def _capture(capture: SessionCapture) -> dict[str, Any]:
+def _capture(capture: SessionCapture, address: str) -> dict[str, Any]:
     record = capture.record
     state = "used"
     if capture.is_superseded:
         state = "superseded"
     elif capture.excluded_because is not None:
         state = _short(f"excluded: {capture.excluded_because}")
+    shown = f"{address}/captures/{record.index}"
+    query = f"?uid={record.uid}" if capture.is_superseded else ""
     return {
         "index": record.index,
+        "address": f"{shown}{query}",
+        "thumbnail": f"{shown}/thumbnail{query}",
         "what": _short(f"{record.kind} {record.target}"),
         "orientation": f"{record.orientation_deg:g}",
         "height": f"{record.height_mm:.3f}",
@@ -110,7 +118,22 @@ def _capture(capture: SessionCapture) -> dict[str, Any]:
         "state": state,
         "is_current": not capture.is_superseded,
         "is_used": capture.is_used,
+        "is_excluded": not capture.is_superseded and capture.excluded_because is not None,
     }
+
+
+def _pair(records: Sequence[CaptureRecord]) -> dict[str, int]:
+    """Two captures that one would compare: of a scene, the nearest and the furthest."""
+    scenes = [r for r in records if r.kind in ("texture", "chart")]
+    scenes = scenes or [r for r in records if r.kind not in ("flat", "dark")]
+    if not scenes:
+        return {}
+    names = Counter((r.kind, r.target) for r in scenes)
+    kind, target = names.most_common(1)[0][0]
+    same = sorted(
+        (r for r in scenes if (r.kind, r.target) == (kind, target)), key=lambda r: r.height_mm
+    )
+    return {"reference": same[0].index, "followup": same[-1].index}
 
 
 def _note(facts: Mapping[str, Any]) -> str:
@@ -118,25 +141,3 @@ def _note(facts: Mapping[str, Any]) -> str:
     about = "" if index is None else f"capture {index}: "
     text = facts.get("text") or facts.get("message") or facts.get("error")
     return _short(f"{about}{text or 'stopped or skipped by the operator'}")
-
-
-def _psf(session: Session) -> list[dict[str, str]]:
-    """Headline figures of the session's psf.json, ± at 95 %, if it has a readable one."""
-    path = session.path / RESULTS_FOLDER / "psf.json"
-    try:
-        if path.is_symlink() or path.stat().st_size > MAX_RESULT_BYTES:
-            return []
-        stored = parse_json(path.read_bytes())
-    except (OSError, ValueError):
-        return []
-    if not isinstance(stored, dict):
-        return []
-    figures = []
-    for key, symbol in PSF_FIGURES:
-        value, err = stored.get(key), stored.get(f"{key.removesuffix('_px')}_err_px")
-        err = stored.get("rho_err") if key == "rho" else err
-        if isinstance(value, int | float):
-            unit = "" if key == "rho" else " px"
-            sure = f" ± {NORMAL_95 * err:.4f}" if isinstance(err, int | float) else ""
-            figures.append({"name": symbol, "value": f"{value:.4f}{sure}{unit}"})
-    return figures

@@ -1,5 +1,6 @@
 """What the pages show, as plain JSON objects: rounded figures, units, states in words."""
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from standoff.console.devices import (
     StageView,
 )
 from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView
+from standoff.console.results import ResultProgress
 from standoff.terminal import time_text
 
 SCARCE_BYTES, TOO_FEW_BYTES = 2 * 10**9, 10**8
@@ -48,6 +50,7 @@ def state_document(hub: BenchHub) -> Document:
         ),
         "stage": stage_document(hub.stage.view),
         "focus": focus_document(hub.picture.facts),
+        "result": result_document(hub.results.view),
         "run": run_document(hub.run.view, is_pause_wanted=hub.run.is_pause_wanted),
         "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
         "prompt": prompt_document(hub.prompts.current),
@@ -197,6 +200,7 @@ def run_document(view: RunView, *, is_pause_wanted: bool) -> Document:
         "plan": view.plan,
         "state": view.state,
         "message": on_one_line(view.message),
+        "placed": on_one_line(view.placed),
         "captured": view.captured,
         "planned": len(view.rows),
         "left": "" if left is None else f"{time_text(left)} left",
@@ -237,6 +241,23 @@ def preview_document(
         "is_room": estimate.bytes_ is None or free_bytes > estimate.bytes_ + TOO_FEW_BYTES,
         "warnings": list(warnings),
         "rows": [_row(PlanRow(entry=entry)) for entry in entries],
+    }
+
+
+def result_document(view: ResultProgress) -> Document:
+    """The result that is being computed, or how the last one ended."""
+    progress = view.progress
+    return {
+        "number": view.number,
+        "session": view.session,
+        "kind": view.kind,
+        "seconds": round(time.monotonic() - view.begun_s) if view.state == "running" else 0,
+        "title": on_one_line(view.title),
+        "state": view.state,
+        "text": on_one_line(progress.text),
+        "done": progress.done,
+        "total": progress.total,
+        "message": on_one_line(view.message),
     }
 
 

@@ -208,7 +208,7 @@ def test_what_cannot_be_done_is_refused_with_the_reason(hub: BenchHub, operator:
         ({"do": "run", "plan": "nothing", "session": "s"}, ApplicationError, "'nothing'"),
         ({"do": "run", "plan": "two", "session": "../s"}, ApplicationError, "letters"),
         ({"do": "resume", "session": "nothing"}, ApplicationError, "'nothing'"),
-        ({"do": "report", "session": "nothing"}, ApplicationError, "'nothing'"),
+        ({"do": "result", "result": "report", "session": "nothing"}, ApplicationError, "'nothing'"),
         ({"do": "answer", "number": 7, "choice": "ready"}, ApplicationError, "answered"),
         ({"do": "region", "region": (0, 0, 2, 2)}, ApplicationError, "8 pixels"),
         ({"do": "pose-reference"}, ApplicationError, "--curves"),
@@ -246,7 +246,7 @@ def test_a_report_is_written_and_served(hub: BenchHub, operator: Operator) -> No
     operator.answer("ready")
     operator.wait_idle()
     assert hub.sessions.report_of("first") is None
-    operator.say(do="report", session="first")
+    operator.say(do="result", result="report", session="first")
     operator.wait_idle()
     report = hub.sessions.report_of("first")
     assert report is not None

@@ -78,11 +78,13 @@ function run_(run, isMine) {
   show("pause", isPlanRunning && !run.is_pause_wanted);
   show("go-on", isPlanRunning && run.is_pause_wanted);
   show("resume-last", ["stopped", "failed"].includes(run.state) || (run.state === "finished" && run.captured < run.planned));
+  show("run-placed", Boolean(run.placed));
+  byId("run-placed").firstElementChild.textContent = run.placed;
   show("run-message", Boolean(run.message));
   setText("run-message", run.message);
   show("run-form", !isPlanRunning);
   show("preview", !isPlanRunning);
-  enable(isMine, "pause", "go-on");
+  enable(isMine, "pause", "go-on", "target-moved");
   enable(isMine && !state.job, "run", "resume", "resume-last");
   for (const button of document.querySelectorAll("#plan-table button")) button.disabled = !isMine;
 }
@@ -154,6 +156,7 @@ byId("run-form").onsubmit = (event) => {
   command("run", { plan: byId("plan").value, session: name });
 };
 byId("pause").onclick = () => command("pause");
+byId("target-moved").onclick = () => command("target-moved");
 byId("go-on").onclick = () => command("go-on");
 byId("resume-last").onclick = () => command("resume", { session: state.run.session });
 if (byId("resume")) byId("resume").onclick = () => command("resume", { session: byId("unfinished").value });

@@ -53,6 +53,7 @@ def test_a_sweep_finds_the_focus_and_goes_there(hub: BenchHub) -> None:
     assert (view.state, view.taken, len(view.points)) == ("done", 11, 11), view.message
     assert view.peak is not None
     # The pupil is above the reference of the heights.
+    assert hub.bench.simulated is not None
     focus_mm = FOCUS_MM - hub.bench.simulated.pupil_offset_mm
     assert view.peak.height_mm == pytest.approx(focus_mm, abs=4 * view.peak.err_mm)
     assert view.peak.err_mm < 2

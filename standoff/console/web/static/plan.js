@@ -1,0 +1,85 @@
+// The plan editor: fields to a draft, which the console checks while one types.
+
+import { byId, command, connection, setText, show } from "./shell.js";
+
+const CHECK_MS = 250;
+// A key of a plan file, and the field that it is typed in.
+const FIELDS = { heights_mm: "heights", frames_per_capture: "frames", orientations_deg: "orientations", exposure_us: "exposures", bracket: "bracket_exposures" };
+const form = byId("plan-form");
+const list = byId("targets");
+let timer = null;
+
+const ownFields = () => [...form.querySelectorAll("[name]")].filter((field) => !list.contains(field) && field.name !== "file");
+const fieldsOf = (item) => [...item.querySelectorAll("[name]")].filter((field) => field.name !== "remove");
+
+function value(field) {
+  if (field.type === "checkbox") return field.checked;
+  if (field.type !== "number") return field.value;
+  const typed = Number.isFinite(field.valueAsNumber) ? field.valueAsNumber : 0;
+  return field.step === "any" ? typed : Math.trunc(typed);
+}
+
+function fill(fields, values) {
+  for (const field of fields) {
+    if (field.type === "checkbox") field.checked = values[field.name];
+    else field.value = values[field.name] ?? "";
+  }
+}
+
+const collected = (fields) => Object.fromEntries(fields.map((field) => [field.name, value(field)]));
+const draft = () => ({ ...collected(ownFields()), targets: [...list.children].map((item) => collected(fieldsOf(item))) });
+
+function add(values) {
+  const item = byId("target").content.firstElementChild.cloneNode(true);
+  fill(fieldsOf(item), values);
+  item.querySelector("[name=remove]").onclick = () => { item.remove(); check(); };
+  list.append(item);
+  return item;
+}
+
+function check() {
+  clearTimeout(timer);
+  timer = setTimeout(() => connection.send("plan-check", { draft: draft() }), CHECK_MS);
+}
+
+// The field of a key such as "heights_mm" or "targets.0.heights_mm".
+function fieldAt(key) {
+  const [first, number, name] = key.split(".");
+  const own = first !== "targets";
+  const fields = own ? ownFields() : fieldsOf(list.children[Number(number)] ?? list);
+  const wanted = own ? first : name;
+  return fields.find((field) => field.name === (FIELDS[wanted] ?? wanted));
+}
+
+function save(isReplacing) {
+  command("plan-save", { name: form.elements.file.value.trim(), draft: draft(), is_replacing: isReplacing });
+}
+
+connection.addEventListener("draft", ({ detail }) => {
+  for (const field of form.querySelectorAll("[aria-invalid]")) field.removeAttribute("aria-invalid");
+  for (const key of detail.keys) fieldAt(key)?.setAttribute("aria-invalid", "true");
+  show("draft-fault", !detail.is_ok);
+  setText("draft-fault", detail.text);
+  const placing = detail.placements === 1 ? "1 placement" : `${detail.placements} placements`;
+  setText("draft-cost", detail.is_ok
+    ? [`${detail.captures} captures, ${placing}, about ${detail.time} plus your own time, ${detail.disk} on disk${detail.is_room ? "" : " — NOT ENOUGH DISK SPACE"}`, ...detail.warnings].join(" · ") : "");
+});
+connection.addEventListener("plan-exists", ({ detail }) => { if (window.confirm(`There is a plan ${detail.name} already. Replace it?`)) save(true); });
+connection.addEventListener("plan-saved", ({ detail }) => {
+  show("plan-saved", true);
+  byId("plan-saved").querySelector("span").textContent = `Saved as ${detail.path}.`;
+});
+connection.addEventListener("state", ({ detail: { control } }) => { byId("save-plan").disabled = !control.is_mine; });
+connection.addEventListener("open", check);
+
+form.oninput = () => { show("plan-saved", false); check(); };
+form.onsubmit = (event) => { event.preventDefault(); save(false); };
+byId("add-target").onclick = () => {
+  const last = draft().targets.at(-1) ?? { kind: "edge", bracket_exposures: 0, bracket_ratio: 8 };
+  add({ ...last, target: "" }).querySelector("[name=target]").focus();
+  check();
+};
+const given = JSON.parse(byId("plan-editor").dataset.draft);
+fill(ownFields(), given);
+given.targets.forEach(add);
+check();
