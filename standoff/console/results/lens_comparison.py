@@ -10,6 +10,7 @@ from standoff.console.results.key_figures import read_document
 from standoff.workflows import RESULTS_FOLDER
 
 PSF_NAME = "psf.json"
+CHANGED = "the PSF has changed: "
 OPTICS = ("lens", "focal_length_mm", "pixel_pitch_um")
 
 
@@ -80,7 +81,8 @@ def lens_sentence(document: Mapping[str, Any], earlier: Calibration) -> str:
     if document["shared_inputs"]:
         return f"Against {since}: {verdict}."
     if document["is_changed"]:
-        return f"The lens has moved, or its focus has changed, since {since}: {verdict}."
+        what = verdict.removeprefix(CHANGED)
+        return f"The lens has moved, or its focus has changed, since {since}: {what}."
     return f"The lens has not moved since {since}, as far as this shows: {verdict}."
 
 

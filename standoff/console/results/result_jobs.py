@@ -61,6 +61,7 @@ class ResultProgress:
     """The result that is being computed, or the last one; ``message`` says how it ended.
 
     ``number`` counts the results since the console began, ``begun_s`` is on the monotonic clock.
+    ``is_alarming`` says that the message calls for a look at the bench.
     """
 
     number: int = 0
@@ -72,6 +73,7 @@ class ResultProgress:
     state: ResultState = "idle"
     progress: CommandProgress = field(default_factory=lambda: CommandProgress(text=""))
     message: str = ""
+    is_alarming: bool = False
     remarks: tuple[str, ...] = ()
 
 
@@ -187,6 +189,7 @@ class ResultJobs:
         if not isinstance(document, dict):
             raise ApplicationError("standoff compare printed no result")
         sentence = lens_sentence(document, earlier)
+        self._show(is_alarming=bool(document["is_changed"]))
         kept = document | {"earlier_session": earlier.session, "sentence": sentence}
         write_file(
             session / RESULTS_FOLDER / FILES["compare"].document,

@@ -254,6 +254,7 @@ def result_document(view: ResultProgress) -> Document:
         "seconds": round(time.monotonic() - view.begun_s) if view.state == "running" else 0,
         "title": on_one_line(view.title),
         "state": view.state,
+        "is_alarming": view.is_alarming,
         "text": on_one_line(progress.text),
         "done": progress.done,
         "total": progress.total,

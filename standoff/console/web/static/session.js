@@ -62,7 +62,7 @@ connection.addEventListener("state", ({ detail: { job, control, result } }) => {
   if (result.total) { bar.max = result.total; bar.value = result.done; } else bar.removeAttribute("value");
   const isTold = !isRunning && result.session === session && Boolean(result.message);
   show("result-message", isTold);
-  byId("result-message").className = `alert ${LEVELS[result.state] || ""}`;
+  byId("result-message").className = `alert ${result.is_alarming ? "warn" : LEVELS[result.state] || ""}`;
   setText("result-message", result.message);
   // A result that is done before the next state comes is shown as well.
   const isEnded = !isRunning && (wasRunning || (numberSeen !== null && result.number !== numberSeen));

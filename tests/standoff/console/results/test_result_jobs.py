@@ -91,9 +91,13 @@ def test_a_calibration_is_compared_with_the_last_one_of_the_same_camera_and_lens
     shown = {view.kind: view for view in results_of(Session(session_dir), has_curves=False)}
     assert shown["compare"].figures == said
     assert shown["calibrate"].figures == "σx 0.7000 px"
-    moved = Commands(COMPARED | {"is_changed": True, "verdict": "sigma_x is larger"})
-    said = computed(ResultJobs(folder, run=moved), session_dir, kind="compare")
-    assert said.startswith("The lens has moved, or its focus has changed, since last")
+    moved = Commands(COMPARED | {"is_changed": True, "verdict": "the PSF has changed: sigma_x"})
+    jobs = ResultJobs(folder, run=moved)
+    said = computed(jobs, session_dir, kind="compare")
+    assert said == (
+        "The lens has moved, or its focus has changed, since last (2026-01-09): sigma_x."
+    )
+    assert jobs.view.is_alarming
 
 
 def test_a_first_calibration_has_nothing_to_be_compared_with(session_dir: Path) -> None:
