@@ -32,7 +32,7 @@ setInterval(() => {
   byId("frame").classList.toggle("stale", isStale);
   show("no-picture", isStale);
   setText("no-picture", lastPictureMs ? "no new picture" : "no picture yet");
-  setText("picture-rate", isStale ? "–" : `${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
+  setText("picture-rate", isStale ? "–" : `shown: ${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
 }, 500);
 
 function histogram() {

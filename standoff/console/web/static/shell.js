@@ -130,7 +130,7 @@ window.addEventListener("keydown", (event) => { if (event.key === "Escape") { ev
 
 export function onKey(key, act) {
   window.addEventListener("keydown", (event) => {
-    const typing = event.target.closest("input:not([type=checkbox]), select, textarea");
+    const typing = event.target.closest("input:not([type=checkbox], [type=range]), select, textarea");
     if (typing || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
     if (event.key.toLowerCase() === key) { event.preventDefault(); act(); }
   });
