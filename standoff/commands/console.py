@@ -91,7 +91,7 @@ def console(
     _require_extra()
     from calibration.geometry import CharucoBoard
     from standoff.console import BenchHub, bench_drivers
-    from standoff.console.devices import tracker_maker
+    from standoff.console.devices import PoseCurve, tracker_maker
     from standoff.console.web import (
         MIN_TOKEN_CHARS,
         console_app,
@@ -116,6 +116,12 @@ def console(
         raise typer.BadParameter(str(error), param_hint="--board") from error
     config = read_bench(bench, settings)
     curve = _curve(curves, min_dprime, model, observer, noise, contrast)
+    judge = None
+    if curve is not None:
+        judge = PoseCurve(
+            make_tracker=tracker_maker(curve, min_dprime),
+            words=_curve_words(curves, min_dprime, model, observer, noise, contrast),
+        )
     hub = BenchHub(
         config,
         bench_drivers(config),
@@ -125,9 +131,8 @@ def console(
             bench.parent,
             shipped_config("demo_plan.toml").parent,
         ),
-        make_tracker=None if curve is None else tracker_maker(curve, min_dprime),
+        curve=judge,
         board=layout,
-        curve_words=_curve_words(curves, min_dprime, model, observer, noise, contrast),
     )
     with open_socket(host, port) as bound:
         shown = f"[{host}]" if ":" in host else host

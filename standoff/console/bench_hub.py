@@ -15,11 +15,11 @@ from standoff.console.devices import (
     CameraService,
     FrameBroadcaster,
     PictureMonitor,
+    PoseCurve,
     PoseMonitor,
     SharpnessMonitor,
     SquarenessMonitor,
     StageService,
-    TrackerMaker,
 )
 from standoff.console.drivers import BenchDrivers
 from standoff.console.jobs import (
@@ -64,12 +64,10 @@ class BenchHub:
         Folder of the sessions.
     plan_folders
         Where to look for plans.
-    make_tracker
-        Makes the pose tracker; None if no curve was given.
+    curve
+        What judges poses; None if no curve was given.
     board
         The ChArUco board for levelling the camera.
-    curve_words
-        Options of ``standoff pose`` that name the same curve.
     """
 
     def __init__(
@@ -79,9 +77,8 @@ class BenchHub:
         *,
         sessions: Path,
         plan_folders: tuple[Path, ...] = (),
-        make_tracker: TrackerMaker | None = None,
+        curve: PoseCurve | None = None,
         board: CharucoBoard = DEFAULT_BOARD,
-        curve_words: tuple[str, ...] = (),
     ) -> None:
         self.bench = bench
         self.clock = drivers.clock
@@ -104,7 +101,9 @@ class BenchHub:
             self.frames, board, 1e3 * optics.focal_length_mm / optics.pixel_pitch_um
         )
         self.sweep = FocusSweepRun(bench, self.camera, self.stage, clock=drivers.clock)
-        self.pose = PoseMonitor(self.frames, make_tracker, report=self.tell)
+        self.pose = PoseMonitor(
+            self.frames, None if curve is None else curve.make_tracker, report=self.tell
+        )
         self._monitors = (self.picture, self.pose, self.sharpness, self.squareness)
         self.run = SessionRun(
             bench,
@@ -113,7 +112,7 @@ class BenchHub:
             self.prompts,
             drivers=drivers,
         )
-        self.results = ResultJobs(sessions, curve_words)
+        self.results = ResultJobs(sessions, () if curve is None else curve.words)
         self._lock = Lock()
         self._notices: deque[Notice] = deque(maxlen=NOTICES)
         self._told = 0

@@ -14,6 +14,7 @@ from .picture_monitor import (
     PictureMonitor as PictureMonitor,
 )
 from .pose_monitor import (
+    PoseCurve as PoseCurve,
     PoseMonitor as PoseMonitor,
     PoseView as PoseView,
     TrackerMaker as TrackerMaker,
@@ -45,6 +46,7 @@ __all__ = [
     "PictureFacts",
     "PictureMonitor",
     "PixelReading",
+    "PoseCurve",
     "PoseMonitor",
     "PoseView",
     "SharpnessMonitor",

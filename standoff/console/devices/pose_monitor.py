@@ -13,6 +13,19 @@ from standoff.errors import ApplicationError
 TrackerMaker = Callable[[AnyArray], PoseTracker]
 """Makes the tracker of a reference image of shape ``(rows, cols)``."""
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseCurve:
+    """The curve of detectability that judges poses.
+
+    ``make_tracker`` makes a tracker that judges by it, ``words`` are the options of
+    ``standoff pose`` that name it.
+    """
+
+    make_tracker: TrackerMaker
+    words: tuple[str, ...] = ()
+
+
 PERIOD_S = 0.1
 """At most ten verdicts per second; a search of the whole frame takes longer."""
 

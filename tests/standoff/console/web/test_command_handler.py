@@ -19,6 +19,7 @@ from hil_mocks.clock import RealTimeClock
 from hil_mocks.stage import StageFaults
 from simulation.arrays import AnyArray
 from standoff.console.bench_hub import BenchHub
+from standoff.console.devices import PoseCurve
 from standoff.console.drivers import BenchDrivers, bench_drivers
 from standoff.console.jobs.job_runner import BusyError, Job
 from standoff.console.jobs.session_run import RunView
@@ -98,7 +99,7 @@ def pose_hub(folder: Path) -> BenchHub:
         bench,
         bench_drivers(bench),
         sessions=folder / "sessions",
-        make_tracker=SizeTracker,  # type: ignore[arg-type]  # it has all that is asked of one
+        curve=PoseCurve(make_tracker=SizeTracker),  # type: ignore[arg-type]  # it has all that is asked
     )
 
 
