@@ -150,10 +150,11 @@ class ResultJobs:
             state="running",
         )
         try:
+            _refuse_links(request.session)
             make_folder(request.session / RESULTS_FOLDER)
             message = self._compute(job, request)
         except OperatorStopError:
-            self._show(state="stopped", message="Cancelled; earlier results are as they were.")
+            self._show(state="stopped", message="Cancelled.")
             raise
         except REPORTED_ERRORS as error:
             self._show(state="failed", message=str(error))
@@ -251,6 +252,14 @@ class ResultJobs:
     def _show(self, **changes: object) -> None:
         with self._lock:
             self._view = replace(self._view, **changes)  # type: ignore[arg-type]  # names and types are ResultProgress's
+
+
+def _refuse_links(session: Path) -> None:
+    """Check that results are written into the session, and not where a link in it leads."""
+    results = session / RESULTS_FOLDER
+    for folder in (results, *(results / name for name in ("pose", "changes", "validation"))):
+        if folder.is_symlink():
+            raise ApplicationError(f"{folder} is a link, which is not followed: remove it")
 
 
 def session_file(request: ResultRequest) -> Path:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from acquisition.errors import OperatorStopError
-from acquisition.session import Session
+from acquisition.session import Session, SessionNotes
 from standoff.console.jobs import Job
 from standoff.console.results import ResultJobs, ResultRequest, page_path, results_of
 from standoff.console.results.command_process import CommandResult
@@ -156,9 +156,18 @@ def test_a_failure_and_a_stop_are_said_and_kept(session_dir: Path) -> None:
         assert text in jobs.view.message
 
 
-def test_a_result_is_outdated_once_the_captures_have_changed(session_dir: Path) -> None:
-    from acquisition.session import SessionNotes
+def test_results_are_not_written_through_links(session_dir: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (session_dir / "results").symlink_to(elsewhere)
+    run = Commands()
+    with pytest.raises(ApplicationError, match="not followed"):
+        computed(ResultJobs(session_dir.parent, run=run), session_dir, kind="calibrate")
+    assert run.given == []
+    assert list(elsewhere.iterdir()) == []
 
+
+def test_a_result_is_outdated_once_the_captures_have_changed(session_dir: Path) -> None:
     write_psf(session_dir / "results/psf.json", "2026-01-01T00:00:00.000000Z")
     psf = next(iter(results_of(Session(session_dir), has_curves=False)))
     assert (psf.kind, psf.is_done, psf.is_outdated) == ("calibrate", True, False)
