@@ -31,7 +31,7 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from analysis.detectability import DetectabilityCurve
+    from standoff.console.devices import PoseCurve
 
 
 DEFAULT_PORT = 8470
@@ -91,7 +91,6 @@ def console(
     _require_extra()
     from calibration.geometry import CharucoBoard
     from standoff.console import BenchHub, bench_drivers
-    from standoff.console.devices import PoseCurve, tracker_maker
     from standoff.console.web import (
         MIN_TOKEN_CHARS,
         console_app,
@@ -100,28 +99,12 @@ def console(
         serve,
     )
 
-    if token is None and not is_loopback_host(host):
-        raise typer.BadParameter(
-            f"other computers can reach {host}: give --token (or set the environment variable "
-            "STANDOFF_TOKEN)",
-            param_hint="--host",
-        )
-    if token is not None and len(token) < MIN_TOKEN_CHARS:
-        raise typer.BadParameter(
-            f"a token must have at least {MIN_TOKEN_CHARS} characters", param_hint="--token"
-        )
+    _refuse_open_door(host, token, MIN_TOKEN_CHARS, is_loopback=is_loopback_host(host))
     try:
         layout = CharucoBoard.from_text(board)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--board") from error
     config = read_bench(bench, settings)
-    curve = _curve(curves, min_dprime, model, observer, noise, contrast)
-    judge = None
-    if curve is not None:
-        judge = PoseCurve(
-            make_tracker=tracker_maker(curve, min_dprime),
-            words=_curve_words(curves, min_dprime, model, observer, noise, contrast),
-        )
     hub = BenchHub(
         config,
         bench_drivers(config),
@@ -131,7 +114,7 @@ def console(
             bench.parent,
             shipped_config("demo_plan.toml").parent,
         ),
-        curve=judge,
+        curve=_curve(curves, min_dprime, model, observer, noise, contrast),
         board=layout,
     )
     with open_socket(host, port) as bound:
@@ -162,6 +145,19 @@ def _require_extra() -> None:
         )
 
 
+def _refuse_open_door(host: str, token: str | None, least_chars: int, *, is_loopback: bool) -> None:
+    if token is None and not is_loopback:
+        raise typer.BadParameter(
+            f"other computers can reach {host}: give --token (or set the environment variable "
+            "STANDOFF_TOKEN)",
+            param_hint="--host",
+        )
+    if token is not None and len(token) < least_chars:
+        raise typer.BadParameter(
+            f"a token must have at least {least_chars} characters", param_hint="--token"
+        )
+
+
 def _curve(
     path: Path | None,
     min_dprime: float,
@@ -169,26 +165,19 @@ def _curve(
     observer: Observer | None,
     noise_dn: float | None,
     contrast_dn: float | None,
-) -> DetectabilityCurve | None:
+) -> PoseCurve | None:
+    """What judges poses, and the options that name it for ``standoff pose``."""
     if path is None:
         return None
-    return chosen_curve(path, min_dprime, model, observer, noise_dn, contrast_dn)
+    from standoff.console.devices import PoseCurve, tracker_maker
 
-
-def _curve_words(
-    path: Path | None,
-    min_dprime: float,
-    model: Model | None,
-    observer: Observer | None,
-    noise_dn: float | None,
-    contrast_dn: float | None,
-) -> tuple[str, ...]:
-    """The options that name the curve, for ``standoff pose``; none without a curve."""
-    if path is None:
-        return ()
+    curve = chosen_curve(path, min_dprime, model, observer, noise_dn, contrast_dn)
     chosen = {"model": model, "observer": observer, "noise": noise_dn, "contrast": contrast_dn}
-    return (
-        f"--curves={path}",
-        f"--min-dprime={min_dprime}",
-        *(f"--{name}={value}" for name, value in chosen.items() if value is not None),
+    return PoseCurve(
+        make_tracker=tracker_maker(curve, min_dprime),
+        words=(
+            f"--curves={path}",
+            f"--min-dprime={min_dprime}",
+            *(f"--{name}={value}" for name, value in chosen.items() if value is not None),
+        ),
     )
