@@ -14,6 +14,7 @@ from acquisition.errors import OperatorStopError
 from acquisition.focus import FocusOptions, FocusPeak, FocusPoint, Region
 from acquisition.stages import refuse_beyond_limits
 from calibration.geometry import Levelling, level_by_focus
+from calibration.sharpness import NORMAL_95
 from standoff.console.devices import CameraService, StageService, field_regions
 from standoff.console.jobs.job_runner import Job
 from standoff.errors import REPORTED_ERRORS, ApplicationError
@@ -141,7 +142,8 @@ class FocusSweepRun:
             self._show(state="failed", message=found.why_not or "no peak", points=found.points)
             return
         levelling = self._levelling(found, regions)
-        message = f"sharpest at {found.peak.height_mm:.3f} ± {found.peak.err_mm:.3f} mm"
+        half_mm = NORMAL_95 * found.peak.err_mm
+        message = f"sharpest at {found.peak.height_mm:.3f} ± {half_mm:.3f} mm"
         self._show(
             state="done",
             message=message,

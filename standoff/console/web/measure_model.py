@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from calibration.geometry import Levelling
+from calibration.sharpness import NORMAL_95
 from standoff.console.devices import EdgeReading, SharpnessView, SquarenessView
 from standoff.console.jobs import SweepView
 
@@ -95,11 +96,12 @@ def _levelling(found: Levelling | None) -> Document:
 
 
 def with_error(value: float, err: float | None) -> str:
-    """A value to the second digit of its standard error: ``0.5831 ± 0.0014``."""
+    """A value with half its 95 % interval, to two digits of that: ``0.5831 ± 0.0027``."""
     if err is None or not math.isfinite(err) or err <= 0:
         return f"{value:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(err)))
-    return f"{value:.{digits}f} ± {err:.{digits}f}"
+    half = NORMAL_95 * err
+    digits = max(0, 1 - math.floor(math.log10(half)))
+    return f"{value:.{digits}f} ± {half:.{digits}f}"
 
 
 def _short(value: float) -> float:
