@@ -35,6 +35,7 @@ def streaming(*script: Frame | float) -> tuple[AravisCamera, FakeClock]:
     connection = SimpleNamespace(
         info=None,
         settings=SETTINGS,
+        exposure_limits_us=(20.0, 1e6),
         warnings=(),
         is_lost=False,
         stream=QueueOfFrames(clock, iter(script)),
