@@ -192,8 +192,9 @@ class CameraService:
             with self._turn:
                 try:
                     self._live()
-                except StreamInterruptedError as error:
-                    self.lost(error)  # the next start reopens it with its settings
+                except (StreamInterruptedError, DeviceTimeoutError) as error:
+                    # The next start reopens it with its settings; whom it is lent to keeps it.
+                    self.lost(error)
                 except DeviceError as error:
                     self.lost(error)
                     self._drop()

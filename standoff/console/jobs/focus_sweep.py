@@ -56,6 +56,7 @@ class SweepView:
     points: tuple[FocusPoint, ...] = ()
     peak: FocusPeak | None = None
     levelling: Levelling | None = None
+    advice: str = ""
     revision: int = 0
 
     def curve(self) -> tuple[tuple[float, float], ...]:
@@ -150,6 +151,7 @@ class FocusSweepRun:
             points=found.points,
             peak=found.peak,
             levelling=levelling,
+            advice=_advice(plan, levelling),
         )
 
     def _sweep(self, job: Job, plan: SweepPlan) -> tuple[FocusSweep, tuple[Region, ...]]:
@@ -202,3 +204,12 @@ class FocusSweepRun:
         with self._lock:
             grown = self._view.revision + 1
             self._view = replace(self._view, **changes, revision=grown)  # type: ignore[arg-type]  # names and types are SweepView's
+
+
+def _advice(plan: SweepPlan, levelling: Levelling | None) -> str:
+    """Which side to raise, in words; empty where nobody asked."""
+    if not plan.has_field:
+        return ""
+    if levelling is None:
+        return "levelling needs detail in all four corners: use a textured target"
+    return levelling.advice

@@ -59,6 +59,7 @@ def sweep_document(view: SweepView) -> Document:
         "peak_mm": None if peak is None else round(peak.height_mm, 3),
         "peak_err_mm": None if peak is None else _short(peak.err_mm),
         **_levelling(view.levelling),
+        "advice": view.advice,
     }
 
 
