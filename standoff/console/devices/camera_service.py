@@ -81,6 +81,7 @@ class CameraService:
         self._requests: SimpleQueue[tuple[str, float]] = SimpleQueue()
         self._turn = Lock()
         self._is_wished = Event()
+        self._is_lent = False
         self._is_closing = Event()
         self._thread = Thread(target=self._run, name="camera service", daemon=True)
 
@@ -150,9 +151,11 @@ class CameraService:
         if camera is None or not self._status.is_ready:
             raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
         lent = _LentCamera(self, camera, check)
+        self._is_lent = True
         try:
             yield lent
         finally:
+            self._is_lent = False
             lent.give_back()
 
     # The methods below are for the lent camera and the thread.
@@ -192,12 +195,13 @@ class CameraService:
             with self._turn:
                 try:
                     self._live()
-                except (StreamInterruptedError, DeviceTimeoutError) as error:
-                    # The next start reopens it with its settings; whom it is lent to keeps it.
-                    self.lost(error)
+                except StreamInterruptedError as error:
+                    self.lost(error)  # the next start reopens it with its settings
                 except DeviceError as error:
                     self.lost(error)
-                    self._drop()
+                    # A job that it is lent to goes on with it, or fails by what it finds itself.
+                    if not (self._is_lent and isinstance(error, DeviceTimeoutError)):
+                        self._drop()
             if not self._status.is_ready:
                 self._is_closing.wait(RETRY_S)
         with self._turn:

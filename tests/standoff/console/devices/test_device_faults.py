@@ -49,11 +49,12 @@ class FailingCamera(ScriptedCamera):
     def __init__(self, *frames: Frame | BaseException) -> None:
         super().__init__(frames or steady_frames())
         self.start_error: Exception | None = None
-        self.closed = 0
+        self.starts = self.closed = 0
 
     def start(self) -> None:
         if self.start_error is not None:
             raise self.start_error
+        self.starts += 1
         super().start()
 
     def close(self) -> None:
@@ -312,3 +313,21 @@ def test_a_homing_that_fails_fails_as_itself_unless_the_operator_stopped_it(
         with pytest.raises(OperatorStopError):
             lent.move_to(100.0, 60.0)
         assert stage.moves_mm == []  # nothing moved
+
+
+def test_a_camera_that_falls_silent_between_two_captures_of_a_job_stays_the_jobs() -> None:
+    camera = FailingCamera(*steady(3))
+    opened: list[FailingCamera] = []
+
+    def the_same() -> Camera:
+        opened.append(camera)
+        return camera
+
+    with camera_service(the_same, clock=lambda: camera.clock.now_s) as service:
+        wait_for(lambda: bool(opened) and service.status.is_ready, "ready")
+        with service.lent() as lent:
+            begun = camera.starts
+            wait_for(lambda: camera.starts >= begun + 3, "begun again in vain")
+            assert (camera.closed, len(opened)) == (0, 1)
+            assert lent.settings == SETTINGS
+        wait_for(lambda: camera.closed > 0, "given back once nobody needs it")
