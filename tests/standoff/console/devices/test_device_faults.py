@@ -1,5 +1,6 @@
 """What the threads that own camera and stage do when a device fails in their hands."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -316,7 +317,9 @@ def test_a_homing_that_fails_fails_as_itself_unless_the_operator_stopped_it(
 
 
 def test_a_camera_that_falls_silent_between_two_captures_of_a_job_stays_the_jobs() -> None:
-    camera = FailingCamera(*steady(3))
+    is_silent = Event()
+    camera = FailingCamera()
+    camera.script = itertools.takewhile(lambda _: not is_silent.wait(0.001), steady_frames())
     opened: list[FailingCamera] = []
 
     def the_same() -> Camera:
@@ -326,8 +329,8 @@ def test_a_camera_that_falls_silent_between_two_captures_of_a_job_stays_the_jobs
     with camera_service(the_same, clock=lambda: camera.clock.now_s) as service:
         wait_for(lambda: bool(opened) and service.status.is_ready, "ready")
         with service.lent() as lent:
-            begun = camera.starts
-            wait_for(lambda: camera.starts >= begun + 3, "begun again in vain")
+            is_silent.set()
+            wait_for(lambda: camera.starts >= 3, "begun again in vain")
             assert (camera.closed, len(opened)) == (0, 1)
             assert lent.settings == SETTINGS
         wait_for(lambda: camera.closed > 0, "given back once nobody needs it")
