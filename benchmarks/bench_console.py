@@ -17,7 +17,13 @@ from pathlib import Path
 from playwright.sync_api import Page
 
 from benchmarks.harness import Recorder, bench_parser
-from tests.standoff.console.console_rig import ConsoleRig, console_rig, text
+from tests.standoff.console.console_rig import (
+    ConsoleRig,
+    console_rig,
+    take_control,
+    text,
+    wait_until,
+)
 
 SECONDS = 40.0
 ALONE_S = 20.0
@@ -88,6 +94,21 @@ def lost_frames(page: Page) -> tuple[int, int]:
     return int(lost), int(all_)
 
 
+def begin_measuring(rig: ConsoleRig, page: Page) -> None:
+    """Draw a region over an edge, and watch the four corners as well."""
+    rig.tell_mock("place edge 5")
+    take_control(page)
+    bounds = page.locator("#picture").bounding_box()
+    assert bounds is not None
+    for share, act in ((0.4, page.mouse.down), (0.6, page.mouse.up)):
+        page.mouse.move(
+            bounds["x"] + share * bounds["width"], bounds["y"] + share * bounds["height"]
+        )
+        act()
+    page.check("#watch-field")
+    wait_until(lambda: page.is_visible("#edge"), "an edge is measured")
+
+
 def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
     (console,) = pids_of("console", parent=os.getpid())
     time.sleep(3)
@@ -101,6 +122,7 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
     record.say(f"                  {lost - lost_at_first} of {all_ - all_at_first} frames lost")
     with rig.page() as one, rig.page() as other:
         pages = (one, other)
+        begin_measuring(rig, one)
         time.sleep(5)
         renderers = pids_of("--type=renderer", parent=os.getpid())
         lost_before, all_before = lost_frames(one)
@@ -108,6 +130,7 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
         begin_s, processor_s = time.monotonic(), process_of(console).processor_s
         latencies: list[float] = []
         worst: list[float] = []
+        measured: list[float] = []
         memory: list[tuple[float, float, float, float]] = []
         while (now_s := time.monotonic() - begin_s) < seconds:
             time.sleep(min(SAMPLE_S, seconds - now_s) if seconds > now_s else 0)
@@ -116,6 +139,7 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
                 latencies.append(median_ms)
                 worst.append(worst_ms)
                 page.evaluate("typeof gc === 'function' && gc()")
+            measured.append(float(text(one, "#edge-note").split(", ")[-1].removesuffix("/s")))
             memory.append(
                 (
                     time.monotonic() - begin_s,
@@ -140,6 +164,8 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
             f"                  {statistics.median(worst):5.1f} ms worst of a second, median"
         )
         record.say(f"frames lost       {lost_after - lost_before} of {all_after - all_before}")
+        record.say(f"edge measured     {statistics.median(measured):5.1f} times a second")
+        record.figure("measurements of edge and corners", statistics.median(measured), "1/s")
         record.figure("latency of a picture, median", statistics.median(latencies), "ms")
         record.figure("pictures a second for each of two viewers", min(rates), "1/s")
         record.figure(

@@ -17,7 +17,7 @@ connection.addEventListener("measure", ({ detail }) => {
     setText("edge-sigma", edge.sigma);
     setText("edge-mtf50", edge.mtf50);
     setText("edge-lp", edge.mtf50_lp);
-    setText("edge-note", `at ${edge.angle}°${edge.edges > 1 ? `, the longest of ${edge.edges}` : ""}`);
+    setText("edge-note", `at ${edge.angle}°${edge.edges > 1 ? `, the longest of ${edge.edges}` : ""}, ${detail.rate}/s`);
     drawEdge(byId("esf"), edge.distance, edge.levels);
   }
   byId("watch-field").checked = detail.has_field;

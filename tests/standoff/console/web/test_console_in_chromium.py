@@ -212,3 +212,42 @@ def test_a_dead_pages_control_is_free(rig: ConsoleRig) -> None:
             wait_until(lambda: "is in control" in text(second, "#control-text"), "second watches")
         wait_until(lambda: text(second, "#take-control") == "Take control", "control is free")
         take_control(second)
+
+
+def test_the_edge_under_the_region_is_measured_and_a_sweep_finds_the_focus(
+    rig: ConsoleRig,
+) -> None:
+    rig.tell_mock("place edge 5")
+    with rig.operator() as page:
+        move_to(page, 280)
+        wait_at(page, 280)
+        bounds = page.locator("#picture").bounding_box()
+        assert bounds is not None
+        page.mouse.move(bounds["x"] + 0.3 * bounds["width"], bounds["y"] + 0.3 * bounds["height"])
+        page.mouse.down()
+        page.mouse.move(bounds["x"] + 0.7 * bounds["width"], bounds["y"] + 0.7 * bounds["height"])
+        page.mouse.up()
+        wait_until(lambda: page.is_visible("#edge"), "an edge is measured")
+        away_px = float(text(page, "#edge-sigma").split(" ± ")[0])
+        assert "°" in text(page, "#edge-note")
+        page.check("#watch-field")
+        wait_until(lambda: page.locator(".corner:visible").count() == 4, "four corners")
+        page.click("#sweep-box summary")
+        for field, value in (("low", 240), ("high", 335), ("steps", 12)):
+            page.fill(f"#sweep-{field}", str(value))
+        page.check("#sweep-corners")
+        page.click("#sweep-form button")
+        wait_until(lambda: text(page, "#sweep-message").startswith("sweeping"), "it sweeps")
+        assert not page.is_enabled("#exposure") or not page.is_enabled("#home")
+        wait_until(lambda: text(page, "#sweep-message").startswith("sharpest at"), "a peak")
+        peak_mm, half_mm = (float(word) for word in text(page, "#sweep-message").split()[2:5:2])
+        # The lens is focused at 300 mm from the pupil, which is 12.5 mm above the height zero.
+        assert peak_mm == pytest.approx(287.5, abs=2 * half_mm + 0.5)
+        wait_at(page, peak_mm)
+        assert "four corners" in text(page, "#sweep-advice")  # the edge does not reach all
+        wait_until(
+            lambda: float(text(page, "#edge-sigma").split(" ± ")[0]) < away_px, "it is sharper"
+        )
+        page.uncheck("#watch-field")
+        page.click("#clear-region")
+        wait_until(lambda: not page.is_visible("#edge"), "nothing is measured")
