@@ -150,9 +150,12 @@ def judged(pair: PhotographPair, hypothesis: PoseHypothesis) -> Candidate | None
     """
     start = pair.directed(pair.pose_of(hypothesis.matrix))
     factor = comparison_factor(start.target.shape)
+    coarse_to_fine = _coarse_to_fine(start.target, factor)
+    if not start.pose.zoom * coarse_to_fine[0] < min(start.source.shape):
+        return None  # one pixel of the target covers the source; or no number
     found = _refined_and_judged(pair, hypothesis, start, [factor])
     if found is None or not found.is_clear:
-        other = _refined_and_judged(pair, hypothesis, start, _coarse_to_fine(start.target, factor))
+        other = _refined_and_judged(pair, hypothesis, start, coarse_to_fine)
         if found is None or (
             other is not None and other.agreement.evidence > found.agreement.evidence
         ):

@@ -16,7 +16,12 @@ from standoff.console.web.picture_commands import picture_commands
 from standoff.console.web.view_model import preview_document
 from standoff.errors import ApplicationError
 from standoff.terminal import flicker_warnings
-from standoff.workflows import PlannedComparisons, make_folder, write_session_report
+from standoff.workflows import (
+    PlannedComparisons,
+    make_folder,
+    make_results_folder,
+    write_session_report,
+)
 
 _FOR_ALL = (messages.Preview, messages.Probe, messages.Profile)
 """What a page may ask for that is not in control, because it changes nothing."""
@@ -183,7 +188,7 @@ class CommandHandler:
         path = self._hub.sessions.report_path(message.session)
 
         def work(_: Job) -> None:
-            make_folder(path.parent)
+            make_results_folder(session.path)
             write_session_report(session, path)
             self._hub.tell(f"The report of {message.session} has been written.")
 

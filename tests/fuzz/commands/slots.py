@@ -127,11 +127,15 @@ _LEAVES = {
     "detectability": ("out.sweep/",),
     "detectability of a folder": ("out",),
     "sr-pairs": ("out/",),
-    "report": ("series/results/validation.json",),
 }
+_NO_HEAD = ("nothing", "link to nothing", "link with a long name")
 _TAKES = {
     "compare --history": ("folder", "link to a folder"),
-    "report": ("nothing",),
+    "detectability of a folder": ("nothing",),
+    **dict.fromkeys(("report, psf", "report, changes", "report, pose"), ("nothing",)),
+    # A head may be lost in a power cut; the next event says so in the journal and writes a new one.
+    "session note, journal.head": _NO_HEAD,
+    "capture, journal.head": _NO_HEAD,
 }
 _ALTERS = {
     "session exclude": ("taken/journal.",),
@@ -152,7 +156,7 @@ def _slot(name: str, file: str, cases: Cases, line: str, *beside: str) -> Slot:
         leaves=_LEAVES.get(command, ()),
         alters=_ALTERS.get(command, ()),
         notes_odd_files=command in _LISTS,
-        takes=_TAKES.get(command, ()),
+        takes=_TAKES.get(name, ()),
     )
 
 
@@ -259,8 +263,8 @@ _ON_SESSIONS = {
     "calibrate --session": ("edges", "calibrate --session edges --out out.json"),
     "noise": ("noisy", "noise --session noisy --out out.json"),
     "geometry": (
-        "series",
-        "geometry --session series --scale 3 --focal-length-px 300 --out out.json",
+        "board",
+        "geometry --session board --out out.json",
     ),
     "validate": ("series", "validate --session series --psf @psf.json --models bicubic --out out"),
     "report": ("series", "report series"),
