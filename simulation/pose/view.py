@@ -170,6 +170,8 @@ def _checked_homography(
     matrix = np.array(homography, dtype=np.float64)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise ValueError(f"a homography must be a finite 3 x 3 matrix, got {homography!r}")
+    # Its scale is free: by a power of two, no digit changes and no product overflows.
+    matrix = np.ldexp(matrix, -int(np.frexp(np.abs(matrix).max())[1]))
     scaled = (
         np.diag([1 / reference[0], 1 / reference[1], 1.0])
         @ matrix

@@ -42,6 +42,8 @@ class Slot:
         Beginnings of what a refusal may leave: the results of the other files of a folder, say.
     alters
         Beginnings of what may have changed when the command has done its work.
+    takes_again
+        Beginnings of what may also have changed where a journal does not name a capture.
     notes_odd_files
         Whether the command goes on without an odd file, after a note.
     takes
@@ -56,6 +58,7 @@ class Slot:
     beside: tuple[str, ...] = ()
     leaves: tuple[str, ...] = ()
     alters: tuple[str, ...] = ()
+    takes_again: tuple[str, ...] = ()
     notes_odd_files: bool = False
     takes: tuple[str, ...] = ()
 
@@ -143,6 +146,7 @@ _ALTERS = {
     "capture": ("taken/journal.",),
     "import": ("imported/journal.",),
 }
+_TAKES_AGAIN = {"capture": ("taken/captures/",), "import": ("imported/captures/",)}
 
 
 def _slot(name: str, file: str, cases: Cases, line: str, *beside: str) -> Slot:
@@ -155,6 +159,7 @@ def _slot(name: str, file: str, cases: Cases, line: str, *beside: str) -> Slot:
         beside=beside,
         leaves=_LEAVES.get(command, ()),
         alters=_ALTERS.get(command, ()),
+        takes_again=_TAKES_AGAIN.get(command, ()),
         notes_odd_files=command in _LISTS,
         takes=_TAKES.get(name, ()),
     )
