@@ -41,6 +41,14 @@ def test_brackets_without_end_are_no_json_and_no_toml() -> None:
         parse_toml(f"a = {DEEP}")
 
 
+@pytest.mark.parametrize("text", ["\\ud800", "a\\uDFFF", "\\ude00\\ud83d"])
+def test_half_a_character_is_no_json(text: str) -> None:
+    with pytest.raises(ValueError, match="half a character"):
+        parse_json(f'{{"followup": "{text}"}}')
+    whole = "\\ud83d\\ude00 \\\\ud800"
+    assert parse_json(f'["{whole}"]') == ["😀 \\ud800"]
+
+
 def test_a_session_file_of_brackets_is_damaged() -> None:
     with pytest.raises(SessionError, match="damaged"):
         Manifest.from_bytes(DEEP.encode(), source="session.json")
@@ -125,7 +133,10 @@ def test_a_curve_of_unequal_lengths_is_refused_by_name(
         read_psf(tmp_path / "psf.json")
 
 
-@pytest.mark.parametrize(("row", "column", "value"), [(1, 1, 2**31), (1, 1, -1e300), (2, 2, 2**63)])
+@pytest.mark.parametrize(
+    ("row", "column", "value"),
+    [(1, 1, 2**31), (1, 1, -1e300), (2, 2, 2**63), (0, 1, 2**31), (1, 0, 3e38)],
+)
 @pytest.mark.parametrize("side", [0, 1])
 def test_a_pose_at_which_a_pixel_covers_the_photograph_leaves_nothing_in_common(
     row: int, column: int, value: float, side: int
