@@ -1,6 +1,7 @@
 """JSON, TOML and TIFF files from elsewhere: any fault in one is a ``ValueError``."""
 
 import json
+import re
 import struct
 import tomllib
 import zlib
@@ -17,6 +18,7 @@ LARGEST_RATIO = 2000
 MOST_BRACKETS = 3_000_000
 """Of one JSON document: an empty list takes two bytes of a file and 64 of memory."""
 
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 _TOO_DEEP = "its brackets are nested too deeply"
 TIFF_DAMAGE = (
     tifffile.TiffFileError,
@@ -54,17 +56,22 @@ def parse_json(  # the reader checks what it needs
     Raises
     ------
     ValueError
-        If it is not JSON, not UTF-8, nested deeper than the parser goes, or would fill the memory
-        with empty lists.
+        If it is not JSON, not UTF-8, nested deeper than the parser goes, would fill the memory with
+        empty lists, or escapes half a character, which no file can be written with.
     """
     hook = _without_repeats if has_single_keys else None
     decoded = text if isinstance(text, str) else text.decode("utf-8")
     if decoded.count("[") + decoded.count("{") > MOST_BRACKETS:
         raise ValueError(f"more than {MOST_BRACKETS} lists and objects")
     try:
-        return json.loads(decoded, object_pairs_hook=hook)
+        document = json.loads(decoded, object_pairs_hook=hook)
+        if _SURROGATE.search(decoded):
+            json.dumps(document, ensure_ascii=False).encode()
     except RecursionError as error:
         raise ValueError(_TOO_DEEP) from error
+    except UnicodeEncodeError as error:
+        raise ValueError("a text with half a character, a lone surrogate") from error
+    return document
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

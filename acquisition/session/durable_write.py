@@ -1,5 +1,10 @@
-"""Write a file so that after a power cut it is complete, or as it was before."""
+"""Write a file so that after a power cut it is complete, or as it was before.
 
+A session may have been received from someone else: what is written in it goes into its own files,
+never through a link.
+"""
+
+import errno
 import hashlib
 import os
 from collections.abc import Iterator
@@ -10,6 +15,8 @@ from typing import BinaryIO
 
 PART_SUFFIX = ".part"
 """Suffix of a file that is still being written; a leftover one is worthless."""
+
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 
 
 def atomic_write(path: Path, data: bytes | memoryview) -> None:
@@ -50,11 +57,44 @@ def fsync_directory(path: Path) -> None:
         os.close(descriptor)
 
 
+def open_part(path: Path) -> BinaryIO:
+    """Open a new file for what becomes ``path``; whatever is left over in its place is removed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    part = path.with_name(path.name + PART_SUFFIX)
+    try:
+        return part.open("x+b")
+    except FileExistsError:
+        part.unlink()  # of a run that was killed; or a link, a pipe
+        return part.open("x+b")
+
+
+def open_own(path: Path, flags: int) -> int:
+    """Open a file that is written where it lies; returns its descriptor.
+
+    Raises
+    ------
+    OSError
+        If it is a link, or cannot be opened.
+    """
+    try:
+        return os.open(path, flags | _NO_LINK, 0o666)
+    except OSError as error:
+        if error.errno == errno.ELOOP and path.is_symlink():
+            text = "a link, which is not written through; put the file itself there"
+            raise OSError(errno.ELOOP, text, str(path)) from error
+        raise
+
+
 @contextmanager
 def _part_of(path: Path) -> Iterator[BinaryIO]:
     part = path.with_name(path.name + PART_SUFFIX)
     try:
-        with part.open("w+b") as file:
+        with open_part(path) as file:
             yield file
         part.replace(path)
     except BaseException:

@@ -1,5 +1,6 @@
 """The journal of a session: one event per line, made durable before work continues."""
 
+import errno
 import os
 import uuid
 from collections.abc import Callable, Mapping
@@ -11,7 +12,7 @@ from typing import Any, Self
 
 from acquisition.errors import SessionError
 from acquisition.regular_files import size_text
-from acquisition.session.durable_write import PART_SUFFIX, fsync_directory
+from acquisition.session.durable_write import PART_SUFFIX, fsync_directory, open_own, open_part
 from acquisition.session.journal_chain import (
     HEAD_NAME,
     LARGEST_LINE_BYTES,
@@ -70,7 +71,7 @@ class JournalWriter:
         self._stamps = stamps
         self._chain, self._size = NO_LINES, 0
         try:
-            self._descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
+            self._descriptor = open_own(path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
         except OSError as error:
             raise self._refusal(error) from error
         try:
@@ -167,8 +168,9 @@ class JournalWriter:
             self._replace_head(JournalHead(lines=len(mended.events), chain=mended.chain))
 
     def _refusal(self, error: OSError) -> SessionError:
+        remedy = "" if error.errno == errno.ELOOP else "; check the disk and run again"
         return SessionError(
-            f"journal {self._path}: {error.strerror}; check the disk and run again",
+            f"journal {self._path}: {error.strerror}{remedy}",
             fault="unwritable",
             path=self._path,
         )
@@ -206,13 +208,12 @@ class JournalWriter:
         that lags behind is no fault.
         """
         path = self._path.with_name(HEAD_NAME)
-        part = path.with_name(path.name + PART_SUFFIX)
-        with part.open("wb") as file:
+        with open_part(path) as file:
             file.write(head.to_bytes())
             file.flush()
             os.fsync(self._descriptor)
             os.fsync(file.fileno())
-        part.replace(path)
+        path.with_name(path.name + PART_SUFFIX).replace(path)
 
 
 def _is_counted(reading: JournalReading) -> bool:

@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Self
@@ -24,6 +24,7 @@ _MEASURE_KEYS = ("Width", "Height", "limits_mm")
 _CONNECTION_KEYS = (("stage", "port"), ("camera", "address"), ("camera", "id"))
 """Keys of the bench under which a device is plugged in today; they do not tell which it is."""
 _KEYS = ("schema", "uid", "created_utc", "operator", "plan", "bench", "devices", "software")
+_BENCH_TABLES = ("camera", "stage", "capture")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,9 +78,8 @@ class Manifest:
         if set(document) != set(_KEYS):
             odd = tuple(sorted(set(document) ^ set(_KEYS)))
             raise SessionError(f"{source}: missing or unknown key: {', '.join(odd)}", keys=odd)
-        for key in ("plan", "bench", "devices", "software"):
-            if not isinstance(document[key], dict):
-                raise SessionError(f"{source}: {key} is not a table", keys=(key,))
+        for key in _no_tables(document):
+            raise SessionError(f"{source}: {key} is not a table", keys=(key,))
         return cls(
             uid=str(document["uid"]),
             created_utc=str(document["created_utc"]),
@@ -169,6 +169,19 @@ def _identity(info: DeviceInfo) -> dict[str, Any]:
         "DeviceSerialNumber": info.serial_number,
         "DeviceFirmwareVersion": info.firmware,
     }
+
+
+def _no_tables(document: Mapping[str, Any]) -> Iterator[str]:
+    """Dotted keys of what is looked into as a table and is none."""
+    for key in ("plan", "bench", "devices", "software"):
+        table = document[key]
+        if not isinstance(table, dict):
+            yield key
+        elif key in ("bench", "devices"):
+            for name, value in table.items():
+                is_table = key == "devices" or name in _BENCH_TABLES
+                if is_table and not isinstance(value, dict):
+                    yield f"{key}.{name}"
 
 
 def _with_defaults(bench: Mapping[str, Any]) -> Mapping[str, Any]:

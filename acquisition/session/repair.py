@@ -12,7 +12,7 @@ from acquisition.plan import plan_entries
 from acquisition.regular_files import LARGEST_JOURNAL_BYTES, read_regular_file
 from acquisition.session.capture_file import read_capture
 from acquisition.session.capture_files import file_sha256
-from acquisition.session.durable_write import atomic_write
+from acquisition.session.durable_write import atomic_write, open_own
 from acquisition.session.journal import SYSTEM_STAMPS, Stamps, lock_exclusively
 from acquisition.session.journal_chain import (
     HEAD_NAME,
@@ -113,7 +113,7 @@ def _manifest(path: Path) -> Manifest:
 @contextmanager
 def _locked(journal: Path) -> Iterator[None]:
     try:
-        descriptor = os.open(journal, os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = open_own(journal, os.O_RDWR | os.O_CREAT)
     except OSError as error:
         raise SessionError(f"{journal}: {error.strerror}", path=journal) from error
     try:

@@ -277,7 +277,7 @@ class SessionWriter:
             ).to_bytes()
             atomic_write(path, data)
         for folder in ("captures", "frames", "logs"):
-            (self.path / folder).mkdir(exist_ok=True)
+            _make_own_folder(self.path / folder)
         facts = {"operator": operator, "devices": devices, "software": software_versions()}
         if any(event.kind == "start" for event in self._journal.events):
             self._journal.append("resume", {**facts, "pending": len(self.pending_entries())})
@@ -355,6 +355,17 @@ def _prepare_directory(path: Path) -> None:
             fault="not a session",
             path=path,
         )
+
+
+def _make_own_folder(path: Path) -> None:
+    if path.is_symlink():
+        raise SessionError(
+            f"{path} is a link, and a session is written in its own folders alone; put the folder "
+            "itself there",
+            fault="unwritable",
+            path=path,
+        )
+    path.mkdir(exist_ok=True)
 
 
 def _write_failure(path: Path, error: OSError) -> SessionError:

@@ -6,7 +6,7 @@ the pair takes it to the target. What remains is compared with its own scatter.
 """
 
 from dataclasses import dataclass, field
-from math import inf, sqrt
+from math import inf, isfinite, sqrt
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from analysis.changes.matching import (
 )
 from analysis.changes.options import ChangeOptions
 from analysis.changes.photograph_pair import PhotographPair
-from analysis.errors import OverlapError
+from analysis.errors import AnalysisError, OverlapError
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
@@ -144,6 +144,8 @@ def compare(
 
     Raises
     ------
+    AnalysisError
+        If the noise leaves nothing to compare.
     OverlapError
         If the photographs share too little.
     """
@@ -322,6 +324,11 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     sd, share = _scatter(matched, difference)
     gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
     mean_gain = float(gain[valid].mean())
+    if not (mean_gain and isfinite(mean_gain)):
+        raise AnalysisError(
+            "beside this noise the photographs have nothing in common; check the noise that is "
+            "given, and that they show the same scene"
+        )
     plain = smoothed(pair.seen(0.0), smoothing.target_px)
     plain -= np.float32(fit.kernel.level_dn)
     plain *= gain

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from math import pi, sqrt
+from typing import Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration.edges.esfr import EdgeSfr
 from calibration.robust import robust_sigma
@@ -30,6 +31,14 @@ class AxisTransfer(BaseModel):
     mtf: tuple[float, ...] = Field(repr=False)
     edges: int | None = None
     mtf_err: tuple[float, ...] | None = Field(default=None, repr=False)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        count = len(self.freq_cy_per_px)
+        for name, values in (("mtf", self.mtf), ("mtf_err", self.mtf_err)):
+            if values is not None and len(values) != count:
+                raise ValueError(f"{name} must have {count} numbers, as freq_cy_per_px")
+        return self
 
 
 class MeasuredTransfer(BaseModel):

@@ -254,7 +254,11 @@ def _dark_group(
     darks = [record for record in records if record.kind == "dark"]
     wanted = bench.get("camera", {}).get("exposure_us")
     exposures = [record.exposure_us for record in darks if record.exposure_us is not None]
-    if transfer.dark.rate_dn_per_us == 0 or wanted is None or len(exposures) < len(darks):
+    if (
+        transfer.dark.rate_dn_per_us == 0
+        or not isinstance(wanted, int | float)
+        or len(exposures) < len(darks)
+    ):
         return frozenset(record.file for record in darks)
     nearest = min(exposures, key=lambda exposure: abs(exposure - wanted))
     return frozenset(record.file for record in darks if record.exposure_us == nearest)

@@ -22,6 +22,7 @@ from simulation.capture_noise import CaptureNoise
 NOISE_SCHEMA: Final = "standoff.noise/1"
 
 _MOST_FRAMES = 10**9  # a larger value is not a number of frames
+_LEAST, _MOST = 1e-9, 1e9  # levels of photographs end at 1e9; beyond, variances overflow
 _NAMES = ("dark", "flat", "defects")
 _TITLES = {
     "dark": "standoff noise: mean level without light, DN",
@@ -50,11 +51,11 @@ class NoiseCalibration(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
     schema_name: Literal["standoff.noise/1"] = Field(default=NOISE_SCHEMA, alias="schema")
-    gain_e_per_dn: float = Field(gt=0)
+    gain_e_per_dn: float = Field(gt=0, ge=_LEAST, le=_MOST)
     gain_e_per_dn_err: float | None = None
-    read_noise_e: float = Field(ge=0)
+    read_noise_e: float = Field(ge=0, le=_MOST)
     read_noise_e_err: float | None = None
-    black_level_dn: float
+    black_level_dn: float = Field(ge=-_MOST, le=_MOST)
     black_level_dn_err: float | None = None
     saturation_dn: float | None = None
     saturation_dn_err: float | None = None

@@ -37,6 +37,9 @@ _RIVAL_CORRELATION = 0.6
 _RIVAL_EVIDENCE = 0.3
 """Of the best pose's: shares of its correlation and evidence with which another is its rival."""
 
+_STRETCH_MAX = 8.0
+"""Of the zoom: a plane is then seen at less than a degree, and its blur fills the photograph."""
+
 _SAMPLES = 30_000
 _COARSER = 4
 _COARSE_SIDE_MIN_PX = 40
@@ -150,9 +153,15 @@ def judged(pair: PhotographPair, hypothesis: PoseHypothesis) -> Candidate | None
     """
     start = pair.directed(pair.pose_of(hypothesis.matrix))
     factor = comparison_factor(start.target.shape)
+    coarse_to_fine = _coarse_to_fine(start.target, factor)
+    zoom = start.pose.zoom
+    if not (zoom * coarse_to_fine[0] < min(start.source.shape)):
+        return None  # one pixel of the target covers the source; or no number
+    if not start.pose.stretch <= _STRETCH_MAX * zoom:
+        return None
     found = _refined_and_judged(pair, hypothesis, start, [factor])
     if found is None or not found.is_clear:
-        other = _refined_and_judged(pair, hypothesis, start, _coarse_to_fine(start.target, factor))
+        other = _refined_and_judged(pair, hypothesis, start, coarse_to_fine)
         if found is None or (
             other is not None and other.agreement.evidence > found.agreement.evidence
         ):

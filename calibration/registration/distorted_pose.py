@@ -44,13 +44,25 @@ class DistortedPose:
     @property
     def zoom(self) -> float:
         """Reference pixels per follow-up pixel at the follow-up's centre."""
+        ax, ay, dx, dy = self._steps_px
+        return float(np.sqrt(abs(ax * dy - ay * dx)))
+
+    @property
+    def stretch(self) -> float:
+        """Reference pixels that a step along a row or column passes there; of the two, the more."""
+        ax, ay, dx, dy = self._steps_px
+        return float(max(np.hypot(ax, ay), np.hypot(dx, dy)))
+
+    @property
+    def _steps_px(self) -> tuple[float, float, float, float]:
+        """Steps in the reference, x and y each, of one pixel across and one down at the centre."""
         rows, cols = self.followup_shape
         step = np.array([-0.5, 0.5])
         middle_y, middle_x = (rows - 1) / 2, (cols - 1) / 2
         across = self.to_reference_px(np.full(2, middle_y), middle_x + step)
         down = self.to_reference_px(middle_y + step, np.full(2, middle_x))
         (ay, ax), (dy, dx) = (np.diff(across)[:, 0], np.diff(down)[:, 0])
-        return float(np.sqrt(abs(ax * dy - ay * dx)))
+        return float(ax), float(ay), float(dx), float(dy)
 
     def with_(
         self, matrix: FloatArray, k1: float, displacement: SmoothDisplacement | None = None

@@ -16,6 +16,9 @@ from simulation.psf import Psf, PsfField
 _SINGULAR = 1e-9
 """Least determinant of a homography between frames scaled to unit squares, relative."""
 
+_LARGE_EXPONENT = 100
+"""Of two: products of four elements beyond it may overflow; their common scale is free."""
+
 _BORDER_POINTS = 33
 """Points along a side of a frame: a lens bends it, so its corners are not enough."""
 
@@ -170,6 +173,9 @@ def _checked_homography(
     matrix = np.array(homography, dtype=np.float64)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise ValueError(f"a homography must be a finite 3 x 3 matrix, got {homography!r}")
+    exponent = int(np.frexp(np.abs(matrix).max())[1])
+    if abs(exponent) > _LARGE_EXPONENT:
+        matrix = np.ldexp(matrix, -exponent)
     scaled = (
         np.diag([1 / reference[0], 1 / reference[1], 1.0])
         @ matrix

@@ -23,8 +23,7 @@ def report(
     """Write a report on a session and the results obtained from it so far."""
     from acquisition.session import Session, verify
     from standoff.workflows import (
-        RESULTS_FOLDER,
-        make_folder,
+        make_results_folder,
         require_writable,
         write_session_report,
     )
@@ -32,7 +31,7 @@ def report(
     refuse_suffix(out, "--out", {".html", ".htm", ".pdf"})
     refuse_overwriting([out], force=force)
     session = Session(directory)
-    results = make_folder(directory / RESULTS_FOLDER)
+    results = make_results_folder(directory)
     page = out or results / "report.html"
     require_writable([page])
     if not lexists(results / "psf.json"):

@@ -31,8 +31,8 @@ TOO_LARGE = (
 )
 
 
-def read_file(path: Path) -> bytes:
-    """Read a regular file of at most ``LARGEST_FILE_BYTES``.
+def read_file(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
+    """Read a regular file of at most ``most_bytes``.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def read_file(path: Path) -> bytes:
     """
     shown = on_one_line(path)
     try:
-        return read_regular_file(path, LARGEST_FILE_BYTES)
+        return read_regular_file(path, most_bytes)
     except OSError as error:
         raise ImageFileError(f"cannot read {shown}: {error.strerror}") from error
     except ValueError as error:  # a name with a zero byte

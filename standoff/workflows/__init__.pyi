@@ -73,6 +73,7 @@ from .image_files import (
 from .output_files import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     make_folder as make_folder,
+    make_results_folder as make_results_folder,
     require_writable as require_writable,
     write_file as write_file,
     written_together as written_together,
@@ -199,6 +200,7 @@ __all__ = [
     "judge_stream",
     "judged_pose",
     "make_folder",
+    "make_results_folder",
     "measure_curves",
     "open_bench",
     "open_camera",

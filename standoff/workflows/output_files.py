@@ -27,7 +27,7 @@ def require_writable(paths: Iterable[Path | None]) -> None:
         if path is None:
             continue
         if path.parent.name == RESULTS_FOLDER and (path.parent.parent / MANIFEST_NAME).is_file():
-            make_folder(path.parent)  # the folder of a session that has no results yet
+            make_results_folder(path.parent.parent)
         if not path.parent.is_dir():
             raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
         if path.is_dir():
@@ -49,6 +49,23 @@ def make_folder(path: Path) -> Path:
     except OSError as error:
         raise ApplicationError(f"cannot create the folder {path}: {error.strerror}") from error
     return path
+
+
+def make_results_folder(session: Path) -> Path:
+    """Make the folder for the results of a session, unless it exists.
+
+    Raises
+    ------
+    ApplicationError
+        If it cannot be created, or is a link: a session may have been received from someone else.
+    """
+    path = session / RESULTS_FOLDER
+    if path.is_symlink():
+        raise ApplicationError(
+            f"{path} is a link, and results are written in the session's own folder alone; put the "
+            "folder itself there"
+        )
+    return make_folder(path)
 
 
 def write_file(path: Path, data: bytes) -> None:

@@ -17,7 +17,7 @@ from calibration.registration import DistortedPose, register
 from standoff.photographs import Inputs, Photograph, read_image
 from standoff.workflows.comparison import ComparisonRequest
 from standoff.workflows.followup_series import SeriesRequest, find_changes_of_series
-from standoff.workflows.output_files import RESULTS_FOLDER, make_folder
+from standoff.workflows.output_files import RESULTS_FOLDER, make_folder, make_results_folder
 
 COMPARISONS_FOLDER = "changes"
 """Folder of a session's results for the comparisons, one folder a target in it."""
@@ -103,6 +103,7 @@ class PlannedComparisons:
             comparison = ComparisonRequest(psf=psf if psf.is_file() else None)
             inputs.add(comparison.psf)
             out = self.session / RESULTS_FOLDER / COMPARISONS_FOLDER / _folder_name(kind, target)
+            make_results_folder(self.session)
             request = SeriesRequest(
                 reference=reference.path,
                 followups=captures,

@@ -25,7 +25,7 @@ from standoff.workflows.provenance import provenance_of
 from standoff.workflows.reports import write_page
 from standoff.workflows.validation_run import session_validation
 
-_DEPTHS = ("", "*/", "*/*/", "*/*/*/")
+_DEPTHS = ("*/", "*/*/", "*/*/*/")
 """Folders below the results in which comparisons are looked for: changes, target, capture."""
 
 _SHOWN = 12
@@ -47,6 +47,8 @@ def write_session_report(session: Session, path: Path) -> None:
     """
     psf_path = session.path / RESULTS_FOLDER / "psf.json"
     psf = read_psf(psf_path) if lexists(psf_path) else None
+    # All that is shown is read before anything is written.
+    comparisons = _comparisons(session.path / RESULTS_FOLDER)
     if psf is not None and psf.edges:
         print_psf_remarks(psf)
     validation = None
@@ -61,7 +63,7 @@ def write_session_report(session: Session, path: Path) -> None:
     notes = SessionNotes(
         remarks=remarks,
         warnings=remarks_so_far(),
-        comparisons=_comparisons(session.path / RESULTS_FOLDER),
+        comparisons=comparisons,
         origin=origin,
     )
     page = render_session_report(session, psf, validation, notes)
@@ -90,7 +92,8 @@ def _comparisons(results: Path) -> tuple[ReportSection, ...]:
 
 
 def _found(results: Path, name: str) -> list[Path]:
-    return sorted(path for depth in _DEPTHS for path in results.glob(f"{depth}{name}"))
+    folders = [results, *(folder for depth in _DEPTHS for folder in results.glob(depth))]
+    return sorted(path for folder in folders if lexists(path := folder / name))
 
 
 def _name(path: Path, results: Path) -> str:

@@ -27,6 +27,7 @@ from standoff.terminal import note, progress_bar
 from standoff.workflows.output_files import (
     RESULTS_FOLDER,
     make_folder,
+    make_results_folder,
     write_file,
     written_together,
 )
@@ -102,14 +103,14 @@ def session_validation(session: Session, psf: Psf, psf_name: str) -> Validation:
     AnalysisError, ApplicationError, SessionError
         If the captures cannot be validated, or a file cannot be read or written.
     """
-    results = session.path / RESULTS_FOLDER
     stored = _stored_validation(session, psf)
     if stored is not None:
         return stored
     validation = _validated(session, psf, psf_name, ValidationSettings())
-    make_folder(results)
-    _write_tables(results, validation)
-    write_results(results / _FILE, validation)
+    results = make_results_folder(session.path)
+    with written_together(results / _FILE) as folder:
+        _write_tables(folder, validation)
+        write_results(folder / _FILE, validation)
     return validation
 
 

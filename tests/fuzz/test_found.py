@@ -1,6 +1,8 @@
 """Inputs that once came out as another error than the documented one: found by fuzzing."""
 
 import json
+import os
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +15,21 @@ from acquisition.plan import load_plan
 from acquisition.session.journal_reading import read_journal
 from acquisition.session.manifest import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
-from calibration.errors import NoiseFileError
-from calibration.files import read_noise
+from analysis.changes import ChangeOptions, find_changes
+from analysis.errors import AnalysisError
+from calibration.errors import NoiseFileError, PsfFileError, RegistrationError
+from calibration.files import read_noise, read_psf
+from calibration.registration import DistortedPose, RegistrationHints, register
+from simulation import GaussianPsf, simulate_pose
+from simulation.capture_noise import CaptureNoise
+from standoff.errors import ImageFileError
+from standoff.workflows.comparison.point_table import read_points
 from standoff.workflows.sr_dataset.record import ShardRecord
+from tests.acquisition.session_fixtures import writer
 from tests.fuzz.damage import DEEP
-from tests.fuzz.result_targets import MAPS, NOISE, damaged_map, read_kernel
+from tests.fuzz.result_targets import MAPS, NOISE, PSF, damaged_map, read_kernel
 from tests.fuzz.wire_targets import into_zaber
+from tests.standoff.changed_photographs import FAR, NEAR, ZOOM, changed_pair
 
 THOUSANDS_OF_DIGITS = "9" * 5000
 
@@ -28,6 +39,14 @@ def test_brackets_without_end_are_no_json_and_no_toml() -> None:
         parse_json(DEEP)
     with pytest.raises(ValueError, match="nested too deeply"):
         parse_toml(f"a = {DEEP}")
+
+
+@pytest.mark.parametrize("text", ["\\ud800", "a\\uDFFF", "\\ude00\\ud83d"])
+def test_half_a_character_is_no_json(text: str) -> None:
+    with pytest.raises(ValueError, match="half a character"):
+        parse_json(f'{{"followup": "{text}"}}')
+    whole = "\\ud83d\\ude00 \\\\ud800"
+    assert parse_json(f'["{whole}"]') == ["😀 \\ud800"]
 
 
 def test_a_session_file_of_brackets_is_damaged() -> None:
@@ -63,6 +82,94 @@ def test_a_number_that_is_none_is_refused_by_name(tmp_path: Path, key: str, valu
     path.write_text(json.dumps(NOISE | {key: "?"}).replace('"?"', value))
     with pytest.raises(NoiseFileError, match=key):
         read_noise(path)
+
+
+@pytest.mark.parametrize("value", [1e-300, 1e300, -1e300, 3e38])
+@pytest.mark.parametrize("key", ["gain_e_per_dn", "read_noise_e", "black_level_dn"])
+def test_noise_of_no_camera_is_refused_by_name(tmp_path: Path, key: str, value: float) -> None:
+    path = tmp_path / "noise.json"
+    path.write_text(json.dumps(NOISE | {key: value}))
+    if value == 1e-300 and key != "gain_e_per_dn":
+        read_noise(path)
+        return
+    with pytest.raises(NoiseFileError, match=key):
+        read_noise(path)
+
+
+def test_noise_that_hides_everything_leaves_nothing_to_compare() -> None:
+    noise = CaptureNoise(gain_e_per_dn=5.0, read_noise_e=12.0, black_level_dn=-1e300)
+    pair = changed_pair(1, 25.0)
+    pose = DistortedPose(
+        matrix=np.diag([ZOOM, ZOOM, 1.0]), k1=0.0, reference_shape=NEAR, followup_shape=FAR
+    )
+    with np.errstate(all="ignore"), pytest.raises(AnalysisError, match="nothing in common"):
+        find_changes(pair.reference, pair.followup, options=ChangeOptions(pose=pose, noise=noise))
+
+
+@pytest.mark.parametrize("value", [3e38, None, "text", []])
+@pytest.mark.parametrize(
+    "key", ["devices.camera", "devices.lens", "bench.camera", "bench.stage", "bench.capture"]
+)
+def test_a_part_of_a_session_that_is_no_table_is_refused_by_name(
+    tmp_path: Path, key: str, value: object
+) -> None:
+    writer(tmp_path / "s").close()
+    document = json.loads((tmp_path / "s" / "session.json").read_bytes())
+    part, _, name = key.partition(".")
+    document[part][name] = value
+    with pytest.raises(SessionError, match=rf"{key} is not a table"):
+        Manifest.from_bytes(json.dumps(document).encode(), source="session.json")
+
+
+@pytest.mark.parametrize("name", ["freq_cy_per_px", "mtf", "mtf_err"])
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_curve_of_unequal_lengths_is_refused_by_name(
+    tmp_path: Path, axis: str, name: str
+) -> None:
+    document = deepcopy(PSF)
+    del document["transfer"][axis][name][25]
+    (tmp_path / "psf.json").write_text(json.dumps(document))
+    with pytest.raises(PsfFileError, match=rf"transfer\.{axis}: mtf.* must have \d+ numbers"):
+        read_psf(tmp_path / "psf.json")
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value"),
+    [(1, 1, 2**31), (1, 1, -1e300), (2, 2, 2**63), (0, 1, 2**31), (1, 0, 3e38)],
+)
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_pose_at_which_a_pixel_covers_the_photograph_leaves_nothing_in_common(
+    row: int, column: int, value: float, side: int
+) -> None:
+    matrix = np.eye(3)
+    matrix[row, column] = value
+    photographs = [np.random.default_rng(seed).normal(size=(64, 80)) for seed in (1, 2)]
+    hints = RegistrationHints(matrix=matrix)
+    with np.errstate(all="ignore"), pytest.raises(RegistrationError):
+        register(photographs[side], photographs[1 - side], hints=hints)
+
+
+def test_a_singular_pose_of_any_size_is_refused_without_a_warning() -> None:
+    image = np.random.default_rng(1).normal(size=(40, 50))
+    psf = GaussianPsf(sigma_x_px=0.7, sigma_y_px=0.7)
+    for row, column in ((1, 0), (2, 0)):
+        matrix = np.eye(3)
+        matrix[row, column] = 1e300
+        with pytest.raises(ValueError, match="singular"):
+            simulate_pose(image, matrix, (30, 20), psf)
+    small, large = (
+        simulate_pose(image, scale * np.diag([1.5, 1.5, 1.0]), (30, 20), psf)
+        for scale in (1.0, 2.0**1000)
+    )
+    assert np.array_equal(small.image, large.image)
+
+
+def test_a_table_of_points_beyond_its_size_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.touch()
+    os.truncate(path, 60_000_000)
+    with pytest.raises(ImageFileError, match="at most 16 MiB are read"):
+        read_points(path)
 
 
 def test_a_damaged_map_is_named_though_its_sum_is_right() -> None:

@@ -18,6 +18,8 @@ FEWEST_POINTS = 4
 """A homography has eight unknowns, and each pair of points gives two equations."""
 
 _MOST_POINTS = 100_000
+_MOST_BYTES = 16 << 20
+"""Twice the four numbers of the most points, written out in full."""
 
 
 def read_points(path: Path) -> FeatureMatches:
@@ -31,7 +33,7 @@ def read_points(path: Path) -> FeatureMatches:
     """
     name = on_one_line(path)
     try:
-        text = read_file(path).decode("utf-8-sig")
+        text = read_file(path, _MOST_BYTES).decode("utf-8-sig")
         table = csv.DictReader(StringIO(text, newline=""), strict=True)
         present = [column.strip() for column in table.fieldnames or ()]
         missing = [column for column in POINT_COLUMNS if column not in present]

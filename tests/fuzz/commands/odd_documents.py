@@ -67,12 +67,16 @@ def odd_journal(sound: bytes) -> Iterator[OddFile]:
     texts = [_text_of(line) for line in lines]
     for kind, name, changed in _rearranged(texts):
         numbered = [_numbered(text, place) for place, text in enumerate(changed, start=1)]
-        yield OddFile(kind=f"chained {kind}", name=name, make=partial(_write_chained, numbered))
+        chained = partial(_write_chained, numbered)
+        yield OddFile(kind=f"chained {kind}", name=name, make=chained, is_chained_anew=True)
     for index in sorted({0, 1, len(texts) // 2, len(texts) - 1}):
         for kind, name, event in _values(json.loads(texts[index]), most=60):
             chained = partial(_chain_with, event, texts, index)
             yield OddFile(
-                kind=f"chained event {kind}", name=f"line {index + 1}: {name}", make=chained
+                kind=f"chained event {kind}",
+                name=f"line {index + 1}: {name}",
+                make=chained,
+                is_chained_anew=True,
             )
         for kind, name, event in _values(json.loads(lines[index]), most=15):
             altered = partial(_lines_with, event, lines, index)

@@ -13,13 +13,16 @@ class OddFile:
     """One case.
 
     ``kind`` is what is wrong with it, shared by similar cases. ``make`` puts it at a path.
-    ``is_refused`` says that no command may take it for a sound file.
+    ``is_refused`` says that no command may take it for a sound file. ``is_chained_anew`` marks a
+    journal whose chain vouches for it: a capture that it does not name does not exist, and the next
+    run may take it again.
     """
 
     kind: str
     name: str
     make: Made
     is_refused: bool = False
+    is_chained_anew: bool = False
 
 
 def of_bytes(kind: str, name: str, data: bytes, *, is_refused: bool = False) -> OddFile:

@@ -20,8 +20,11 @@ from tempfile import TemporaryFile
 from typing import Any
 from unittest.mock import patch
 
-HANGS_AFTER_S = 120
-"""Clock time at which a command is killed; a busy machine stretches what takes seconds."""
+MOST_CPU_S = 60
+"""Processor time at which a command is killed that never ends."""
+
+HANGS_AFTER_S = 600
+"""Clock time at which one is killed that waits; a busy machine stretches what takes seconds."""
 
 ROOT = Path(__file__).parents[3]
 ADDRESS_SPACE_BYTES = 6 << 30
@@ -135,6 +138,7 @@ def _in_a_child(arguments: list[str], folder: str) -> Ended:
             os.dup2(err.fileno(), 2)
             resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_BYTES, ADDRESS_SPACE_BYTES))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
             signal.setitimer(signal.ITIMER_REAL, HANGS_AFTER_S)
             status = _status_of(arguments)
             sys.stdout.flush()

@@ -42,6 +42,8 @@ class Slot:
         Beginnings of what a refusal may leave: the results of the other files of a folder, say.
     alters
         Beginnings of what may have changed when the command has done its work.
+    takes_again
+        Beginnings of what may also have changed where a journal does not name a capture.
     notes_odd_files
         Whether the command goes on without an odd file, after a note.
     takes
@@ -56,6 +58,7 @@ class Slot:
     beside: tuple[str, ...] = ()
     leaves: tuple[str, ...] = ()
     alters: tuple[str, ...] = ()
+    takes_again: tuple[str, ...] = ()
     notes_odd_files: bool = False
     takes: tuple[str, ...] = ()
 
@@ -127,11 +130,15 @@ _LEAVES = {
     "detectability": ("out.sweep/",),
     "detectability of a folder": ("out",),
     "sr-pairs": ("out/",),
-    "report": ("series/results/validation.json",),
 }
+_NO_HEAD = ("nothing", "link to nothing", "link with a long name")
 _TAKES = {
     "compare --history": ("folder", "link to a folder"),
-    "report": ("nothing",),
+    "detectability of a folder": ("nothing",),
+    **dict.fromkeys(("report, psf", "report, changes", "report, pose"), ("nothing",)),
+    # A head may be lost in a power cut; the next event says so in the journal and writes a new one.
+    "session note, journal.head": _NO_HEAD,
+    "capture, journal.head": _NO_HEAD,
 }
 _ALTERS = {
     "session exclude": ("taken/journal.",),
@@ -139,6 +146,7 @@ _ALTERS = {
     "capture": ("taken/journal.",),
     "import": ("imported/journal.",),
 }
+_TAKES_AGAIN = {"capture": ("taken/captures/",), "import": ("imported/captures/",)}
 
 
 def _slot(name: str, file: str, cases: Cases, line: str, *beside: str) -> Slot:
@@ -151,8 +159,9 @@ def _slot(name: str, file: str, cases: Cases, line: str, *beside: str) -> Slot:
         beside=beside,
         leaves=_LEAVES.get(command, ()),
         alters=_ALTERS.get(command, ()),
+        takes_again=_TAKES_AGAIN.get(command, ()),
         notes_odd_files=command in _LISTS,
-        takes=_TAKES.get(command, ()),
+        takes=_TAKES.get(name, ()),
     )
 
 
@@ -259,8 +268,8 @@ _ON_SESSIONS = {
     "calibrate --session": ("edges", "calibrate --session edges --out out.json"),
     "noise": ("noisy", "noise --session noisy --out out.json"),
     "geometry": (
-        "series",
-        "geometry --session series --scale 3 --focal-length-px 300 --out out.json",
+        "board",
+        "geometry --session board --out out.json",
     ),
     "validate": ("series", "validate --session series --psf @psf.json --models bicubic --out out"),
     "report": ("series", "report series"),

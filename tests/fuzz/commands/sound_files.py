@@ -17,6 +17,7 @@ from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_session import edge_session
 from tests.fuzz.result_targets import CHANGES, CURVES, GEOMETRY, HOMOGRAPHY, NOISE, POSE, PSF
 from tests.standoff.changed_photographs import FAR, NEAR, ZOOM, changed_pair
+from tests.standoff.commands.board_session import BOARD_BENCH, BOARD_PLAN
 from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN
 
 SIDE = 96
@@ -37,7 +38,7 @@ exposure_us = [1000.0, 2000.0, 4000.0, 6000.0, 8000.0, 16000.0]
 
 
 def make_sound_files(folder: Path) -> None:
-    """Write them all, and the sessions ``series``, ``edges``, ``taken`` and ``noisy``."""
+    """Write them all, and sessions: ``series``, ``edges``, ``board``, ``taken`` and ``noisy``."""
     rng = np.random.default_rng(5)
     levels = np.rint(edge_image(0.8, 5.0)).astype(np.uint16)
     tifffile.imwrite(folder / "edge.tif", levels)
@@ -75,6 +76,8 @@ def make_sound_files(folder: Path) -> None:
     (folder / "bench.toml").write_text(SMALL_BENCH)
     (folder / "plan.toml").write_text(TAKEN_PLAN)
     (folder / "noise-plan.toml").write_text(NOISE_PLAN)
+    (folder / "board-bench.toml").write_text(BOARD_BENCH)
+    (folder / "board-plan.toml").write_text(BOARD_PLAN)
     _make_sessions(folder)
 
 
@@ -86,10 +89,14 @@ def _make_sessions(folder: Path) -> None:
     edge_session(folder / "edges")
     words = ("import", str(folder / "edge.tif"), "--kind", "edge", "--height-mm", "100")
     assert run([*words, "--out", str(folder / "imported")]) == 0
-    for name, plan in (("taken", "plan.toml"), ("noisy", "noise-plan.toml")):
+    for name, bench, plan in (
+        ("taken", "bench.toml", "plan.toml"),
+        ("noisy", "bench.toml", "noise-plan.toml"),
+        ("board", "board-bench.toml", "board-plan.toml"),
+    ):
         taken = run(
             [
-                *("capture", "--bench", str(folder / "bench.toml"), "--plan", str(folder / plan)),
+                *("capture", "--bench", str(folder / bench), "--plan", str(folder / plan)),
                 *("--out", str(folder / name), "--yes"),
             ]
         )

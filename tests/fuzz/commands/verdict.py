@@ -39,6 +39,8 @@ def faults_of(server: CommandServer, slot: Slot, odd: OddFile | None, root: Path
     if ended.status in REFUSALS:
         faults += [f"refused, yet wrote {name}" for name in new if not name.startswith(slot.leaves)]
     may_change = () if ended.status in REFUSALS else slot.alters
+    if may_change and odd.is_chained_anew:
+        may_change += slot.takes_again
     faults += [
         f"altered {name}"
         for name, was in before.items()

@@ -218,7 +218,7 @@ def test_a_field_of_one_measured_shape_is_that_lens(model: PoseModel) -> None:
     )
     one = simulate_pose(reference, matrix, SIZE, ASTIGMATIC.psf, PoseOptions(model=model))
     even = simulate_pose(reference, matrix, SIZE, field, PoseOptions(model=model))
-    # The shape's stretch is the identity but for rounding: 1.3e-6 or 4.5e-6 DN with lmmse, by processor.
+    # The shape's stretch is the identity but for rounding: 1.3e-6 or 4.5e-6 DN by processor.
     np.testing.assert_allclose(even.image, one.image, rtol=0, atol=2e-5)
     np.testing.assert_array_equal(even.nearer, one.nearer)
 

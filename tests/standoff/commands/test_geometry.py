@@ -3,30 +3,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.standoff.conftest import SMALL_BENCH, Command
+from tests.standoff.commands.board_session import BOARD_BENCH, BOARD_PLAN
+from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
-
-PLAN = """
-schema = "standoff.plan/1"
-name = "geometry"
-heights_mm = [160.0, 220.0, 300.0]
-frames_per_capture = 4
-
-[[targets]]
-kind = "board"
-target = "board"
-orientations_deg = [5.0]
-"""
 
 
 def board_session(command: Command, folder: Path) -> Path:
     """Three captures of the board by a small camera."""
     bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
-    wider = SMALL_BENCH.replace("width_px = 160", "width_px = 320").replace(
-        "height_px = 128", "height_px = 240\npupil_offset_mm = 12.5"
-    )
-    bench.write_text(wider.replace("pixel_pitch_um = 8.3", "pixel_pitch_um = 20.0"))
-    plan.write_text(PLAN)
+    bench.write_text(BOARD_BENCH)
+    plan.write_text(BOARD_PLAN)
     done = command("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
     assert done.status == 0, done.err
     return path
