@@ -81,7 +81,7 @@ class RawClient:
         self.features: dict[str, Feature] = {
             feature.name: feature for feature in features_of(None, has_temperature=True)
         }
-        self._requests = itertools.count(1)
+        self._requests = itertools.cycle(range(1, 2**16))
         self.control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.stream = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)

@@ -103,6 +103,6 @@ def test_on_a_phone_nothing_is_too_small_or_too_wide(rig: ConsoleRig) -> None:
         "/plans/edit?plan=typed",
     ):
         with rig.page(path, **phone) as page:
-            page.wait_for_selector("#take-control:visible")
+            take_control(page)
             assert page.evaluate("document.documentElement.scrollWidth") == 390
             assert page.evaluate(small) == []
