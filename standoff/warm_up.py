@@ -94,7 +94,8 @@ def _capture_and_focus() -> None:
     config = load_bench(shipped_config("demo_bench.toml"))
     with open_bench(config) as bench:
         mean = average_frames(bench.camera, 2, keep_frame=frames.append, clock=bench.clock)
-    for image, measure in product((frames[0], mean.mean_dn), FOCUS_MEASURES):
+    kinds = (frames[0], frames[0].astype(np.uint8), mean.mean_dn)
+    for image, measure in product(kinds, FOCUS_MEASURES):
         focus_value(image, black_level_dn=0.0, measure=measure)
     place = np.linspace(0.0, 8.0, 4).reshape(2, 2)
     PeriodicImage(np.eye(8, dtype=np.float32)).blurred(place, place, 1.0)

@@ -208,7 +208,11 @@ def sweep_focus(
             stage.home(home_timeout_s(stage_config))
         for height_mm in heights_mm:
             read_back_mm = stage.move_to(height_mm, move_timeout_s(stage_config))
-            point = _point(devices, read_back_mm, options, frames, field)
+            try:
+                point = _point(devices, read_back_mm, options, frames, field)
+            except StreamInterruptedError:
+                # Starting again reopens the camera.
+                point = _point(devices, read_back_mm, options, frames, field)
             points.append(point)
             progress(point)
     except BaseException as error:

@@ -45,6 +45,10 @@ class MeasureKernel:
 
     def sums(self, image_dn: Levels) -> PictureSums:
         """Take the sums of an image of shape ``(rows, cols)`` in one pass."""
+        # One kind of array for all: another one is compiled anew, which takes a second or more and
+        # keeps a live camera waiting.
+        image_dn = np.ascontiguousarray(image_dn).view()
+        image_dn.flags.writeable = False
         # The type of the zero is the type of the sums: exact for integers.
         is_whole = image_dn.dtype.kind in "ui"
         zero = np.int64(0) if is_whole else np.float64(0)

@@ -1,6 +1,7 @@
 """A focus sweep from the page: the stage moves, the curve grows, the peak is fitted."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Literal
@@ -10,7 +11,7 @@ import numpy as np
 from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.bracket import ExposureControl
 from acquisition.choices import FEWEST_POSITIONS
-from acquisition.errors import OperatorStopError
+from acquisition.errors import OperatorStopError, StreamInterruptedError
 from acquisition.focus import FocusOptions, FocusPeak, FocusPoint, Region
 from acquisition.stages import refuse_beyond_limits
 from calibration.geometry import Levelling, level_by_focus
@@ -157,8 +158,10 @@ class FocusSweepRun:
     def _sweep(self, job: Job, plan: SweepPlan) -> tuple[FocusSweep, tuple[Region, ...]]:
         with self._camera.lent(job.check) as camera:
             settings = camera.settings
-            # The live picture may have changed the exposure a moment ago.
-            ExposureControl(camera, None, self._clock).settle(settings.exposure_us)
+            # The live picture may have changed the exposure a moment ago. A stream that breaks off
+            # is begun again by the first height.
+            with suppress(StreamInterruptedError):
+                ExposureControl(camera, None, self._clock).settle(settings.exposure_us)
             shape = settings.height_px, settings.width_px
             regions = tuple(field_regions(shape).values()) if plan.has_field else ()
             request = SweepRequest(
