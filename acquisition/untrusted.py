@@ -49,9 +49,11 @@ class TiffPages:
 
 
 def parse_json(  # the reader checks what it needs
-    text: str | bytes, *, has_single_keys: bool = False
+    text: str | bytes, *, has_single_keys: bool = False, has_file_names: bool = False
 ) -> Any:  # noqa: ANN401
     """Read one JSON document; with ``has_single_keys`` no object may repeat one.
+
+    With ``has_file_names`` a text may hold bytes that are no UTF-8, escaped as PEP 383 does.
 
     Raises
     ------
@@ -66,7 +68,8 @@ def parse_json(  # the reader checks what it needs
     try:
         document = json.loads(decoded, object_pairs_hook=hook)
         if _SURROGATE.search(decoded):
-            json.dumps(document, ensure_ascii=False).encode()
+            errors = "surrogateescape" if has_file_names else "strict"
+            json.dumps(document, ensure_ascii=False).encode(errors=errors)
     except RecursionError as error:
         raise ValueError(_TOO_DEEP) from error
     except UnicodeEncodeError as error:

@@ -23,6 +23,7 @@ NOISE_SCHEMA: Final = "standoff.noise/1"
 
 _MOST_FRAMES = 10**9  # a larger value is not a number of frames
 _LEAST, _MOST = 1e-9, 1e9  # levels of photographs end at 1e9; beyond, variances overflow
+_MOST_E = _MOST * _MOST  # the largest level at the largest gain
 _NAMES = ("dark", "flat", "defects")
 _TITLES = {
     "dark": "standoff noise: mean level without light, DN",
@@ -53,7 +54,7 @@ class NoiseCalibration(BaseModel):
     schema_name: Literal["standoff.noise/1"] = Field(default=NOISE_SCHEMA, alias="schema")
     gain_e_per_dn: float = Field(gt=0, ge=_LEAST, le=_MOST)
     gain_e_per_dn_err: float | None = None
-    read_noise_e: float = Field(ge=0, le=_MOST)
+    read_noise_e: float = Field(ge=0, le=_MOST_E)
     read_noise_e_err: float | None = None
     black_level_dn: float = Field(ge=-_MOST, le=_MOST)
     black_level_dn_err: float | None = None

@@ -47,6 +47,16 @@ def test_half_a_character_is_no_json(text: str) -> None:
         parse_json(f'{{"followup": "{text}"}}')
     whole = "\\ud83d\\ude00 \\\\ud800"
     assert parse_json(f'["{whole}"]') == ["😀 \\ud800"]
+    with pytest.raises(ValueError, match="half a character"):
+        parse_json(f'{{"followup": "{text}"}}', has_file_names=True)
+
+
+def test_the_name_of_a_file_need_not_be_utf_8() -> None:
+    name = os.fsdecode(b"scene\x80.tif")
+    text = json.dumps([name])
+    assert parse_json(text, has_file_names=True) == [name]
+    with pytest.raises(ValueError, match="half a character"):
+        parse_json(text)
 
 
 def test_a_session_file_of_brackets_is_damaged() -> None:

@@ -56,6 +56,6 @@ class FollowupRecord(BaseModel):
     def read(cls, path: Path) -> Self | None:
         """Read a record; None if there is none, or none that can be believed."""
         try:
-            return cls.model_validate(parse_json(read_regular_file(path)))
+            return cls.model_validate(parse_json(read_regular_file(path), has_file_names=True))
         except (OSError, ValidationError, ValueError):
             return None

@@ -156,7 +156,7 @@ def _image_folders(out: Path) -> list[Path]:
 
 def _stored_settings(about: Path) -> object:
     try:
-        stored = parse_json(read_regular_file(about))
+        stored = parse_json(read_regular_file(about), has_file_names=True)
     except ValueError:
         return None
     if isinstance(stored, dict):

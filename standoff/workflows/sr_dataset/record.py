@@ -87,7 +87,7 @@ class ShardRecord(_Stored):
     def read(cls, path: Path) -> "ShardRecord | None":
         """Read a record; None if there is none, or none that can be believed."""
         try:
-            document: Any = parse_json(read_regular_file(path))
+            document: Any = parse_json(read_regular_file(path), has_file_names=True)
             return cls.model_validate(document)
         except (OSError, ValidationError, ValueError):
             return None

@@ -28,7 +28,9 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleRig]:
         assert {urlsplit(url).hostname for url in made.requests} == {"127.0.0.1"}
 
 
-def test_a_plan_is_typed_run_looked_at_and_calibrated(rig: ConsoleRig) -> None:
+@pytest.fixture(scope="module")
+def captured(rig: ConsoleRig) -> ConsoleRig:
+    """The console, after a plan was typed and run."""
     with rig.operator() as page:
         page.goto(f"{rig.url}plans/edit")
         heights = page.locator("#plan-form [name=heights]").first
@@ -55,7 +57,12 @@ def test_a_plan_is_typed_run_looked_at_and_calibrated(rig: ConsoleRig) -> None:
         rig.tell_mock("place edge 5")
         page.click("#prompt-choices button >> nth=0")
         wait_until(lambda: text(page, "#run-state") == "finished", "session finished")
+    return rig
 
+
+def test_a_typed_and_captured_plan_is_looked_at_and_calibrated(captured: ConsoleRig) -> None:
+    rig = captured
+    with rig.operator() as page:
         page.goto(f"{rig.url}sessions/typed%20once/captures/0")
         wait_until(lambda: "240 × 180 pixels" in text(page, "#reading"), "levels are loaded")
         page.hover("#levels")
@@ -78,7 +85,8 @@ def test_a_plan_is_typed_run_looked_at_and_calibrated(rig: ConsoleRig) -> None:
         opened.value.wait_for_selector("text=PSF calibration")
 
 
-def test_a_capture_is_excluded_and_included_from_the_page(rig: ConsoleRig) -> None:
+def test_a_capture_is_excluded_and_included_from_the_page(captured: ConsoleRig) -> None:
+    rig = captured
     with rig.page("/sessions/typed%20once") as page:
         take_control(page)
         page.wait_for_selector("[data-exclude='1']:enabled")
@@ -91,7 +99,8 @@ def test_a_capture_is_excluded_and_included_from_the_page(rig: ConsoleRig) -> No
     assert len(Session(rig.sessions / "typed once").records) == 2
 
 
-def test_on_a_phone_nothing_is_too_small_or_too_wide(rig: ConsoleRig) -> None:
+def test_on_a_phone_nothing_is_too_small_or_too_wide(captured: ConsoleRig) -> None:
+    rig = captured
     small = """() => [...document.querySelectorAll("main a, main button, main select, main input")]
         .filter(e => e.type !== "checkbox" && !e.closest("h2") && e.getBoundingClientRect().width)
         .filter(e => e.getBoundingClientRect().height < 44).map(e => e.outerHTML)"""
