@@ -35,6 +35,17 @@ class OtfTable(BaseModel):
     otf: tuple[tuple[float, ...], ...]
     otf_err: tuple[tuple[float, ...], ...]
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        shape = [len(self.freq_cy_per_px)] * len(self.angle_deg)
+        for name, rows in (("otf", self.otf), ("otf_err", self.otf_err)):
+            if [len(row) for row in rows] != shape:
+                raise ValueError(
+                    f"{name} must have {len(shape)} rows of {len(self.freq_cy_per_px)} numbers, "
+                    "as there are angles and frequencies"
+                )
+        return self
+
 
 class Transfer2d(BaseModel):
     """Transfer function of lens and pixel over both axes, from the pixels of all edges at once.

@@ -7,7 +7,9 @@ from pathlib import Path
 from threading import Event, Lock
 from typing import Literal
 
-from acquisition.bench import BenchConfig, BenchDevices
+from pydantic import ValidationError
+
+from acquisition.bench import BenchConfig, BenchDevices, CameraConfig
 from acquisition.bracket import ExposureControl
 from acquisition.capture import CaptureProgress, Placement, RunOperator, run_plan
 from acquisition.devices import Camera
@@ -97,7 +99,7 @@ def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig
     Raises
     ------
     SessionError
-        If there is a session that cannot be read.
+        If there is a session that cannot be read, or whose exposure or gain is none.
     """
     exposure_us, gain_db = camera.settings.exposure_us, camera.settings.gain_db
     if gain_db is None:  # it is in counts, which only the bench file sets
@@ -106,8 +108,19 @@ def session_bench(path: Path, bench: BenchConfig, camera: Camera) -> BenchConfig
         begun = Session(path).bench.get("camera", {})
         exposure_us = begun.get("exposure_us", exposure_us)
         gain_db = begun.get("gain_db", gain_db)
-    update = {"exposure_us": exposure_us, "gain_db": gain_db}
-    return bench.model_copy(update={"camera": bench.camera.model_copy(update=update)})
+    settings = bench.camera.model_dump() | {"exposure_us": exposure_us, "gain_db": gain_db}
+    try:
+        settled = CameraConfig.model_validate(settings)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(("bench", "camera", *(str(part) for part in fault["loc"])))
+        raise SessionError(
+            f"{path / MANIFEST_NAME}: {key}: {fault['msg']}; restore it from a copy",
+            fault="damaged",
+            path=path / MANIFEST_NAME,
+            keys=(key,),
+        ) from error
+    return bench.model_copy(update={"camera": settled})
 
 
 class SessionRun:

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from pydantic import ValidationError
 
 from calibration.errors import PsfFileError
 from calibration.files import read_psf, write_psf
 from calibration.psf.calibration import calibrate_mosaic, calibrate_psf
 from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldFit
-from calibration.psf.transfer_2d import Transfer2d
+from calibration.psf.transfer_2d import OtfTable, Transfer2d
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, MeasuredPsf
 from tests.calibration.lens_edges import Lens, edge_photographs
@@ -271,6 +272,18 @@ def test_a_damaged_transfer_is_refused_by_name(
     write_psf(path, PsfCalibration.model_construct(transfer_2d=damaged))
     with pytest.raises(PsfFileError, match=reason):
         read_psf(path)
+
+
+def test_a_table_of_uneven_rows_is_refused() -> None:
+    table = OtfTable(
+        angle_deg=(0.0, 90.0),
+        freq_cy_per_px=(0.0, 0.5),
+        otf=((1.0, 0.5), (1.0, 0.4)),
+        otf_err=((0.0, 0.1), (0.0, 0.1)),
+    )
+    for change in ({"otf": ((1.0, 0.5), (1.0,))}, {"otf_err": ()}, {"angle_deg": (0.0,)}):
+        with pytest.raises(ValidationError, match="as there are angles and frequencies"):
+            OtfTable.model_validate(table.model_dump() | change)
 
 
 def test_the_papers_method_knows_gaussians_alone() -> None:
