@@ -5,14 +5,16 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
+from acquisition.session.durable_write import FileParts
 from acquisition.session.record import CaptureRecord
 from acquisition.untrusted import parse_json, read_tiff
 
@@ -60,7 +62,7 @@ class CaptureImages:
             )
 
 
-def capture_bytes(images: CaptureImages) -> memoryview:
+def capture_parts(images: CaptureImages) -> FileParts:
     """Make the bytes of a capture's TIFF file; the same capture gives the same bytes.
 
     Page 1 is the mean, page 2 the variance, page 3 of a bracket the number of exposures used, 0
@@ -75,8 +77,8 @@ def capture_bytes(images: CaptureImages) -> memoryview:
     if images.exposures_used is not None:
         pages.append(images.exposures_used)
         labels.append("exposures used")
-    return _imagej_bytes(
-        [np.asarray(page, dtype=np.float32) for page in pages],
+    return _imagej_parts(
+        [np.ascontiguousarray(page, dtype="<f4") for page in pages],
         {"axes": "ZYX", "Labels": labels, "Info": _info(images.record)},
         images.record.scale_px_per_mm,
     )
@@ -88,14 +90,14 @@ def _info(record: CaptureRecord) -> str:
     return json.dumps(document, ensure_ascii=True, allow_nan=False, indent=1)
 
 
-def frames_bytes(frames_dn: Sequence[NDArray[np.uint8] | NDArray[np.uint16]]) -> memoryview:
+def frames_parts(frames_dn: Sequence[FrameImage]) -> FileParts:
     """Make the bytes of one multi-page uint16 TIFF file of raw frames, one a page, in order."""
-    pages = [np.asarray(frame, dtype=np.uint16) for frame in frames_dn]
-    return _imagej_bytes(pages, {"axes": "TYX"}, None)
+    pages = [np.ascontiguousarray(frame, dtype="<u2") for frame in frames_dn]
+    return _imagej_parts(pages, {"axes": "TYX"}, None)
 
 
 def parse_capture(data: bytes, *, source: str) -> CaptureImages:
-    """Read the bytes of ``capture_bytes``; an error message starts with ``source``.
+    """Read the bytes of ``capture_parts``; an error message starts with ``source``.
 
     Raises
     ------
@@ -165,18 +167,19 @@ def _read(path: Path) -> bytes:
         raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
 
 
-def _imagej_bytes(
+def _imagej_parts(
     pages: Sequence[NDArray[np.float32] | NDArray[np.uint16]],
     metadata: dict[str, object],
     scale_px_per_mm: float | None,
-) -> memoryview:
+) -> FileParts:
     if scale_px_per_mm is not None:
         metadata = {**metadata, "unit": "mm"}
     file = io.BytesIO()
-    # One by one: a stack would be another copy of all pages.
-    tifffile.imwrite(
+    # Without pixels, which are written from where they are: two copies of them take longer than
+    # all the rest.
+    written = tifffile.imwrite(
         file,
-        iter(pages),
+        None,
         shape=(len(pages), *pages[0].shape),
         dtype=pages[0].dtype,
         imagej=True,
@@ -184,5 +187,9 @@ def _imagej_bytes(
         photometric="minisblack",
         resolution=None if scale_px_per_mm is None else (scale_px_per_mm, scale_px_per_mm),
         metadata=metadata,
+        returnoffset=True,
     )
-    return file.getbuffer()
+    offset, _ = cast("tuple[int, int]", written)
+    frame = file.getbuffer()
+    pixels = [page.reshape(-1).data.cast("B") for page in pages]
+    return (frame[:offset], *pixels, frame[offset + sum(map(len, pixels)) :])

@@ -16,6 +16,9 @@ from typing import BinaryIO
 PART_SUFFIX = ".part"
 """Suffix of a file that is still being written; a leftover one is worthless."""
 
+FileParts = tuple[bytes | memoryview, ...]
+"""Bytes of a file, in order; they are written from where they lie."""
+
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 
 
@@ -27,13 +30,11 @@ def atomic_write(path: Path, data: bytes | memoryview) -> None:
     OSError
         If the disk is full or the directory cannot be written; ``path`` is as it was before.
     """
-    with _part_of(path) as file:
-        file.write(data)
-        _make_durable(file)
+    _write_parts(path, (data,))
 
 
-def atomic_write_hashed(path: Path, data: bytes | memoryview) -> str:
-    """Write ``data`` as ``atomic_write`` does; return its SHA-256, taken while the disk works.
+def atomic_write_hashed(path: Path, parts: FileParts) -> str:
+    """Write a file as ``atomic_write`` does; return its SHA-256, taken while the disk works.
 
     Raises
     ------
@@ -41,8 +42,8 @@ def atomic_write_hashed(path: Path, data: bytes | memoryview) -> str:
         As ``atomic_write``.
     """
     with ThreadPoolExecutor(1) as pool:
-        digest = pool.submit(_sha256_of, data)
-        atomic_write(path, data)
+        digest = pool.submit(_sha256_of, parts)
+        _write_parts(path, parts)
         return digest.result()
 
 
@@ -104,10 +105,20 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
     fsync_directory(path.parent)
 
 
+def _write_parts(path: Path, parts: FileParts) -> None:
+    with _part_of(path) as file:
+        for part in parts:
+            file.write(part)
+        _make_durable(file)
+
+
 def _make_durable(file: BinaryIO) -> None:
     file.flush()
     os.fsync(file.fileno())
 
 
-def _sha256_of(data: bytes | memoryview) -> str:
-    return hashlib.sha256(data).hexdigest()
+def _sha256_of(parts: FileParts) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()

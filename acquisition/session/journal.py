@@ -4,6 +4,7 @@ import errno
 import os
 import uuid
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -204,15 +205,17 @@ class JournalWriter:
     def _replace_head(self, head: JournalHead) -> None:
         """Make the lines durable, and then replace the head, whole or not at all.
 
-        Its name is durable with the next line: a file system's journal keeps the order, and a head
-        that lags behind is no fault.
+        The disk works at the lines and at the head's part at once. The head's name is durable with
+        the next line: a file system's journal keeps the order, and a head that lags behind is no
+        fault.
         """
         path = self._path.with_name(HEAD_NAME)
-        with open_part(path) as file:
+        with open_part(path) as file, ThreadPoolExecutor(1) as pool:
             file.write(head.to_bytes())
             file.flush()
-            os.fsync(self._descriptor)
+            lines = pool.submit(os.fsync, self._descriptor)
             os.fsync(file.fileno())
+            lines.result()
         path.with_name(path.name + PART_SUFFIX).replace(path)
 
 

@@ -17,7 +17,7 @@ from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.regular_files import read_regular_file
-from acquisition.session.capture_file import CaptureImages, capture_bytes, frames_bytes
+from acquisition.session.capture_file import CaptureImages, capture_parts, frames_parts
 from acquisition.session.capture_files import is_intact
 from acquisition.session.durable_write import PART_SUFFIX, atomic_write, atomic_write_hashed
 from acquisition.session.journal import SYSTEM_STAMPS, JournalWriter, Stamps
@@ -324,10 +324,10 @@ class SessionWriter:
         try:
             if record.frames_file is not None:
                 path = self.path / record.frames_file
-                digest = atomic_write_hashed(path, frames_bytes(raw_frames))
+                digest = atomic_write_hashed(path, frames_parts(raw_frames))
                 record = replace(record, frames_sha256=digest)
                 images = replace(images, record=record)
-            digest = atomic_write_hashed(self.path / record.file, capture_bytes(images))
+            digest = atomic_write_hashed(self.path / record.file, capture_parts(images))
         except OSError as error:
             raise _write_failure(self.path, error) from error
         record = replace(record, sha256=digest)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from acquisition.session.capture_file import CaptureImages
+from acquisition.session.capture_file import CaptureImages, capture_parts
 from acquisition.session.record import CaptureRecord
 
 RECORD = CaptureRecord(
@@ -69,3 +69,8 @@ def images(record: CaptureRecord = RECORD, rows: int = 5, cols: int = 9) -> Capt
         variance_dn2=None if record.frames_used == 1 else mean_dn + np.float32(1000),
         record=record,
     )
+
+
+def capture_bytes(images: CaptureImages) -> bytes:
+    """The whole file of a capture."""
+    return b"".join(capture_parts(images))

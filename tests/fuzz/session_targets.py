@@ -5,7 +5,7 @@ from pathlib import Path
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan, plan_entries
-from acquisition.session.capture_file import capture_bytes, parse_capture, read_capture
+from acquisition.session.capture_file import parse_capture, read_capture
 from acquisition.session.journal import JournalWriter
 from acquisition.session.journal_event import JournalEvent
 from acquisition.session.journal_reading import read_journal, read_journal_file
@@ -13,7 +13,7 @@ from acquisition.session.manifest import Manifest
 from acquisition.session.reader import captures_of
 from acquisition.session.record import CaptureRecord
 from tests.acquisition.journals import chained_journal, unchained_journal
-from tests.acquisition.records import RECORD, images
+from tests.acquisition.records import RECORD, capture_bytes, images
 from tests.acquisition.session_fixtures import DEVICES, bench_of, plan_of
 from tests.fuzz.damage import damaged_bytes, damaged_json, damaged_toml
 from tests.fuzz.target import FuzzTarget, from_file
@@ -133,14 +133,14 @@ SESSION_TARGETS = (
     ),
     FuzzTarget(
         name="capture TIFF",
-        data=damaged_bytes((bytes(capture_bytes(images(RECORD))),)),
+        data=damaged_bytes((capture_bytes(images(RECORD)),)),
         read=lambda data: parse_capture(data, source="capture"),
         documented=(SessionError,),
         examples=150,
     ),
     FuzzTarget(
         name="capture TIFF by its path",
-        data=damaged_bytes((bytes(capture_bytes(images(RECORD))),)),
+        data=damaged_bytes((capture_bytes(images(RECORD)),)),
         read=from_file(read_capture, "capture.tif"),
         documented=(SessionError,),
     ),

@@ -1,9 +1,10 @@
 import io
 import json
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,13 +16,12 @@ from PIL import Image
 from acquisition.errors import SessionError
 from acquisition.session.capture_file import (
     CaptureImages,
-    capture_bytes,
-    frames_bytes,
+    frames_parts,
     parse_capture,
     read_capture,
 )
 from acquisition.session.record import CaptureRecord
-from tests.acquisition.records import PHOTOGRAPH, RECORD, images
+from tests.acquisition.records import PHOTOGRAPH, RECORD, capture_bytes, images
 
 X_RESOLUTION, RESOLUTION_UNIT, COMPRESSION = 282, 296, 259
 
@@ -29,7 +29,7 @@ X_RESOLUTION, RESOLUTION_UNIT, COMPRESSION = 282, 296, 259
 @pytest.mark.parametrize("record", [RECORD, PHOTOGRAPH])
 def test_a_capture_reads_back_bit_for_bit_with_its_record(record: CaptureRecord) -> None:
     stored = images(record)
-    read = parse_capture(bytes(capture_bytes(stored)), source="file")
+    read = parse_capture(capture_bytes(stored), source="file")
     assert read.record == replace(record, sha256=None)
     np.testing.assert_array_equal(read.mean_dn, stored.mean_dn)
     assert read.mean_dn.dtype == np.dtype("=f4")
@@ -46,7 +46,39 @@ def test_the_same_capture_gives_the_same_bytes() -> None:
 @given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=50))
 def test_any_text_survives_in_the_info(target: str) -> None:
     stored = images(replace(RECORD, target=target))
-    assert parse_capture(bytes(capture_bytes(stored)), source="file").record.target == target
+    assert parse_capture(capture_bytes(stored), source="file").record.target == target
+
+
+def test_the_bytes_are_those_that_tifffile_writes() -> None:
+    stored = images(replace(RECORD, scale_px_per_mm=None))
+    pages = np.stack([stored.mean_dn, cast("NDArray[np.float32]", stored.variance_dn2)])
+    document = replace(stored.record, sha256=None).to_json()
+    peer = io.BytesIO()
+    tifffile.imwrite(
+        peer,
+        pages,
+        imagej=True,
+        byteorder="<",
+        photometric="minisblack",
+        metadata={
+            "axes": "ZYX",
+            "Labels": ["mean", "variance"],
+            "Info": json.dumps(document, indent=1),
+        },
+    )
+    assert capture_bytes(stored) == peer.getvalue()
+
+
+@pytest.mark.parametrize("turn", [np.transpose, np.flip])
+def test_an_image_may_lie_in_memory_as_it_likes(
+    turn: Callable[[NDArray[np.float32]], NDArray[np.float32]],
+) -> None:
+    stored = images()
+    mean, variance = turn(stored.mean_dn), turn(cast("NDArray[np.float32]", stored.variance_dn2))
+    turned = replace(stored, mean_dn=mean, variance_dn2=variance)
+    read = parse_capture(capture_bytes(turned), source="file")
+    np.testing.assert_array_equal(read.mean_dn, mean)
+    np.testing.assert_array_equal(cast("NDArray[np.float32]", read.variance_dn2), variance)
 
 
 def test_imagej_finds_two_labelled_slices_the_scale_in_mm_and_the_info() -> None:
@@ -82,7 +114,7 @@ def test_another_reader_sees_the_same_pages() -> None:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_raw_frames_are_a_page_each_in_order(dtype: type) -> None:
     frames: list[NDArray[Any]] = [np.full((3, 5), level, dtype) for level in (7, 200, 9)]
-    data = frames_bytes(frames)
+    data = b"".join(frames_parts(frames))
     with tifffile.TiffFile(io.BytesIO(data)) as tiff:
         assert len(tiff.pages) == 3
         pages = tiff.asarray()
@@ -105,7 +137,7 @@ def test_a_file_that_is_no_capture_says_so(tmp_path: Path) -> None:
     assert refused.value.path == tmp_path / "absent.tif"
 
 
-CAPTURE = bytes(capture_bytes(images()))
+CAPTURE = capture_bytes(images())
 
 
 @given(st.integers(0, len(CAPTURE) - 1))

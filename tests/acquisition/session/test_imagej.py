@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.session.capture_file import capture_bytes
 from acquisition.session.record import CaptureRecord
-from tests.acquisition.records import RECORD, images
+from tests.acquisition.records import RECORD, capture_bytes, images
 
 IMAGEJ_JAR = Path("/usr/share/java/ij.jar")
 

@@ -19,7 +19,7 @@ import pytest
 import standoff.cli
 import standoff.workflows
 from acquisition.bench import BenchConfig
-from acquisition.session.durable_write import atomic_write_hashed
+from acquisition.session.durable_write import FileParts, atomic_write_hashed
 from acquisition.session.reader import Session
 from acquisition.session.verification import verify
 from hil_mocks import SimulatedBench
@@ -111,11 +111,11 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     writes: list[Path] = []
 
-    def fill_up(path: Path, data: memoryview) -> str:
+    def fill_up(path: Path, parts: FileParts) -> str:
         writes.append(path)
         if len(writes) > 2:
             raise OSError(errno.ENOSPC, "No space left on device")
-        return atomic_write_hashed(path, data)
+        return atomic_write_hashed(path, parts)
 
     with monkeypatch.context() as patch:
         patch.setattr("acquisition.session.writer.atomic_write_hashed", fill_up)

@@ -13,13 +13,13 @@ import tifffile
 from hypothesis import example, given, strategies as st
 from PIL import Image
 
-from acquisition.session.capture_file import CaptureImages, capture_bytes
+from acquisition.session.capture_file import CaptureImages
 from standoff.errors import ImageFileError
 from standoff.photographs.encoding import SRGB, Encoding
 from standoff.photographs.reader import ReadOptions
 from standoff.photographs.stored import DecodingError
 from standoff.photographs.tiff import read_tiff_image
-from tests.acquisition.records import RECORD
+from tests.acquisition.records import RECORD, capture_bytes
 from tests.standoff.photographs.made import (
     COLOUR,
     COLOUR_16,

@@ -1,8 +1,10 @@
 // Choosing a region: drag with the mouse, or arrows, Shift and arrows, Delete.
+const ANSWER_MS = 1000; // by then the console has taken it over, or refused it
+
 export class RegionTool {
   constructor(view, box, choose) {
     const { frame, canvas } = view;
-    Object.assign(this, { view, frame, canvas, box, choose, region: null, from: null, before: null, isOn: true });
+    Object.assign(this, { view, frame, canvas, box, choose, region: null, from: null, before: null, chosenMs: -Infinity, isOn: true });
     frame.addEventListener("pointerdown", (event) => this.begin(event));
     frame.addEventListener("pointermove", (event) => this.drag(event));
     frame.addEventListener("pointerup", (event) => this.end(event));
@@ -14,7 +16,9 @@ export class RegionTool {
 
   // Region [x, y, width, height] in pixels of the picture, or null.
   set(region) {
-    if (this.from || String(region) === String(this.region)) return;
+    const isSame = String(region) === String(this.region);
+    if (isSame) this.chosenMs = -Infinity;
+    if (isSame || this.from || performance.now() < this.chosenMs + ANSWER_MS) return; // of before the choice
     this.region = region;
     this.place();
   }
@@ -83,7 +87,7 @@ export class RegionTool {
   }
 
   change(region) {
-    this.region = region;
+    [this.region, this.chosenMs] = [region, performance.now()];
     this.place();
     this.choose(region);
   }
