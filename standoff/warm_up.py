@@ -20,8 +20,11 @@ from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
 from acquisition.devices import FrameImage
 from acquisition.focus import FOCUS_MEASURES, focus_value
+from analysis.validation.alignment import scaled_up
+from calibration.registration import RegistrationHints, register
 from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
+from simulation.psf import GaussianPsf
 from standoff.cli import run
 from standoff.shipped_configs import shipped_config
 from standoff.terminal import when_compiling
@@ -29,6 +32,7 @@ from standoff.workflows import open_bench
 
 _SIDE_PX = 160
 _FINER = 8
+_ZOOM = 1.25
 _SQUARE = (((-44, -44), (44, -44), (44, 44), (-44, 44)), 9.0, 0.8)  # corners, degrees, sigma in px
 _HOMOGRAPHY = (
     '{"schema": "standoff.homography/1", "size": [120, 120],'
@@ -101,6 +105,15 @@ def _capture_and_focus() -> None:
     PeriodicImage(np.eye(8, dtype=np.float32)).blurred(place, place, 1.0)
 
 
+def _validate(rng: np.random.Generator) -> None:
+    """What a session's validation computes on pairs: their registration at a known zoom."""
+    near = texture(rng)
+    fewer = (round(len(near) / _ZOOM),) * 2
+    far = np.asarray(cv2.resize(near, fewer, interpolation=cv2.INTER_AREA), dtype=np.float64)
+    register(near, far, GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8), RegistrationHints(zoom=_ZOOM))
+    scaled_up(far, _ZOOM, near.shape)
+
+
 def warm_up() -> list[str]:
     """Run the commands over small pictures; return the functions that were compiled."""
     compiled: list[str] = []
@@ -118,6 +131,7 @@ def warm_up() -> list[str]:
             if status != 0:
                 raise RuntimeError(f"standoff {command} ended with {status}: {said.getvalue()}")
     _capture_and_focus()
+    _validate(rng)
     return compiled
 
 

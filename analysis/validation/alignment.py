@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from numba import njit
 
 from analysis.errors import OverlapError
 from calibration.registration import OVERLAP_MIN_PX, DistortedPose
-from simulation.arrays import AnyArray, FloatArray
+from simulation.arrays import AnyArray, FloatArray, IntArray
 
 Procedure = Literal["as-in-paper", "reference-grid", "followup-grid"]
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
@@ -84,21 +85,11 @@ def bicubic_at(image: AnyArray, y_px: FloatArray, x_px: FloatArray) -> FloatArra
     ----------
     R. G. Keys, "Cubic convolution interpolation for digital image processing", 1981.
     """
-    levels = np.asarray(image, dtype=np.float64)
-    first_y, first_x = np.floor(y_px).astype(np.int64), np.floor(x_px).astype(np.int64)
-    taps = []
-    for places, first, size in ((y_px, first_y, levels.shape[0]), (x_px, first_x, levels.shape[1])):
-        taps.append(
-            [
-                (np.clip(first + shift, 0, size - 1), _keys(places - (first + shift)))
-                for shift in (-1, 0, 1, 2)
-            ]
-        )
-    total = np.zeros(y_px.shape)
-    for row, weight_y in taps[0]:
-        for col, weight_x in taps[1]:
-            total += weight_y * weight_x * levels[row, col]
-    return total
+    found = np.empty(np.shape(y_px))
+    _interpolate(
+        np.ascontiguousarray(image, dtype=np.float64), np.ravel(y_px), np.ravel(x_px), found.ravel()
+    )
+    return found
 
 
 def scaled_up(image: AnyArray, zoom: float, shape: tuple[int, int]) -> FloatArray:
@@ -110,8 +101,33 @@ def scaled_up(image: AnyArray, zoom: float, shape: tuple[int, int]) -> FloatArra
     return bicubic_at(image, *np.meshgrid(y, x, indexing="ij"))
 
 
-def _keys(distance: FloatArray) -> FloatArray:
-    x, a = np.abs(distance), _KEYS_A
-    inner = ((a + 2) * x - (a + 3)) * x**2 + 1
-    outer = (((x - 5) * x + 8) * x - 4) * a
-    return np.where(x <= 1, inner, np.where(x < 2, outer, 0.0))
+@njit(cache=True, nogil=True)
+def _interpolate(levels: FloatArray, y_px: FloatArray, x_px: FloatArray, found: FloatArray) -> None:
+    rows, cols = levels.shape
+    row, col = np.empty(4, np.int64), np.empty(4, np.int64)
+    weight_y, weight_x = np.empty(4), np.empty(4)
+    for i in range(found.size):
+        _four_taps(y_px[i], rows, row, weight_y)
+        _four_taps(x_px[i], cols, col, weight_x)
+        total = 0.0
+        for v in range(4):
+            for u in range(4):
+                total += weight_y[v] * weight_x[u] * levels[row[v], col[u]]
+        found[i] = total
+
+
+@njit(cache=True, nogil=True)
+def _four_taps(position_px: float, size: int, pixel: IntArray, weight: FloatArray) -> None:
+    """Pixels around a position, and Keys' weights of them."""
+    first = int(np.floor(position_px)) - 1
+    for k in range(4):
+        pixel[k] = min(max(first + k, 0), size - 1)
+        weight[k] = _keys(abs(position_px - (first + k)))
+
+
+@njit(cache=True, nogil=True)
+def _keys(x: float) -> float:
+    a = _KEYS_A
+    if x <= 1:
+        return float(((a + 2) * x - (a + 3)) * (x * x) + 1)
+    return float((((x - 5) * x + 8) * x - 4) * a) if x < 2 else 0.0

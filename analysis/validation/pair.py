@@ -2,11 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from analysis.choices import ValidationModel
-from analysis.validation.alignment import Procedure, bicubic_at, scaled_up, shared_window
+from analysis.validation.alignment import (
+    Procedure,
+    SharedWindow,
+    bicubic_at,
+    scaled_up,
+    shared_window,
+)
 from analysis.validation.document import ModelAgreement
 from analysis.validation.metrics import ImageMetrics, compare_images
 from analysis.validation.models import ModelInputs
@@ -34,7 +41,7 @@ class ProcessedFollowup:
     captured: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)  # without slots: what it computes is kept
 class AlignedPair:
     """Grey levels of two captures of one target, and where the follow-up lies in the reference."""
 
@@ -46,13 +53,33 @@ class AlignedPair:
         """Return the reference after the paper's processing."""
         return process_for_comparison(self.reference)
 
+    @cached_property
+    def places_px(self) -> tuple[FloatArray, FloatArray]:
+        """Follow-up coordinates ``(y, x)`` of every reference pixel."""
+        return self.pose.to_followup_px(*_pixels(self.reference.shape))
+
+    @cached_property
+    def window(self) -> SharedWindow:
+        """Part of the follow-up that the reference covers.
+
+        Raises
+        ------
+        OverlapError
+            If the images share too little.
+        """
+        return shared_window(self.pose)
+
+    @cached_property
+    def captured_in_window(self) -> FloatArray:
+        """The captured follow-up's part that the reference covers, processed."""
+        return process_for_comparison(self.followup[self.window.rows, self.window.cols])
+
     def captured_on_reference(self) -> FloatArray:
         """Return the captured follow-up on the reference's pixels, processed as in the paper.
 
         The steps of the paper: align, then normalise, subtract the background, crop.
         """
-        places_px = self.pose.to_followup_px(*_pixels(self.reference.shape))
-        return process_for_comparison(bicubic_at(self.followup, *places_px))
+        return process_for_comparison(bicubic_at(self.followup, *self.places_px))
 
     def scaled_up(self, inputs: ModelInputs, model: ValidationModel) -> FloatArray:
         """Return a model's follow-up in the paper's way: about the image centre, scaled up."""
@@ -71,15 +98,15 @@ class AlignedPair:
             If the images share too little.
         """
         shape = self.reference.shape[0], self.reference.shape[1]
-        window = shared_window(self.pose)
+        window = self.window
         simulate = inputs.simulator(self.reference, model)
         made = simulate_at(simulate, shape, self.pose.zoom, window.y_px, window.x_px)
-        back_y, back_x = self.pose.to_followup_px(*_pixels(shape))
+        back_y, back_x = self.places_px
         aligned = bicubic_at(made, back_y - window.rows.start, back_x - window.cols.start)
         return ProcessedFollowup(
             aligned=process_for_comparison(aligned),
             followup=process_for_comparison(made),
-            captured=process_for_comparison(self.followup[window.rows, window.cols]),
+            captured=self.captured_in_window,
         )
 
 

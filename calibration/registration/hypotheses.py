@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
@@ -91,8 +92,18 @@ def _centred_mask(near: ImageFeatures, far: ImageFeatures, zoom: float) -> NDArr
     """Pairs of features that lie together where both frames have the same centre."""
     middles = [(np.array(one.shape[1::-1]) - 1) / 2 for one in (near, far)]
     expected = (far.points_px - middles[1]) * zoom + middles[0]
-    apart = np.hypot(expected[:, :1] - near.points_px[:, 0], expected[:, 1:] - near.points_px[:, 1])
-    return (apart < 2 * _VOTE_REACH * max(near.shape)).astype(np.uint8)
+    return _within(expected, near.points_px, 2 * _VOTE_REACH * max(near.shape))
+
+
+@njit(cache=True, nogil=True)
+def _within(left: FloatArray, right: FloatArray, reach_px: float) -> NDArray[np.uint8]:
+    """Whether points lie nearer to each other than that, of every pair."""
+    found = np.empty((len(left), len(right)), np.uint8)
+    for i in range(len(left)):
+        for j in range(len(right)):
+            dx, dy = left[i, 0] - right[j, 0], left[i, 1] - right[j, 1]
+            found[i, j] = dx * dx + dy * dy < reach_px * reach_px
+    return found
 
 
 def _consistent(
