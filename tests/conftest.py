@@ -4,6 +4,7 @@
 """
 
 import signal
+from collections import defaultdict
 
 import pytest
 from hypothesis import settings
@@ -31,11 +32,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put the fast tests of every worker before its slow ones.
+    """Put the fast tests of every worker before its slow ones, of which modules of minutes lead.
 
-    With ``--dist worksteal`` each worker begins with a run of neighbours in this order.
+    With ``--dist worksteal`` each worker begins with a run of neighbours in this order, and who
+    has none left takes from the others' ends: what is long must not be left for last.
     """
     slow = [item for item in items if item.get_closest_marker("slow")]
+    minutes = defaultdict[pytest.Collector | None, float](float)
+    for item in slow:
+        minutes[item.parent] += _minutes(item)
+    slow.sort(key=lambda item: -minutes[item.parent])
     fast = [item for item in items if not item.get_closest_marker("slow")]
     items.clear()
     for workers_left in range(
@@ -44,3 +50,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         share, first = (len(fast) + len(slow)) // workers_left, len(fast) // workers_left
         items += fast[:first] + slow[: share - first]
         del fast[:first], slow[: share - first]
+
+
+def _minutes(item: pytest.Item) -> float:
+    marker = item.get_closest_marker("slow")
+    return 0.0 if marker is None else float(marker.kwargs.get("minutes", 0.0))

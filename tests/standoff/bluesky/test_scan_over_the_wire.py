@@ -22,7 +22,7 @@ SETTINGS = {
 
 
 @needs_aravis
-@pytest.mark.slow
+@pytest.mark.slow(minutes=0.4)
 def test_a_scan_over_the_wire_writes_a_session(tmp_path: Path) -> None:
     run_engine = pytest.importorskip("bluesky.run_engine", reason="needs standoff[bluesky]")
     address, out = next(free_addresses()), tmp_path / "session"

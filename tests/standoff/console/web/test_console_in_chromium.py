@@ -19,7 +19,7 @@ from tests.standoff.console.console_rig import (
     wait_until,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(minutes=0.2)
 
 PLAN = """
 schema = "standoff.plan/1"

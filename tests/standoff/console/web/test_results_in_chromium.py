@@ -16,7 +16,7 @@ from tests.standoff.console.console_rig import (
     wait_until,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(minutes=0.3)
 
 
 @pytest.fixture(scope="module")

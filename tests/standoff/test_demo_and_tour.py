@@ -1,16 +1,20 @@
-"""The tour of the README, command by command, on photographs of the simulated bench."""
+"""The demo, and the tour of the README, command by command, on photographs of the demo."""
 
+import json
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
 from standoff.cli import run
+from tests.standoff.conftest import Command
 
 CHECKOUT = Path(__file__).parents[2]
 TOUR = "## A tour of the commands"
@@ -31,7 +35,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tour")
     shutil.copytree(CHECKOUT / "configs", folder / "configs")
     demo = folder / "demo"
-    assert run(["demo", "--out", str(demo)]) == 0
+    printed = StringIO()
+    with redirect_stdout(printed):
+        assert run(["demo", "--out", str(demo), "--json"]) == 0
+    (folder / "demo.json").write_text(printed.getvalue())
     captures = demo / "session" / "captures"
     for name, direction in (("vertical", "005"), ("horizontal", "095"), ("diagonal", "050")):
         shutil.copy(next(captures.glob(f"*_edge-{direction}_h0180*")), folder / f"edge-{name}.tif")
@@ -54,7 +61,30 @@ def test_the_tour_names_the_commands_it_tells_of() -> None:
     assert {"geometry", "validate", "detectability", "limits", "pose", "changes"} <= names
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=1)
+def test_the_demo_measures_the_bench_and_predicts_its_captures(
+    command: Command, folder: Path
+) -> None:
+    result = json.loads((folder / "demo.json").read_text())
+    truth = {row["name"]: row for row in result["truth"]}
+    for name in ("optical sigma_x / px", "optical sigma_y / px"):
+        assert abs(truth[name]["relative_error"]) < 0.005
+    for zoom in result["zooms"]:
+        assert zoom["measured"] == pytest.approx(zoom["truth"], rel=3e-4)
+    mse = result["mse"]
+    assert mse["matched"] < mse["paper"]
+    assert mse["paper"] * 5 < mse["bicubic"]
+    page = Path(result["report"]).read_text()
+    for title in ("Captures", "Point spread function", "Simulated against captured follow-ups"):
+        assert title in page
+    assert (folder / "demo" / "comparison.png").stat().st_size > 10_000
+    # A second run finds the captures and prints the tables for people.
+    again = command("demo", "--out", folder / "demo")
+    assert again.status == 0
+    assert "matched" in again.out
+
+
+@pytest.mark.slow(minutes=3)
 def test_every_command_of_the_tour_runs_as_it_is_written(folder: Path) -> None:
     script = Path(sys.executable).with_name("standoff")
     environment = os.environ | {"PATH": f"{script.parent}{os.pathsep}{os.environ['PATH']}"}
