@@ -20,14 +20,14 @@ from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
 from acquisition.devices import FrameImage
 from acquisition.focus import FOCUS_MEASURES, focus_value
-from analysis.validation.alignment import scaled_up
+from analysis.validation import scaled_up
 from calibration.registration import RegistrationHints, register
 from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf
 from standoff.cli import run
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import when_compiling
+from standoff.terminal import drop_stale_code, when_compiling
 from standoff.workflows import open_bench
 
 _SIDE_PX = 160
@@ -136,7 +136,8 @@ def warm_up() -> list[str]:
 
 
 def main() -> int:
-    """Compile, and say so."""
+    """Compile, and say so; what was compiled from other sources is removed first."""
+    drop_stale_code()
     sys.stdout.write("Compiling the numerical code, once (about three minutes) ...\n")
     sys.stdout.flush()
     started = time.perf_counter()

@@ -79,7 +79,9 @@ def test_a_typed_and_captured_plan_is_looked_at_and_calibrated(captured: Console
         page.wait_for_selector("[data-result=calibrate]:enabled")
         page.click("[data-result=calibrate]")
         page.wait_for_selector("text=σy")  # of an edge in one direction
-        assert "no earlier calibration" in text(page, "#result-message")
+        wait_until(
+            lambda: "no earlier calibration" in text(page, "#result-message"), "the comparison"
+        )
         with page.context.expect_page() as opened:
             page.click("[aria-label='Open PSF']")
         opened.value.wait_for_selector("text=PSF calibration")
