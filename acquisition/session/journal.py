@@ -4,7 +4,6 @@ import errno
 import os
 import uuid
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +12,13 @@ from typing import Any, Self
 
 from acquisition.errors import SessionError
 from acquisition.regular_files import size_text
-from acquisition.session.durable_write import PART_SUFFIX, fsync_directory, open_own, open_part
+from acquisition.session.durable_write import (
+    PART_SUFFIX,
+    fsync_directory,
+    helper_thread,
+    open_own,
+    open_part,
+)
 from acquisition.session.journal_chain import (
     HEAD_NAME,
     LARGEST_LINE_BYTES,
@@ -210,12 +215,14 @@ class JournalWriter:
         fault.
         """
         path = self._path.with_name(HEAD_NAME)
-        with open_part(path) as file, ThreadPoolExecutor(1) as pool:
+        with open_part(path) as file:
             file.write(head.to_bytes())
             file.flush()
-            lines = pool.submit(os.fsync, self._descriptor)
-            os.fsync(file.fileno())
-            lines.result()
+            lines = helper_thread().submit(os.fsync, self._descriptor)
+            try:
+                os.fsync(file.fileno())
+            finally:
+                lines.result()
         path.with_name(path.name + PART_SUFFIX).replace(path)
 
 
