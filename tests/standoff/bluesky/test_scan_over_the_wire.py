@@ -20,7 +20,7 @@ SETTINGS = {
     "capture.frames_per_capture": 4,
 }
 SMALL_SENSOR = ("simulated.width_px=240", "simulated.height_px=180")
-"""Rendered within the time after which a camera that sends nothing counts as lost, on any machine."""
+"""A view of it is rendered before a camera that sends nothing counts as lost, on any machine."""
 
 
 @needs_aravis
