@@ -17,6 +17,7 @@ from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import CaptureRecord, Session, SessionCapture
 from acquisition.untrusted import read_tiff
 from standoff.console.session_library import SessionLibrary, UnknownSessionError
+from standoff.console.web.view_model import target_text
 
 THUMBNAIL_PX = (128, 96)
 THUMBNAILS_KEPT = 4000
@@ -78,7 +79,7 @@ def capture_document(
         "address": f"{address}/captures/{index}",
         "previous": max((i for i in indices if i < index), default=None),
         "next": min((i for i in indices if i > index), default=None),
-        "what": f"{record.kind} {record.target}",
+        "what": target_text(record.kind, record.target),
         "state": _state(capture),
         "is_excluded": not capture.is_superseded and capture.excluded_because is not None,
         "is_current": not capture.is_superseded,

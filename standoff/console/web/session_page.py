@@ -9,6 +9,7 @@ from urllib.parse import quote
 from acquisition.session import CaptureRecord, SessionCapture
 from standoff.console.results import results_of
 from standoff.console.session_library import SessionLibrary
+from standoff.console.web.view_model import target_text
 
 T = TypeVar("T")
 
@@ -108,7 +109,7 @@ def _capture(capture: SessionCapture, address: str) -> dict[str, Any]:
         "index": record.index,
         "address": f"{shown}{query}",
         "thumbnail": f"{shown}/thumbnail{query}",
-        "what": _short(f"{record.kind} {record.target}"),
+        "what": _short(target_text(record.kind, record.target)),
         "orientation": f"{record.orientation_deg:g}",
         "height": f"{record.height_mm:.3f}",
         "exposure": "" if record.exposure_us is None else f"{record.exposure_us:g}",

@@ -62,6 +62,11 @@ def state_document(hub: BenchHub) -> Document:
     }
 
 
+def target_text(kind: str, target: str) -> str:
+    """What lies under the camera, said once where its name is its kind."""
+    return target if target == kind else f"{kind} {target}"
+
+
 def control_document(view: ControlView) -> Document:
     """Who is in control, as one page sees it."""
     if view.is_mine:
@@ -324,7 +329,7 @@ def _row(row: PlanRow) -> Document:
     entry = row.entry
     return {
         "index": entry.index,
-        "what": on_one_line(f"{entry.kind} {entry.target}"),
+        "what": on_one_line(target_text(entry.kind, entry.target)),
         "orientation": f"{entry.orientation_deg:g}",
         "height": f"{entry.height_mm:g}" if row.height_mm is None else f"{row.height_mm:.3f}",
         "exposure": "" if entry.exposure_us is None else f"{entry.exposure_us:g}",

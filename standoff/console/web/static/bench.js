@@ -2,14 +2,14 @@
 
 import { drawTrace } from "./charts.js";
 import { region } from "./picture_card.js";
-import { byId, command, connection, onKey, setText, show } from "./shell.js";
+import { byId, command, connection, costOf, nameCells, onKey, setText, show } from "./shell.js";
 
 let state = null;
 let planShown = "";
 let isPlanRunning = false;
 
 connection.addEventListener("levels", ({ detail }) => {
-  drawTrace(byId("trace"), detail.trace, detail.trace_s, Number(state?.focus.peak) || 0, state?.focus.is_past_peak);
+  drawTrace(byId("trace"), detail.trace, detail.trace_s, Number(state?.focus.peak) || 0, state?.focus.is_past_peak && !isPlanRunning);
 });
 
 connection.addEventListener("state", ({ detail }) => {
@@ -30,7 +30,7 @@ function focus_(focus, isMine) {
   setText("focus-percent", focus.percent_text);
   setText("focus-value", focus.value);
   setText("focus-peak", focus.peak);
-  setText("focus-hint", focus.hint);
+  setText("focus-hint", isPlanRunning ? "" : focus.hint); // a session's heights are its plan's
   byId("focus-hint").className = `hint ${focus.is_past_peak ? "past" : focus.trend}`;
   region.set(focus.region);
   if (document.activeElement !== byId("metric")) byId("metric").value = focus.metric;
@@ -43,7 +43,7 @@ function stage_(stage, isMine) {
   setText("stage-name", stage.name);
   setText("stage-motion", state.job?.is_stopping ? "stopping" : stage.motion_text);
   byId("stage-motion").className = `hint ${stage.state !== "ready" || stage.motion === "alarm" ? "fail" : stage.motion}`;
-  setText("stage-target", stage.target || stage.warnings.join("; "));
+  setText("stage-target", stage.target || stage.warnings.join("; ") || (state.job ? `waits for: ${state.job.name}` : ""));
   setText("stage-homed", stage.homed_text);
   byId("stage-homed").className = `tag ${stage.is_homed ? "ok" : "warn"}`;
   setText("stage-limits", stage.limits);
@@ -92,9 +92,7 @@ function run_(run, isMine) {
 connection.addEventListener("plan", ({ detail }) => { if (detail.rows.length) table(detail.rows, detail.session); });
 connection.addEventListener("preview", ({ detail }) => {
   if (isPlanRunning) return;
-  const placing = detail.placements === 1 ? "1 placement" : `${detail.placements} placements`;
-  const room = detail.is_room ? "" : " — NOT ENOUGH DISK SPACE";
-  setText("preview", [`${detail.captures} captures, ${placing}, about ${detail.time} plus your own time, ${detail.disk} on disk${room}`, ...detail.warnings].join(" · "));
+  setText("preview", costOf(detail));
   if (!state || state.run.state === "idle" || planShown === "preview") table(detail.rows, "");
 });
 
@@ -122,6 +120,7 @@ function table(rows, session) {
     }
     return line;
   }));
+  nameCells(byId("plan-table"));
   show("plan-table", rows.length > 0);
 }
 

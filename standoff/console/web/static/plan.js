@@ -1,6 +1,6 @@
 // The plan editor: fields to a draft, which the console checks while one types.
 
-import { byId, command, connection, setText, show } from "./shell.js";
+import { byId, command, connection, costOf, setText, show } from "./shell.js";
 
 const CHECK_MS = 250;
 // A key of a plan file, and the field that it is typed in.
@@ -22,7 +22,8 @@ function value(field) {
 function fill(fields, values) {
   for (const field of fields) {
     if (field.type === "checkbox") field.checked = values[field.name];
-    else field.value = values[field.name] ?? "";
+    // A number that may be left out has a placeholder, which says what holds then.
+    else field.value = field.placeholder ? values[field.name] || "" : values[field.name] ?? "";
   }
 }
 
@@ -60,9 +61,7 @@ connection.addEventListener("draft", ({ detail }) => {
   for (const key of detail.keys) fieldAt(key)?.setAttribute("aria-invalid", "true");
   show("draft-fault", !detail.is_ok);
   setText("draft-fault", detail.text);
-  const placing = detail.placements === 1 ? "1 placement" : `${detail.placements} placements`;
-  setText("draft-cost", detail.is_ok
-    ? [`${detail.captures} captures, ${placing}, about ${detail.time} plus your own time, ${detail.disk} on disk${detail.is_room ? "" : " — NOT ENOUGH DISK SPACE"}`, ...detail.warnings].join(" · ") : "");
+  setText("draft-cost", detail.is_ok ? costOf(detail) : "");
 });
 connection.addEventListener("plan-exists", ({ detail }) => { if (window.confirm(`There is a plan ${detail.name} already. Replace it?`)) save(true); });
 connection.addEventListener("plan-saved", ({ detail }) => {

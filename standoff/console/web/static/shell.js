@@ -12,6 +12,19 @@ export const setText = (id, text) => {
 };
 export const show = (id, isShown) => { const element = byId(id); if (element) element.hidden = !isShown; };
 
+// On a phone a table is a list, in which each cell has its column's title (console.css).
+export function nameCells(table) {
+  const titles = [...table.tHead.rows[0].cells].map((cell) => (cell.querySelector(".unseen") ? "" : cell.textContent));
+  for (const row of table.tBodies[0].rows) for (const cell of row.cells) if (titles[cell.cellIndex]) cell.dataset.title = titles[cell.cellIndex];
+}
+for (const table of document.querySelectorAll(".table table")) nameCells(table);
+
+const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
+export const costOf = (plan) => [
+  `${counted(plan.captures, "capture")}, ${counted(plan.placements, "placement")}, about ${plan.time} plus your own time, ${plan.disk} on disk${plan.is_room ? "" : " — NOT ENOUGH DISK SPACE"}`,
+  ...plan.warnings,
+].join(" · ");
+
 export const connection = new Connection({ pictures: Boolean(byId("picture")) });
 let seenNotice = null;
 let promptShown = null;
@@ -31,8 +44,7 @@ export function tell(text) {
 
 function chip(id, name, level, title) {
   const element = byId(id);
-  const text = name;
-  if (element.textContent !== text) element.textContent = text;
+  setText(id, name);
   element.className = `chip ${level}`;
   element.title = title;
 }
