@@ -2,8 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from time import sleep
 from types import TracebackType
 from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from hil_mocks.gige import ETHERNET_MTU_BYTES, BenchFrameSource, GigeDevice, Maker, maker_identity
@@ -68,12 +72,16 @@ NEAREST_MM = 1.0
 HEIGHT_STEP_MM = 0.001
 """Heights are rounded to this: a smaller vibration does not cost one rendering per frame."""
 
+STILL_S = 0.005
+"""A stage whose height does not change for so long is at rest."""
+
 
 class PracticeBench(TargetBench):
     """A GigE camera on a stage that looks down on a target, which an operator can exchange.
 
     At first the target is black and white paper with a horizontal edge. The first frame after
-    the stage or the target has moved is late by its rendering time.
+    the stage or the target has moved is late by its rendering time, but none of a stage at rest
+    shows where it was on its way.
 
     Parameters
     ----------
@@ -132,6 +140,17 @@ class PracticeBench(TargetBench):
         height_mm = round(self._height_mm() / HEIGHT_STEP_MM) * HEIGHT_STEP_MM
         lowest_mm = NEAREST_MM - self.truth.camera.pupil_offset_mm
         return replace(self._mounting, height_mm=max(height_mm, lowest_mm))
+
+    def _look(self) -> NDArray[np.float32]:
+        """Present light on the sensor: another rendering if the stage came to rest meanwhile."""
+        pose = self.pose
+        view = super()._look()
+        return view if self.pose == pose or self._is_moving() else super()._look()
+
+    def _is_moving(self) -> bool:
+        pose = self.pose
+        sleep(STILL_S)
+        return self.pose != pose
 
     def __enter__(self) -> Self:
         self.camera.open()

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from hil_mocks.scene.folded_spectrum import FoldedSpectrum
 from hil_mocks.scene.optics import Lens
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from hil_mocks.scene.scenes import Scene
@@ -98,7 +99,7 @@ class Renderer:
             for n in (self.camera.height_px, self.camera.width_px)
         )
         samples = self._sample(scene, pose, sampling, (rows, cols), pad)
-        spectrum = _FoldedSpectrum(samples, sampling.per_px)
+        spectrum = FoldedSpectrum(samples, sampling.per_px)
         window = (
             slice(pad, pad + self.camera.height_px),
             slice(pad, pad + self.camera.width_px),
@@ -173,54 +174,6 @@ class Renderer:
                 x_mm, y_mm = self.camera.to_plane_mm(x_px[None, here[1]], y_px[here[0], None], pose)
                 samples[here] = scene.reflectance(x_mm, y_mm, sampling.sigma_mm)
         return samples
-
-
-class _FoldedSpectrum:
-    """A finely sampled image, ready to be blurred and read at the pixel centres."""
-
-    def __init__(self, samples: NDArray[np.float32], per_px: int) -> None:
-        self._per_px = per_px
-        self._shape = (samples.shape[0] // per_px, samples.shape[1] // per_px)
-        self._half = scipy.fft.rfft2(samples) / np.float32(per_px**2)
-        freq_y = scipy.fft.fftfreq(samples.shape[0], 1 / per_px)[:, None].astype(np.float32)
-        freq_x = scipy.fft.rfftfreq(samples.shape[1], 1 / per_px)[None, :].astype(np.float32)
-        self._freq = (freq_x, freq_y)
-        self._half *= np.sinc(freq_x) * np.sinc(freq_y)
-
-    def image(
-        self, covariance_px2: NDArray[np.float64], orders: tuple[int, int]
-    ) -> NDArray[np.float32]:
-        """Pixels after a Gaussian blur and derivatives of these orders along x and y."""
-        freq_x, freq_y = self._freq
-        (xx, xy), (_, yy) = (-2 * np.pi**2 * covariance_px2).tolist()
-        along_x, along_y = np.exp(np.float32(xx) * freq_x**2), np.exp(np.float32(yy) * freq_y**2)
-        along_x, along_y = along_x * freq_x ** orders[0], along_y * freq_y ** orders[1]
-        # The orders add up to an even number, so that (2 pi i)^n is real.
-        transfer = along_y * (along_x * np.float32((-4 * np.pi**2) ** (sum(orders) // 2)))
-        if xy:
-            transfer *= np.exp(np.float32(2 * xy) * freq_y * freq_x)
-        return np.asarray(scipy.fft.irfft2(self._folded(self._half * transfer), s=self._shape))
-
-    def _folded(self, half: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Half spectrum of the image that keeps every ``per_px``-th sample."""
-        rows, cols = self._shape
-        fine = half.reshape(self._per_px, rows, -1).sum(axis=0)
-        mirrored = np.conj(fine[-np.arange(rows)])
-        kept = cols // 2 + 1
-        folded = np.zeros((rows, kept), dtype=np.complex64)
-        highest = fine.shape[1] - 1
-        lowest = -((self._per_px * cols - 1) // 2)
-        for block in range(-(self._per_px // 2) - 1, self._per_px // 2 + 1):
-            first, last = block * cols, block * cols + kept - 1
-            first, last = max(first, lowest), min(last, highest)
-            if last < first:
-                continue
-            target = slice(first - block * cols, last - block * cols + 1)
-            if first >= 0:
-                folded[:, target] += fine[:, first : last + 1]
-            else:
-                folded[:, target] += mirrored[:, -np.arange(first, last + 1)]
-        return folded
 
 
 def _unblurring(departure_px2: NDArray[np.float32]) -> dict[tuple[int, int], NDArray[np.float32]]:

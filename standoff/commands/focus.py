@@ -236,6 +236,8 @@ def _finish(
         return
     half_mm = _SIGMAS_95 * peak.err_mm
     say(f"sharpest at {peak.height_mm:.3f} mm, ± {half_mm:.3f} mm (95 %)")
+    if found.remark is not None:
+        note(found.remark)
     if half_mm < config.stage.tolerance_mm:
         say(f"more precise than the stage's tolerance ({config.stage.tolerance_mm:g} mm)")
     if out is not None:

@@ -24,12 +24,14 @@ from acquisition.focus import (
     sweep_focus,
 )
 from acquisition.stages import move_timeout_s
+from calibration.sharpness import NORMAL_95
 from hil_mocks import SimulatedBench
 from standoff.terminal import LiveLine, progress_bar
 from standoff.workflows.devices import OpenBench, open_bench, open_camera
 
 _REFINED_STEPS = 2
 _LIGHT_STEP = 0.15  # of the logarithm
+_GOOD_STEPS = 0.25  # of the distance between heights, for a 95 % half-interval
 _BAR_CELLS = 30
 _ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}
 
@@ -65,6 +67,14 @@ class FocusSweep:
         """Heights, values and their standard errors."""
         rows = [(point.height_mm, point.value, point.err) for point in self.points]
         return tuple(np.array(rows).T)
+
+    @property
+    def remark(self) -> str | None:
+        """What would tell the peak better, if it is not known to a fraction of the sweep's step."""
+        step_mm = float(np.median(np.diff(np.sort(self.columns()[0]))))
+        if self.peak is None or NORMAL_95 * self.peak.err_mm < _GOOD_STEPS * step_mm:
+            return None
+        return "to know it better, sweep further on both sides, or average more frames"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -146,6 +146,8 @@ class FocusSweepRun:
         levelling = self._levelling(found, regions)
         half_mm = NORMAL_95 * found.peak.err_mm
         message = f"sharpest at {found.peak.height_mm:.3f} ± {half_mm:.3f} mm"
+        if found.remark is not None:
+            message += f"; {found.remark}"
         self._show(
             state="done",
             message=message,

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.focus import FocusOptions, FocusPoint
+from acquisition.focus import FocusOptions, FocusPoint, fit_focus_peak
 from hil_mocks import SimulatedBench
 from standoff.console.devices import field_regions
-from standoff.workflows import SweepRequest, sweep_bench
+from standoff.workflows import FocusSweep, SweepRequest, sweep_bench
 from standoff.workflows.devices import OpenBench
 from standoff.workflows.focus_runs import devices_of, light_fault
 from tests.hil_mocks.benches import bench_config
@@ -70,3 +70,22 @@ def test_a_sweep_measures_further_regions_and_finds_their_peaks() -> None:
     seen = [peak.height_mm for peak in found.field if peak is not None]
     assert seen == pytest.approx([found.peak.height_mm] * len(seen), abs=6)
     assert seen
+
+
+def found_between(low_mm: float, high_mm: float) -> FocusSweep:
+    """A sweep without noise over the values of an edge that is sharp at 300 mm."""
+    heights_mm = np.linspace(low_mm, high_mm, 15)
+    values = 1 / np.hypot(1, (heights_mm - 300) * (300 / heights_mm) / 20)
+    points = tuple(
+        FocusPoint(height_mm=height, value=value, err=1e-4, level_dn=1000.0, saturated_fraction=0.0)
+        for height, value in zip(heights_mm.tolist(), values.tolist(), strict=True)
+    )
+    values = values + np.random.default_rng(3).normal(0, 3e-4, values.size)
+    return FocusSweep(points=points, peak=fit_focus_peak(heights_mm, values), why_not=None)
+
+
+def test_a_sweep_of_the_flat_top_alone_is_said_to_be_too_narrow() -> None:
+    assert found_between(220.0, 380.0).remark is None
+    remark = found_between(291.0, 309.0).remark
+    assert remark is not None
+    assert "sweep further on both sides" in remark
