@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +13,23 @@ from standoff.workflows import RESULTS_FOLDER
 PSF_NAME = "psf.json"
 CHANGED = "the PSF has changed: "
 OPTICS = ("lens", "focal_length_mm", "pixel_pitch_um")
+SAME_HEIGHT = 0.01
+"""Heights that differ by less, relative to themselves, are the same: defocus is hardly another."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """A psf.json and what it was calibrated on: camera, optics and time of the first capture."""
+    """A psf.json and what it was calibrated on: camera, optics and time of the first capture.
+
+    ``heights_mm`` are the least and largest height of its edges, None where it states none.
+    """
 
     path: Path
     session: str
     serial: str
     captured_utc: str
     optics: tuple[tuple[str, object], ...]
+    heights_mm: tuple[float, float] | None
 
     def is_of(self, other: "Calibration") -> bool:
         """Whether it is of the same camera, with the same optics as far as both state them."""
@@ -30,6 +37,13 @@ class Calibration:
         return self.serial == other.serial and all(
             mine[key] == others[key] for key in mine.keys() & others.keys()
         )
+
+    def is_at_heights_of(self, other: "Calibration") -> bool:
+        """Whether both were calibrated at the same heights, as far as both state them."""
+        if self.heights_mm is None or other.heights_mm is None:
+            return True
+        pairs = zip(self.heights_mm, other.heights_mm, strict=True)
+        return all(abs(mine - others) <= SAME_HEIGHT * mine for mine, others in pairs)
 
 
 def calibration_of(session: Path) -> Calibration | None:
@@ -47,6 +61,8 @@ def calibration_of(session: Path) -> Calibration | None:
 def earlier_calibration(sessions: Path, session: Path) -> Calibration | None:
     """Find the newest calibration before that of a session, of the same camera and optics.
 
+    One at the same heights goes before newer ones at others.
+
     Parameters
     ----------
     sessions
@@ -63,10 +79,14 @@ def earlier_calibration(sessions: Path, session: Path) -> Calibration | None:
         if path != session and path.is_dir() and not path.is_symlink()
     )
     earlier = [o for o in others if o and o.is_of(own) and o.captured_utc < own.captured_utc]
-    return max(earlier, key=lambda each: each.captured_utc, default=None)
+    return max(
+        earlier, key=lambda each: (each.is_at_heights_of(own), each.captured_utc), default=None
+    )
 
 
-def lens_sentence(document: Mapping[str, Any], earlier: Calibration) -> str:
+def lens_sentence(
+    document: Mapping[str, Any], earlier: Calibration, now: Calibration | None
+) -> str:
     """Say what `standoff compare` found, in one sentence.
 
     Parameters
@@ -75,6 +95,8 @@ def lens_sentence(document: Mapping[str, Any], earlier: Calibration) -> str:
         As that command prints it with ``--json``.
     earlier
         The first of the two calibrations.
+    now
+        The second one, if it can be read.
     """
     since = f"{earlier.session} ({earlier.captured_utc[:10]})"
     verdict = str(document["verdict"])
@@ -82,8 +104,30 @@ def lens_sentence(document: Mapping[str, Any], earlier: Calibration) -> str:
         return f"Against {since}: {verdict}."
     if document["is_changed"]:
         what = verdict.removeprefix(CHANGED)
+        if now is not None and not now.is_at_heights_of(earlier):
+            return (
+                f"Not the same as {since}: {what}. But that was calibrated at "
+                f"{_range_text(earlier)} and this at {_range_text(now)}, where the same lens is in "
+                "focus otherwise: calibrate at the same heights to tell whether it has moved."
+            )
         return f"The lens has moved, or its focus has changed, since {since}: {what}."
     return f"The lens has not moved since {since}, as far as this shows: {verdict}."
+
+
+def _range_text(calibration: Calibration) -> str:
+    low_mm, high_mm = calibration.heights_mm or (0.0, 0.0)
+    return f"{low_mm:g} mm" if low_mm == high_mm else f"{low_mm:g} to {high_mm:g} mm"
+
+
+def _heights_of(document: Mapping[str, Any]) -> tuple[float, float] | None:
+    edges = document.get("edges")
+    stated = (
+        [e.get("height_mm") for e in edges if isinstance(e, dict)]
+        if isinstance(edges, list)
+        else []
+    )
+    heights_mm = [float(h) for h in stated if isinstance(h, int | float) and isfinite(h)]
+    return (min(heights_mm), max(heights_mm)) if heights_mm else None
 
 
 @lru_cache(maxsize=1024)
@@ -101,4 +145,5 @@ def _read(path: Path, session: str, _changed_ns: int, _bytes: int) -> Calibratio
         serial=serial,
         captured_utc=captured_utc,
         optics=tuple((key, stated[key]) for key in OPTICS if key in stated),
+        heights_mm=_heights_of(document),
     )

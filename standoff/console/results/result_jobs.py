@@ -16,7 +16,11 @@ from standoff.console.results.command_process import (
     CommandResult,
     run_command,
 )
-from standoff.console.results.lens_comparison import earlier_calibration, lens_sentence
+from standoff.console.results.lens_comparison import (
+    calibration_of,
+    earlier_calibration,
+    lens_sentence,
+)
 from standoff.console.results.result_kinds import (
     FILES,
     TITLES,
@@ -189,8 +193,10 @@ class ResultJobs:
         document = self._run(words, check=job.check, tell=self._tell).document
         if not isinstance(document, dict):
             raise ApplicationError("standoff compare printed no result")
-        sentence = lens_sentence(document, earlier)
-        self._show(is_alarming=bool(document["is_changed"]))
+        own = calibration_of(session)
+        sentence = lens_sentence(document, earlier, own)
+        is_telling = own is None or own.is_at_heights_of(earlier)
+        self._show(is_alarming=is_telling and bool(document["is_changed"]))
         kept = document | {"earlier_session": earlier.session, "sentence": sentence}
         write_file(
             session / RESULTS_FOLDER / FILES["compare"].document,

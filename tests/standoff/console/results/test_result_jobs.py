@@ -33,13 +33,21 @@ class Commands:
         return CommandResult(document=self._document, remarks=("one remark",))
 
 
-def write_psf(path: Path, captured_utc: str, *, serial: str = "7", lens: str = "8 mm") -> None:
+def write_psf(
+    path: Path,
+    captured_utc: str,
+    *,
+    serial: str = "7",
+    lens: str = "8 mm",
+    heights_mm: Sequence[float] = (),
+) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     document = {
         "sigma_x_px": 0.7,
         "camera": {"serial": serial},
         "photograph": {"lens": lens},
         "captured_utc": captured_utc,
+        "edges": [{"height_mm": height_mm} for height_mm in heights_mm],
     }
     path.write_text(json.dumps(document))
 
@@ -71,14 +79,15 @@ def test_a_calibration_is_compared_with_the_last_one_of_the_same_camera_and_lens
     session_dir: Path,
 ) -> None:
     folder = session_dir.parent
-    for name, day, facts in (
-        ("old", "2026-01-01", {}),
-        ("last", "2026-01-09", {}),
-        ("later", "2026-03-03", {}),
-        ("other camera", "2026-01-20", {"serial": "8"}),
-        ("other lens", "2026-01-20", {"lens": "12 mm"}),
+    for name, day, serial, lens in (
+        ("old", "2026-01-01", "7", "8 mm"),
+        ("last", "2026-01-09", "7", "8 mm"),
+        ("later", "2026-03-03", "7", "8 mm"),
+        ("other camera", "2026-01-20", "8", "8 mm"),
+        ("other lens", "2026-01-20", "7", "12 mm"),
     ):
-        write_psf(folder / name / "results/psf.json", f"{day}T00:00:00.000000Z", **facts)
+        path = folder / name / "results/psf.json"
+        write_psf(path, f"{day}T00:00:00.000000Z", serial=serial, lens=lens)
     run = Commands(COMPARED)
     said = computed(ResultJobs(folder, run=run), session_dir, kind="calibrate")
     psf = session_dir / "results" / "psf.json"
@@ -97,6 +106,26 @@ def test_a_calibration_is_compared_with_the_last_one_of_the_same_camera_and_lens
     assert said == (
         "The lens has moved, or its focus has changed, since last (2026-01-09): sigma_x."
     )
+    assert jobs.view.is_alarming
+
+
+def test_a_calibration_at_other_heights_says_nothing_of_the_lens(session_dir: Path) -> None:
+    folder, changed = session_dir.parent, COMPARED | {"is_changed": True}
+    own = session_dir / "results/psf.json"
+    write_psf(own, "2026-02-02T00:00:00.000000Z", heights_mm=[200.0, 240.0])
+    higher = folder / "higher/results/psf.json"
+    write_psf(higher, "2026-01-09T00:00:00.000000Z", heights_mm=[300.0])
+    jobs = ResultJobs(folder, run=Commands(changed | {"verdict": "the PSF has changed: sigma_x"}))
+    said = computed(jobs, session_dir, kind="compare")
+    assert "calibrated at 300 mm and this at 200 to 240 mm" in said
+    assert "lens has moved" not in said
+    assert not jobs.view.is_alarming
+    # An older one at the same heights, to a per cent, does.
+    write_psf(
+        folder / "same/results/psf.json", "2026-01-01T00:00:00.000000Z", heights_mm=[240.5, 201.0]
+    )
+    said = computed(jobs, session_dir, kind="compare")
+    assert said.startswith("The lens has moved, or its focus has changed, since same (2026-01-01)")
     assert jobs.view.is_alarming
 
 
