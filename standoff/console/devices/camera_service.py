@@ -28,6 +28,9 @@ RETRY_S = 1.0
 STALL_S = 1.0
 STALL_PERIODS = 5.0
 STATISTICS_S = 1.0
+RETURN_S = 5.0
+"""A camera that was lost for less is expected back, as a busy computer loses it for a moment."""
+
 CLOSE_TIMEOUT_S = 5.0
 TURN_S = 0.005
 
@@ -82,6 +85,7 @@ class CameraService:
         self._turn = Lock()
         self._is_wished = Event()
         self._is_lent = False
+        self._lost_s = -RETURN_S
         self._is_closing = Event()
         self._thread = Thread(target=self._run, name="camera service", daemon=True)
 
@@ -89,6 +93,12 @@ class CameraService:
     def status(self) -> DeviceStatus:
         """Whether it delivers frames, and what to do if not."""
         return self._status
+
+    @property
+    def is_expected(self) -> bool:
+        """Whether it delivers frames, or did so a moment ago."""
+        was_there = self._status.is_ready or self._clock() - self._lost_s < RETURN_S
+        return was_there and not self._is_closing.is_set()
 
     @property
     def settings(self) -> CameraSettings | None:
@@ -137,6 +147,8 @@ class CameraService:
     def lent(self, check: Callable[[], None] = lambda: None) -> Iterator[Camera]:
         """Lend the camera; between a stop and the next start the live stream continues.
 
+        A camera that was lost a moment ago is waited for.
+
         Parameters
         ----------
         check
@@ -147,9 +159,11 @@ class CameraService:
         DeviceDisconnectedError
             If no camera is connected.
         """
-        camera = self._camera
-        if camera is None or not self._status.is_ready:
-            raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
+        while (camera := self._camera) is None or not self._status.is_ready:
+            if not self.is_expected:
+                raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
+            check()
+            time.sleep(TURN_S)
         lent = _LentCamera(self, camera, check)
         self._is_lent = True
         try:
@@ -182,6 +196,8 @@ class CameraService:
 
     def lost(self, error: DeviceError) -> None:
         """Note that the stream was lost."""
+        if self._status.is_ready:
+            self._lost_s = self._clock()
         remedy = LOST_REMEDY if self._settings is not None else ABSENT_REMEDY
         if isinstance(error, DriverMissingError):
             remedy = DRIVER_REMEDY

@@ -16,14 +16,19 @@ LEAST_REGION_PX = 8
 def require_devices(hub: BenchHub) -> None:
     """Refuse to begin what needs camera and stage while one of them is not there.
 
+    A camera that was lost a moment ago is not refused: whatever begins waits for it.
+
     Raises
     ------
     DeviceDisconnectedError
         If so.
     """
-    for device in (hub.camera, hub.stage):
-        if not device.status.is_ready:
-            raise DeviceDisconnectedError(f"{device.status.text}. {device.status.remedy}")
+    for status, is_there in (
+        (hub.camera.status, hub.camera.is_expected),
+        (hub.stage.status, hub.stage.status.is_ready),
+    ):
+        if not is_there:
+            raise DeviceDisconnectedError(f"{status.text}. {status.remedy}")
 
 
 def measure_commands(hub: BenchHub) -> dict[type[Any], Callable[[Any], None]]:

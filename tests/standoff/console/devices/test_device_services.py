@@ -139,6 +139,27 @@ def test_a_stop_ends_what_the_borrower_does(
     wait_for(lambda: frames(broadcaster) > before, "the live stream")
 
 
+def test_who_borrows_a_camera_that_was_lost_a_moment_ago_gets_it_when_it_is_back(
+    camera: CameraService, maker: CameraMaker
+) -> None:
+    wait_for(lambda: camera.status.is_ready, "ready")
+    maker.is_unplugged = True
+    maker.opened[-1].camera.faults = CameraFaults(disconnect_at=0)
+    wait_for(lambda: camera.status.state == "lost", "lost")
+    assert camera.is_expected
+    asked = Event()
+
+    def plug_in() -> None:
+        asked.wait(10)
+        maker.is_unplugged = False
+
+    Thread(target=plug_in, daemon=True).start()
+    with camera.lent(asked.set) as lent:
+        lent.start()
+        assert lent.next_frame(1.0).is_complete
+        lent.stop()
+
+
 def test_a_lost_camera_is_shown_and_opened_again_with_its_exposure(
     camera: CameraService, broadcaster: FrameBroadcaster, maker: CameraMaker
 ) -> None:
