@@ -32,9 +32,9 @@ def file_state(path: Path, sha256: str | None) -> FileState:
     SessionError
         If it cannot be read.
     """
-    if not path.is_file():
-        return "missing"
     try:
+        if not path.is_file():
+            return "missing"
         return "ok" if file_sha256(path) == sha256 else "changed"
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}", path=path) from error

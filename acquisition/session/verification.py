@@ -146,10 +146,10 @@ def _check_capture(
         if file != record.file:
             states[file] = file_state(path / file, sha256)
             continue
-        if not (path / file).is_file():
-            states[file] = "missing"
-            continue
         try:
+            if not (path / file).is_file():
+                states[file] = "missing"
+                continue
             data = read_regular_file(path / file, LARGEST_IMAGE_BYTES)
         except OSError as error:
             raise SessionError(f"{path / file}: {error.strerror}", path=path / file) from error

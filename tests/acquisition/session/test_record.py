@@ -29,6 +29,8 @@ def test_a_record_survives_json_text_and_back_exactly(record: CaptureRecord) -> 
         ({"started_utc": "2025-03-04T05:06:07+01:00"}, "started_utc"),
         ({"file": "/etc/passwd"}, "file"),
         ({"frames_file": "frames/../../x.tif"}, "frames_file"),
+        ({"file": "x" * 100_000}, "file"),
+        ({"file": "é" * 200}, "file"),
         ({"colour": "red"}, "colour"),
     ],
 )
@@ -40,6 +42,7 @@ def test_a_record_that_is_not_one_names_the_key(changed: dict[str, object], key:
     assert refused.value.keys in ((key,), ("",))
     assert key in str(refused.value)
     assert str(refused.value).startswith("line 3: ")
+    assert len(str(refused.value)) < 400
 
 
 STATED_SINCE = ("gain", "gain_unit", "black_level", "black_level_unit")
