@@ -29,7 +29,7 @@ needs_aravis = pytest.mark.skipif(_missing() != "", reason=_missing())
 
 
 def camera_config(address: str, **keys: object) -> CameraConfig:
-    """A quick camera, with single keys replaced."""
+    """A quick camera, with single keys replaced; nothing tries which packets arrive."""
     return CameraConfig.model_validate(
         {
             "driver": "aravis",
@@ -38,6 +38,7 @@ def camera_config(address: str, **keys: object) -> CameraConfig:
             "exposure_us": 4000.0,
             "gain_db": 0.0,
             "frame_rate_hz": 60.0,
+            "packet_size_bytes": 1500,
             "reconnect_timeout_s": 5.0,
             **keys,
         }

@@ -83,7 +83,8 @@ class CameraService:
         self._wanted: dict[str, float] = {}
         self._requests: SimpleQueue[tuple[str, float]] = SimpleQueue()
         self._turn = Lock()
-        self._is_wished = Event()
+        self._wishes = 0
+        self._counting = Lock()
         self._is_lent = False
         self._lost_s = -RETURN_S
         self._is_closing = Event()
@@ -176,12 +177,14 @@ class CameraService:
 
     def take_turn(self) -> None:
         """End the live stream and hold the camera until `give_turn`."""
-        self._is_wished.set()
+        with self._counting:
+            self._wishes += 1
         self._turn.acquire()
 
     def give_turn(self) -> None:
-        """Let the live stream continue."""
-        self._is_wished.clear()
+        """Let the live stream continue, or whoever else waits for the camera."""
+        with self._counting:
+            self._wishes -= 1
         self._turn.release()
 
     def saw(self, frame: Frame, camera: Camera) -> None:
@@ -205,7 +208,7 @@ class CameraService:
 
     def _run(self) -> None:
         while not self._is_closing.is_set():
-            if self._is_wished.is_set():
+            if self._wishes > 0:
                 time.sleep(TURN_S)
                 continue
             with self._turn:
@@ -231,7 +234,7 @@ class CameraService:
         try:
             asked_s = self._clock()
             waited_s = 0.0
-            while not (self._is_wished.is_set() or self._is_closing.is_set()):
+            while not (self._wishes > 0 or self._is_closing.is_set()):
                 self._apply_requests(camera)
                 settings = camera.settings
                 period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)

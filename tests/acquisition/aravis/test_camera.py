@@ -152,7 +152,10 @@ def test_a_frame_rate_lowered_at_the_opening_rises_when_the_exposure_falls(
 def test_the_largest_packet_that_gets_through_is_negotiated_and_read_back() -> None:
     # At power-up the camera has 8228 bytes, more than the link of 1500 carries.
     for link_mtu_bytes, least, most in ((1500, 1500, 1500), (9000, 8000, 9000)):
-        with gige_bench(link_mtu_bytes=link_mtu_bytes) as bench, opened(bench) as camera:
+        with (
+            gige_bench(link_mtu_bytes=link_mtu_bytes) as bench,
+            opened(bench, packet_size_bytes=None) as camera,
+        ):
             assert least <= int(camera.settings.features["GevSCPSPacketSize"]) <= most
             camera.start()
             assert camera.next_frame(1.0).is_complete

@@ -332,7 +332,7 @@ def test_a_plan_whose_camera_another_program_takes_ends_in_one_error_and_resumes
 def drain(camera: AravisCamera, limit_s: float) -> None:
     begin_s = time.monotonic()
     while time.monotonic() - begin_s < limit_s:
-        camera.next_frame(1.0)
+        camera.next_frame(3.0)  # longer than what it calls a stall
 
 
 def run_plan_with(camera: AravisCamera, path: Path) -> RunSummary:

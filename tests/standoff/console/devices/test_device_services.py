@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Lock, Thread, current_thread
 
 import pytest
 
@@ -117,6 +117,48 @@ def test_a_lent_camera_is_the_borrowers_and_everybody_sees_its_frames(
         lent.stop()
         wait_for(lambda: frames(broadcaster) > before + 6, "the live stream between two captures")
     wait_for(lambda: frames(broadcaster) > before + 12, "the live stream afterwards")
+
+
+class TurnOfALatecomer:
+    """The lock of a camera's turns, to which threads named ``late`` come when the time is right."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self.is_asked, self.is_time = Event(), Event()
+
+    def acquire(self) -> bool:
+        if current_thread().name == "late":
+            self.is_asked.set()
+            self.is_time.wait()
+        return self._lock.acquire()
+
+    def release(self) -> None:
+        self._lock.release()
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+def test_the_stream_waits_for_the_last_of_several_who_want_the_camera(
+    monkeypatch: pytest.MonkeyPatch, camera: CameraService
+) -> None:
+    wait_for(lambda: camera.status.is_ready, "a camera")
+    turn = TurnOfALatecomer()
+    camera.take_turn()
+    monkeypatch.setattr(camera, "_turn", turn)
+    turn.acquire()
+    late = Thread(target=camera.take_turn, name="late", daemon=True)
+    late.start()
+    assert turn.is_asked.wait(30.0)
+    camera.give_turn()
+    turn.is_time.wait(0.2)  # in which the stream would begin
+    turn.is_time.set()
+    late.join(30.0)
+    assert not late.is_alive()
+    camera.give_turn()
 
 
 def test_a_stop_ends_what_the_borrower_does(
