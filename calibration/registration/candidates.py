@@ -145,11 +145,14 @@ class Choice:
     rival: Candidate | None = None
 
 
-def judged(pair: PhotographPair, hypothesis: PoseHypothesis) -> Candidate | None:
+def judged(
+    pair: PhotographPair, hypothesis: PoseHypothesis, least_evidence: float = 0.0
+) -> Candidate | None:
     """Refine and judge a hypothesis; None where it leaves nothing in common.
 
     At a coarse resolution, from there or from a coarser one; where that leaves it open whether the
-    agreement is chance, at a finer one: the more detail agrees, the less it can be.
+    agreement is chance, at a finer one: the more detail agrees, the less it can be. What has less
+    than ``least_evidence`` at the coarse resolution is not looked at any closer.
     """
     start = pair.directed(pair.pose_of(hypothesis.matrix))
     factor = comparison_factor(start.target.shape)
@@ -160,6 +163,8 @@ def judged(pair: PhotographPair, hypothesis: PoseHypothesis) -> Candidate | None
     if not start.pose.stretch <= _STRETCH_MAX * zoom:
         return None
     found = _refined_and_judged(pair, hypothesis, start, [factor])
+    if found is not None and found.agreement.evidence < least_evidence:
+        return found
     if found is None or not found.is_clear:
         other = _refined_and_judged(pair, hypothesis, start, coarse_to_fine)
         if found is None or (
@@ -236,12 +241,9 @@ def with_rival(pair: PhotographPair, best: Candidate) -> Choice:
     matrix = np.asarray(best.directed.pose.matrix @ shift)
     if best.directed.is_swapped:
         matrix = np.asarray(np.linalg.inv(matrix))
-    other = judged(pair, PoseHypothesis(matrix=matrix))
-    if (
-        other is None
-        or not other.is_significant
-        or other.agreement.evidence < _RIVAL_EVIDENCE * agreement.evidence
-    ):
+    least = _RIVAL_EVIDENCE * agreement.evidence
+    other = judged(pair, PoseHypothesis(matrix=matrix), least)
+    if other is None or not other.is_significant or other.agreement.evidence < least:
         return Choice(best=best)
     is_told = best.hypothesis.is_given or best.hypothesis.is_expected
     if not is_told and other.agreement.evidence > agreement.evidence:

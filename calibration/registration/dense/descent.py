@@ -148,22 +148,42 @@ def _is_worse(
 
 def _best_fit(level: LevelPair, pose: DistortedPose, *, is_one_camera: bool) -> RefinedPose | None:
     """Fit with a displacement or with the lens's distortion where the photographs tell of it."""
-    straight = pose if pose.displacement is not None else pose.with_(pose.matrix, 0.0)
-    motions, found = refined_at(level, straight)
-    if found is None:
+    if pose.displacement is not None:
+        return _bent_fit(level, pose)
+    fit = _unbent_fit(level, pose, is_one_camera=is_one_camera)
+    if fit is None:
         return None
-    plain = _with_errors(level, motions, found)
-    if pose.displacement is None and is_one_camera:
-        # What was fitted without a distortion is a nearer start, unless it makes up for one.
-        begin = found.pose if pose.k1 == 0 else pose
-        motions, distorted = refined_at(level, begin, fits_distortion=True)
-        if distorted is not None:
-            lens = _with_errors(level, motions, distorted)
-            if abs(lens.pose.k1) > _K1_SIGNIFICANT * lens.errors.k1_err:
-                plain, found = lens, distorted
-    if pose.displacement is None and not bend_of(level, found).is_significant():
-        return plain
-    return _bent_fit(level, pose if pose.displacement is not None else plain.pose)
+    made, found = fit
+    return _bent_fit(level, made.pose) if bend_of(level, found).is_significant() else made
+
+
+def _unbent_fit(
+    level: LevelPair, pose: DistortedPose, *, is_one_camera: bool
+) -> tuple[RefinedPose, Residuals] | None:
+    if is_one_camera and pose.k1 != 0:
+        lens = _distorted_fit(level, pose)
+        if lens is not None:
+            return lens
+    straight = _fit(level, pose.with_(pose.matrix, 0.0), fits_distortion=False)
+    if straight is None or not is_one_camera or pose.k1 != 0:
+        return straight
+    # What was fitted without a distortion is a nearer start, as it makes up for none.
+    return _distorted_fit(level, straight[0].pose) or straight
+
+
+def _distorted_fit(level: LevelPair, pose: DistortedPose) -> tuple[RefinedPose, Residuals] | None:
+    """Fit with the lens's distortion; None where it does not stand out."""
+    lens = _fit(level, pose, fits_distortion=True)
+    if lens is None or not abs(lens[0].pose.k1) > _K1_SIGNIFICANT * lens[0].errors.k1_err:
+        return None
+    return lens
+
+
+def _fit(
+    level: LevelPair, pose: DistortedPose, *, fits_distortion: bool
+) -> tuple[RefinedPose, Residuals] | None:
+    motions, found = refined_at(level, pose, fits_distortion=fits_distortion)
+    return None if found is None else (_with_errors(level, motions, found), found)
 
 
 def _bent_fit(level: LevelPair, pose: DistortedPose) -> RefinedPose | None:
