@@ -10,6 +10,8 @@ LOCKED := $(PIP) --require-hashes -r requirements
 CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
 COMPILED := $(VENV)/.compiled
+# Tests start hundreds of processes: modules are compiled once, whatever the shell says.
+export PYTHONDONTWRITEBYTECODE :=
 SOURCES := $(shell find acquisition calibration simulation analysis hil_mocks -name '*.py')
 
 .PHONY: demo paper test setup lint coverage docs bench fuzz lock licences sbom clean

@@ -22,7 +22,7 @@ from hil_mocks.scene.scenes import Scene
 ALIAS_EXPONENT = 0.6
 """``s0^2 (1 - s0^2 / sigma^2) K^2``: folded frequencies are below exp(-2 pi^2 0.6) = 7e-6."""
 
-MIN_SAMPLES_PER_PX = 3
+MIN_SAMPLES_PER_PX = 1
 PAD_SIGMAS = 5.0
 TILE_PX = 64
 

@@ -9,6 +9,7 @@ import pytest
 from acquisition.session.reader import Session
 from acquisition.session.verification import verify
 from tests.standoff.console.console_rig import (
+    FEW_PICTURES,
     ConsoleRig,
     console_rig,
     move_to,
@@ -41,7 +42,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleRig]:
     (folder / "five.toml").write_text(
         PLAN.format(name="five", heights=[300.0, 301.0, 302.0, 303.0, 304.0])
     )
-    with console_rig(folder) as made:
+    with console_rig(folder, *FEW_PICTURES) as made:
         yield made
         assert made.faults == []
         assert {urlsplit(url).hostname for url in made.requests} == {"127.0.0.1"}

@@ -9,6 +9,7 @@ import pytest
 from acquisition.plan import load_plan
 from acquisition.session import Session
 from tests.standoff.console.console_rig import (
+    FEW_PICTURES,
     ConsoleRig,
     console_rig,
     take_control,
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.slow(minutes=0.3)
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleRig]:
     folder: Path = tmp_path_factory.mktemp("results")
-    with console_rig(folder) as made:
+    with console_rig(folder, *FEW_PICTURES) as made:
         yield made
         assert made.faults == []
         assert {urlsplit(url).hostname for url in made.requests} == {"127.0.0.1"}
