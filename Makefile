@@ -22,9 +22,10 @@ demo: $(CORE)  ## The whole chain on the simulated bench; needs no system packag
 paper: $(FULL)  ## The paper's tables and figures on the simulated bench: up to an hour.
 	$(BIN)/standoff paper --out paper-output
 
+# Three workers for two processors: one of them mostly waits for devices and browsers.
 test: $(FULL) $(COMPILED)  ## Lint, types, layers and every test, the fast ones first.
 	$(MAKE) --no-print-directory lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist worksteal
 
 setup: $(FULL)  ## Everything, in .venv.
 

@@ -35,21 +35,26 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Put the fast tests of every worker before its slow ones, of which modules of minutes lead.
 
     With ``--dist worksteal`` each worker begins with a run of neighbours in this order, and who
-    has none left takes from the others' ends: what is long must not be left for last.
+    has none left takes from the others' ends: what is long must not be left for last. The last
+    worker begins with the tests that wait most of their time, while others keep the processor busy.
     """
-    slow = [item for item in items if item.get_closest_marker("slow")]
     minutes = defaultdict[pytest.Collector | None, float](float)
-    for item in slow:
+    for item in items:
         minutes[item.parent] += _minutes(item)
-    slow.sort(key=lambda item: -minutes[item.parent])
-    fast = [item for item in items if not item.get_closest_marker("slow")]
+    workers = getattr(config, "workerinput", {"workercount": 1})["workercount"]
+    waiting = [item for item in items if workers > 1 and item.get_closest_marker("waits")]
+    others = [item for item in items if item not in waiting]
+    slow = [item for item in others if item.get_closest_marker("slow")]
+    fast = [item for item in others if not item.get_closest_marker("slow")]
+    for some in (waiting, slow):
+        some.sort(key=lambda item: -minutes[item.parent])
     items.clear()
-    for workers_left in range(
-        getattr(config, "workerinput", {"workercount": 1})["workercount"], 0, -1
-    ):
-        share, first = (len(fast) + len(slow)) // workers_left, len(fast) // workers_left
+    for workers_left in range(workers, 1, -1):
+        share = (len(waiting) + len(fast) + len(slow)) // workers_left
+        first = share * len(fast) // max(len(fast) + len(slow), 1)
         items += fast[:first] + slow[: share - first]
         del fast[:first], slow[: share - first]
+    items += waiting + fast + slow
 
 
 def _minutes(item: pytest.Item) -> float:

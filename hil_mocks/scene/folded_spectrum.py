@@ -5,7 +5,6 @@ import scipy.fft
 from numba import njit
 from numpy.typing import NDArray
 
-
 NEGLIGIBLE = 1e-12
 """Part of the largest factor of a transfer below which frequencies are left out. Numbers so small
 that they are denormal take a hundred times as long to multiply."""

@@ -39,7 +39,7 @@ from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench
 from tests.hil_mocks.gige_client import wait_for
 
-pytestmark = needs_aravis
+pytestmark = [needs_aravis, pytest.mark.waits]
 
 QUICK = {"region_px": (0, 0, 96, 16), "frame_rate_hz": 200.0, "packet_size_bytes": 600}
 """About 200 frames a second, of six packets each."""

@@ -24,6 +24,7 @@ SMALL_SENSOR = ("simulated.width_px=240", "simulated.height_px=180")
 
 
 @needs_aravis
+@pytest.mark.waits
 @pytest.mark.slow(minutes=0.4)
 def test_a_scan_over_the_wire_writes_a_session(tmp_path: Path) -> None:
     run_engine = pytest.importorskip("bluesky.run_engine", reason="needs standoff[bluesky]")

@@ -87,6 +87,7 @@ def be_the_operator(capture: subprocess.Popen[str], mock: subprocess.Popen[str])
     return placed
 
 
+@pytest.mark.waits
 @pytest.mark.slow(minutes=0.6)
 def test_a_session_of_five_heights_and_four_orientations_over_the_real_protocols(
     command: Command, tmp_path: Path

@@ -19,6 +19,8 @@ from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command, Outcome
 
+pytestmark = pytest.mark.waits
+
 FASTER = 20.0
 START_TIMEOUT_S = 120.0
 

@@ -20,7 +20,7 @@ from tests.standoff.console.console_rig import (
     wait_until,
 )
 
-pytestmark = pytest.mark.slow(minutes=0.2)
+pytestmark = [pytest.mark.slow(minutes=0.2), pytest.mark.waits]
 
 PLAN = """
 schema = "standoff.plan/1"

@@ -15,7 +15,7 @@ from tests.standoff.console.console_rig import wait_until
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub
 from tests.standoff.console.web.live_page import PHONE, LivePage, live_page
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.waits]
 
 ROWS, COLS = 90, 120
 

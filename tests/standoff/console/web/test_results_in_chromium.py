@@ -17,7 +17,7 @@ from tests.standoff.console.console_rig import (
     wait_until,
 )
 
-pytestmark = pytest.mark.slow(minutes=0.3)
+pytestmark = [pytest.mark.slow(minutes=0.3), pytest.mark.waits]
 
 
 @pytest.fixture(scope="module")
