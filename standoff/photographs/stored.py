@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageFile
 
 from calibration.choices import Pattern
 from simulation.arrays import FloatArray
@@ -100,6 +100,8 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
     DecodingError
         In place of any of them.
     """
+    fills_what_is_missing = ImageFile.LOAD_TRUNCATED_IMAGES
+    ImageFile.LOAD_TRUNCATED_IMAGES = False  # WeasyPrint sets it for the whole process
     try:
         with warnings.catch_warnings():
             # A library warns of damage that it can live with, and of sizes, which are checked here.
@@ -110,3 +112,5 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
     except _DAMAGE + damage as error:
         said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise DecodingError(f"not a complete {kind}: {said}") from error
+    finally:
+        ImageFile.LOAD_TRUNCATED_IMAGES = fills_what_is_missing

@@ -9,7 +9,7 @@ import imagecodecs
 import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
-from PIL import Image
+from PIL import Image, ImageFile
 
 from standoff.errors import ImageFileError
 from standoff.photographs.encoding import SRGB
@@ -263,6 +263,17 @@ def test_a_file_that_is_cut_is_refused_or_whole(kind: str, data: st.DataObject) 
     except DecodingError:
         return
     np.testing.assert_array_equal(found, pixels)
+
+
+@pytest.mark.parametrize("kind", ["png", "bmp", "jpeg"])
+def test_what_another_library_allows_pillow_is_not_allowed_here(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ImageFile, "LOAD_TRUNCATED_IMAGES", True)
+    sample, _ = SAMPLES[kind]
+    with pytest.raises(DecodingError, match="not a complete image"):
+        read_raster_image(sample[: len(sample) // 2]).page(0)
+    assert ImageFile.LOAD_TRUNCATED_IMAGES
 
 
 @given(at=st.integers(0, 200), bits=st.integers(1, 255), kind=st.sampled_from(sorted(SAMPLES)))
