@@ -24,6 +24,8 @@ from acquisition.session.manifest import MANIFEST_NAME, Manifest
 from acquisition.session.record import CaptureRecord
 
 JOURNAL_NAME = "journal.jsonl"
+_CHANGING = ("capture", "retake", "exclude", "include", "height")
+"""Events after which other captures are to be used, or with other heights."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,6 +163,11 @@ class Session:
         """The captures to use, in order of index: neither superseded nor excluded."""
         used = (capture.record for capture in self.captures if capture.is_used)
         return tuple(sorted(used, key=lambda record: record.index))
+
+    @property
+    def changed_utc(self) -> str:
+        """When the captures to use last changed, ISO 8601 in UTC; empty before the first one."""
+        return max((e.utc for e in self.events if e.kind in _CHANGING), default="")
 
     @property
     def is_complete(self) -> bool:

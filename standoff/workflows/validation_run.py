@@ -1,9 +1,10 @@
 """Validates a session and writes all the results."""
 
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 
-from acquisition.session import JOURNAL_NAME, Session
+from acquisition.session import Session
 from analysis.choices import VALIDATION_MODELS, ValidationModel
 from analysis.errors import ResultsFileError
 from analysis.reports import plot_curves, plot_images, png_bytes, render_validation, svg_bytes
@@ -95,8 +96,8 @@ def run_validation(
 def session_validation(session: Session, psf: Psf, psf_name: str) -> Validation:
     """Return the validation among a session's results, after making it if needed.
 
-    An existing one is used if it has this PSF and is no older than the session's journal. A new
-    one has the models that need no training, and its tables are written beside it.
+    An existing one is used if it has this PSF and the session's captures have not changed since. A
+    new one has the models that need no training, and its tables are written beside it.
 
     Raises
     ------
@@ -123,12 +124,25 @@ def _stored_validation(session: Session, psf: Psf) -> Validation | None:
     except ResultsFileError as error:
         note(f"{error}; the captures are compared again")
         return None
-    is_older = path.stat().st_mtime_ns < (session.path / JOURNAL_NAME).stat().st_mtime_ns
+    is_older = _is_older(path, stored, session.changed_utc)
     if stored.is_of(psf) and not is_older:
         return stored
-    reason = "older than the session's journal" if is_older else "of another PSF"
+    reason = (
+        "older than the last change of the session's captures" if is_older else "of another PSF"
+    )
     note(f"{path} is {reason}: the captures are compared again")
     return None
+
+
+def _is_older(path: Path, stored: Validation, changed_utc: str) -> bool:
+    """Whether a validation was written before a moment.
+
+    A copy of the file may be newer than what it says of itself, which is known to the second.
+    """
+    written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+    created = "9" if stored.provenance is None else stored.provenance.created
+    second = len("2026-01-01T00:00:00")
+    return f"{written:%Y-%m-%dT%H:%M:%S.%fZ}" < changed_utc or created < changed_utc[:second]
 
 
 def _validated(

@@ -86,10 +86,13 @@ def test_the_demo_measures_the_bench_and_predicts_its_captures(
     for title in ("Captures", "Point spread function", "Simulated against captured follow-ups"):
         assert title in page
     assert (folder / "demo" / "comparison.png").stat().st_size > 10_000
-    # A second run finds the captures and prints the tables for people.
+    # A second run finds the captures and their comparison, and prints the tables for people.
+    compared = folder / "demo" / "session" / "results" / "validation.json"
+    before = compared.stat().st_mtime_ns
     again = command("demo", "--out", folder / "demo")
     assert again.status == 0
     assert "matched" in again.out
+    assert compared.stat().st_mtime_ns == before
 
 
 @pytest.mark.slow(minutes=3)

@@ -16,7 +16,6 @@ ResultKind = Literal[
 
 TEXTURED = ("texture", "chart")
 FLAT_KINDS = ("flat", "dark")
-CHANGING_EVENTS = ("capture", "retake", "exclude", "include", "height")
 PAIRS_SHOWN = 20
 
 
@@ -84,7 +83,6 @@ def results_of(session: Session, *, has_curves: bool) -> tuple[ResultView, ...]:
         Whether poses can be judged.
     """
     lacks = missing_for(session, has_curves=has_curves)
-    changed_utc = max((e.utc for e in session.events if e.kind in CHANGING_EVENTS), default="")
     found = []
     for kind, (title, explanation, _) in TITLES.items():
         files = FILES.get(kind)
@@ -100,7 +98,7 @@ def results_of(session: Session, *, has_curves: bool) -> tuple[ResultView, ...]:
                 explanation=explanation,
                 missing=lacks[kind],
                 is_done=told.is_done,
-                is_outdated=told.is_done and told.written_utc < changed_utc,
+                is_outdated=told.is_done and told.written_utc < session.changed_utc,
                 figures=told.figures,
                 page=told.page,
             )

@@ -133,7 +133,7 @@ def test_a_report_takes_the_validation_that_is_there_while_it_is_current(
     done = command("session", "exclude", 1, session, "--reason", "hair")
     assert done.status == 0, done.err
     done = command("report", session)
-    assert "validation.json is older than the session's journal" in done.err
+    assert "validation.json is older than the last change of the session's captures" in done.err
     anew = json.loads(stored.read_text())
     assert [(pair["reference"], pair["followup"]) for pair in anew["pairs"]] == [(0, 2)]
     assert anew["models"] == ["bicubic", "paper", "matched", "lmmse"]
