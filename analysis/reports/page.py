@@ -194,6 +194,7 @@ def png_bytes(figure: Figure) -> bytes:
     """Draw a figure as a PNG file."""
     data = BytesIO()
     with mpl.rc_context(_STYLE):
+        _lay_out(figure)
         figure.savefig(
             data, format="png", dpi=_PNG_DPI, pil_kwargs={"compress_level": _PNG_COMPRESSION}
         )
@@ -204,8 +205,17 @@ def svg_bytes(figure: Figure) -> bytes:
     """Draw a figure as an SVG file."""
     data = BytesIO()
     with mpl.rc_context(_STYLE):
+        _lay_out(figure)
         figure.savefig(data, format="svg", metadata={"Date": None})
     return data.getvalue()
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay a figure out once; matplotlib draws it whole for that, before every file."""
+    engine = figure.get_layout_engine()
+    if figure.axes and engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def render_report(report: Report) -> str:
