@@ -85,12 +85,14 @@ class SeenScene:
         far = self.psf.otf(zoom_x * fx[None, :], zoom_y * fy[:, None])
         # The lower half plane repeats the upper one.
         twice = np.where(fy > 0, 2.0, 1.0)[:, None]
-        values = twice * self.power * self.near * far
-        variance = float(np.sum(twice * self.power * far**2))
+        seen = twice * self.power * far
+        values = seen * self.near
+        variance = float(np.vdot(seen, far))
         middle = len(fx) // 2
-        by_column = np.abs(values).sum(axis=0)
+        size = np.abs(values)
+        by_column = size.sum(axis=0)
         by_column = by_column[middle:] + by_column[middle::-1]
-        last = max(_reach(np.abs(values).sum(axis=1)), _reach(by_column))
+        last = max(_reach(size.sum(axis=1)), _reach(by_column))
         kept = slice(middle - last, middle + last + 1)
         return CrossCovariance(fy[: last + 1], fx[kept], values[: last + 1, kept], variance)
 
