@@ -19,7 +19,7 @@ from .reader import (
     Session as Session,
     SessionCapture as SessionCapture,
 )
-from .record import CaptureRecord as CaptureRecord
+from .record import CaptureRecord as CaptureRecord, utc_text as utc_text
 from .repair import RepairReport as RepairReport, repair_session as repair_session
 from .take import Photograph as Photograph, Take as Take
 from .verification import verify as verify
@@ -49,5 +49,6 @@ __all__ = [
     "read_capture",
     "repair_session",
     "stage_snapshot",
+    "utc_text",
     "verify",
 ]

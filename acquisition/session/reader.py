@@ -25,7 +25,6 @@ from acquisition.session.record import CaptureRecord
 
 JOURNAL_NAME = "journal.jsonl"
 _CHANGING = ("capture", "retake", "exclude", "include", "height")
-"""Events after which other captures are to be used, or with other heights."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,8 +165,14 @@ class Session:
 
     @property
     def changed_utc(self) -> str:
-        """When the captures to use last changed, ISO 8601 in UTC; empty before the first one."""
-        return max((e.utc for e in self.events if e.kind in _CHANGING), default="")
+        """When the captures to use last changed, ISO 8601 in UTC; empty before the first one.
+
+        A repair of the journal counts: decisions may have been lost, and captures came back.
+        """
+        return max(
+            (e.utc for e in self.events if e.kind in _CHANGING or "recovered" in e.facts),
+            default="",
+        )
 
     @property
     def is_complete(self) -> bool:

@@ -16,7 +16,7 @@ from acquisition.choices import CaptureKind
 from acquisition.errors import SessionError
 from acquisition.written_files import validation_keys, validation_lines
 
-LONGEST_PATH = 255
+_LONGEST_PATH = 255
 """Bytes of a file's path in a session: no more than a file system takes for a single name."""
 
 _UTC_TEXT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
@@ -92,7 +92,9 @@ class CaptureRecord:
         for name in ("file", "frames_file"):
             path = getattr(self, name)
             if path is not None and not _is_inside(path):
-                got = path if len(path) <= LONGEST_PATH else f"{path[:20]}... ({len(path)} letters)"
+                got = (
+                    path if len(path) <= _LONGEST_PATH else f"{path[:20]}... ({len(path)} letters)"
+                )
                 raise ValueError(f"{name} must be a file inside the session, got {got}")
 
     def to_json(self) -> dict[str, Any]:
@@ -129,7 +131,7 @@ class CaptureRecord:
 def _is_inside(path: str) -> bool:
     """Whether a relative path can be that of a file in its folder."""
     parts = path.split("/")
-    is_short = len(path.encode(errors="surrogatepass")) <= LONGEST_PATH
+    is_short = len(path.encode(errors="surrogatepass")) <= _LONGEST_PATH
     return is_short and "" not in parts and ".." not in parts
 
 

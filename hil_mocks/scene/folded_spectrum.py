@@ -37,10 +37,10 @@ class FoldedSpectrum:
         (xx, xy), (_, yy) = (-2 * np.pi**2 * covariance_px2).tolist()
         # (2 pi i)^n is real, as n is even.
         factor = (-4 * np.pi**2) ** (sum(orders) // 2)
-        # Along one axis, with the best that the other can be.
-        least = 1 - xy**2 / (xx * yy) if xy else 1.0
-        along_x, columns = _factors(self._freq_x, xx, least, orders[0])
-        along_y, _ = _factors(self._freq_y, yy, least, orders[1])
+        # A frequency along one axis counts if any along the other leaves something of it.
+        share = 1 - xy**2 / (xx * yy) if xy else 1.0
+        along_x, columns = _factors(self._freq_x, xx, share, orders[0])
+        along_y, _ = _factors(self._freq_y, yy, share, orders[1])
         folded = _folded(
             self._half,
             (factor * along_x).astype(np.float32),
@@ -53,18 +53,18 @@ class FoldedSpectrum:
 
 
 def _factors(
-    frequency: NDArray[np.float64], exponent: float, least: float, order: int
+    frequency: NDArray[np.float64], exponent: float, share: float, order: int
 ) -> tuple[NDArray[np.float64], int]:
     """Transfer of the pixel, a blur and a derivative along one axis, and the end of what counts.
 
-    What is negligible is 0; ``least`` is the part of the exponent that remains with the other axis.
+    What is negligible is 0. ``share`` is what the best frequency along the other axis leaves of the
+    exponent.
     """
     own = np.sinc(frequency) * frequency**order
-    reach = np.abs(own) * np.exp(least * exponent * frequency**2)
-    counts = reach > NEGLIGIBLE * reach.max()
-    return np.where(counts, own * np.exp(exponent * frequency**2), 0.0), int(
-        np.flatnonzero(counts)[-1]
-    ) + 1
+    most = np.abs(own) * np.exp(share * exponent * frequency**2)
+    counts = most > NEGLIGIBLE * most.max()
+    factors = np.where(counts, own * np.exp(exponent * frequency**2), 0.0)
+    return factors, int(np.flatnonzero(counts)[-1]) + 1
 
 
 @njit(cache=True, error_model="numpy")

@@ -22,7 +22,6 @@ from hil_mocks.scene.scenes import Scene
 ALIAS_EXPONENT = 0.6
 """``s0^2 (1 - s0^2 / sigma^2) K^2``: folded frequencies are below exp(-2 pi^2 0.6) = 7e-6."""
 
-MIN_SAMPLES_PER_PX = 1
 PAD_SIGMAS = 5.0
 TILE_PX = 64
 
@@ -197,10 +196,7 @@ def _unblurring(departure_px2: NDArray[np.float32]) -> dict[tuple[int, int], NDA
 
 def _samples_per_px(blur_px2: float, smallest_px2: float) -> int:
     """Samples per pixel that keep folded frequencies below the limit of `ALIAS_EXPONENT`."""
-    return max(
-        MIN_SAMPLES_PER_PX,
-        ceil(sqrt(ALIAS_EXPONENT / (blur_px2 * (1 - blur_px2 / smallest_px2)))),
-    )
+    return ceil(sqrt(ALIAS_EXPONENT / (blur_px2 * (1 - blur_px2 / smallest_px2))))
 
 
 def _growth_nodes(largest: float, error: float) -> NDArray[np.float64]:

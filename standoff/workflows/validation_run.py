@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 
-from acquisition.session import Session
+from acquisition.session import Session, utc_text
 from analysis.choices import VALIDATION_MODELS, ValidationModel
 from analysis.errors import ResultsFileError
 from analysis.reports import plot_curves, plot_images, png_bytes, render_validation, svg_bytes
@@ -139,10 +139,9 @@ def _is_older(path: Path, stored: Validation, changed_utc: str) -> bool:
 
     A copy of the file may be newer than what it says of itself, which is known to the second.
     """
-    written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-    created = "9" if stored.provenance is None else stored.provenance.created
-    second = len("2026-01-01T00:00:00")
-    return f"{written:%Y-%m-%dT%H:%M:%S.%fZ}" < changed_utc or created < changed_utc[:second]
+    written = utc_text(datetime.fromtimestamp(path.stat().st_mtime, UTC))
+    created = written if stored.provenance is None else stored.provenance.created
+    return written < changed_utc or created < changed_utc.partition(".")[0]
 
 
 def _validated(

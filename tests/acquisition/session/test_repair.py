@@ -124,6 +124,20 @@ def test_a_lost_line_is_quoted_in_the_new_journal(path: Path) -> None:
     assert json.loads(lost["text"])["reason"] == "rust"
 
 
+def test_a_repair_counts_as_a_change_of_the_captures_and_a_note_does_not(path: Path) -> None:
+    made(path)
+    before = Session(path).changed_utc
+    SessionNotes(path, operator="Ada").note("by the clock of this computer, which is later")
+    assert Session(path).changed_utc == before
+    lines = lines_of(path)
+    assert json.loads(lines[8])["event"] == "exclude"
+    damage(path, lines[:8] + lines[9:])
+    repair_session(path)
+    session = Session(path)
+    assert all(capture.excluded_because is None for capture in session.captures)
+    assert before < session.changed_utc == session.events[-1].utc
+
+
 def test_a_session_in_use_is_not_repaired(path: Path) -> None:
     made(path)
     with JournalWriter(path / "journal.jsonl"), pytest.raises(SessionError) as refused:

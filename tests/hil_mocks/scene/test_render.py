@@ -83,7 +83,7 @@ class Wave:
 @pytest.mark.parametrize("angle_deg", [0.0, 5.0, 33.0, 45.0, 90.0, 120.0, 178.0])
 @pytest.mark.parametrize(
     ("sigma_x_px", "sigma_y_px", "rho"),
-    [(0.55, 0.55, 0.0), (0.2, 0.25, 0.0), (0.8, 0.45, 0.6), (2.0, 1.2, -0.3)],
+    [(0.55, 0.55, 0.0), (0.2, 0.25, 0.0), (0.8, 0.45, 0.6), (2.0, 1.2, -0.3), (3.0, 2.0, 0.2)],
 )
 def test_an_edge_is_the_gaussian_step_integrated_over_the_pixel_square(
     angle_deg: float, sigma_x_px: float, sigma_y_px: float, rho: float

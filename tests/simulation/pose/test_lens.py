@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from calibration.registration.distorted_pose import DistortedPose
 from simulation import GaussianPsf, PoseOptions, simulate_pose
 from simulation.arrays import FloatArray
-from simulation.pose.lens import ideal_factors, seen_factors
+from simulation.pose.lens import ideal_factors, lens_of, seen_factors, warped
 from simulation.pose.noise import pose_noise_gain
 from simulation.pose.view import PoseView
 from tests.simulation.poses import PHOTOGRAPH, PSF, TILTED_PSF, tilted
@@ -46,7 +46,11 @@ def view(k1: float, psf: GaussianPsf = PSF) -> PoseView:
 @example(k1=-0.109375, x=119.0, y=0.0)
 def test_a_place_is_where_the_definition_puts_it(k1: float, x: float, y: float) -> None:
     found = view(k1).survey(np.array([y]), np.array([x]))[0, 0, :2]
-    np.testing.assert_allclose(found, seen_place(MATRIX, k1, x, y), rtol=0, atol=1e-9)
+    defined = seen_place(MATRIX, k1, x, y)
+    np.testing.assert_allclose(found, defined, rtol=0, atol=1e-9)
+    lens = lens_of(k1, (ROWS, COLS), (ROWS, COLS))
+    found = warped(MATRIX, lens, np.array([[x, y]]))[0]
+    np.testing.assert_allclose(found, defined, rtol=0, atol=1e-9)
 
 
 @given(

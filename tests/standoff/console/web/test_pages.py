@@ -1,5 +1,6 @@
 """The pages of a console with a session in it, the pose, and questions with an answer to type."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Event, Thread
@@ -79,6 +80,13 @@ def test_a_session_has_a_page_with_its_captures_and_its_psf(hub: BenchHub) -> No
     assert "0.7000 ± 0.0020 px" in shown
     assert 'data-reference="0"' in shown
     assert 'data-reference="1"' not in shown
+
+
+def test_the_buttons_of_a_session_wait_for_the_console(hub: BenchHub) -> None:
+    shown = page(hub, "/sessions/" + quote("Prüfling <7> & 8"))
+    buttons = re.findall(r"<button[^>]*>", shown[shown.index("<main") :])
+    assert len(buttons) > 4
+    assert all(" disabled" in button for button in buttons)
 
 
 def test_more_pages_than_can_wait_are_refused_at_once_and_the_others_are_served(
