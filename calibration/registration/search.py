@@ -58,14 +58,14 @@ def searched_poses(
     low, high = _ZOOM_RANGE if zoom is None else (zoom * 0.85, zoom * 1.18)
     zooms = np.exp(np.arange(np.log(low), np.log(high) + _ZOOM_STEP, _ZOOM_STEP))
     near = _thumbnail(reference, _LONG_SIDE_PX)
-    spectra = _Spectra(near, float(zooms.max()))
     found: list[tuple[float, FloatArray]] = []
     for one in zooms.tolist():
         # The follow-up's thumbnail has about the pixels that the reference shows of it.
         far = _thumbnail(followup, max(round(_LONG_SIDE_PX * min(one, 1.0)), 16))
         scale = one * far.factor / near.factor
+        spectra = _Spectra(near, far, scale)
         turns = np.arange(0.0, 2 * pi, _TURN_STEP_RAD).tolist()
-        found += [spectra.best_shift(far, scale, turn) for turn in turns]
+        found += [spectra.best_shift(turn) for turn in turns]
         found.sort(key=lambda pair: -pair[0])
         del found[4 * _FOUND :]
     kept: list[FloatArray] = []
@@ -99,21 +99,25 @@ def _thumbnail(photograph: AlignedPhotograph, long_side_px: int) -> _Thumbnail:
 
 
 class _Spectra:
-    """The reference's thumbnail, to be correlated with one turned follow-up after another."""
+    """The reference's thumbnail and a follow-up's, to be correlated at one turn after another.
 
-    def __init__(self, near: _Thumbnail, zoom_most: float) -> None:
-        self._near = near
-        self._side = int(np.hypot(*near.levels.shape) * max(zoom_most, 1.0)) + 2
+    ``scale`` pixels of the reference's thumbnail to one of the follow-up's.
+    """
+
+    def __init__(self, near: _Thumbnail, far: _Thumbnail, scale: float) -> None:
+        self._near, self._far, self._scale = near, far, scale
+        self._side = int(np.hypot(*far.levels.shape) * scale) + 2
         self._size = scipy.fft.next_fast_len(self._side + max(near.levels.shape), real=True)
         self._levels = self._spectrum(near.levels)
         self._squares = self._spectrum(np.square(near.levels))
         self._counted = self._spectrum(near.counted)
 
-    def best_shift(self, far: _Thumbnail, scale: float, turn: float) -> tuple[float, FloatArray]:
+    def best_shift(self, turn: float) -> tuple[float, FloatArray]:
         """Evidence and matrix, follow-up to reference photograph, of the best shift."""
+        far = self._far
         rows, cols = far.levels.shape
         middle, own = self._side / 2, np.array([(cols - 1) / 2, (rows - 1) / 2])
-        linear = scale * np.array([[cos(turn), -sin(turn)], [sin(turn), cos(turn)]])
+        linear = self._scale * np.array([[cos(turn), -sin(turn)], [sin(turn), cos(turn)]])
         matrix = np.column_stack([linear, middle - linear @ own])
         size = (self._side, self._side)
         levels = np.asarray(cv2.warpAffine(far.levels, matrix, size), dtype=np.float32)

@@ -94,7 +94,7 @@ def test_a_session_of_two_heights_is_captured_and_shown(rig: ConsoleRig) -> None
         page.click("#prompt-choices button >> nth=0")
         wait_until(lambda: text(page, "#run-state") == "finished", "session finished")
         assert text(page, "#run-count") == "2 of 2"
-        assert page.locator("#plan-table tr.done").count() == 2
+        wait_until(lambda: page.locator("#plan-table tr.done").count() == 2, "both are done")
         page.click("nav a[href='/sessions']")
         page.click("text=two heights")
         assert "2 of 2 captured" in text(page, "main")
@@ -171,7 +171,7 @@ def test_a_session_outlives_its_tab_and_resumes_after_a_stop(rig: ConsoleRig) ->
         assert text(page, "#run-state") == "paused"
         captured = int(text(page, "#run-count").split()[0])
         assert captured < 5
-        assert page.locator("#plan-table tr.next").count() == 1
+        wait_until(lambda: page.locator("#plan-table tr.next").count() == 1, "one is next")
         page.click("#stop")
         wait_until(lambda: text(page, "#run-state") == "stopped", "stopped")
     with rig.operator() as page:
@@ -239,7 +239,10 @@ def test_the_edge_under_the_region_is_measured_and_a_sweep_finds_the_focus(
         page.check("#sweep-corners")
         page.click("#sweep-form button")
         wait_until(lambda: text(page, "#sweep-message").startswith("sweeping"), "it sweeps")
-        assert not page.is_enabled("#exposure") or not page.is_enabled("#home")
+        wait_until(
+            lambda: not (page.is_enabled("#exposure") and page.is_enabled("#home")),
+            "camera and stage are not to be touched",
+        )
         wait_until(lambda: text(page, "#sweep-message").startswith("sharpest at"), "a peak")
         peak_mm, half_mm = (float(word) for word in text(page, "#sweep-message").split()[2:5:2])
         # The lens is focused at 300 mm from the pupil, which is 12.5 mm above the height zero.
