@@ -169,12 +169,25 @@ def wait_at(page: Page, height_mm: float) -> None:
 
 
 @contextmanager
+def chromium_browser() -> Iterator[Browser]:
+    """Chromium without a window; skips the test where there is none."""
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(
+            executable_path=chromium_path(), args=list(CHROMIUM_OPTIONS)
+        )
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
 def console_rig(
     folder: Path, *options: object, mock_keys: tuple[str, ...] = MOCK_KEYS
 ) -> Iterator[ConsoleRig]:
     """Serve a small practice bench with a Grbl stage, and the console over it."""
     pytest.importorskip("gi", reason="the practice camera needs Aravis")
-    chromium = chromium_path()
+    chromium_path()
     keys = [word for key in mock_keys for word in ("--set", key)]
     address = next(free_addresses())
     with standoff_process(
@@ -192,11 +205,5 @@ def console_rig(
             "--sessions", folder / "sessions", "--plans", folder, *settings, *options, cwd=folder,
         ) as console:  # fmt: skip
             url = first_line(console)["url"]
-            with sync_playwright() as driver:
-                browser = driver.chromium.launch(
-                    executable_path=chromium, args=list(CHROMIUM_OPTIONS)
-                )
-                try:
-                    yield ConsoleRig(mock, url, folder / "sessions", browser)
-                finally:
-                    browser.close()
+            with chromium_browser() as browser:
+                yield ConsoleRig(mock, url, folder / "sessions", browser)

@@ -9,13 +9,13 @@ import pytest
 from acquisition.devices import CameraSettings, Frame, FrameImage
 from standoff.console.bench_hub import BenchHub
 from tests.acquisition.fakes import SETTINGS
-from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path, wait_until
+from tests.standoff.console.console_rig import wait_until
 from tests.standoff.console.hub_fixtures import DEADLINE_S
 from tests.standoff.console.served import served
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 DESK = {"width": 1440, "height": 900}
 PHONE = {"width": 390, "height": 844}
@@ -70,14 +70,11 @@ class LivePage:
 
 
 @contextmanager
-def live_page(hub: BenchHub, **options: Any) -> Iterator[LivePage]:
+def live_page(browser: Browser, hub: BenchHub, **options: Any) -> Iterator[LivePage]:
     """Serve a hub and open its bench page; a fault in a script of the page fails the test."""
-    with served(hub) as (host, port), sync_playwright() as driver:
-        browser = driver.chromium.launch(
-            executable_path=chromium_path(), args=list(CHROMIUM_OPTIONS)
-        )
+    with served(hub) as (host, port):
+        context = browser.new_context(**({"viewport": DESK} | options))
         try:
-            context = browser.new_context(**({"viewport": DESK} | options))
             context.add_init_script("localStorage.setItem('operator', 'Ada')")
             page = context.new_page()
             page.set_default_timeout(1e3 * DEADLINE_S)
@@ -87,4 +84,4 @@ def live_page(hub: BenchHub, **options: Any) -> Iterator[LivePage]:
             yield made
             assert made.faults == []
         finally:
-            browser.close()
+            context.close()

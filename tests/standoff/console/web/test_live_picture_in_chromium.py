@@ -9,9 +9,11 @@ import pytest
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
+from playwright.sync_api import Browser
+
 from acquisition.devices import FrameImage
 from acquisition.focus import Region
-from tests.standoff.console.console_rig import wait_until
+from tests.standoff.console.console_rig import chromium_browser, wait_until
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub
 from tests.standoff.console.web.live_page import PHONE, LivePage, live_page
 
@@ -26,9 +28,15 @@ def numbered_dn() -> FrameImage:
     return np.asarray(100 + 10 * x_px + 23 * y_px, dtype=np.uint16)
 
 
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium_browser() as opened:
+        yield opened
+
+
 @pytest.fixture
-def live(tmp_path: Path) -> Iterator[LivePage]:
-    with live_page(idle_hub(tmp_path)) as made:
+def live(browser: Browser, tmp_path: Path) -> Iterator[LivePage]:
+    with live_page(browser, idle_hub(tmp_path)) as made:
         made.show(numbered_dn())
         yield made
 
@@ -117,8 +125,9 @@ def test_a_region_drawn_at_high_zoom_is_in_pixels_of_the_picture(live: LivePage)
     assert (box["x"], box["y"]) == pytest.approx(live.on_screen(55, 41), abs=0.5)
 
 
-def test_two_fingers_zoom_and_pan_and_draw_no_region(tmp_path: Path) -> None:
-    with live_page(idle_hub(tmp_path), viewport=PHONE, has_touch=True, is_mobile=True) as live:
+def test_two_fingers_zoom_and_pan_and_draw_no_region(browser: Browser, tmp_path: Path) -> None:
+    phone = {"viewport": PHONE, "has_touch": True, "is_mobile": True}
+    with live_page(browser, idle_hub(tmp_path), **phone) as live:
         live.show(numbered_dn())
         fitted = live.asked("standoff.view.scale")
         x, y = live.on_screen(60, 45)
@@ -247,9 +256,10 @@ def test_grid_and_cross_hair_are_drawn_over_the_picture_not_in_it(live: LivePage
 
 
 def test_exposure_is_found_and_set_by_a_slider_and_a_snapshot_is_downloaded(
+    browser: Browser,
     tmp_path: Path,
 ) -> None:
-    with running_hub(tmp_path) as hub, live_page(hub) as live:
+    with running_hub(tmp_path) as hub, live_page(browser, hub) as live:
         page = live.page
         page.click("#auto-exposure")
         wait_until(
