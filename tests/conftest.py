@@ -23,8 +23,10 @@ settings.load_profile("fixed")
 def pytest_configure(config: pytest.Config) -> None:
     """Let no test run on stale compiled code, or with Ctrl-C ignored as in a background job.
 
-    Freed memory is kept: a tenth of the time of all tests would go into page faults.
+    Freed memory is kept: a tenth of the time of all tests would go into page faults. Cycles are
+    looked for as often as the command line does, not at every 700th object.
     """
+    gc.set_threshold(10_000)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     keep_freed_memory()
     if not hasattr(config, "workerinput"):
@@ -59,12 +61,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Look for cycles among what tests make, not among what stays: a twentieth of all their time.
-
-    As often as the command line does, not at every 700th object.
-    """
+    """Look for cycles among what tests make, not among what stays: a twentieth of their time."""
     gc.freeze()
-    gc.set_threshold(10_000)
 
 
 def _minutes(item: pytest.Item) -> float:

@@ -120,7 +120,7 @@ class _Workers:
         suspects = []
         for shard in islice(shards, self._window()):
             under_way.add(self._submitted(shard))
-        for number, future in enumerate(under_way):
+        for number, future in enumerate(under_way, 1):
             if number % _COLLECTED_EVERY == 0:
                 gc.collect()
             shard = self._sent.pop(future.key)

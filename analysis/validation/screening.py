@@ -15,7 +15,12 @@ from acquisition.session import CaptureRecord, Session
 from analysis.errors import AnalysisError
 from analysis.validation.document import ExcludedCapture
 from calibration.errors import RegistrationError
-from calibration.registration import Registration, RegistrationHints, register
+from calibration.registration import (
+    Registration,
+    RegistrationHints,
+    RegistrationReference,
+    register,
+)
 from simulation import Psf
 
 _COMPARED_KINDS = ("texture", "chart")
@@ -214,7 +219,7 @@ def _aligned(
     psf: Psf,
     done: _Done,
 ) -> tuple[list[RegisteredPair], dict[int, str]]:
-    near = session.load(reference).mean_dn
+    near = RegistrationReference.of(session.load(reference).mean_dn)
     pairs, failed = [], {}
     for record in further:
         try:

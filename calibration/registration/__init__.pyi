@@ -12,6 +12,7 @@ from .features import (
 )
 from .hints import RegistrationHints as RegistrationHints
 from .pair import Registration as Registration, register as register
+from .reference import RegistrationReference as RegistrationReference
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "ImageFeatures",
     "Registration",
     "RegistrationHints",
+    "RegistrationReference",
     "SmoothDisplacement",
     "TrackedPose",
     "TrackingReference",

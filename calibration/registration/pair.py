@@ -24,6 +24,7 @@ from calibration.registration.distorted_pose import DistortedPose
 from calibration.registration.features import features_of
 from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
+from calibration.registration.reference import RegistrationReference
 from calibration.registration.search import searched_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
@@ -92,7 +93,7 @@ class Registration:
 
 
 def register(
-    reference: AnyArray,
+    reference: AnyArray | RegistrationReference,
     followup: AnyArray,
     psf: GaussianPsf | None = None,
     hints: RegistrationHints | None = None,
@@ -103,7 +104,8 @@ def register(
     ----------
     reference, followup
         Grey, shape ``(rows, cols)``; either may be the nearer one. If their shapes agree they are
-        taken for whole frames of one camera, whose distortion is fitted.
+        taken for whole frames of one camera, whose distortion is fitted. A reference of several
+        follow-ups is best prepared once.
     psf
         Total PSF of the camera; without it, one of 0.65 px is assumed.
     hints
@@ -117,8 +119,10 @@ def register(
         If an image is not grey with finite values, or a hint does not fit the follow-up.
     """
     hints = hints or RegistrationHints()
+    if not isinstance(reference, RegistrationReference):
+        reference = RegistrationReference.of(reference)
     pair = PhotographPair(
-        reference=AlignedPhotograph.of(reference),
+        reference=reference.photograph,
         followup=AlignedPhotograph.of(followup, hints.left_out),
         psf=psf,
     )
@@ -136,18 +140,19 @@ def register(
                 reason="little_overlap",
             )
         return _as_given(pair, choice.best)
-    choice = chosen(pair, _hypotheses(pair, hints.zoom))
+    choice = chosen(pair, _hypotheses(reference, pair, hints.zoom))
     if choice is None or not choice.best.is_significant:
         raise _not_found(choice)
     return _refined(pair, choice)
 
 
-def _hypotheses(pair: PhotographPair, zoom: float | None) -> Iterator[PoseHypothesis]:
+def _hypotheses(
+    reference: RegistrationReference, pair: PhotographPair, zoom: float | None
+) -> Iterator[PoseHypothesis]:
+    followup = pair.followup
     for is_closer_look in (False, True):
-        near, far = (
-            features_of(one.levels, one.usable, is_closer_look=is_closer_look)
-            for one in (pair.reference, pair.followup)
-        )
+        near = reference.features(is_closer_look=is_closer_look)
+        far = features_of(followup.levels, followup.usable, is_closer_look=is_closer_look)
         yield from feature_poses(near, far, zoom)
     yield from searched_poses(pair.reference, pair.followup, zoom)
 

@@ -24,7 +24,7 @@ _PLATEAU_FRACTION = 0.002
 _ADC_BITS = (10, 12, 14)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PhotographHead:
     """What is known of a photograph without its pixels.
 
@@ -79,7 +79,7 @@ class PhotographHead:
         return said
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Photograph(PhotographHead):
     """One photograph as it was stored, and its levels linear in light.
 

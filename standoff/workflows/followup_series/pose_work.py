@@ -1,6 +1,7 @@
 """Poses of follow-ups: each is registered to the reference and judged."""
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from acquisition.printable import on_one_line
@@ -9,7 +10,7 @@ from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
 from analysis.pose import JudgedFollowup, PoseQuality, PoseSummary, judge_pose
 from calibration.errors import CalibrationError
-from calibration.registration import register
+from calibration.registration import RegistrationReference, register
 from simulation import GaussianPsf
 from standoff.photographs import Photograph
 from standoff.workflows.comparison import AlignmentHints
@@ -72,7 +73,7 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Regist
     (near_rows, near_cols), (rows, cols) = shapes
     hints = demand.hints.of_pair(*shapes, far.name)
     try:
-        found = register(near.grey_dn, far.grey_dn, demand.psf, hints)
+        found = register(_prepared(near), far.grey_dn, demand.psf, hints)
         quality = judge_pose(
             # Of the whole pose, with the lens's distortion and the scene's departure from a plane.
             found.pose.nearest_homography(),
@@ -87,6 +88,12 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Regist
     except AnalysisError as error:
         raise AnalysisError(f"{far.path}: {error}") from error
     return RegisteredPose(quality=quality, correlation=found.correlation, warnings=found.warnings)
+
+
+@lru_cache(maxsize=1)
+def _prepared(near: Photograph) -> RegistrationReference:
+    """Return the reference prepared once, where all follow-ups share it."""
+    return RegistrationReference.of(near.grey_dn)
 
 
 @dataclass(frozen=True, kw_only=True)

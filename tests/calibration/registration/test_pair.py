@@ -1,12 +1,15 @@
 from math import sqrt
+from typing import Any
 
 import numpy as np
 import pytest
 
 from calibration.errors import RegistrationError
+from calibration.registration.features import ImageFeatures, features_of
 from calibration.registration.pair import Registration, register
+from calibration.registration.reference import RegistrationReference
 from simulation import GaussianPsf
-from simulation.arrays import FloatArray
+from simulation.arrays import Float32Array, FloatArray
 from tests.simulation.closed_form import Item, photograph, random_scene
 
 OPTICAL_SIGMA_PX = 0.6
@@ -140,3 +143,21 @@ def test_a_result_says_of_itself_what_fits_a_line_or_two(
     assert len(repr(registration)) < 400
     assert "array" not in repr(registration)
     assert f"zoom={registration.zoom!r}" in repr(registration)
+
+
+def test_a_prepared_reference_gives_every_follow_up_the_pose_that_it_has_alone(
+    scene: list[Item], reference: FloatArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_at: list[tuple[int, ...]] = []
+
+    def noted(levels: Float32Array, *others: Any, **options: Any) -> ImageFeatures:
+        looked_at.append(levels.shape)
+        return features_of(levels, *others, **options)
+
+    monkeypatch.setattr(f"{RegistrationReference.__module__}.features_of", noted)
+    prepared = RegistrationReference.of(reference)
+    for zoom in (1.1, 1.5):
+        followup = followup_of(scene, zoom)
+        alone, found = (register(near, followup, PSF) for near in (reference, prepared))
+        np.testing.assert_array_equal(found.matrix, alone.matrix)
+    assert looked_at == [REFERENCE_SHAPE] * 3  # twice as an array, once as it was prepared
