@@ -231,7 +231,7 @@ class AravisCamera:
             raise DeviceError("the camera has not been started")
         deadline_s = self._clock() + timeout_s
         stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
-        if self._config.trigger.casefold() == SOFTWARE:
+        if self._is_software_triggered:
             self._trigger(connection)
         elif self._config.trigger != NO_TRIGGER:
             stall_s = math.inf
@@ -246,6 +246,8 @@ class AravisCamera:
                 self._waited_s = 0.0
                 self._is_triggered = False
                 return frame
+            if connection.stream.restart_if_deaf():
+                self._ask_again(connection)
             # The wait that was asked for, not the time that passed: while this program is not
             # scheduled, what receives its frames is not either.
             self._waited_s += max(wait_s, 0.0)
@@ -299,6 +301,16 @@ class AravisCamera:
         self._is_triggered = True
         self._triggered_s = self._clock()
         self._waited_s = 0.0
+
+    def _ask_again(self, connection: AravisConnection) -> None:
+        """Take another frame for one that was asked for and lost."""
+        self._is_triggered = False
+        if self._is_software_triggered:
+            self._trigger(connection)
+
+    @property
+    def _is_software_triggered(self) -> bool:
+        return self._config.trigger.casefold() == SOFTWARE
 
     def _period_s(self) -> float:
         return max(1 / self._settings.frame_rate_hz, 1e-6 * self._settings.exposure_us)

@@ -48,6 +48,7 @@ class FrameStream:
         # After a leader that it cannot read, Aravis 0.8.26 delivers the buffer as a success with
         # what an earlier frame left in it. Time stamps ascend: such a frame is not newer.
         self._newest_ns = -1
+        self._packets_before = (0, 0)
         # The counter and time stamp inside the frame, where the camera has them, change as well.
         self._newest_facts = FrameFacts()
         # Compiled before the stream runs: the first time takes a second, and no frame waits.
@@ -86,13 +87,14 @@ class FrameStream:
 
     def start(self) -> None:
         """Drop waiting frames, then start."""
-        # The receive thread takes a block id up to ten behind the last one for a late packet of
+        # The receive thread takes a block id up to a hundred behind the last for a late packet of
         # an old block and drops it (Aravis 0.8.26). Cameras count from 1 after each start, so
         # a short series would cost the next one its first frames: a new thread starts afresh.
         self._stream.stop_thread(False)
         self._drain()
         self._newest_facts = FrameFacts()  # some cameras count from the start of the series
         self._stream.start_thread()
+        self._packets_before = self._packets()
         with translated_errors(self._opened.library, "AcquisitionStart"):
             self._opened.camera.start_acquisition()
 
@@ -106,6 +108,7 @@ class FrameStream:
         buffer = self._stream.timeout_pop_buffer(max(0, round(1e6 * timeout_s)))
         if buffer is None:
             return None
+        self._packets_before = self._packets()
         frame_id, timestamp_ns = int(buffer.get_frame_id()), int(buffer.get_timestamp())
         try:
             picture = self._picture_in(buffer, timestamp_ns)
@@ -131,6 +134,25 @@ class FrameStream:
             timestamp_ns=timestamp_ns,
             is_complete=False,
         )
+
+    def restart_if_deaf(self) -> bool:
+        """Start the receive thread anew if it drops what comes; returns whether it did.
+
+        A late packet of an earlier series, such as the answer to a request for one, may be the
+        first that a new thread sees. It then takes the blocks of this series, which count from 1
+        again, for late ones, up to a hundred behind (Aravis 0.8.26). A frame is lost.
+        """
+        dropped, taken = (
+            now - before for now, before in zip(self._packets(), self._packets_before, strict=True)
+        )
+        # Of packets that come twice or late it drops no more than it takes of others.
+        if dropped <= taken:
+            return False
+        self._stream.stop_thread(False)
+        self._drain()
+        self._packets_before = self._packets()
+        self._stream.start_thread()
+        return True
 
     def statistics(self) -> StreamStatistics:
         """Frames and packets since the stream was made."""
@@ -167,6 +189,13 @@ class FrameStream:
         # Whoever else refers to the stream keeps its thread going, which writes to the memory.
         if gone() is None:
             self._memory.release()
+
+    def _packets(self) -> tuple[int, int]:
+        """Packets that the receive thread has dropped, and that it has taken."""
+        if not self._opened.is_gige:
+            return 0, 0
+        dropped = int(self._stream.get_info_uint64_by_name("n_ignored_packets"))
+        return dropped, int(self._stream.get_info_uint64_by_name("n_received_packets")) - dropped
 
     def _drain(self) -> None:
         # Aravis never overwrites a frame that was not fetched: it would be delivered first.

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.configuration import NO_TRIGGER
 from acquisition.aravis.connection import AravisConnection
 from acquisition.aravis.device import OpenedDevice, open_device
 from acquisition.averaging import PATIENCE_S, average_frames
@@ -25,6 +26,7 @@ from acquisition.errors import (
 from acquisition.session.reader import Session
 from acquisition.session.verification import verify
 from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.gvcp import ResendRequest
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import (
     after_frames,
@@ -163,6 +165,21 @@ def test_an_unreadable_leader_never_brings_back_an_old_picture(
             np.testing.assert_array_equal(frame.image_dn, sent_image(bench, camera, frame))
         # Sent again, a leader is whole.
         assert bool(complete) == is_resent
+
+
+@pytest.mark.parametrize("trigger", [NO_TRIGGER, "software"])
+def test_a_late_packet_of_an_earlier_series_costs_a_frame_and_not_the_series(
+    bench: PracticeBench, trigger: str
+) -> None:
+    with opened(bench, frame_rate_hz=20.0, trigger=trigger) as camera:
+        camera.start()
+        assert camera.next_frame(PATIENCE_S).is_complete
+        # The camera's answer to a request for a packet of the 90th block, which it has no more.
+        bench.camera._resend(ResendRequest(channel=0, block_id=90, first=1, last=1))
+        frames = [camera.next_frame(PATIENCE_S) for _ in range(6)]
+        assert sum(frame.is_complete for frame in frames) >= 4
+        assert frames[-1].is_complete
+        assert frames[-1].frame_id < 30
 
 
 @pytest.mark.parametrize("is_present", [True, False])

@@ -29,6 +29,9 @@ class QueueOfFrames:
         self._clock.now_s += max(item, timeout_s)
         return None
 
+    def restart_if_deaf(self) -> bool:
+        return False
+
 
 def streaming(*script: Frame | float) -> tuple[AravisCamera, FakeClock]:
     clock = FakeClock()
