@@ -47,11 +47,19 @@ def begun(script: Path, state: Path, photographs: Path, workers: int) -> subproc
     return client
 
 
+def shards(state: Path) -> set[str]:
+    """Names of what is committed."""
+    return {path.name for path in state.glob("*.sums")}
+
+
 @pytest.mark.slow
 def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
     tmp_path: Path,
 ) -> None:
-    """Five without workers, and five with two of them, which end with their client."""
+    """Five without workers, and five with two of them, which end with their client.
+
+    One of each before it has done anything, the others soon after a shard, however long that takes.
+    """
     paths = scenes(tmp_path / "photographs", 300)
     (tmp_path / "expected").mkdir()
     _, expected = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=tmp_path / "expected"))
@@ -59,10 +67,11 @@ def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
     script.write_text(CLIENT)
     rng = random.Random(5)
     for kill in range(KILLS):
-        workers = 1 + kill % 2
-        client = begun(script, state, tmp_path / "photographs", workers)
-        # Two processes take a second to start.
-        time.sleep(rng.uniform(0.0, 0.5) + (workers - 1))
+        before = shards(state)
+        client = begun(script, state, tmp_path / "photographs", 1 + kill % 2)
+        while kill % 5 and shards(state) == before and client.poll() is None:
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0.0, 0.1))
         client.send_signal(signal.SIGKILL)
         client.communicate()
     summary, found = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=state))
