@@ -61,7 +61,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Look for cycles among what tests make, not among what stays: a twentieth of their time."""
+    """Look for cycles among what tests make, not among the million objects that stay."""
     gc.freeze()
 
 

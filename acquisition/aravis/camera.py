@@ -246,8 +246,9 @@ class AravisCamera:
                 self._waited_s = 0.0
                 self._is_triggered = False
                 return frame
-            if connection.stream.restart_if_deaf():
-                self._ask_again(connection)
+            if connection.stream.restart_if_deaf() and self._is_software_triggered:
+                self._is_triggered = False  # the frame that was asked for is lost
+                self._trigger(connection)
             # The wait that was asked for, not the time that passed: while this program is not
             # scheduled, what receives its frames is not either.
             self._waited_s += max(wait_s, 0.0)
@@ -301,12 +302,6 @@ class AravisCamera:
         self._is_triggered = True
         self._triggered_s = self._clock()
         self._waited_s = 0.0
-
-    def _ask_again(self, connection: AravisConnection) -> None:
-        """Take another frame for one that was asked for and lost."""
-        self._is_triggered = False
-        if self._is_software_triggered:
-            self._trigger(connection)
 
     @property
     def _is_software_triggered(self) -> bool:

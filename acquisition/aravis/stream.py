@@ -48,9 +48,9 @@ class FrameStream:
         # After a leader that it cannot read, Aravis 0.8.26 delivers the buffer as a success with
         # what an earlier frame left in it. Time stamps ascend: such a frame is not newer.
         self._newest_ns = -1
-        self._packets_before = (0, 0)
         # The counter and time stamp inside the frame, where the camera has them, change as well.
         self._newest_facts = FrameFacts()
+        self._packets_before = (0, 0)
         # Compiled before the stream runs: the first time takes a second, and no frame waits.
         decode_pixels(bytes(encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
         self._success = library.api.BufferStatus.SUCCESS
@@ -90,11 +90,8 @@ class FrameStream:
         # The receive thread takes a block id up to a hundred behind the last for a late packet of
         # an old block and drops it (Aravis 0.8.26). Cameras count from 1 after each start, so
         # a short series would cost the next one its first frames: a new thread starts afresh.
-        self._stream.stop_thread(False)
-        self._drain()
+        self._restart_thread()
         self._newest_facts = FrameFacts()  # some cameras count from the start of the series
-        self._stream.start_thread()
-        self._packets_before = self._packets()
         with translated_errors(self._opened.library, "AcquisitionStart"):
             self._opened.camera.start_acquisition()
 
@@ -140,7 +137,7 @@ class FrameStream:
 
         A late packet of an earlier series, such as the answer to a request for one, may be the
         first that a new thread sees. It then takes the blocks of this series, which count from 1
-        again, for late ones, up to a hundred behind (Aravis 0.8.26). A frame is lost.
+        again, for late ones, up to a hundred behind (Aravis 0.8.26). What it dropped is lost.
         """
         dropped, taken = (
             now - before for now, before in zip(self._packets(), self._packets_before, strict=True)
@@ -148,10 +145,7 @@ class FrameStream:
         # Of packets that come twice or late it drops no more than it takes of others.
         if dropped <= taken:
             return False
-        self._stream.stop_thread(False)
-        self._drain()
-        self._packets_before = self._packets()
-        self._stream.start_thread()
+        self._restart_thread()
         return True
 
     def statistics(self) -> StreamStatistics:
@@ -189,6 +183,13 @@ class FrameStream:
         # Whoever else refers to the stream keeps its thread going, which writes to the memory.
         if gone() is None:
             self._memory.release()
+
+    def _restart_thread(self) -> None:
+        """Drop waiting frames; the new receive thread knows of no earlier block."""
+        self._stream.stop_thread(False)
+        self._drain()
+        self._packets_before = self._packets()
+        self._stream.start_thread()
 
     def _packets(self) -> tuple[int, int]:
         """Packets that the receive thread has dropped, and that it has taken."""

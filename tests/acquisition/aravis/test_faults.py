@@ -101,8 +101,7 @@ def test_lost_packets_are_sent_again_and_every_average_succeeds(
 def test_lost_packets_that_are_not_sent_again_end_in_an_error_with_the_count() -> None:
     with (
         gige_bench(simulated__width_px=780, simulated__height_px=580) as bench,
-        # Of 300 packets a frame, none comes whole; a busy machine sends 3,000 a second.
-        opened(bench, frame_rate_hz=10.0) as camera,
+        opened(bench) as camera,
     ):
         bench.camera.faults = GigeFaults(packet_loss_rate=0.01, resend_disabled=True, seed=1)
         begin_s = time.monotonic()
@@ -168,7 +167,7 @@ def test_an_unreadable_leader_never_brings_back_an_old_picture(
 
 
 @pytest.mark.parametrize("trigger", [NO_TRIGGER, "software"])
-def test_a_late_packet_of_an_earlier_series_costs_a_frame_and_not_the_series(
+def test_a_late_packet_of_an_earlier_series_costs_a_few_frames_and_not_the_series(
     bench: PracticeBench, trigger: str
 ) -> None:
     with opened(bench, frame_rate_hz=20.0, trigger=trigger) as camera:

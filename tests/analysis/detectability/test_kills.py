@@ -58,7 +58,7 @@ def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
 ) -> None:
     """Five without workers, and five with two of them, which end with their client.
 
-    One of each before it has done anything, the others soon after a shard, however long that takes.
+    One of each is killed soon after it begins, the others soon after a shard, whenever that is.
     """
     paths = scenes(tmp_path / "photographs", 300)
     (tmp_path / "expected").mkdir()
