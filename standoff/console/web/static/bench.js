@@ -2,7 +2,7 @@
 
 import { drawTrace } from "./charts.js";
 import { region } from "./picture_card.js";
-import { byId, command, connection, costOf, nameCells, onKey, setText, show } from "./shell.js";
+import { byId, command, connection, costOf, nameCells, number, onKey, setText, show } from "./shell.js";
 
 let state = null;
 let planShown = "";
@@ -22,9 +22,7 @@ connection.addEventListener("state", ({ detail }) => {
   run_(run, isMine);
 });
 
-function enable(isEnabled, ...ids) {
-  for (const id of ids) { const element = byId(id); if (element) element.disabled = !isEnabled; }
-}
+function enable(isEnabled, ...ids) { for (const id of ids) if (byId(id)) byId(id).disabled = !isEnabled; }
 
 function focus_(focus, isMine) {
   setText("focus-percent", focus.percent_text);
@@ -126,11 +124,6 @@ function table(rows, session) {
 
 function preview() {
   if (byId("plan").value) connection.send("preview", { plan: byId("plan").value });
-}
-
-function number(id) {
-  const value = byId(id).valueAsNumber;
-  return Number.isFinite(value) ? value : null;
 }
 
 byId("metric").onchange = () => command("metric", { metric: byId("metric").value });

@@ -2,9 +2,10 @@
 
 import { drawEdge, drawSweep } from "./charts.js";
 import { view } from "./picture_card.js";
-import { byId, command, connection, setText, show } from "./shell.js";
+import { Choice, byId, command, connection, number, setText, show } from "./shell.js";
 
 const WAITING = "drag a region over a straight edge to measure it";
+const watched = { "watch-field": new Choice(), "watch-square": new Choice() };
 let corners = [];
 let peakMm = null;
 
@@ -14,16 +15,14 @@ connection.addEventListener("measure", ({ detail }) => {
   show("edge-why", !edge);
   setText("edge-why", detail.why_not || WAITING);
   if (edge) {
-    setText("edge-sigma", edge.sigma);
-    setText("edge-mtf50", edge.mtf50);
-    setText("edge-lp", edge.mtf50_lp);
+    for (const [id, text] of [["sigma", edge.sigma], ["mtf50", edge.mtf50], ["lp", edge.mtf50_lp]]) setText(`edge-${id}`, text);
     setText("edge-note", `at ${edge.angle}°${edge.edges > 1 ? `, the longest of ${edge.edges}` : ""}, ${detail.rate}/s`);
     drawEdge(byId("esf"), edge.distance, edge.levels);
   }
-  byId("watch-field").checked = detail.has_field;
-  place(detail.field);
   const { square } = detail;
-  byId("watch-square").checked = square.is_wanted;
+  const said = { "watch-field": detail.has_field, "watch-square": square.is_wanted };
+  for (const [id, choice] of Object.entries(watched)) if (choice.isSettled) byId(id).checked = said[id];
+  place(detail.field);
   show("square", square.is_wanted);
   setText("square-advice", square.advice || (square.why_not && "no tilt") || "…");
   byId("square-advice").className = `hint ${square.advice === "level" ? "rising" : ""}`;
@@ -39,9 +38,7 @@ function place(field = corners) {
     const corner = field[index];
     box.hidden = !corner;
     if (!corner) return;
-    const [left, top] = view.shown(corner.region);
-    const [width, height] = corner.region.slice(2).map((value) => value * view.scale);
-    for (const [name, value] of Object.entries({ left, top, width, height })) box.style[name] = `${value}px`;
+    view.cover(box, corner.region);
     const text = `${corner.percent} %${corner.sigma === "–" ? "" : `\nσ ${corner.sigma} px`}`;
     if (box.textContent !== text) box.textContent = text;
   });
@@ -65,13 +62,8 @@ connection.addEventListener("state", ({ detail: { control, stage, camera, job } 
   const isFree = control.is_mine && !job && stage.state === "ready" && camera.state === "ready";
   for (const element of byId("sweep-form").elements) element.disabled = !isFree;
   byId("go-to-peak").disabled = !isFree;
-  for (const id of ["watch-field", "watch-square"]) byId(id).disabled = !control.is_mine;
+  for (const id of Object.keys(watched)) byId(id).disabled = !control.is_mine;
 });
-
-const number = (id) => {
-  const value = byId(id).valueAsNumber;
-  return Number.isFinite(value) ? value : null;
-};
 
 byId("sweep-form").onsubmit = (event) => {
   event.preventDefault();
@@ -84,5 +76,6 @@ byId("sweep-form").onsubmit = (event) => {
   });
 };
 byId("go-to-peak").onclick = () => command("move", { height_mm: peakMm });
-byId("watch-field").onchange = (event) => command("watch-field", { is_on: event.target.checked });
-byId("watch-square").onchange = (event) => command("watch-square", { is_on: event.target.checked });
+for (const [id, choice] of Object.entries(watched)) {
+  byId(id).onchange = ({ target }) => { choice.make(); command(id, { is_on: target.checked }); };
+}

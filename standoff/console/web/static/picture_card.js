@@ -5,7 +5,7 @@ import { LivePicture } from "./picture.js";
 import { PictureView } from "./picture_view.js";
 import { Overlay, Probe, ProfileTool } from "./picture_tools.js";
 import { RegionTool } from "./region_tool.js";
-import { byId, command, connection, onKey, setText, show } from "./shell.js";
+import { Choice, byId, command, connection, number, onKey, setText, show } from "./shell.js";
 
 const BRIGHTEN = 4;
 const STALE_MS = 1500;
@@ -67,7 +67,7 @@ onKey("g", () => {
 const SLIDES = 1000;
 const SLIDE_MS = 150;
 let limits = [1, 1];
-let slidMs = -Infinity;
+const setting = new Choice(); // of exposure or gain
 
 connection.addEventListener("state", ({ detail: state }) => {
   const { camera, run } = state;
@@ -75,12 +75,12 @@ connection.addEventListener("state", ({ detail: state }) => {
   limits = state.exposure_limits_us;
   for (const [id, value] of [["exposure", camera.exposure_us], ["gain", camera.gain_db]]) {
     const input = byId(id);
-    if (document.activeElement !== input && value !== null && performance.now() - slidMs > 1000) input.value = value;
+    if (document.activeElement !== input && value !== null && setting.isSettled) input.value = value;
     for (const each of byId(`${id}-form`).elements) each.disabled = !isFree;
   }
   byId("auto-exposure").disabled = !isFree || Boolean(state.job);
   byId("snapshot").disabled = !isMine() || (byId("snapshot-frames").value !== "1" && Boolean(state.job));
-  if (performance.now() - slidMs > 1000) byId("slider").value = SLIDES * Math.log(camera.exposure_us / limits[0]) / Math.log(limits[1] / limits[0]);
+  if (setting.isSettled) byId("slider").value = SLIDES * Math.log(camera.exposure_us / limits[0]) / Math.log(limits[1] / limits[0]);
   byId("slider").setAttribute("aria-valuetext", `${camera.exposure_us} µs`);
   const all = camera.complete + camera.lost + camera.incomplete;
   setText("frames-lost", `${camera.lost + camera.incomplete} of ${all}`);
@@ -93,9 +93,9 @@ connection.addEventListener("state", ({ detail: state }) => {
   byId("snapshot-link").href = `/snapshots/${encodeURIComponent(state.snapshot)}`;
 });
 
-function setting(id, field) {
+function wire(id, field) {
   const [form, input] = [byId(`${id}-form`), byId(id)];
-  const send = () => { if (Number.isFinite(input.valueAsNumber)) command(id, { [field]: input.valueAsNumber }); };
+  const send = () => { if (number(id) !== null) { setting.make(); command(id, { [field]: number(id) }); } };
   form.onsubmit = (event) => { event.preventDefault(); send(); };
   input.onchange = send;
   for (const button of form.querySelectorAll("[data-scale], [data-add]")) {
@@ -109,11 +109,11 @@ function setting(id, field) {
   return send;
 }
 
-const sendExposure = setting("exposure", "exposure_us");
-setting("gain", "gain_db");
+const sendExposure = wire("exposure", "exposure_us");
+wire("gain", "gain_db");
 let sliding = null;
 byId("slider").oninput = () => {
-  slidMs = performance.now();
+  setting.make();
   const exposureUs = limits[0] * (limits[1] / limits[0]) ** (byId("slider").value / SLIDES);
   byId("exposure").value = Number(exposureUs.toPrecision(3));
   sliding ??= setTimeout(() => { sliding = null; sendExposure(); }, SLIDE_MS); // the last value counts

@@ -108,8 +108,9 @@ export class Probe {
     if (!isRead) return;
     const { x, y, level_dn: level, mean_dn: mean, max_level_dn: most } = detail;
     setText("probe", `x ${x}, y ${y} px · ${level} DN (${(100 * level / most).toFixed(1)} %) · mean of 5 × 5: ${mean.toFixed(1)} DN`);
-    // Once for each step with the keyboard, not ten times a second.
-    if (this.isSpoken) setText("probe-spoken", `x ${x}, y ${y}: ${level} DN`);
+    // Once for each step with the keyboard, not ten times a second; never of a step before.
+    if (!this.isSpoken || x !== this.pixel[0] || y !== this.pixel[1]) return;
+    setText("probe-spoken", `x ${x}, y ${y}: ${level} DN`);
     this.isSpoken = false;
   }
 }

@@ -54,6 +54,13 @@ export class PictureView extends EventTarget {
   // Place in the frame on the screen, of a place in the picture.
   shown([x, y]) { return [this.left + x * this.scale, this.top + y * this.scale]; }
 
+  // Put an element over a region [x, y, width, height] of the picture.
+  cover(box, region) {
+    const [left, top] = this.shown(region);
+    const [width, height] = region.slice(2).map((value) => value * this.scale);
+    for (const [name, value] of Object.entries({ left, top, width, height })) box.style[name] = `${value}px`;
+  }
+
   fit() {
     const { frame, canvas } = this;
     frame.style.setProperty("--aspect", canvas.width / canvas.height);

@@ -1,10 +1,11 @@
 // Choosing a region: drag with the mouse, or arrows, Shift and arrows, Delete.
-const ANSWER_MS = 1000; // by then the console has taken it over, or refused it
+
+import { Choice } from "./shell.js";
 
 export class RegionTool {
   constructor(view, box, choose) {
     const { frame, canvas } = view;
-    Object.assign(this, { view, frame, canvas, box, choose, region: null, from: null, before: null, chosenMs: -Infinity, isOn: true });
+    Object.assign(this, { view, frame, canvas, box, choose, region: null, from: null, before: null, choice: new Choice(), isOn: true });
     frame.addEventListener("pointerdown", (event) => this.begin(event));
     frame.addEventListener("pointermove", (event) => this.drag(event));
     frame.addEventListener("pointerup", (event) => this.end(event));
@@ -16,19 +17,14 @@ export class RegionTool {
 
   // Region [x, y, width, height] in pixels of the picture, or null.
   set(region) {
-    const isSame = String(region) === String(this.region);
-    if (isSame) this.chosenMs = -Infinity;
-    if (isSame || this.from || performance.now() < this.chosenMs + ANSWER_MS) return; // of before the choice
+    if (String(region) === String(this.region) || this.from || !this.choice.isSettled) return;
     this.region = region;
     this.place();
   }
 
   place() {
     this.box.hidden = !this.region;
-    if (!this.region) return;
-    const [left, top] = this.view.shown(this.region);
-    const [width, height] = this.region.slice(2).map((value) => value * this.view.scale);
-    for (const [name, value] of Object.entries({ left, top, width, height })) this.box.style[name] = `${value}px`;
+    if (this.region) this.view.cover(this.box, this.region);
   }
 
   at(event) {
@@ -87,7 +83,8 @@ export class RegionTool {
   }
 
   change(region) {
-    [this.region, this.chosenMs] = [region, performance.now()];
+    this.region = region;
+    this.choice.make();
     this.place();
     this.choose(region);
   }

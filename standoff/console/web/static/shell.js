@@ -4,12 +4,14 @@ import { Connection, operator } from "./connection.js";
 
 const NOTICE_MS = 9000;
 const SEVEREST_NOTICES = 4;
+const ANSWER_MS = 1000; // by then the console has taken a choice over, or refused it
 
 export const byId = (id) => document.getElementById(id);
 export const setText = (id, text) => {
   const element = byId(id);
   if (element && element.textContent !== String(text)) element.textContent = text;
 };
+export const number = (id) => { const value = byId(id).valueAsNumber; return Number.isFinite(value) ? value : null; };
 export const show = (id, isShown) => { const element = byId(id); if (element) element.hidden = !isShown; };
 
 // On a phone a table is a list, in which each cell has its column's title (console.css).
@@ -40,6 +42,13 @@ export function tell(text) {
   list.append(item);
   while (list.children.length > SEVEREST_NOTICES) list.firstChild.remove();
   setTimeout(() => item.remove(), NOTICE_MS);
+}
+
+// Until an operator's choice is settled, what the console says may be of before it.
+export class Choice {
+  settledMs = -Infinity;
+  make() { this.settledMs = performance.now() + ANSWER_MS; }
+  get isSettled() { return performance.now() > this.settledMs; }
 }
 
 function chip(id, name, level, title) {

@@ -13,6 +13,7 @@ from playwright.sync_api import Browser
 
 from acquisition.devices import FrameImage
 from acquisition.focus import Region
+from standoff.console.web.state_cache import StateCache
 from tests.standoff.console.console_rig import chromium_browser, wait_until
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub
 from tests.standoff.console.web.live_page import PHONE, LivePage, live_page
@@ -188,6 +189,32 @@ def test_levels_are_read_with_the_keyboard(live: LivePage) -> None:
     assert live.hub.picture.facts.region is None  # arrows without Alt move the region
 
 
+def test_the_level_is_spoken_of_the_last_step_though_the_answer_to_an_earlier_one_comes_late(
+    live: LivePage,
+) -> None:
+    live.page.focus("#frame")
+    live.asked(
+        """() => { window.late = []; const { connection } = standoff;
+        const pass = connection.dispatchEvent;
+        connection.dispatchEvent = function (event) {
+          const isLate = event.type === "probe" && window.late;
+          return isLate ? window.late.push(event) : pass.call(this, event);
+        };
+        window.comeNow = () => {
+          const late = window.late;
+          window.late = null;
+          for (const event of late) pass.call(connection, event);
+        }; }"""
+    )
+    live.page.keyboard.press("Alt+ArrowLeft")
+    wait_until(lambda: live.asked("window.late.length") > 0, "the level of the first step")
+    live.page.keyboard.press("Alt+ArrowLeft")
+    live.asked("window.comeNow()")
+    x_px, y_px = COLS // 2 - 2, ROWS // 2
+    wanted = f"x {x_px}, y {y_px}: {100 + 10 * x_px + 23 * y_px} DN"
+    wait_until(lambda: live.page.text_content("#probe-spoken") == wanted, "spoken of the second")
+
+
 def test_a_page_asks_for_levels_ten_times_a_second_at_most(live: LivePage) -> None:
     live.asked(
         """() => { window.sent = {}; const { connection } = standoff; const send = connection.send;
@@ -253,6 +280,44 @@ def test_grid_and_cross_hair_are_drawn_over_the_picture_not_in_it(live: LivePage
         live.page.keyboard.press("g")
         assert live.page.input_value("#grid") == parts
         assert live.asked(LIT) == (parts != "0")
+
+
+def told(kind: str, document: str) -> str:
+    """Expression by which a page hears a message of the console once more."""
+    return f"standoff.connection.dispatchEvent(new CustomEvent('{kind}', {{ detail: {document} }}))"
+
+
+@pytest.mark.parametrize("box", ["watch-field", "watch-square"])
+def test_a_choice_is_not_undone_by_what_the_console_said_before_it(
+    live: LivePage, box: str
+) -> None:
+    again = told("measure", StateCache(live.hub).measure())
+    chosen = f"document.getElementById('{box}')"
+    # In one go: a second later what the console says counts, as it may have refused.
+    assert live.asked(f"({chosen}.click(), {again}, {chosen}.checked)")
+    wait_until(lambda: not live.asked(f"({again}, {chosen}.checked)"), "it counts later")
+
+
+def test_exposure_is_lengthened_twice_though_the_console_told_the_old_one_between(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with running_hub(tmp_path) as hub, live_page(browser, hub) as live:
+        wait_until(lambda: live.page.is_enabled("#exposure"), "the camera is ready")
+        assert hub.camera.settings is not None
+        old_us = hub.camera.settings.exposure_us
+        heard = live.asked(
+            "new Promise(done => standoff.connection.addEventListener("
+            "'state', event => done(JSON.stringify(event.detail)), { once: true }))"
+        )
+        pressed = "document.querySelector('#exposure-form [data-scale=\"1.25\"]').click()"
+        live.asked(f"({pressed}, {told('state', heard)}, {pressed}, {told('state', heard)})")
+        wait_until(
+            lambda: (
+                hub.camera.settings is not None
+                and hub.camera.settings.exposure_us == pytest.approx(1.25**2 * old_us, rel=1e-3)
+            ),
+            "1.25 times as long, twice",
+        )
 
 
 def test_exposure_is_found_and_set_by_a_slider_and_a_snapshot_is_downloaded(
