@@ -5,12 +5,10 @@ The application and the libraries of its command are imported when it runs; that
 
 import gc
 import os
-import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable
 
+from standoff.interrupts import interruption
 from standoff.shadowing import HiddenPackageError, refuse_hidden_packages
 from standoff.terminal import drop_stale_code, when_compiling
 
@@ -25,23 +23,22 @@ _OBJECTS_A_COLLECTION = 10_000
 
 def main() -> None:
     """Run the command line and exit."""
-    gc.set_threshold(_OBJECTS_A_COLLECTION)
-    # Read when NumPy is imported. Sums of several threads differ in their last bits from those of
-    # one, which workers have: without this, results would depend on the number of cores.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    sys.exit(_interrupted_by_termination(lambda: _imported_and_run(sys.argv[1:])))
+    with interruption() as interrupted:
+        status = _imported_and_run(sys.argv[1:])
+    ended = interrupted.terminated and status == EXIT_INTERRUPTED
+    sys.exit(EXIT_TERMINATED if ended else status)
 
 
 def _imported_and_run(arguments: list[str]) -> int:
     try:
-        with _no_interrupt_lost():
-            refuse_hidden_packages()
-            drop_stale_code()
-            when_compiling(_note_once())
-            from standoff.terminal import application, run_application
-
-            app = application(arguments)
-        return run_application(app, arguments)
+        gc.set_threshold(_OBJECTS_A_COLLECTION)
+        # Read when NumPy is imported. Sums of several threads differ in their last bits from those
+        # of one, which workers have: without this, results would depend on the number of cores.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        refuse_hidden_packages()
+        drop_stale_code()
+        when_compiling(_note_once())
+        return run(arguments)
     except HiddenPackageError as error:
         sys.stderr.write(f"standoff: {error}\n")
         return EXIT_REPORTED
@@ -65,54 +62,8 @@ def _note_once() -> Callable[[str], None]:
     return say
 
 
-def _interrupted_by_termination(work: Callable[[], int]) -> int:
-    """Do the work; SIGTERM ends it like Ctrl-C: the stage stops and files stay whole.
-
-    A second SIGTERM ends the process at once.
-    """
-    came = False
-
-    def interrupt(number: int, _frame: FrameType | None) -> None:
-        nonlocal came
-        came = True
-        signal.signal(number, signal.SIG_DFL)
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        status = work()
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    return EXIT_TERMINATED if came and status == EXIT_INTERRUPTED else status
-
-
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit status; errors are one line on stderr."""
     from standoff.terminal import application, run_application
 
     return run_application(application(arguments), arguments)
-
-
-@contextmanager
-def _no_interrupt_lost() -> Iterator[None]:
-    """Raise at the end a Ctrl-C that the block swallowed, as imports may.
-
-    If Ctrl-C is ignored, as in a background job of a shell, it stays ignored.
-    """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        yield
-        return
-    came = False
-
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal came
-        came = True
-        signal.default_int_handler(number, frame)
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt

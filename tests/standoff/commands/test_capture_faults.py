@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -163,21 +163,6 @@ def test_ctrl_c_in_the_first_moments_is_one_line_and_status_130() -> None:
                 process.kill()
         assert process.returncode == 130
         assert err == "standoff: interrupted; run the same command again\n"
-
-
-def test_ctrl_c_that_an_import_swallows_is_not_lost(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def swallow() -> None:
-        with suppress(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(standoff.cli, "drop_stale_code", swallow)
-    with pytest.raises(SystemExit) as ended:
-        standoff.cli.main()
-    assert ended.value.code == 130
-    assert capsys.readouterr().err == "standoff: interrupted; run the same command again\n"
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.slow
