@@ -109,8 +109,8 @@ def test_a_camera_that_is_not_started_has_no_frames(camera: Camera) -> None:
 
 
 def test_statistics_count_complete_frames(camera: Camera) -> None:
-    camera.start()
     before = camera.statistics().complete_frames
+    camera.start()
     for _ in range(3):
         camera.next_frame(1.0)
     assert camera.statistics().complete_frames >= before + 3

@@ -2,6 +2,7 @@ import os
 import signal
 import socket
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -138,11 +139,14 @@ def test_a_scheduler_without_workers_and_none_at_all_are_one_line(
     assert not work.workers()
 
 
+@dataclass(frozen=True)
 class Deadly(Hashing):
-    """Kills the worker that does the first shard of all, as too large an image would."""
+    """Kills the worker that does the shard of one photograph, as too large an image would."""
+
+    photograph: Path = Path()
 
     def __call__(self, shard: Shard) -> ShardDone:
-        if shard.number == 0:
+        if self.photograph in {item.path for item in shard.items}:
             os.kill(os.getpid(), signal.SIGKILL)
         return super().__call__(shard)
 
@@ -150,10 +154,11 @@ class Deadly(Hashing):
 def test_a_shard_that_kills_every_worker_is_named_when_the_others_are_done(
     paths: list[Path], expected: dict[str, bytes], local: Any, tmp_path: Path
 ) -> None:
-    work = Deadly(tmp_path / "state")
-    work.folder.mkdir()
-    with Manifest(paths, work.state) as manifest:
+    state = tmp_path / "state"
+    state.mkdir()
+    with Manifest(paths, state) as manifest:
         first = next(iter(manifest))
+        work = Deadly(state, photograph=first.path)
         with pytest.raises(SweepError) as deadly:
             run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
     assert "4 workers died" in str(deadly.value)
