@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a command, and neither is lost while modules are imported.
+"""Ctrl-C and SIGTERM end a command; one that comes in an import waits for its end, 2 s at most.
 
 What is raised inside an import may be swallowed there, or come out as another error: a class that
 is being made turns it into a RuntimeError. So it is raised as soon as the import has ended.
@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from types import FrameType
 
 WAITS_AT_MOST_S = 2.0
-"""After this time it is raised inside the import: whoever pressed Ctrl-C wants to get on."""
+"""After this time it is raised inside the import, where it may be lost: whoever pressed Ctrl-C
+wants to get on, and can press it again."""
 
 _LOOKS_EVERY_S = 0.02
 _IMPORTING = "<frozen importlib._bootstrap"
