@@ -16,6 +16,7 @@ import cloudpickle
 import dask
 from distributed import Client, KilledWorker, LocalCluster, as_completed
 from distributed.client import FutureCancelledError
+from distributed.scheduler import NoWorkerError
 
 from analysis.errors import SweepError
 from analysis.sweep.shards import Shard, ShardDone, ShardWork
@@ -40,6 +41,13 @@ _CONFIG = {
     "distributed.admin.system-monitor.log-length": 100,
     "distributed.diagnostics.computations.max-history": 1,
     "distributed.worker.profile.enabled": False,
+    # A worker that is killed starts again, on a busy machine after longer than the 15 s after which
+    # Dask gives it up; without one the sweep ends and does not wait for ever.
+    "distributed.deploy.lost-worker-timeout": "1 hour",
+    "distributed.scheduler.no-workers-timeout": "5 minutes",
+    # A result whose worker was killed meanwhile is asked for in vain so long, by default 30 s; a
+    # worker that lives is reached at once, however busy.
+    "distributed.comm.timeouts.connect": "5 s",
 }
 
 Dask = Any
@@ -77,8 +85,8 @@ def done_by_workers(
     Raises
     ------
     SweepError
-        If no scheduler answers or it has no workers, a worker is not fit, or several were killed
-        over one shard.
+        If no scheduler answers, it has no workers or they are all gone, a worker is not fit, or
+        several were killed over one shard.
     """
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
@@ -166,6 +174,11 @@ class _Workers:
         except FutureCancelledError as error:
             raise SweepError(
                 f"the Dask scheduler at {self._scheduler} ended; run the same command again"
+            ) from error
+        except NoWorkerError as error:
+            raise SweepError(
+                f"the workers are gone and none came back within {error.timeout:.0f} s: too little "
+                "memory? What they did is kept; run the same command again, with fewer workers"
             ) from error
         if kind == "unfit":
             raise SweepError(value)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 from distributed import Client, LocalCluster
 
@@ -164,3 +165,54 @@ def test_a_shard_that_kills_every_worker_is_named_when_the_others_are_done(
     assert "4 workers died" in str(deadly.value)
     assert f"photographs from {first.path} on" in str(deadly.value)
     assert len(work.committed()) == len(expected) - 1
+
+
+@dataclass(frozen=True)
+class KillsEachOnce(Hashing):
+    """Kills the worker that does its first shard, until so many are gone."""
+
+    kills: int = 2
+
+    def __call__(self, shard: Shard) -> ShardDone:
+        for number in range(self.kills):
+            try:
+                (self.folder / f"{number}.killed").touch(exist_ok=False)
+            except FileExistsError:
+                continue
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(shard)
+
+
+def test_killed_workers_that_start_slowly_are_waited_for(
+    paths: list[Path], expected: dict[str, bytes], tmp_path: Path
+) -> None:
+    state = tmp_path / "state"
+    state.mkdir()
+    with (
+        # Every start takes longer than this.
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1 ms"}),
+        Manifest(paths, state) as manifest,
+    ):
+        work = KillsEachOnce(state)
+        assert run_sweep(manifest, work, SweepOptions(workers=2)).images == 200
+    assert len(list(state.glob("*.killed"))) == 2
+    assert work.committed() == expected
+
+
+def test_when_no_worker_comes_back_the_sweep_ends_and_keeps_what_was_done(
+    paths: list[Path],
+    expected: dict[str, bytes],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = tmp_path / "state"
+    state.mkdir()
+    with Manifest(paths, state) as manifest:
+        with monkeypatch.context() as patched:
+            patched.setitem(cluster._CONFIG, "distributed.deploy.lost-worker-timeout", "1 ms")
+            patched.setitem(cluster._CONFIG, "distributed.scheduler.no-workers-timeout", "1 s")
+            with pytest.raises(SweepError) as gone:
+                run_sweep(manifest, KillsEachOnce(state), SweepOptions(workers=2))
+        assert run_sweep(manifest, KillsEachOnce(state)).images == 200
+    assert "the workers are gone and none came back within 1 s" in str(gone.value)
+    assert KillsEachOnce(state).committed() == expected
