@@ -42,9 +42,13 @@ def expected(paths: list[Path], tmp_path_factory: pytest.TempPathFactory) -> dic
 @pytest.fixture(scope="module")
 def local() -> Iterator[Any]:
     """One single-threaded worker in a process of its own."""
-    with LocalCluster(  # type: ignore[no-untyped-call]
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
-    ) as found:
+    with (
+        # One that is killed starts again, however long that takes on a busy machine.
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1 hour"}),
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+        ) as found,
+    ):
         yield found
 
 
