@@ -41,12 +41,12 @@ _CONFIG = {
     "distributed.admin.system-monitor.log-length": 100,
     "distributed.diagnostics.computations.max-history": 1,
     "distributed.worker.profile.enabled": False,
-    # A worker that is killed starts again, on a busy machine after longer than the 15 s after which
-    # Dask gives it up; without one the sweep ends and does not wait for ever.
+    # A worker that is killed starts again, which on a busy machine takes longer than the 15 s after
+    # which Dask gives it up for good. If none comes back, the sweep ends; Dask would wait for ever.
     "distributed.deploy.lost-worker-timeout": "1 hour",
     "distributed.scheduler.no-workers-timeout": "5 minutes",
-    # A result whose worker was killed meanwhile is asked for in vain so long, by default 30 s; a
-    # worker that lives is reached at once, however busy.
+    # The result of a worker that was killed meanwhile is asked for in vain so long, by default
+    # 30 s; a worker that lives is reached at once, however busy.
     "distributed.comm.timeouts.connect": "5 s",
 }
 

@@ -172,18 +172,17 @@ def test_a_shard_that_kills_every_worker_is_named_when_the_others_are_done(
 
 
 @dataclass(frozen=True)
-class KillsEachOnce(Hashing):
-    """Kills the worker that does its first shard, until so many are gone."""
-
-    kills: int = 2
+class KillsTwice(Hashing):
+    """Once a shard is committed, kills the worker that does the next, and then one more."""
 
     def __call__(self, shard: Shard) -> ShardDone:
-        for number in range(self.kills):
-            try:
-                (self.folder / f"{number}.killed").touch(exist_ok=False)
-            except FileExistsError:
-                continue
-            os.kill(os.getpid(), signal.SIGKILL)
+        if self.committed():
+            for number in range(2):
+                try:
+                    (self.folder / f"{number}.killed").touch(exist_ok=False)
+                except FileExistsError:
+                    continue
+                os.kill(os.getpid(), signal.SIGKILL)
         return super().__call__(shard)
 
 
@@ -192,12 +191,12 @@ def test_killed_workers_that_start_slowly_are_waited_for(
 ) -> None:
     state = tmp_path / "state"
     state.mkdir()
+    work = KillsTwice(state)
     with (
         # Every start takes longer than this.
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1 ms"}),
         Manifest(paths, state) as manifest,
     ):
-        work = KillsEachOnce(state)
         assert run_sweep(manifest, work, SweepOptions(workers=2)).images == 200
     assert len(list(state.glob("*.killed"))) == 2
     assert work.committed() == expected
@@ -209,14 +208,21 @@ def test_when_no_worker_comes_back_the_sweep_ends_and_keeps_what_was_done(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    shorter = {
+        "distributed.deploy.lost-worker-timeout": "1 ms",
+        "distributed.scheduler.no-workers-timeout": "1 s",
+    }
+    assert shorter.keys() <= cluster._CONFIG.keys()
+    monkeypatch.setattr(cluster, "_CONFIG", cluster._CONFIG | shorter)
     state = tmp_path / "state"
     state.mkdir()
+    work = KillsTwice(state)
     with Manifest(paths, state) as manifest:
-        with monkeypatch.context() as patched:
-            patched.setitem(cluster._CONFIG, "distributed.deploy.lost-worker-timeout", "1 ms")
-            patched.setitem(cluster._CONFIG, "distributed.scheduler.no-workers-timeout", "1 s")
-            with pytest.raises(SweepError) as gone:
-                run_sweep(manifest, KillsEachOnce(state), SweepOptions(workers=2))
-        assert run_sweep(manifest, KillsEachOnce(state)).images == 200
+        with pytest.raises(SweepError) as gone:
+            run_sweep(manifest, work, SweepOptions(workers=2))
+        kept = {path: path.stat().st_mtime_ns for path in state.glob("*.shard")}
+        assert run_sweep(manifest, work).images == 200
     assert "the workers are gone and none came back within 1 s" in str(gone.value)
-    assert KillsEachOnce(state).committed() == expected
+    assert 0 < len(kept) < len(expected)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert work.committed() == expected
